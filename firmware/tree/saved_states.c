@@ -15,6 +15,7 @@
 #include "firmware/base/new_file.h"
 #include "firmware/text/clean_text.h"
 #include "firmware/text/json_reader.h"
+#include "firmware/text/json_writer.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_child.h"
 
@@ -87,27 +88,24 @@ static bool remember(const char *path, const char *key, char why[TL_SAVED_STATES
     return is_known;
 }
 
-/* Clean text needs these two escaped, and nothing else. */
-static void write_text(FILE *file, const char *text) {
-    for (; *text != '\0'; text++) {
-        if (*text == '"' || *text == '\\') {
-            (void)fputc('\\', file);
-        }
-        (void)fputc(*text == '\t' ? ' ' : *text, file);
-    }
-}
-
 /* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
 static void keep(const char *folder, const char *path, const char *key, const char *why) {
     tl_new_file file;
+    tl_json_writer json;
     tl_error ignored;
     (void)mkdir(folder, 0755);
-    if (tl_new_file_open(path, &file, &ignored) == TL_OK) {
-        (void)fprintf(file.file, "{\"of\": \"%s\", \"why\": \"", key);
-        write_text(file.file, why);
-        (void)fputs("\"}\n", file.file);
-        (void)tl_new_file_keep(&file, &ignored);
+    if (tl_new_file_open(path, &file, &ignored) != TL_OK) {
+        return;
     }
+    tl_json_writer_begin(&json);
+    tl_json_add_text(&json, "of", key);
+    tl_json_add_text(&json, "why", why);
+    if (tl_json_writer_print(&json, file.file, &ignored) == TL_OK) {
+        (void)tl_new_file_keep(&file, &ignored);
+    } else {
+        tl_new_file_discard(&file);
+    }
+    tl_json_writer_free(&json);
 }
 
 /* ---- trying ---- */

@@ -13,7 +13,7 @@ import socket
 import subprocess
 import zipfile
 
-from twinlock_test import FMUS, SOURCE, edited_config, expect, main, read_config, run, run_well, scratch, write_config
+from twinlock_test import PLAIN_BOX, FMUS, SOURCE, edited_config, expect, main, read_config, run, run_well, scratch, write_config
 
 BAD_DATA, BAD_USAGE, FMU_FAILED, TRY_AGAIN = 65, 2, 70, 75
 FREE = SOURCE / "config" / "motor" / "free.json"
@@ -616,7 +616,7 @@ def test_what_was_probably_meant():
 
 def test_a_plant_leaves_out_what_it_cannot_serve():
     """GPIO lines and serial lines of the listener are said, and are no error by themselves."""
-    lines = edited_config("motor/box.json", {
+    lines = edited_config(PLAIN_BOX, {
         "sources": {"bus": None, "inverter": {"modbus_tcp": None, "modbus_rtu": {"device": "/dev/ttyS1"}}},
         "plant": {"omega": {"can": None}}})
     expect_refused(["plant", SOURCE / "config" / "motor" / "box_plant.json", "--for", lines], BAD_USAGE,

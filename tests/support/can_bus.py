@@ -7,9 +7,8 @@ import time
 from pathlib import Path
 
 from live_test import GOOD, SAMPLES, events, query, wait_for_steps, wait_until
-from twinlock_test import edited_config, expect
+from twinlock_test import PLAIN_CAN, edited_config, expect
 
-LIVE = "motor/can.json"
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 INTERFACE = "vcan0"
 EXTENDED, REMOTE, ERROR = 0x80000000, 0x40000000, 0x20000000  # flags of an id
@@ -96,7 +95,7 @@ class Background:
 
 
 class Motor(Background, Bus):
-    """Sends what config/motor/can.json reads, every 5 ms from a thread of its own, until it is left."""
+    """Sends what the motor bench by CAN reads, every 5 ms from a thread of its own, until it is left."""
 
     def __init__(self, omega, torque=0.0, name=INTERFACE):
         Bus.__init__(self, name)
@@ -139,8 +138,8 @@ class Wire(Background):
 # ---- runs ----
 
 def live_config(**changes):
-    """can.json without an end, committed ten times a second; and the database's path."""
-    config = edited_config(LIVE, {"duration_s": None, "record": {"commit_s": 0.1}, **changes})
+    """The motor bench by CAN, without an end, committed ten times a second; and the database's path."""
+    config = edited_config(PLAIN_CAN, {"duration_s": None, "record": {"commit_s": 0.1}, **changes})
     return config, config.parent / "twin.db"
 
 

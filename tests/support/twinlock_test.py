@@ -199,6 +199,9 @@ def config_path(path):
 PLAIN_LOCK = str(SOURCE / "tests" / "support" / "motor_lock.json")
 # And live by Modbus TCP, each poll a reading: what config/motor/live.json is without that.
 PLAIN_LIVE = str(SOURCE / "tests" / "support" / "motor_live.json")
+# By CAN, and by all at once.
+PLAIN_CAN = str(SOURCE / "tests" / "support" / "motor_can.json")
+PLAIN_BOX = str(SOURCE / "tests" / "support" / "motor_box.json")
 
 
 def read_config(path):

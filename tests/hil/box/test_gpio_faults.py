@@ -6,7 +6,7 @@ from live_test import (GOOD, NO_LINK, Device, check_database, check_replay, chec
                        qualities, query, wait_for_lock, wait_for_quality, wait_for_steps)
 from supervised import Supervised, end_orderly, wait_for_run
 from test_live_gpio import Chip
-from twinlock_test import edited_config, expect, main
+from twinlock_test import PLAIN_BOX, edited_config, expect, main
 
 # What the drive asks for, A, while the start bit has no link. It would fall below 0 within 0.1 s if the bit fell.
 ASKED = """SELECT count(*), min(u_hat) FROM adjustments a JOIN samples s ON s.run = a.run AND s.tick = a.step
@@ -15,7 +15,7 @@ ASKED = """SELECT count(*), min(u_hat) FROM adjustments a JOIN samples s ON s.ru
 
 
 def live_config(port):
-    config = edited_config("motor/box.json", {
+    config = edited_config(PLAIN_BOX, {
         "duration_s": None, "record": {"commit_s": 0.1}, "realtime": {"hang_s": 5},
         "sources": {"inverter": {"modbus_tcp": {"port": port}}, "panel": {"gpio": {"chip": "bench", "period_s": 0.02}}},
         "plant": {"enabled": {"gpio": {"line": "START"}}}})

@@ -8,17 +8,17 @@ import struct
 import time
 from pathlib import Path
 
-from can_bus import (ERROR, EXTENDED, LIVE, OMEGA, REMOTE, Bus, Motor, Wire, events_with, interface_down, interface_up,
+from can_bus import (ERROR, EXTENDED, OMEGA, REMOTE, Bus, Motor, Wire, events_with, interface_down, interface_up,
                      ip, live_config, make_interface, remove_interface, transmitted, wait_for_value)
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, Program, check_database, check_replay, check_summary, end_well, events,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
-from twinlock_test import edited_config, expect, main, run
+from twinlock_test import PLAIN_CAN, edited_config, expect, main, run
 
 
 # ---- in lock ----
 
 def test_lock_and_replay():
-    config = edited_config(LIVE, {"duration_s": 6})
+    config = edited_config(PLAIN_CAN, {"duration_s": 6})
     database = config.parent / "run.db"
     before = transmitted()
     with Wire() as wire, Program("run", config, "--json", "--db", database) as live:
@@ -161,7 +161,7 @@ def test_controllers():
     for name in "can0", "can1":
         ip("set", name, "up", "type", "can", "bitrate", "500000")
     config, database = live_config(sources={"bus": {"can": {"interface": "can0"}}})
-    sending = edited_config(LIVE, {"sources": {"bus": {"can": {"interface": "can1"}}}})
+    sending = edited_config(PLAIN_CAN, {"sources": {"bus": {"can": {"interface": "can1"}}}})
     code, _, log = run(["plant", sending])
     expect(code == 2 and "is hardware" in log, f"the plant ended with {code}\n{log}")
     before = transmitted("can0")

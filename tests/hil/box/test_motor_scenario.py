@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""On the box: the motor bench as config/motor/box.json has it. `twinlock plant` is the true plant, with noise: its speed
+"""On the box: the motor bench as config/motor/box.json has it, but by the last message. `twinlock plant` is the true plant, with noise: its speed
 comes by CAN, its torque by Modbus TCP, and its start bit is a GPIO line, pulled from outside at the instants of
 config/motor/box.csv. `twinlock run` is supervised, with the watchdog armed.
 
@@ -17,7 +17,7 @@ import can_bus
 from live_test import (FREE_RUN, GOOD, MADE_UP, STOP_TIME, Program, check_database, check_free_run, check_replay, check_summary,
                        end_well, number, query, refused_writes)
 from supervised import Supervised, expect_starts
-from twinlock_test import SOURCE, at_least, config_path, edited_config, expect, main, read_table
+from twinlock_test import PLAIN_BOX, SOURCE, at_least, config_path, edited_config, expect, main, read_table
 
 SECONDS = float(os.environ.get("TL_SCENARIO_S", "24"))
 WATCHDOG_S = 10
@@ -95,7 +95,7 @@ def play(config, duration):
 
 
 def test_motor_scenario():
-    config = edited_config("motor/box.json", {"duration_s": None, "realtime": {"hang_s": 8}})
+    config = edited_config(PLAIN_BOX, {"duration_s": None, "realtime": {"hang_s": 8}})
     database = config.parent / "twin.db"
     sent = can_bus.transmitted()
     told, log, plant_log, pulls = play(config, SECONDS)

@@ -14,7 +14,7 @@
 #define SLOW TL_SOURCE_DIR "/config/transport/slow.json"
 #define ON_A_LINE TL_SOURCE_DIR "/config/motor/lock.json"
 #define LIVE TL_SOURCE_DIR "/tests/support/motor_live.json"
-#define BUS TL_SOURCE_DIR "/config/motor/can.json"
+#define BUS TL_SOURCE_DIR "/tests/support/motor_can.json"
 
 static tl_scratch scratch;
 static tl_assembly assembly;
