@@ -10,7 +10,7 @@ from live_test import Device, children, number, title, wait_until
 from retuned import Retuned, match
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import BAD_DATA, BAD_USAGE, expect, main, scratch
+from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, expect, main, scratch
 
 
 
@@ -81,7 +81,7 @@ def test_twenty():
         twin = live.child()
         for what, change, told in bad_ones():
             options = ["--restart"] if change is without_source else ["--shadow", "20" if "shadow" in what else "3"]
-            code, out, err = live.reload(live.edited(change), *options, timeout=200, tries=1)
+            code, out, err = live.reload(live.edited(change), *options, timeout=HUNG_S, tries=1)
             expect(code == (BAD_USAGE if told == "--restart" else BAD_DATA) and told in out + err, f"{what}: {code}\n{out}{err}\n{live.log()}")
             print(f"    {what}: {err.splitlines()[-1]}", flush=True)
             expect(live.active() == 1 and live.child() == twin, f"{what}: {live.versions()}")
@@ -99,7 +99,7 @@ def test_one_twin_at_a_time():
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         time.sleep(5)  # recorded samples by which it is seen
-        code, out, err = live.reload(live.edited(SLOW), "--restart", timeout=200)
+        code, out, err = live.reload(live.edited(SLOW), "--restart", timeout=HUNG_S)
         expect(code == 0 and "by a restart" in out, f"{code}\n{out}{err}\n{live.log()}")
         wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 20, "run 2", live.log)
         expect(live.active() == 2, f"{live.versions()}")

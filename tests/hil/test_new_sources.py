@@ -14,7 +14,7 @@ from retuned import Retuned
 from supervised import end_orderly, wait_for_run
 from test_shadow import expect_flips, expect_repeated, horizon, twins
 from tree import OMEGA, STEP_NS
-from twinlock_test import at_most, expect, main
+from twinlock_test import HUNG_S, at_most, expect, main
 
 SHORT = "--shadow", "2", "--probation", "10"
 LONG = "--shadow", "2", "--probation", "600"
@@ -55,7 +55,7 @@ def longest_outage(database, run):
 
 def expect_kept(live, change, run, *options):
     candidate = live.edited(change)
-    code, out, err = live.reload(candidate, "--wait", *(options or SHORT), timeout=120)
+    code, out, err = live.reload(candidate, "--wait", *(options or SHORT), timeout=HUNG_S)
     expect(code == 0 and "\nkept " in out and "the plant is read anew then" in out, f"{code}\n{out}{err}{live.log()}")
     wait_until(lambda: len(twins(live)) == 1, "one twin", live.log)
     at_most(longest_outage(live.database, run), STALE_NS, "ns in which a signal was not good")
@@ -93,7 +93,7 @@ def test_one_signal_more():
                        " AND quality <> ?", GOOD)
         expect(torque == [(0,)], f"torque was not good {torque} times")
         code, out, err = live.reload(live.edited(lambda document: (meter(other.port)(document), horizon(2)(document))),
-                                     "--wait", "--shadow", "2", "--probation", "2", "--require-lock", "10", timeout=120)
+                                     "--wait", "--shadow", "2", "--probation", "2", "--require-lock", "10", timeout=HUNG_S)
         expect(code == 0 and "cannot see" not in out, f"a new twin of the same plant afterwards: {code}\n{out}{err}{live.log()}")
         end_orderly(live)
         expect_flips(live.database, 1, 1, 2)
@@ -108,7 +108,7 @@ def test_limits_only():
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         before = live.child(role="io")
-        code, out, err = live.reload(live.edited(change), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(change), *LONG, timeout=HUNG_S)
         expect(code == 0 and "(new sources" in out and "cannot see" not in out, f"{code}\n{out}{err}{live.log()}")
         expect(live.child(role="io") == before and len(twins(live)) == 2, f"{[title(pid) for pid in live.children()]}")
         code, out, err = live.reload(None, "--rollback")
@@ -121,7 +121,7 @@ def test_way_back():
     """By hand: the twin before cannot have seen the plant meanwhile, so it is gone, and the way is a restart."""
     with Device(OMEGA) as device, Device(OMEGA) as other, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(port(other.port)), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(port(other.port)), *LONG, timeout=HUNG_S)
         expect(code == 0 and "a way back is by a restart" in out, f"{code}\n{out}{err}{live.log()}")
         wait_until(lambda: len(twins(live)) == 1, "one twin", live.log)
         code, out, err = live.reload(None, "--rollback")
@@ -135,7 +135,7 @@ def test_while_another_is_on_probation():
     """It takes its place, as any candidate; and what would be returned to is the same."""
     with Device(OMEGA) as device, Device(OMEGA) as other, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=HUNG_S)
         expect(code == 0 and len(twins(live)) == 2, f"{code}\n{out}{err}{live.log()}")
 
         def both(document):
@@ -165,7 +165,7 @@ def test_deaths_at_any_moment():
         killer.start()
         done = []
         for port_ in (other.port, device.port) * 3:
-            done.append(live.reload(live.edited(port(port_)), "--wait", "--shadow", "1", "--probation", "2", "--require-lock", "1", timeout=120))
+            done.append(live.reload(live.edited(port(port_)), "--wait", "--shadow", "1", "--probation", "2", "--require-lock", "1", timeout=HUNG_S))
         stop.set()
         killer.join()
         codes = [code for code, _, _ in done]
@@ -201,7 +201,7 @@ def test_a_device_that_does_not_answer():
     """It is returned from before its time is over, and samples were taken all the while."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(port(nobody())), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(port(nobody())), *LONG, timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
         wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.5)
         expect("nothing of what is matched was good" in live.version_on_disk(2)["reason"], f"{live.version_on_disk(2)}")

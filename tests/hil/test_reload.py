@@ -9,7 +9,7 @@ from live_test import Device, Program, children, member, number, query, title, w
 from retuned import Retuned, events, match, tolerance
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, expect, main
+from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, expect, main
 
 PROBATION = "--probation", "2"
 
@@ -160,7 +160,7 @@ def test_interrupted():
         with Program("reload", live.edited(tolerance(0.5)), "--control", live.socket, "--wait", "--probation", "600") as waiting:
             wait_until(lambda: live.active() == 2, "its probation", live.log)
             waiting.signal(signal.SIGINT)
-            code, log = waiting.process.wait(timeout=20), waiting.log()
+            code, log = waiting.process.wait(timeout=HUNG_S), waiting.log()
             expect(code == -signal.SIGINT and "the change goes on in the run" in log and "--rollback" in log, f"{code}\n{log}")
         wait_until(lambda: "on probation" in live.reload(None, "--state")[1], "its probation goes on", live.log)
         end_orderly(live)

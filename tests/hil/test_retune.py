@@ -10,7 +10,7 @@ from pathlib import Path
 from live_test import Device, bits, query, wait_until
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, Tree, configuration
-from twinlock_test import BUILD, Skip, expect, main, run_well, scratch
+from twinlock_test import HUNG_S, BUILD, Skip, expect, main, run_well, scratch
 
 PROBE = BUILD / "tests" / "retune_probe"
 SKIPPED = 77
@@ -57,7 +57,7 @@ def descriptor(pid, name):
 def retune(live, path, who="ann"):
     """(number, tick), or (number, why it was refused)."""
     blocks = descriptor(live.pid, "twinlock tuning"), descriptor(live.pid, "twinlock twin")
-    probe = subprocess.run([PROBE, str(live.pid), *blocks, path, who], capture_output=True, text=True, timeout=60, check=False)
+    probe = subprocess.run([PROBE, str(live.pid), *blocks, path, who], capture_output=True, text=True, timeout=HUNG_S, check=False)
     if probe.returncode == SKIPPED:
         raise Skip("no right to look into the supervisor")
     expect(probe.returncode == 0, f"retune_probe ended with {probe.returncode}: {probe.stdout}{probe.stderr}")

@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 from live_test import free_port
-from twinlock_test import FMUS, PROGRAM, SOURCE, Skip, expect, main, scratch
+from twinlock_test import HUNG_S, FMUS, PROGRAM, SOURCE, Skip, expect, main, scratch
 
 PAGE = SOURCE / "docs/retune.md"
 END = "=== end of the command ==="
@@ -64,7 +64,7 @@ class Shell:
 
     def close(self):
         self.process.stdin.write("kill $(jobs -p) 2>/dev/null; wait\n")
-        self.process.communicate(timeout=60)
+        self.process.communicate(timeout=HUNG_S)
 
 
 def said(folder):

@@ -14,14 +14,14 @@ from pathlib import Path
 import box
 import hostile_fmu
 import twinlock_test
-from twinlock_test import BUILD, SOURCE, Failure, Skip, expect
+from twinlock_test import HUNG_S, BUILD, SOURCE, Failure, Skip, expect
 
 BOX_TESTS = "tests/hil/box"
 PREPARE = SOURCE / "tests" / "hil" / "rig" / "prepare"
 LOST = box.description()["reach"]["lost"]
 
 
-def rig(*arguments, timeout=130):
+def rig(*arguments, timeout=HUNG_S):
     done = subprocess.run([SOURCE / "script" / "rig", *arguments], capture_output=True, encoding="utf-8",
                           timeout=timeout, check=False)
     return done.returncode, done.stdout, done.stderr
@@ -65,7 +65,7 @@ def test_on_the_box():
 
 def test_watchdog_bites():
     need_rig()
-    done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=240)
+    done = box.run(["python3", f"{BOX_TESTS}/test_watchdog.py", "bite"], timeout=HUNG_S)
     expect("watchdog opened" in done.stdout, f"the watchdog was not opened\n{done.stdout}{done.stderr}")
     expect(done.returncode == LOST, f"the box must be reset, not end with {done.returncode}\n{done.stderr}")
     expect("the watchdog softdog reset the guest" in done.stderr, done.stderr)
@@ -118,7 +118,7 @@ def test_signals_leave_nothing_behind():
                                    env={**os.environ, "TMPDIR": str(twinlock_test.scratch())})
         emulator = Path("/proc") / emulator_of(process)
         process.send_signal(number)
-        expect(process.wait(10) == code, f"ended with {process.returncode}, not with {code}")
+        expect(process.wait(HUNG_S) == code, f"ended with {process.returncode}, not with {code}")
         deadline = time.monotonic() + 5
         while emulator.exists() and time.monotonic() < deadline:
             time.sleep(0.05)

@@ -16,7 +16,7 @@ from live_test import Device, bits, children, number, query, title, wait_until
 from retuned import Retuned, events, match, tolerance
 from supervised import WORD, end_orderly, wait_for_run
 from tree import OMEGA, configuration, expect_whole, read
-from twinlock_test import BAD_DATA, BUILD, FMUS, at_most, expect, main, run_well, scratch
+from twinlock_test import HUNG_S, BAD_DATA, BUILD, FMUS, at_most, expect, main, run_well, scratch
 
 SHORT = "--shadow", "2", "--probation", "3"
 LONG = "--shadow", "2", "--probation", "600"
@@ -64,7 +64,7 @@ def expect_flips(database, *runs):
 def expect_repeated(config, database, which, lead):
     """A replay of that run with its configuration: the same bits."""
     again = scratch() / f"again{which}.db"
-    run_well(["replay", config, "--recording", f"{database}", "--run", str(which), "--db", again], timeout=120)
+    run_well(["replay", config, "--recording", f"{database}", "--run", str(which), "--db", again], timeout=HUNG_S)
     first = query(database, "SELECT coalesce(resumed_tick, 0) FROM beginnings WHERE run = ?", which)[0][0] - lead
     recorded = [bits(row) for row in query(database, STEPS, which, first)]
     replayed = [bits(row) for row in query(again, STEPS, 1, first)]
@@ -92,7 +92,7 @@ def test_begun_with_further_look_ups():
         config.write_text(json.dumps(document), encoding="utf-8")
         with Retuned(device.port, config=config) as live:
             wait_for_run(live, live.database, 1)
-            code, out, err = live.reload(live.edited(without_free_twin), *SHORT, timeout=120)
+            code, out, err = live.reload(live.edited(without_free_twin), *SHORT, timeout=HUNG_S)
             expect(code == 0, f"{code}\n{out}{err}{live.log()}")
             wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 50, "steps of the other twin", live.log)
             end_orderly(live)
@@ -105,7 +105,7 @@ def test_taken_over_and_kept():
         wait_for_run(live, live.database, 1)
         before = live.child()
         candidate = live.edited(horizon(3))
-        code, out, err = live.reload(candidate, "--wait", "--why", "a longer look", *SHORT, timeout=120)
+        code, out, err = live.reload(candidate, "--wait", "--why", "a longer look", *SHORT, timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
         for step in "try", "predict", "shadow", "compare", "activate", "probation", "kept":
             expect(f"\n{step} " in out, f"no step \"{step}\":\n{out}")
@@ -124,7 +124,7 @@ def test_there_and_back():
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):
         wait_for_run(live, live.database, 1)
         before = live.child()
-        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=HUNG_S)
         expect(code == 0 and len(twins(live)) == 2, f"{code}\n{out}{err}{live.log()}")
         wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 100, "run 2", live.log)
         wait_until(lambda: shadow(live) == before, "who is the shadow says so", live.log)
@@ -146,7 +146,7 @@ def test_returned_from_by_itself():
 
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(bound), "--shadow", "2", "--probation", "30", timeout=120)
+        code, out, err = live.reload(live.edited(bound), "--shadow", "2", "--probation", "30", timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
         device.omega = 20.0
         wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.5)
@@ -165,7 +165,7 @@ def test_refused_as_a_shadow():
 
     with Device(20.0) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
-        code, out, err = live.reload(live.edited(bound), *SHORT, timeout=120)
+        code, out, err = live.reload(live.edited(bound), *SHORT, timeout=HUNG_S)
         expect(code == BAD_DATA and "the new twin was in lock for " in err, f"{code}\n{out}{err}")
         wait_until(lambda: len(twins(live)) == 1, "no shadow is left", live.log)
         expect(live.active() == 1, f"{live.versions()}")
@@ -183,10 +183,10 @@ def test_worse_and_in_lock():
     with Device(20.0) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         candidate = live.edited(wide)
-        code, out, err = live.reload(candidate, *SHORT, timeout=120)
+        code, out, err = live.reload(candidate, *SHORT, timeout=HUNG_S)
         expect(code == BAD_DATA and "motor.omega is worse: off by" in err and "--accept-worse" in err, f"{code}\n{out}{err}")
         expect(live.active() == 1, f"{live.versions()}")
-        code, out, err = live.reload(candidate, "--accept-worse", *SHORT, timeout=120)
+        code, out, err = live.reload(candidate, "--accept-worse", *SHORT, timeout=HUNG_S)
         expect(code == 0 and "taken all the same, as asked" in out, f"{code}\n{out}{err}")
         expect(live.active() == 2, f"{live.versions()}")
         end_orderly(live)
@@ -200,7 +200,7 @@ def test_an_fmu_that_was_replaced():
         expect(code == 0 and "that is what is active" in out, f"{code}\n{out}{err}")
         with zipfile.ZipFile(live.file.parent / "motor.fmu", "a") as fmu:
             fmu.comment = b"another build"
-        code, out, err = live.reload(live.file, "--wait", *SHORT, timeout=120)
+        code, out, err = live.reload(live.file, "--wait", *SHORT, timeout=HUNG_S)
         expect(code == 0 and "an FMU's file is another" in out and "version 2 is kept" in out, f"{code}\n{out}{err}{live.log()}")
         code, out, err = live.reload(live.file)
         expect(code == 0 and "that is what is active" in out, f"{code}\n{out}{err}")
@@ -214,7 +214,7 @@ def test_a_shadow_that_dies():
         wait_for_run(live, live.database, 1)
         killed = threading.Thread(target=lambda: os.kill(shadow(live), signal.SIGKILL))
         killed.start()
-        code, out, err = live.reload(live.edited(horizon(2)), "--shadow", "20", timeout=120)
+        code, out, err = live.reload(live.edited(horizon(2)), "--shadow", "20", timeout=HUNG_S)
         killed.join()
         expect(code == BAD_DATA and "signal 9" in err, f"{code}\n{out}{err}")
         live.wait_for_tick(live.database)
@@ -227,7 +227,7 @@ def test_a_twin_that_dies_on_probation():
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):
         wait_for_run(live, live.database, 1)
         before = live.child()
-        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
         os.kill(next(pid for pid in twins(live) if pid != before), signal.SIGKILL)
         wait_until(lambda: live.active() == 1, "the first version is back", live.log, every=0.5)
@@ -249,7 +249,7 @@ def fails_beside(fmu, **more):
 def fail_on_probation(live, candidate, fail):
     """The new twin has taken over, and `fail` makes it fail: the old one is the run's again, and what is recorded is found to have no hole. Returns the reason."""
     before = live.child()
-    code, out, err = live.reload(live.edited(candidate), *LONG, timeout=120)
+    code, out, err = live.reload(live.edited(candidate), *LONG, timeout=HUNG_S)
     expect(code == 0, f"{code}\n{out}{err}{live.log()}")
     wait_until(lambda: number(live.database, "SELECT count(*) FROM steps WHERE run = 2") > 20, "run 2", live.log)
     fail()
@@ -293,7 +293,7 @@ def test_the_first_twin_dies_on_probation():
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         before = live.child()
-        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=120)
+        code, out, err = live.reload(live.edited(horizon(2)), *LONG, timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
         os.kill(before, signal.SIGKILL)
         wait_until(lambda: len(twins(live)) == 1, "the new twin alone", live.log)
@@ -309,7 +309,7 @@ def test_in_place_after_a_flip():
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):
         wait_for_run(live, live.database, 1)
         longer = live.edited(horizon(2))
-        code, out, err = live.reload(longer, "--wait", *SHORT, timeout=120)
+        code, out, err = live.reload(longer, "--wait", *SHORT, timeout=HUNG_S)
         expect(code == 0, f"{code}\n{out}{err}{live.log()}")
 
         def both(document):
@@ -332,7 +332,7 @@ def test_every_mode_of_measurements():
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):
         wait_for_run(live, live.database, 1)
         for name in "hold", "ahead", "lag", "ahead", "hold", "lag":
-            code, out, err = live.reload(live.edited(mode(name)), "--wait", "--shadow", "1", "--probation", "1", timeout=120)
+            code, out, err = live.reload(live.edited(mode(name)), "--wait", "--shadow", "1", "--probation", "1", timeout=HUNG_S)
             expect(code == 0, f"{name}: {code}\n{out}{err}{live.log()}")
             live.wait_for_tick(live.database)
         end_orderly(live)
@@ -367,7 +367,7 @@ def test_deaths_at_any_moment():
         killer = threading.Thread(target=kill)
         killer.start()
         for prediction in 2, 3, 1, 2, 3, 1:
-            live.reload(live.edited(horizon(prediction)), "--wait", "--shadow", "1", "--probation", "2", timeout=120)
+            live.reload(live.edited(horizon(prediction)), "--wait", "--shadow", "1", "--probation", "2", timeout=HUNG_S)
         stop.set()
         killer.join()
         live.wait_for_tick(live.database)

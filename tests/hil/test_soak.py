@@ -14,7 +14,7 @@ from footprint import footprint
 from live_test import wait_until
 from slopes import count_grows, slope_of, without_once
 from soak import ELSEWHERE, FORGIVEN_S, MOST_FAILURES, TWIN, plan, soak
-from twinlock_test import SOURCE, expect, main, scratch
+from twinlock_test import HUNG_S, SOURCE, expect, main, scratch
 
 SCRIPT = SOURCE / "script" / "soak"
 SHORT = "0.02", "--every", "7"  # 72 s, ten faults
@@ -154,7 +154,7 @@ def test_interrupted():
     with open(path, "wb") as file, subprocess.Popen([SCRIPT, "1", "--every", "7"], stdout=file, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL) as script:
         wait_until(lambda: b"whole again" in path.read_bytes(), "the first fault", path.read_text)
         script.send_signal(signal.SIGINT)
-        code = script.wait(60)
+        code = script.wait(HUNG_S)
     out = path.read_text(encoding="utf-8")
     expect(code == 0 and "interrupted" in out and "recorded: " in out and "all is well" in out, f"ended with {code}\n{out}")
 

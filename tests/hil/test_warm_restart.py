@@ -15,7 +15,7 @@ from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
                        expect_same_events, free_port, number, query, wait_until)
-from twinlock_test import PLAIN_LIVE, FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
+from twinlock_test import HUNG_S, PLAIN_LIVE, FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
@@ -97,7 +97,7 @@ def check_clock(database, run_number, before):
 def check_repeated(config, database, run_number):
     """A replay with the same configuration gives the same steps, to the bit."""
     again = scratch() / "again.db"
-    told = replay_json(config, "--recording", database, "--run", str(run_number), "--db", again, timeout=120)
+    told = replay_json(config, "--recording", database, "--run", str(run_number), "--db", again, timeout=HUNG_S)
     wanted = [bits(row) for row in query(database, RESULTS, run_number)]
     found = [bits(row) for row in query(again, RESULTS, 1)]
     different = [i for i, pair in enumerate(zip(found, wanted)) if pair[0] != pair[1]]

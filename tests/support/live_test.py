@@ -16,9 +16,9 @@ from contextlib import closing
 from pathlib import Path
 
 import twinlock_test
-from twinlock_test import NOT_LOCKED, Failure, describe, expect, finish, replay_json, scratch, start
+from twinlock_test import HUNG_S, NOT_LOCKED, Failure, describe, expect, finish, replay_json, scratch, start
 
-PATIENCE = 60  # seconds for what takes well under one where nothing else runs
+PATIENCE = HUNG_S  # for what takes well under a second where nothing else runs
 
 GOOD, STALE, OUT_OF_RANGE, NOT_A_NUMBER, NO_LINK, OUTLIER = range(6)  # master/base/signal.h
 FIRST_GUESS, OPTIMISED, FREE_RUN, MADE_UP = 1, 2, 5, 6  # master/sync/record.h

@@ -6,7 +6,7 @@ import socket
 import tty
 
 import box
-from twinlock_test import BUILD, expect, main
+from twinlock_test import HUNG_S, BUILD, expect, main
 
 os.environ.setdefault("TL_ATTACKER", str(BUILD / "rig" / "attack.fmu"))  # made by test_rig.py: a compiler takes an emulated processor minutes
 
@@ -46,7 +46,7 @@ def carried_out(user, confined, verb="replay"):
     ground = Ground(user, confined=confined, verb=verb)
     for attack in (*ON_THE_BOX, *(attack for attack in ATTACKS if attack.label != "serial line")):
         ground.order(attack)
-    return ground.run(timeout=240)
+    return ground.run(timeout=HUNG_S)
 
 
 def test_attacks_on_the_box():

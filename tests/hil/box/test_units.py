@@ -5,7 +5,7 @@ import subprocess
 import time
 
 import twinlock_test
-from twinlock_test import BUILD, expect
+from twinlock_test import HUNG_S, BUILD, expect
 
 PROGRAMS = ["test_component", "test_csv_live", "test_journal", "test_lock", "test_mailbox", "test_plant_server"]
 
@@ -13,7 +13,7 @@ PROGRAMS = ["test_component", "test_csv_live", "test_journal", "test_lock", "tes
 def test_units():
     for name in PROGRAMS:
         begun = time.monotonic()
-        done = subprocess.run([BUILD / "tests" / name], capture_output=True, encoding="utf-8", timeout=60, check=False)
+        done = subprocess.run([BUILD / "tests" / name], capture_output=True, encoding="utf-8", timeout=HUNG_S, check=False)
         expect(done.returncode == 0 and " 0 Failures" in done.stdout,
                f"{name} ended with {done.returncode}\n{done.stdout}{done.stderr}")
         print(f"    {name} {time.monotonic() - begun:.1f} s")
