@@ -120,7 +120,10 @@ static tl_status lead_second(const tl_assembly *second, const double *values, si
                              tl_twin_pair_account *account, bool *differs, tl_error *error) {
     double *own = calloc(width + 1, sizeof *own);
     walker walk;
-    tl_status status = own == NULL ? tl_fail(error, TL_TRY_AGAIN, "not enough memory") : TL_OK;
+    tl_status status = TL_OK;
+    if (own == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
     begin(&walk, second);
     for (uint32_t i = 0; i < account->steps && status == TL_OK && !*differs; i++) {
         status = step(&walk, error);
