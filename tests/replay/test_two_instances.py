@@ -3,7 +3,7 @@
 import copied_fmu
 import hostile_fmu
 import keeper_fmu
-from twinlock_test import config_path, expect, main, run, run_well
+from twinlock_test import SANITIZER, config_path, expect, main, run, run_well
 
 SAME = "two instances have the same values in"
 
@@ -42,8 +42,8 @@ def test_globals_of_a_library_are_not_shared():
 
 
 def test_states_that_are_wrong_are_no_difference():
-    """Both twins find that out, and lead it back in another way."""
-    for lie in "parameters", "events":
+    """Both twins find that out, and lead it back in another way: of lost events only a copy of its memory does, which a sanitizer has not."""
+    for lie in ("parameters",) if SANITIZER else ("parameters", "events"):
         out, err = check(keeper_fmu.config(keeper_fmu.make_false(lie)))
         expect(f"{SAME} " in out and "does not come back to where it was by its " in err, out + err)
 
