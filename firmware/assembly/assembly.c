@@ -9,6 +9,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/heap.h"
 #include "firmware/base/identity.h"
 #include "firmware/fmu/library.h"
@@ -304,6 +305,7 @@ static void fill_plan(tl_assembly *assembly) {
         .saving = config->saving,
         .state_bytes = (uint64_t)config->saving_memory << 20,
         .heap = memory_used,
+        .now = tl_clock_now,
     };
 }
 

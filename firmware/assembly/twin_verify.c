@@ -20,8 +20,12 @@ static void write_size(const tl_twin_finding *finding, char *text, size_t size) 
 }
 
 static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *news) {
-    const char *then =
-        finding->mended ? "it is rolled back by its memory from now on" : "what is committed may be wrong from now on";
+    static const char *const outcomes[TL_MENDED] = {
+        [TL_MENDED_NOT] = "what is committed may be wrong from now on",
+        [TL_MENDED_BY_MEMORY] = "it is rolled back by its memory from now on",
+        [TL_MENDED_BY_STATES] = "it is rolled back by its own states from now on",
+    };
+    const char *then = outcomes[finding->mended];
     if (finding->variable == NULL) {
         (void)snprintf(
             news->text, sizeof news->text,
@@ -49,7 +53,7 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
     }
     tl_status status = tl_twin_verify(twin, &left, &finding, &news->found, error);
     if (news->found) {
-        news->mended = finding.mended;
+        news->mended = finding.mended != TL_MENDED_NOT;
         write_sentence(&finding, news);
     }
     return status;
@@ -67,10 +71,10 @@ bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news)
         .again = last->again,
         .tolerances = last->tolerances,
         .cause = (tl_restore_cause)last->cause,
-        .mended = last->mended != 0,
+        .mended = (tl_twin_mended)last->mended,
     };
     news->found = account->differed != 0;
-    news->mended = finding.mended;
+    news->mended = finding.mended != TL_MENDED_NOT;
     write_sentence(&finding, news);
     return news->found;
 }

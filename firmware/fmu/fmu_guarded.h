@@ -31,9 +31,11 @@ typedef struct tl_fmu_guard {
     bool was_proved;    /* private: no other way is tried any more */
     uint32_t name;      /* of the file, for calls without an instance */
     unsigned told;      /* changes of the process that were said of the file */
-    fmi2GetFMUstateTYPE *get_own_state; /* private: by the FMU's own functions, with all that is done around a call */
-    fmi2SetFMUstateTYPE *set_own_state;
-    fmi2FreeFMUstateTYPE *free_own_state;
+    tl_fmi2 by_states;  /* private: the table as it is if states are the FMU's own */
+    bool is_by_choice;  /* private: they would do as well as the copy that is in use, but take longer: */
+    tl_fmi2_times times;
+    fmi2FMUstate
+        beginning; /* private: its own state where the proof began, while copies are proved; NULL: there is none */
     struct tl_fmu_guarded *instances;
 } tl_fmu_guard;
 

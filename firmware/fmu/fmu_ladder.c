@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 
+#include "firmware/fmu/fmu_bytes.h"
 #include "firmware/process/fmu_call.h"
 
 /* ---- states that are its memory: no call of the FMU ---- */
@@ -31,8 +32,10 @@ static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
 /* What it has had since it was saved may not be in the copy. */
 static fmi2Status refuse_to_restore(tl_fmu_guarded *self) {
     tl_error error;
-    (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back",
-                  tl_fmu_memory_left(&self->guard->memory));
+    (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back%s",
+                  tl_fmu_memory_left(&self->guard->memory),
+                  self->guard->is_by_choice && self->guard->was_proved ? "; its own states may: \"rollback\": \"state\""
+                                                                       : "");
     if (!self->guard->was_left_told) {
         say_why_not(self, error.text);
         self->guard->was_left_told = true;
@@ -75,18 +78,20 @@ static size_t memory_size(fmi2Component component) {
 
 static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_keep(self->replay, state) : self->guard->get_own_state(component, state);
+    return self->by_replay ? tl_fmu_replay_keep(self->replay, state)
+                           : self->guard->by_states.get_fmu_state(component, state);
 }
 
 static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_lead(self->replay, state) : self->guard->set_own_state(component, state);
+    return self->by_replay ? tl_fmu_replay_lead(self->replay, state)
+                           : self->guard->by_states.set_fmu_state(component, state);
 }
 
 static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
     if (!self->by_replay) {
-        return self->guard->free_own_state(component, state);
+        return self->guard->by_states.free_fmu_state(component, state);
     }
     tl_fmu_replay_give_back(self->replay, state);
     return fmi2OK;
@@ -102,13 +107,13 @@ static fmi2Status keep_given(fmi2Component component, fmi2FMUstate *state) {
     }
     tl_fmu_given_keep(self->given, kept);
     *state = kept;
-    return self->guard->get_own_state(component, &kept->own);
+    return self->guard->by_states.get_fmu_state(component, &kept->own);
 }
 
 static fmi2Status give_again(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
     const tl_fmu_given_state *kept = state;
-    fmi2Status status = self->guard->set_own_state(component, kept->own);
+    fmi2Status status = self->guard->by_states.set_fmu_state(component, kept->own);
     return status <= fmi2Warning ? tl_fmu_given_give_again(self->given, kept, &self->guard->functions, component)
                                  : status;
 }
@@ -116,7 +121,7 @@ static fmi2Status give_again(fmi2Component component, fmi2FMUstate state) {
 static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
     const tl_fmu_guarded *self = component;
     tl_fmu_given_state *kept = *state;
-    fmi2Status status = kept->own != NULL ? self->guard->free_own_state(component, &kept->own) : fmi2OK;
+    fmi2Status status = kept->own != NULL ? self->guard->by_states.free_fmu_state(component, &kept->own) : fmi2OK;
     free(kept);
     *state = NULL;
     return status;
@@ -149,6 +154,7 @@ void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
 
 /* ---- the ladder: which way is next if one is wrong ---- */
 
+static void roll_back_by_states(tl_fmu_guard *guard);
 static void roll_back_by_memory(tl_fmu_guard *guard);
 static void roll_back_by_replay(tl_fmu_guard *guard);
 static void give_all_again(tl_fmu_guard *guard);
@@ -209,9 +215,30 @@ static fmi2Status descend(tl_fmu_guarded *self, const char *otherwise, const cha
     return fmi2OK;
 }
 
+static void forget_beginning(tl_fmu_guarded *self) {
+    if (self->guard->beginning != NULL) {
+        (void)self->guard->by_states.free_fmu_state(self, &self->guard->beginning);
+        self->guard->beginning = NULL;
+    }
+}
+
+/* Copies are proved. What this changes in its memory is the same in all that are to come. */
+static void end_choice(tl_fmu_guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    void *copy = NULL;
+    tl_fmu_memory_pass(&guard->memory, true);
+    forget_beginning(self);
+    (void)save_memory(self, &copy);
+    tl_fmu_memory_forget(copy);
+    tl_fmu_memory_pass(&guard->memory, false);
+}
+
 static void let_go(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
+    if (guard->beginning != NULL) {
+        end_choice(self);
+    }
     if (guard->gives_again && !guard->was_proved) {
         (void)descend(self, "by its states alone", "parameters kept",
                       "it is given again after each restore what it had been given");
@@ -246,9 +273,25 @@ static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     return replay_from_beginning(self);
 }
 
+/* While copies are proved it is where the proof began; later the copy that was kept is all there is. */
+static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
+    tl_fmu_guard *guard = self->guard;
+    fmi2Status status =
+        guard->beginning != NULL ? guard->by_states.set_fmu_state(self, guard->beginning) : come_back(self);
+    if (status > fmi2Warning) {
+        return status;
+    }
+    forget_beginning(self);
+    roll_back_by_states(guard);
+    return descend(self, "by its memory", why, "it is rolled back by its own states, which are slower");
+}
+
 static fmi2Status give_up_states(fmi2Component component, const char *why) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
+    if (guard->is_by_choice) {
+        return return_to_states(self, why);
+    }
     bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
     if (!may_be_by_memory || come_back(component) != fmi2OK) {
         return give_up_all_else(self, why);
@@ -257,23 +300,77 @@ static fmi2Status give_up_states(fmi2Component component, const char *why) {
     return descend(self, "by its own states", why, "it is rolled back by its memory instead");
 }
 
+/* ---- two that are exact ---- */
+
+static bool has_choice(fmi2Component component) {
+    const tl_fmu_guarded *self = component;
+    const tl_fmu_guard *guard = self->guard;
+    return guard->aside != NULL && !guard->was_proved && !guard->by_memory && !guard->gives_again && !self->by_replay;
+}
+
+/* Its own state is made first, so that each copy knows of it. */
+static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *times) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    guard->beginning = NULL;
+    if (guard->by_states.get_fmu_state(component, &guard->beginning) > fmi2Warning ||
+        save_memory(component, &guard->aside) != fmi2OK) {
+        forget_beginning(self);
+        return fmi2Error;
+    }
+    guard->is_by_choice = true;
+    guard->times = *times;
+    roll_back_by_memory(guard);
+    return fmi2OK;
+}
+
+/* ---- what stands in the table ---- */
+
+static void roll_back_by_states(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = false;
+    guard->is_by_choice = false;
+    guard->memory.has_flags = false;
+    functions->get_fmu_state = guard->by_states.get_fmu_state;
+    functions->set_fmu_state = guard->by_states.set_fmu_state;
+    functions->free_fmu_state = guard->by_states.free_fmu_state;
+    functions->state_size = guard->by_states.state_size;
+    functions->reserve_states = guard->by_states.reserve_states;
+    functions->serialized_fmu_state_size = guard->by_states.serialized_fmu_state_size;
+    functions->serialize_fmu_state = guard->by_states.serialize_fmu_state;
+    functions->deserialize_fmu_state = guard->by_states.deserialize_fmu_state;
+}
+
+/* A copy is made its own state for it. */
+static void own_bytes_of_copies(tl_fmu_guard *guard) {
+    if (guard->by_states.serialize_fmu_state != NULL) {
+        guard->functions.serialized_fmu_state_size = tl_fmu_bytes_size;
+        guard->functions.serialize_fmu_state = tl_fmu_bytes_write;
+        guard->functions.deserialize_fmu_state = tl_fmu_bytes_read;
+    }
+}
+
 static void own_no_bytes(tl_fmi2 *functions) {
     functions->serialized_fmu_state_size = NULL;
     functions->serialize_fmu_state = NULL;
     functions->deserialize_fmu_state = NULL;
 }
 
-/* What the FMU has of its own for it is not used. */
+/* Its own functions are used only to make bytes, if they are exact. */
 static void roll_back_by_memory(tl_fmu_guard *guard) {
     tl_fmi2 *functions = &guard->functions;
     guard->by_memory = true;
     guard->memory.has_flags = true;
+    tl_fmu_memory_measure_anew(&guard->memory);
     functions->get_fmu_state = save_memory;
     functions->set_fmu_state = restore_memory;
     functions->free_fmu_state = forget_memory;
     functions->state_size = memory_size;
     functions->reserve_states = reserve_memory;
     own_no_bytes(functions);
+    if (guard->is_by_choice) {
+        own_bytes_of_copies(guard);
+    }
 }
 
 static void give_all_again(tl_fmu_guard *guard) {
@@ -310,10 +407,10 @@ void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
                                         .come_back = come_back,
                                         .give_up_states = give_up_states,
                                         .let_go = let_go,
-                                        .size = size_aside};
-    guard->get_own_state = guard->functions.get_fmu_state;
-    guard->set_own_state = guard->functions.set_fmu_state;
-    guard->free_own_state = guard->functions.free_fmu_state;
+                                        .size = size_aside,
+                                        .has_choice = has_choice,
+                                        .prefer_copy = prefer_copy};
+    guard->by_states = guard->functions;
     if (guard->by_memory) {
         roll_back_by_memory(guard);
     } else if (guard->by_replay) {

@@ -126,6 +126,10 @@ bool tl_fmu_is_given_again(const tl_fmu *fmu) {
     return fmu->guard.gives_again;
 }
 
+const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu) {
+    return fmu->guard.is_by_choice ? &fmu->guard.times : NULL;
+}
+
 /* What there is of it in this process are calls of another one. */
 static tl_status open_elsewhere(tl_fmu *fmu, const char *label, tl_error *error) {
     tl_fmi2 functions = tl_forked_functions;

@@ -50,6 +50,9 @@ tl_rollback tl_fmu_rollback(const tl_fmu *fmu);
 /* Whether that is by its own state, and it is given again what it had been given: its states do not hold that. */
 bool tl_fmu_is_given_again(const tl_fmu *fmu);
 
+/* If that is by its memory since it was found to be faster than by its own states, which would do: how long both take. Else NULL. */
+const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu);
+
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);
 

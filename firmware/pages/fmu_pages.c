@@ -24,6 +24,7 @@ struct tl_fmu_pages {
     size_t most;        /* pages that differed in a version from what was before, */
     unsigned times;     /* that any did */
     size_t most_put;    /* pages that were put back in one go */
+    bool passes;        /* none of that is seen */
     bool is_full;       /* in the call that is under way: no memory, */
     size_t differing;   /* and pages that differ, or were put back */
 };
@@ -125,7 +126,7 @@ static void keep_pages(void *context, size_t first, size_t count) {
 
 /* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
 static void stock(tl_fmu_pages *self, bool is_first) {
-    if (!is_first && self->differing > 0) {
+    if (!is_first && self->differing > 0 && !self->passes) {
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
@@ -234,7 +235,7 @@ static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
 void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
     self->differing = 0;
     find(self, version->pages, version, put_pages);
-    self->most_put = self->differing > self->most_put ? self->differing : self->most_put;
+    self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     if (self->are_told) {
         put_what_differs(self, version);
     }
@@ -279,6 +280,16 @@ static size_t pages_that_differ(const tl_fmu_pages *self) {
 size_t tl_fmu_pages_size(const tl_fmu_pages *self) {
     return self->now.leaves * sizeof(uint32_t) +
            pages_that_differ(self) * (TL_FMU_PAGE + TL_PAGE_GROUP * sizeof(uint32_t));
+}
+
+void tl_fmu_pages_measure_anew(tl_fmu_pages *self) {
+    self->most = 0;
+    self->times = 0;
+    self->most_put = 0;
+}
+
+void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes) {
+    self->passes = passes;
 }
 
 bool tl_fmu_pages_reserve(tl_fmu_pages *self, size_t versions) {

@@ -49,6 +49,12 @@ void tl_fmu_pages_lose(tl_fmu_pages *self);
 /* Bytes that one version more takes, by the most that was written between two of them; before some were, by what is supposed. */
 size_t tl_fmu_pages_size(const tl_fmu_pages *self);
 
+/* What was seen of versions says nothing of those to come. */
+void tl_fmu_pages_measure_anew(tl_fmu_pages *self);
+
+/* Nor does what is saved and restored while it passes. */
+void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes);
+
 /* Memory for so many versions more, each of which differs in as many pages as were seen to, and for the list of one of them, which has none yet. After one was saved. False: there is none. */
 bool tl_fmu_pages_reserve(tl_fmu_pages *self, size_t versions);
 bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *version);

@@ -270,6 +270,20 @@ tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *
     return status;
 }
 
+void tl_fmu_memory_measure_anew(tl_fmu_memory *memory) {
+    memory->most_used = 0;
+    note_used(memory);
+    if (memory->pages != NULL) {
+        tl_fmu_pages_measure_anew(memory->pages);
+    }
+}
+
+void tl_fmu_memory_pass(tl_fmu_memory *memory, bool passes) {
+    if (memory->pages != NULL) {
+        tl_fmu_pages_pass(memory->pages, passes);
+    }
+}
+
 void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
     for (memory_state *state = take_reserved(memory); state != NULL; state = take_reserved(memory)) {
         tl_fmu_memory_forget(state);

@@ -76,6 +76,12 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state);
 /* NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
 
+/* States that were there until now say nothing of those to come: an FMU's own states were in its memory, too, and are no more. */
+void tl_fmu_memory_measure_anew(tl_fmu_memory *memory);
+
+/* Nor do those that are saved and restored while it passes. */
+void tl_fmu_memory_pass(tl_fmu_memory *memory, bool passes);
+
 /* Bytes that a state takes, if the FMU has as much as it ever had; of a large one: that one more takes. 0: not known yet. */
 size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 

@@ -71,33 +71,51 @@ static void print_variables(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-/* Also of a twin that rolls nothing back. */
-static const char *describe_rollback(const tl_assembly *assembly, const tl_plan_component *component) {
+static const tl_fmu *find_fmu(const tl_assembly *assembly, const tl_plan_component *component) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
-        const tl_fmu *fmu = &assembly->fmus[i];
-        tl_rollback way = &fmu->model == component->model ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
-        if (way == TL_ROLLBACK_MEMORY) {
-            return "rolled back by its memory";
-        }
-        if (way == TL_ROLLBACK_FORK) {
-            return "rolled back by forking its process";
-        }
-        if (way == TL_ROLLBACK_REPLAY) {
-            return "rolled back by replay: reset, and given its inputs again";
-        }
-        if (way == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
-            return "rolled back by its state, and given again what it had been given";
+        if (&assembly->fmus[i].model == component->model) {
+            return &assembly->fmus[i];
         }
     }
+    return NULL;
+}
+
+/* Also of a twin that rolls nothing back. */
+static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component *component) {
+    tl_rollback way = fmu != NULL ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
+    if (way == TL_ROLLBACK_MEMORY) {
+        return "rolled back by its memory";
+    }
+    if (way == TL_ROLLBACK_FORK) {
+        return "rolled back by forking its process";
+    }
+    if (way == TL_ROLLBACK_REPLAY) {
+        return "rolled back by replay: reset, and given its inputs again";
+    }
+    if (way == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
+        return "rolled back by its state, and given again what it had been given";
+    }
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
+}
+
+/* How much faster than by its own states, if that is why. */
+static void print_choice(const tl_fmu *fmu, FILE *output) {
+    const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
+    if (times != NULL) {
+        (void)fprintf(output, ", which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
+                      (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
+    }
 }
 
 static void print_components(const tl_assembly *assembly, FILE *output) {
     (void)fputs("components\n", output);
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
         const tl_plan_component *component = &assembly->components[i];
-        (void)fprintf(output, "  %-12s %s, %zu variables, %s\n", component->name, assembly->config.components[i].fmu,
-                      component->model->variable_count, describe_rollback(assembly, component));
+        const tl_fmu *fmu = find_fmu(assembly, component);
+        (void)fprintf(output, "  %-12s %s, %zu variables, %s", component->name, assembly->config.components[i].fmu,
+                      component->model->variable_count, describe_rollback(fmu, component));
+        print_choice(fmu, output);
+        (void)fputc('\n', output);
     }
     size_t signals = 0;
     for (size_t i = 0; i < assembly->plan.signal_count; i++) {

@@ -47,10 +47,10 @@ tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap
         size_t grown = after > before ? after - before : 0;
         least = grown < least ? grown : least;
     }
-    if (tells && status == TL_OK) {
+    size_t known = tl_component_state_size(cached->component);
+    if (tells && known == 0 && status == TL_OK) {
         status = tl_component_serialized_size(cached->component, cached->tree.spare[0], &told, error);
     }
-    size_t known = tl_component_state_size(cached->component);
     *size = known != 0 ? known : heap != NULL && least > told ? least : told;
     return status;
 }

@@ -335,11 +335,23 @@ bool tl_component_come_back(tl_component *component, const char *why) {
     component->mode = TL_MODE_STEPPING;
     component->replaces_states = false;
     component->gave_up_states = component->gave_up_states || why != NULL;
+    component->prefers_copy = component->prefers_copy && why == NULL;
     return true;
 }
 
+bool tl_component_has_choice(const tl_component *component) {
+    const tl_fmi2_aside *aside = component->fmi->aside;
+    return aside != NULL && component->mode == TL_MODE_STEPPING && aside->has_choice(component->instance);
+}
+
+bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times) {
+    component->replaces_states = false;
+    component->prefers_copy = component->fmi->aside->prefer_copy(component->instance, times) <= fmi2Warning;
+    return component->prefers_copy;
+}
+
 void tl_component_let_go(const tl_component *component) {
-    if (component->fmi->aside != NULL && component->mode != TL_MODE_ABSENT) {
+    if (component->fmi->aside != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
         component->fmi->aside->let_go(component->instance);
     }
 }

@@ -70,6 +70,7 @@ typedef struct tl_component {
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
     bool gave_up_states;  /* tl_component_come_back() with a reason */
+    bool prefers_copy;    /* tl_component_prefer_copy(), and has not gone back */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;
@@ -131,6 +132,11 @@ size_t tl_component_keeping_takes(const tl_component *component);
 /* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `why`, which says in which way its states are wrong and may be "", states are made and
  * restored in this other way from now on. False: the FMU cannot, and has said why. */
 bool tl_component_come_back(tl_component *component, const char *why);
+
+/* Of one that was kept: whether a copy of its memory would do in place of its own states; and that it does from now on, since it is faster. None of its states is there, and it stands
+ * where it was kept. False: it cannot. */
+bool tl_component_has_choice(const tl_component *component);
+bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times);
 
 /* What was kept is not needed any more. */
 void tl_component_let_go(const tl_component *component);

@@ -29,15 +29,25 @@ typedef struct tl_fmi2_step {
 typedef fmi2Status tl_fmi2_step_reals(fmi2Component instance, const struct tl_ports *inputs,
                                       const struct tl_ports *outputs, const tl_fmi2_step *step, unsigned *done);
 
+/* ns that an FMU takes to be saved, stepped and led back, in two ways. */
+typedef struct tl_fmi2_times {
+    int64_t by_states;
+    int64_t by_copy;
+} tl_fmi2_times;
+
 /* Not FMI's: of an FMU whose own states may be wrong, by a way of ours that needs none of them. `keep` keeps all that the FMU knows now, in place of what was
  * kept; `come_back` leads back there, as if nothing had been called since; `give_up_states` does so for good: from then on saving and restoring are of that way.
- * `let_go`: what was kept is not needed any more. `size`: bytes that it would take now; 0: not known. fmi2Error: it cannot be, and the FMU has said why. */
+ * `let_go`: what was kept is not needed any more. `size`: bytes that it would take now; 0: not known. fmi2Error: it cannot be, and the FMU has said why.
+ * `has_choice`: what was kept is a copy of its memory, and its states are its own, which may be slower. `prefer_copy`, if so and while nothing else is kept: from then on saving and
+ * restoring are by copies, until `give_up_states` leads back to its own. */
 typedef struct tl_fmi2_aside {
     fmi2Status (*keep)(fmi2Component instance);
     fmi2Status (*come_back)(fmi2Component instance);
     fmi2Status (*give_up_states)(fmi2Component instance, const char *why);
     void (*let_go)(fmi2Component instance);
     size_t (*size)(fmi2Component instance);
+    bool (*has_choice)(fmi2Component instance);
+    fmi2Status (*prefer_copy)(fmi2Component instance, const tl_fmi2_times *times);
 } tl_fmi2_aside;
 
 /* Not FMI's: of an instance that is reset and given again what it was given, to lead it back. Zeroed: it is led back otherwise, or not at all. */

@@ -179,9 +179,12 @@ typedef struct tl_plan {
         verify_every; /* committed steps from one look whether FMUs still come back to where they were to the next (sync/verifier.h); 0: none */
     uint32_t
         free_twin; /* a twin that is left alone is led beside (sync/free_twin.h): steps until a prediction has outrun what its beginning has used; 0: there is none. Not with an event
-                           horizon, nor in mode ahead */
+                           horizon */
     uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
     size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */
+    tl_time (*now)(
+        void *
+            clock); /* ns, of a clock that never goes back: two exact ways to lead an FMU back are timed by it at the start; NULL: none is */
 } tl_plan;
 
 /* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and

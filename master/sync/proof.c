@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "master/sync/attempt.h"
+#include "master/sync/faster_way.h"
 #include "master/sync/restore_cause.h"
 
 static bool is_output(const tl_port *port) {
@@ -318,21 +319,36 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
                             exchange->values_size);
 }
 
-tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first, tl_error *error) {
+/* Who is led back by a copy from now on may go on otherwise, see above. */
+static tl_status choose_faster(tl_proof *proof, tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
+                               bool *taken, tl_error *error) {
+    tl_proof_end(proof);
+    tl_status status = tl_faster_way_choose(exchange, first, now, NULL, taken, error);
+    proof->noted = *taken ? 0 : proof->noted;
+    return status;
+}
+
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
+                               tl_time (*now)(void *clock), tl_error *error) {
     tl_exchange *exchange = lock->exchange;
     tl_status status = TL_OK;
+    bool has_chosen = now == NULL;
     bool again = false;
     proof->noted = 0;
     tl_exchange_keep(exchange);
     do {
-        proof_attempt now = {.proof = proof, .lock = lock, .graph = graph, .first = first, .culprit = NOBODY};
+        proof_attempt attempt = {.proof = proof, .lock = lock, .graph = graph, .first = first, .culprit = NOBODY};
         proof->stepped = true;
         proof->was_saved = false;
-        status = prove(&now, error);
-        if (status != TL_OK) {
+        status = prove(&attempt, error);
+        again = false;
+        if (status == TL_OK && !has_chosen) {
+            has_chosen = true;
+            status = choose_faster(proof, exchange, first, now, &again, error);
+        } else if (status != TL_OK) {
             tl_proof_end(proof); /* who comes back otherwise has no states of this kind any more */
+            again = status == TL_FMU_FAILED && attempt.culprit != NOBODY && take_other_way(&attempt, error);
         }
-        again = status == TL_FMU_FAILED && now.culprit != NOBODY && take_other_way(&now, error);
     } while (again);
     tl_exchange_let_go(exchange);
     for (size_t i = 0; i < exchange->component_count; i++) {

@@ -7,7 +7,8 @@
  *          At last the first state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
  *          file; the next save is refused for that, and shall not be the first one of the run.
  * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again. If there is a copy of
- *          all that it knows, it is found out in which way they are wrong (restore_cause.h).
+ *          all that it knows, it is found out in which way they are wrong (restore_cause.h). If a copy does what its states do, and faster, it is led back by that (faster_way.h), and
+ *          all are proved once more, too.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_PROOF_H
@@ -17,6 +18,7 @@
 #include <stdint.h>
 
 #include "master/base/arena.h"
+#include "master/base/simtime.h"
 #include "master/base/status.h"
 #include "master/graph/graph.h"
 #include "master/graph/snapshot.h"
@@ -43,8 +45,9 @@ typedef struct tl_proof {
 bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph);
 
 /* After initialisation, before tl_exchange_start(); leaves everything where it was, at the beginning of step `first`, and
- * no executions counted but in `proof`. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
-tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first, tl_error *error);
+ * no executions counted but in `proof`. `now`: ns, to see what is faster; NULL: nobody looks. TL_FMU_FAILED, and which output it is, if the rollback does not hold. */
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
+                               tl_time (*now)(void *clock), tl_error *error);
 
 /* After that, and after it is measured what a state takes: until then no room is free that one had. Gives the second state back; may be called at any time. */
 void tl_proof_end(tl_proof *proof);

@@ -67,7 +67,7 @@ static void take_finding(const tl_twin_finding *from, tl_account_finding *findin
         copy_text(finding->unit, from->unit);
         finding->step = from->step;
         finding->after = from->after;
-        finding->mended = from->mended ? 1 : 0;
+        finding->mended = from->mended;
         finding->cause = (uint32_t)from->cause;
         finding->committed = from->committed;
         finding->again = from->again;
@@ -122,7 +122,7 @@ bool tl_account_is_sound(const tl_account *account) {
     bool sound = account->components <= TL_ACCOUNT_COMPONENTS && account->matches <= TL_MAX_MATCH &&
                  account->adjusts <= TL_MAX_ADJUST && is_text(account->algorithm) && is_text(account->fallback) &&
                  is_text(account->finding.component) && is_text(account->finding.variable) &&
-                 is_text(account->finding.unit) && account->finding.mended <= 1 &&
+                 is_text(account->finding.unit) && account->finding.mended < TL_MENDED &&
                  account->finding.cause < TL_RESTORE_CAUSES &&
                  (unsigned)account->delay.state <= (unsigned)TL_DELAY_LOST;
     for (size_t i = 0; sound && i < account->components; i++) {

@@ -7,7 +7,7 @@
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
     if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        status = tl_proof_of_rollback(&twin->proof, &twin->lock, &twin->graph, twin->first, error);
+        status = tl_proof_of_rollback(&twin->proof, &twin->lock, &twin->graph, twin->first, twin->now, error);
         twin->cannot_return = status != TL_OK && twin->proof.stepped;
     }
     return status;

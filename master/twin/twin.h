@@ -143,6 +143,14 @@ tl_status tl_twin_follow(tl_twin *twin, const tl_sample *sample, const double *u
  * Errors: none here. The next tick's are TL_FMU_FAILED where that fails as well, TL_FMU_FATAL where an FMU was fatal. */
 void tl_twin_reset(tl_twin *twin);
 
+/* What has become of it: how it is led back from now on. */
+typedef enum tl_twin_mended {
+    TL_MENDED_NOT,       /* as before */
+    TL_MENDED_BY_MEMORY, /* by a copy of its memory, and not by its own states */
+    TL_MENDED_BY_STATES, /* by its own states, which a copy was faster than */
+    TL_MENDED            /* how many there are */
+} tl_twin_mended;
+
 /* What tl_twin_verify() has found: an FMU does not come back to where it was. */
 typedef struct tl_twin_finding {
     const char *component;
@@ -154,7 +162,7 @@ typedef struct tl_twin_finding {
     double again;           /* and when it was executed again */
     double tolerances;      /* that these are apart, of a match; NaN: the variable is not matched */
     tl_restore_cause cause; /* as far as it was found out */
-    bool mended;            /* from now on it is led back by a copy of its memory, and not by its own states */
+    tl_twin_mended mended;
 } tl_twin_finding;
 
 /* Between two ticks, in the time that is left: goes on with looking whether the FMUs still come back to where they were (sync/verifier.h). `budget`: time from `started`

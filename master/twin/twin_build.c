@@ -500,6 +500,7 @@ tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
     twin->measurements = plan->measurements;
     twin->state_bytes = plan->state_bytes;
     twin->heap = plan->heap;
+    twin->now = plan->now;
     if (plan->match_count <= TL_MAX_MATCH && plan->adjust_count <= TL_MAX_ADJUST) { /* or nothing is built */
         tl_tuning_of(plan, &twin->built);
         twin->tuning = twin->built;

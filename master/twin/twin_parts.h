@@ -48,9 +48,10 @@ struct tl_twin {
     int64_t first;        /* step: that which the FMUs are initialised for */
     int64_t begin;        /* tick at which they are */
     uint64_t state_bytes; /* that saved states may take; 0: there is no bound */
-    size_t (*heap)(void); /* as in the plan */
-    tl_tuning built;      /* with which the twin was built: what of it cannot change, */
-    tl_tuning tuning;     /* and which is in force */
+    size_t (*heap)(void); /* as in the plan, */
+    tl_time (*now)(void *clock);
+    tl_tuning built;  /* with which the twin was built: what of it cannot change, */
+    tl_tuning tuning; /* and which is in force */
     tl_proof proof;
     bool resets; /* the FMUs begin anew before the next step */
     const char *

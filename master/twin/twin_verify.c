@@ -32,11 +32,13 @@ static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_t
 }
 
 /* It goes over to the other way, if it has one that it does not go already; else it is not asked again. */
-static tl_status mend(tl_twin *twin, size_t component, bool *mended, tl_error *error) {
+static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
+    bool prefers_copy = twin->graph.components[component].prefers_copy;
+    bool done = false;
     tl_verifier_end_component(&twin->verifier, component);
     tl_free_twin_end_component(&twin->free_twin, component);
-    tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, mended, error);
+    tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &done, error);
     if (status != TL_OK) {
         return status;
     }
@@ -45,7 +47,8 @@ static tl_status mend(tl_twin *twin, size_t component, bool *mended, tl_error *e
     if (status != TL_OK) {
         return status;
     }
-    if (*mended) {
+    *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_MENDED_BY_STATES : TL_MENDED_BY_MEMORY;
+    if (done) {
         tl_ledger_begin_anew(&twin->lock.ledger);
     } else {
         tl_verifier_leave_out(&twin->verifier, component);
@@ -67,7 +70,7 @@ tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding
         twin->finding = *finding;
         bool harmless = finding->tolerances < HARMLESS;
         twin->marks |= TL_FLAG_DIFFERED;
-        twin->lasting |= finding->mended || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
+        twin->lasting |= finding->mended != TL_MENDED_NOT || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
     }
     return twin->ended;
 }

@@ -15,7 +15,7 @@ from contextlib import closing
 
 from live_test import (FIRST_GUESS, MADE_UP, OPTIMISED, RESULTS, Program, bits, check_database, end_well, expect_reasons,
                        expect_same_events, free_port, number, query, wait_until)
-from twinlock_test import HUNG_S, PLAIN_LIVE, FMUS, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
+from twinlock_test import EMULATED, FMUS, HUNG_S, PLAIN_LIVE, SANITIZER, Skip, at_most, edited_config, expect, main, replay_json, run, run_well, scratch
 
 FOLLOWED = 9  # master/sync/record.h
 PERIOD = 0.01
@@ -280,6 +280,22 @@ def test_fmus_that_cannot_be_turned_into_bytes():
         told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
     expect("canSerializeFMUstate" in log, log)
     check_resumed(config, database, told, 2, 1, "start")
+    same_course(database, 1, 2)
+
+
+def test_states_that_are_slow():
+    """Led back by copies of its memory, it is turned into bytes by its own states all the same."""
+    if SANITIZER or EMULATED:
+        raise Skip("there is no copy of an FMU's memory with a sanitizer, and FMUs are compiled here for this machine")
+    import keeper_fmu  # pylint: disable=import-outside-toplevel  # it ends a test that cannot run here
+    config, database = live_config(free_port())
+    keeper_fmu.slow_states("motor", config.parent / "motor.fmu")
+    expect("rolled back by its memory, which takes " in run_well(["check", config]), "by its own states")
+    with Program("plant", config):
+        begin(config, database, 1, 120).kill()
+        told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)
+    expect("goes on with run 1" in log, log)
+    check_resumed(config, database, told, 2, 1, "checkpoint")
     same_course(database, 1, 2)
 
 

@@ -37,9 +37,9 @@ FLAGS = ("-std=gnu99", "-D_GNU_SOURCE", "-O1", "-g0", "-fPIC", "-fvisibility=hid
 COMPILER = os.environ.get("CC", "cc")
 
 
-def describe(header):
+def describe(header, description=DESCRIPTION):
     """What the sources of fmus/common want to know of the variables."""
-    compile_with(sys.executable, COMMON / "description.py", DESCRIPTION, header)
+    compile_with(sys.executable, COMMON / "description.py", description, header)
 
 
 @functools.cache

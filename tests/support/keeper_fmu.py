@@ -1,9 +1,10 @@
 """An FMU that keeps its state wherever a program can, made here from tests/fmu/keeper with the machine's compiler. To import this ends a test that cannot
 run here."""
 import functools
+import zipfile
 
 import hostile_fmu
-from twinlock_test import SOURCE, scratch, write_config
+from twinlock_test import FMUS, SOURCE, expect, scratch, write_config
 
 KEEPER = SOURCE / "tests" / "fmu" / "keeper"
 STEPS = 100
@@ -64,15 +65,39 @@ def make_met(**macros):
     return _make_model("met", **macros)
 
 
+@functools.cache
+def make_slow(**macros):
+    """The path of one whose states are exact, and slow: see slow.c."""
+    return _make_model("slow", **macros)
+
+
+def slow_states(name, fmu, pause=500000):
+    """Writes `fmu`: the built FMU of that name, whose own states take so many ns to be restored, see slow_states.c."""
+    folder, model = scratch(), SOURCE / "fmus" / name
+    hostile_fmu.describe(folder / "description.h", model / "modelDescription.xml")
+    *others, state = [model / "model.c", *hostile_fmu.OWN_STATE]
+    _rename_set_state(folder, state)
+    hostile_fmu.compile_shared(folder / "slow.so", [KEEPER / "slow_states.c", *others, folder / "state.o"], {"PAUSE": pause}, folder)
+    binary = f"binaries/{hostile_fmu.PLATFORMS[hostile_fmu.machine()]}/{name}.so"
+    with zipfile.ZipFile(FMUS / f"{name}.fmu") as source, zipfile.ZipFile(fmu, "w") as changed:
+        expect(binary in source.namelist(), f"{source.namelist()}")
+        for entry in source.infolist():
+            changed.writestr(entry, (folder / "slow.so").read_bytes() if entry.filename == binary else source.read(entry))
+
+
+def _rename_set_state(folder, state):
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / "other_set_state.h", "-c", state, "-o", folder / "state.o")
+
+
 def _make_model(name, **macros):
     """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
     sources = [KEEPER / f"{name}.c", *hostile_fmu.OWN_STATE]
-    if name == "cold":
+    if name in ("cold", "slow"):
         *others, state = sources
         sources = [*others, folder / "state.o"]
-        hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / "other_set_state.h", "-c", state, "-o", sources[-1])
+        _rename_set_state(folder, state)
     hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
     hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
     return folder / f"{name}.fmu"

@@ -233,7 +233,12 @@ static size_t size_aside(fmi2Component instance) {
     return 100;
 }
 
-static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go, size_aside};
+static bool has_choice(fmi2Component instance) {
+    (void)instance;
+    return false;
+}
+
+static const tl_fmi2_aside other_way = {keep_aside, come_back, give_up_states, let_go, size_aside, has_choice, NULL};
 
 static void use_other_way(void) {
     given_up = 0;

@@ -1,0 +1,273 @@
+/* Which of two exact ways a component is led back by, with a clock that its calls move on: the choice, what it costs to make, and that no result shows it. */
+#include <string.h>
+#include <unity.h>
+
+#include "master/sync/faster_way.h"
+#include "tests/support/test_plan.h"
+
+enum { TICKS = 20, STEP = 1000, SLOW = 50000, FAST = 10000 };
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_test_plan plan;
+static tl_test_run run;
+static tl_time now;
+
+/* What it takes to save or to restore by its own states, and by copies; and what became of them. */
+static struct ways {
+    tl_time by_states, by_copy;
+    bool is_there;   /* there is a choice */
+    bool is_inexact; /* a copy brings nothing back */
+    bool refuses;    /* to be led back to what was kept */
+    bool is_by_copy;
+    int asked, kept, preferred, given_up;
+    tl_fmi2_times times;
+    fmi2FMUstate aside, beginning;
+    tl_fmi2 own;
+} ways;
+
+static tl_time read_clock(void *context) {
+    (void)context;
+    return now;
+}
+
+/* ---- both ways: a state is taken in truth by each ---- */
+
+static fmi2Status save(fmi2Component instance, fmi2FMUstate *state) {
+    now += ways.is_by_copy ? ways.by_copy : ways.by_states;
+    return ways.own.get_fmu_state(instance, state);
+}
+
+static fmi2Status restore(fmi2Component instance, fmi2FMUstate state) {
+    now += ways.is_by_copy ? ways.by_copy : ways.by_states;
+    fmu.control.state_lies = ways.is_by_copy && ways.is_inexact;
+    fmi2Status status = ways.own.set_fmu_state(instance, state);
+    fmu.control.state_lies = false;
+    return status;
+}
+
+static fmi2Status keep(fmi2Component instance) {
+    ways.kept++;
+    now += ways.by_copy;
+    return ways.own.get_fmu_state(instance, &ways.aside);
+}
+
+static fmi2Status come_back(fmi2Component instance) {
+    now += ways.by_copy;
+    return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.aside);
+}
+
+static fmi2Status give_up_states(fmi2Component instance, const char *why) {
+    (void)why;
+    ways.given_up++;
+    ways.is_by_copy = false;
+    return ways.own.set_fmu_state(instance, ways.beginning);
+}
+
+static void let_go(fmi2Component instance) {
+    if (ways.aside != NULL) {
+        (void)ways.own.free_fmu_state(instance, &ways.aside);
+    }
+    if (ways.beginning != NULL) {
+        (void)ways.own.free_fmu_state(instance, &ways.beginning);
+    }
+}
+
+static size_t size(fmi2Component instance) {
+    (void)instance;
+    return 100;
+}
+
+static bool has_choice(fmi2Component instance) {
+    (void)instance;
+    ways.asked++;
+    return ways.is_there && !ways.is_by_copy;
+}
+
+static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times) {
+    ways.preferred++;
+    ways.times = *times;
+    ways.is_by_copy = true;
+    return ways.own.get_fmu_state(instance, &ways.beginning);
+}
+
+static const tl_fmi2_aside aside = {keep, come_back, give_up_states, let_go, size, has_choice, prefer_copy};
+
+/* ---- a twin with one FMU ---- */
+
+void setUp(void) {
+    now = 0;
+    tl_test_plan_init(&plan, TL_SECOND / 10);
+    tl_test_fmu_init(&fmu, 1, true, &call_log);
+    ways = (struct ways){.by_states = SLOW, .by_copy = FAST, .is_there = true, .own = fmu.functions};
+    fmu.functions.get_fmu_state = save;
+    fmu.functions.set_fmu_state = restore;
+    fmu.functions.aside = &aside;
+    fmu.control.clock = &now;
+    fmu.control.cost = STEP;
+    (void)tl_test_plan_component(&plan, "motor", &fmu);
+    tl_test_plan_set(&plan, "lag", 0.4);
+    tl_test_plan_set(&plan, "u0", 1.0);
+    tl_test_plan_set(&plan, "count", 1.0);
+    tl_test_plan_set(&plan, "mode", 1.0);
+    tl_test_plan_set_value(&plan, "flag", (tl_value){.type = TL_BOOLEAN, .integer = 1});
+    tl_test_plan_signal(&plan, "y", TL_REAL, "");
+    tl_test_plan_adjust(&plan, "motor.offset", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.y", 0.01);
+    plan.plan.now = read_clock;
+}
+
+void tearDown(void) {
+    tl_test_run_end(&run, &plan);
+    TEST_ASSERT_EQUAL_size_t_MESSAGE(0, call_log.violations, call_log.first_violation);
+}
+
+static void tick(void) {
+    tl_test_run_step(&run);
+}
+
+static void lead(tl_record *records) {
+    tl_test_run_build(&run, &plan);
+    for (int i = 0; i < TICKS; i++) {
+        tick();
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+        records[i] = run.record;
+    }
+}
+
+static tl_record with[TICKS], without[TICKS];
+
+static void lead_without(void) {
+    plan.plan.now = NULL;
+    lead(without);
+    TEST_ASSERT_EQUAL_INT(0, ways.asked);
+    tearDown();
+    setUp();
+}
+
+/* ---- tests ---- */
+
+static void a_copy_that_is_faster_is_taken(void) {
+    lead_without();
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.preferred);
+    TEST_ASSERT_EQUAL_INT(0, ways.given_up);
+    TEST_ASSERT_EQUAL_INT64(2 * SLOW + STEP, ways.times.by_states);
+    TEST_ASSERT_EQUAL_INT64(2 * FAST + STEP, ways.times.by_copy);
+    TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
+    TEST_ASSERT_EQUAL_UINT64(tl_twin_executions(run.twin, 0),
+                             fmu.calls[TL_TEST_DO_STEP] - tl_twin_get_facts(run.twin).proved_executions);
+}
+
+static void expect_states(void) {
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.asked);
+    TEST_ASSERT_EQUAL_INT(0, ways.preferred);
+}
+
+static void a_copy_that_is_slower_is_not(void) {
+    ways.by_copy = 2 * SLOW;
+    expect_states();
+}
+
+static void what_is_won_is_more_than_a_little(void) {
+    ways.by_copy = SLOW - SLOW / 5;
+    expect_states();
+}
+
+/* Ten times as fast, and not worth it. */
+static void what_is_won_is_worth_it(void) {
+    fmu.control.cost = 0;
+    ways.by_states = 900;
+    ways.by_copy = 90;
+    expect_states();
+}
+
+/* The step is what takes long. */
+static void a_step_counts(void) {
+    fmu.control.cost = 100 * SLOW;
+    expect_states();
+}
+
+static void who_has_no_choice_is_not_timed(void) {
+    ways.is_there = false;
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.kept); /* for the proof */
+    TEST_ASSERT_EQUAL_INT(0, ways.preferred);
+}
+
+static void one_that_takes_long_is_not_timed_for_long(void) {
+    ways.by_states = TL_SECOND / 10;
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.preferred);
+    TEST_ASSERT_LESS_THAN_INT64(3 * TL_SECOND, now);
+}
+
+static void a_copy_that_is_not_exact_is_given_up(void) {
+    lead_without();
+    ways.is_inexact = true;
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.preferred);
+    TEST_ASSERT_EQUAL_INT(1, ways.given_up);
+    TEST_ASSERT_FALSE(ways.is_by_copy);
+    TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
+}
+
+static uint64_t steps_until_timed; /* of the proof before */
+
+/* The first step that is timed. */
+static fmi2Status keep_and_count(fmi2Component instance) {
+    steps_until_timed = fmu.calls[TL_TEST_DO_STEP];
+    return keep(instance);
+}
+
+static void find_steps_until_timed(void) {
+    static const tl_fmi2_aside counting = {keep_and_count, come_back,  give_up_states, let_go,
+                                           size,           has_choice, prefer_copy};
+    fmu.functions.aside = &counting;
+    lead(with);
+    steps_until_timed -= 2 * TL_FASTER_WAY_ROUNDS + 1; /* the last of them begins with a copy */
+    tearDown();
+    setUp();
+}
+
+static void a_step_that_fails_is_no_way(void) {
+    find_steps_until_timed();
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, steps_until_timed + 3, steps_until_timed + 3);
+    lead(with);
+    TEST_ASSERT_EQUAL_INT(1, ways.asked);
+    TEST_ASSERT_EQUAL_INT(0, ways.preferred);
+}
+
+static void a_step_that_is_fatal_ends_it(void) {
+    find_steps_until_timed();
+    tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_FATAL, steps_until_timed + 3, steps_until_timed + 3);
+    tl_test_run_build(&run, &plan);
+    tick();
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run.status);
+}
+
+static void who_cannot_be_led_back_to_the_beginning_ends_it(void) {
+    ways.refuses = true;
+    tl_test_run_build(&run, &plan);
+    tick();
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.error.text, "motor: does not come back to where its proof began"),
+                                 run.error.text);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(a_copy_that_is_faster_is_taken);
+    RUN_TEST(a_copy_that_is_slower_is_not);
+    RUN_TEST(what_is_won_is_more_than_a_little);
+    RUN_TEST(what_is_won_is_worth_it);
+    RUN_TEST(a_step_counts);
+    RUN_TEST(who_has_no_choice_is_not_timed);
+    RUN_TEST(one_that_takes_long_is_not_timed_for_long);
+    RUN_TEST(a_copy_that_is_not_exact_is_given_up);
+    RUN_TEST(a_step_that_fails_is_no_way);
+    RUN_TEST(a_step_that_is_fatal_ends_it);
+    RUN_TEST(who_cannot_be_led_back_to_the_beginning_ends_it);
+    return UNITY_END();
+}
