@@ -19,23 +19,13 @@ static void say_why_not(tl_fmu_guarded *self, const char *text) {
     tl_fmu_logger_say(&self->guard->logger, level, "", text);
 }
 
-static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
-    tl_fmu_guarded *self = component;
+/* It has what is in no copy, since it was saved or before. Said once. */
+static fmi2Status refuse_to_copy(tl_fmu_guarded *self) {
     tl_error error;
-    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
-        say_why_not(self, error.text);
-        return fmi2Error;
-    }
-    return fmi2OK;
-}
-
-/* What it has had since it was saved may not be in the copy. */
-static fmi2Status refuse_to_restore(tl_fmu_guarded *self) {
-    tl_error error;
+    bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
     (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back%s",
                   tl_fmu_memory_left(&self->guard->memory),
-                  self->guard->is_by_choice && self->guard->was_proved ? "; its own states may: \"rollback\": \"state\""
-                                                                       : "");
+                  was_exact ? "; its own states may: \"rollback\": \"state\"" : "");
     if (!self->guard->was_left_told) {
         say_why_not(self, error.text);
         self->guard->was_left_told = true;
@@ -43,10 +33,23 @@ static fmi2Status refuse_to_restore(tl_fmu_guarded *self) {
     return fmi2Error;
 }
 
+static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
+    tl_fmu_guarded *self = component;
+    tl_error error;
+    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+        return refuse_to_copy(self);
+    }
+    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
+        say_why_not(self, error.text);
+        return fmi2Error;
+    }
+    return fmi2OK;
+}
+
 static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
     if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
-        return refuse_to_restore(self);
+        return refuse_to_copy(self);
     }
     tl_fmu_memory_restore(&self->guard->memory, state);
     return fmi2OK;

@@ -11,6 +11,7 @@ if SANITIZER:
     print("skipped: a sanitizer has an allocator of its own: there is no copy of an FMU's memory")
     raise SystemExit(SKIPPED)
 
+FMU_FAILED = 70
 SLOWER = "rolled back by its memory, which takes "
 BACK = "does not come back to where it was by its memory"
 
@@ -71,6 +72,14 @@ def test_a_copy_that_is_not_exact_later():
     with closing(sqlite3.connect(database)) as found:
         events = [text for (text,) in found.execute("SELECT text FROM events WHERE source = 'twin'")]
     expect(any("by its own states from now on" in text for text in events), f"{events}")
+
+
+def test_what_a_copy_does_not_take_back_comes_later():
+    """It was exact, and is not any more; there is no state of its own to go back to. By its states it goes on."""
+    fmu = keeper_fmu.make_slow(MAPS=300)
+    code, _, err = run(["replay", keeper_fmu.config(fmu)])
+    expect(code == FMU_FAILED and 'which no copy of its memory takes back; its own states may: "rollback": "state"' in err, f"{code}\n{err}")
+    replay(keeper_fmu.config(fmu, "state"))
 
 
 def test_its_states_are_bytes_all_the_same():

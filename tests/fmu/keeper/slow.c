@@ -1,7 +1,8 @@
 /* An FMU whose own states are exact, and slow: to restore one takes PAUSE ns. From its step OUTSIDE on (0: never) its y goes by a number in the environment as well, which
- * its states bring back, and no copy of its memory does. Its variables are those of fmus/lag, and so are its other functions. */
+ * its states bring back, and no copy of its memory does. In its step MAPS (0: never) it maps memory, which its states need not bring back. Its variables are those of fmus/lag, and so are its other functions. */
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/mman.h>
 #include <time.h>
 
 #include <fmi2Functions.h>
@@ -17,6 +18,9 @@ fmi2Status own_set_state(fmi2Component component, fmi2FMUstate state);
 #endif
 #ifndef OUTSIDE
 #define OUTSIDE 0
+#endif
+#ifndef MAPS
+#define MAPS 0
 #endif
 
 static const char NAME[] = "TL_TEST_OUTSIDE";
@@ -57,7 +61,10 @@ static void start(void *model) {
 static void step(void *model, double h) {
     lag *m = model;
     m->y += h * (m->u - m->y) / m->T;
-    if (++m->steps >= OUTSIDE && OUTSIDE != 0) {
+    if (++m->steps == MAPS) {
+        (void)mmap(NULL, 4096, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    }
+    if (m->steps >= OUTSIDE && OUTSIDE != 0) {
         m->y += 0.01 * get_outside();
         m->outside = m->u;
         put_outside(m->outside);
