@@ -18,18 +18,6 @@ SIZES = {"1 kB": 1000, "16 kB": 16000, "1 MB": 1000000, "50 MB": 50000000}
 WAYS = ("state", "memory", "fork")
 
 
-def sized_fmu(folder, size, pages):
-    """The path of one whose state has so many bytes."""
-    import hostile_fmu  # pylint: disable=import-outside-toplevel
-    binary = folder / "lag.so"
-    hostile_fmu.compile_shared(binary, [ROOT / "tests" / "fmu" / "sized" / "sized.c"], {"SIZE": size, "PAGES": pages})
-    fmu = folder / f"sized{size}.fmu"
-    description = folder / "modelDescription.xml"
-    description.write_text(hostile_fmu.DESCRIPTION.read_text(encoding="utf-8").replace(' canSerializeFMUstate="true"', ""), encoding="utf-8")
-    hostile_fmu.package(fmu, description, binary)
-    return fmu
-
-
 def lock_table():
     """The shipped lock of the cylinder, each of its FMUs by that rung."""
     from twinlock_test import NOT_LOCKED, edited_config, read_config, run_well  # pylint: disable=import-outside-toplevel
@@ -48,10 +36,10 @@ def main():
     options = parser.parse_args()
     probe = Path(options.build) / "tests" / "fmu" / "rollback_probe"
     os.environ.update(TL_SOURCE=str(ROOT), TL_BUILD=options.build, TWINLOCK=str(Path(options.build) / "bin" / "twinlock"))
-    from twinlock_test import scratch  # pylint: disable=import-outside-toplevel
+    import sized_fmu  # pylint: disable=import-outside-toplevel
     print("| state | by | save, µs | restore, µs | step after it, µs |\n| --- | --- | --- | --- | --- |")
     for name, size in SIZES.items():
-        fmu = sized_fmu(scratch(), size, options.pages)
+        fmu = sized_fmu.make(size, options.pages)
         for way in WAYS:
             done = subprocess.run([str(probe), str(fmu), way, "0.01", "130"], capture_output=True, text=True, check=True)
             found = json.loads(done.stdout)
