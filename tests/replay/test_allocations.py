@@ -15,7 +15,7 @@ if SANITIZER:
     print("skipped: a sanitizer has an allocator of its own")
     raise SystemExit(SKIPPED)
 
-# As in tests/support/count_allocations.c.
+# As in allocations/count_allocations.c.
 SLOT = struct.Struct("qq112s")
 SLOTS = 64
 
@@ -23,7 +23,7 @@ SLOTS = 64
 @functools.cache
 def counter():
     library = scratch() / "count_allocations.so"
-    hostile_fmu.compile_shared(library, [SOURCE / "tests" / "support" / "count_allocations.c"], {})
+    hostile_fmu.compile_shared(library, [SOURCE / "tests" / "replay" / "allocations" / "count_allocations.c"], {})
     return library
 
 

@@ -1,4 +1,4 @@
-/* Counts what a process of twinlock asks the C library's allocator for: to be preloaded (LD_PRELOAD). Python beside it reads the counts: allocations.py.
+/* Counts what a process of twinlock asks the C library's allocator for: to be preloaded (LD_PRELOAD). test_allocations.py reads the counts.
  *
  * The program's own malloc() and its like lead on to these functions, unless an FMU's own heap serves the call. A count stands in a file that TL_TEST_ALLOCATIONS names, which is mapped before the
  * process gives up its rights. */
