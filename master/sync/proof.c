@@ -319,12 +319,18 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
                             exchange->values_size);
 }
 
-/* Who is led back by a copy from now on may go on otherwise, see above. */
+/* Who is led back by a copy from now on may go on otherwise, see above. If nobody is, there are as many states as there were. */
 static tl_status choose_faster(tl_proof *proof, tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
                                bool *taken, tl_error *error) {
+    bool had_midst = proof->has_midst;
     tl_proof_end(proof);
     tl_status status = tl_faster_way_choose(exchange, first, now, NULL, taken, error);
-    proof->noted = *taken ? 0 : proof->noted;
+    if (*taken) {
+        proof->noted = 0;
+    } else if (had_midst && status == TL_OK) {
+        proof->has_midst = true;
+        status = tl_snapshot_take(&proof->midst, error);
+    }
     return status;
 }
 
