@@ -35,13 +35,24 @@ def read_allowed(name):
     return rules
 
 
-def symbols(path, *options):
-    done = subprocess.run(["nm", "--format=posix", *options, path], stdout=subprocess.PIPE, text=True, check=True)
-    return [line.split()[0] for line in done.stdout.splitlines()]
+def symbols(paths, *options):
+    """{path: symbols} of all of them, by one nm: it starts much slower than it reads."""
+    found = {path: [] for path in paths}
+    if not paths:
+        return found
+    done = subprocess.run(["nm", "--format=posix", "--print-file-name", *options, *paths], stdout=subprocess.PIPE, text=True, check=True)
+    for line in done.stdout.splitlines():
+        path, _, rest = line.partition(": ")
+        found[path].append(rest.split()[0])
+    return found
 
 
-def offered(path):
-    return symbols(path, "--extern-only", "--defined-only")
+def needed(paths):
+    return symbols(paths, "--undefined-only")
+
+
+def offered(paths):
+    return symbols(paths, "--extern-only", "--defined-only")
 
 
 def objects(build, floor):
@@ -58,10 +69,12 @@ def objects(build, floor):
 def check_needs(build, floor, chosen, listed):
     rules = read_allowed(listed)
     looked_at = [(name, path) for name, path in objects(build, floor) if any(fnmatch.fnmatch(name, one) for one in chosen)]
-    own = {symbol for _, path in looked_at for symbol in offered(path)}
+    paths = [path for _, path in looked_at]
+    own = {symbol for some in offered(paths).values() for symbol in some}
+    needs = needed(paths)
     for name, path in looked_at:
         allowed = [symbol for pattern, some in rules if fnmatch.fnmatch(name, pattern) for symbol in some]
-        for symbol in symbols(path, "--undefined-only"):
+        for symbol in needs[path]:
             plain = re.sub(r"^__(\w+)_chk$", r"\1", symbol)  # the checked variants of _FORTIFY_SOURCE
             if symbol not in own and not any(fnmatch.fnmatch(plain, pattern) for pattern in allowed):
                 tree.finding(f"{floor}/{name}", 0, f"needs {symbol}, which {listed} does not allow there")
@@ -73,12 +86,15 @@ def main():
         check_needs(build, floor, chosen, listed)
     count = 0
     for floor in FLOORS:
-        for name, path in objects(build, floor):
-            count += 1
-            for symbol in symbols(path, "--undefined-only"):
+        looked_at = list(objects(build, floor))
+        paths = [path for _, path in looked_at]
+        needs, offers = needed(paths), offered(paths)
+        count += len(looked_at)
+        for name, path in looked_at:
+            for symbol in needs[path]:
                 if WRITES.match(symbol):
                     tree.finding(f"{floor}/{name}", 0, f"needs {symbol}, which would write to the plant")
-            for symbol in offered(path):
+            for symbol in offers[path]:
                 if not symbol.startswith("tl_") and name not in REPLACES:
                     tree.finding(f"{floor}/{name}", 0, f"offers {symbol}: a global name begins with tl_")
     tree.finish(f"{count} objects")
