@@ -5,7 +5,7 @@ import random
 import sqlite3
 from contextlib import closing
 
-from twinlock_test import PLAIN_LIVE, NOT_LOCKED, SOURCE, at_most, edited_config, expect, main, run, run_well, scratch
+from twinlock_test import EMULATED, NOT_LOCKED, PLAIN_LIVE, SOURCE, at_most, edited_config, expect, main, run, run_well, scratch
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
@@ -51,7 +51,7 @@ def miss(database, steps):
 def test_a_lost_twin_says_so_and_is_brought_back():
     """A friction that was noise, held over 0.5 s of missed ticks, blows the twin up. Left alone, u swings for minutes, and every second step is
     within tolerance. A replay of the replay does the same to the bit."""
-    for seed in (1, 2, 3):
+    for seed in (1,) if EMULATED else (1, 2, 3):
         config = config_of(20, seed)
         database, told, code = recorded(config)
         expect(code == 0 and told["lock"]["state"] == "locked" and told["lock"]["percent"] == 100, f"before: {code}, {told['lock']}")

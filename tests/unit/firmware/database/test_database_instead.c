@@ -21,6 +21,7 @@ enum { OTHER_USER = 65534, TRIALS = 200, LONGEST_NS = 50000 };
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static tl_test_random dice;
+static int trials;
 
 static int begin_use(void *context, sqlite3 *connection) {
     (void)context;
@@ -109,7 +110,7 @@ static void open_while_the_folder_opens(tl_time delay) {
 /* At whatever instant: the file that was asked for is written, then or later. */
 static void a_folder_that_is_opened_meanwhile(void) {
     make_one();
-    for (int i = 0; i < TRIALS; i++) {
+    for (int i = 0; i < trials; i++) {
         open_while_the_folder_opens((tl_time)tl_test_random_below(&dice, LONGEST_NS));
     }
     TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&scratch));
@@ -179,7 +180,7 @@ static void a_reader_who_is_root(void) {
     make_one();
     pid_t reader = begin_to_read(path);
     int wrong = 0;
-    for (int i = 0; i < 3 * TRIALS; i++) {
+    for (int i = 0; i < 3 * trials; i++) {
         wrong += is_written_wrongly(path) ? 1 : 0;
     }
     end_reading(reader);
@@ -205,7 +206,7 @@ static void a_reader_who_is_root_of_a_file_beside(void) {
     char *beside = shared;
     pid_t reader = begin_to_read(beside);
     int wrong = 0;
-    for (int i = 0; i < TRIALS; i++) {
+    for (int i = 0; i < trials; i++) {
         (void)snprintf(name, sizeof name, "%d.db", i);
         (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, name));
         write_foreign();
@@ -220,6 +221,7 @@ static void a_reader_who_is_root_of_a_file_beside(void) {
 }
 
 int main(void) {
+    trials = (int)tl_test_campaign("TL_DATABASE_TRIALS", TRIALS);
     UNITY_BEGIN();
     RUN_TEST(a_reader_who_is_root);
     RUN_TEST(a_reader_who_is_root_of_a_file_beside);
