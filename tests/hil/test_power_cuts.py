@@ -9,7 +9,7 @@ import activation_cuts
 from power_cuts import PATIENCE_S, check_accounts, cuts, need_rig
 from twinlock_test import Failure, expect, main, scratch
 
-CUTS = 3
+CUTS = 2
 
 
 def show(number, figures):
