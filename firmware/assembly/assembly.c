@@ -340,6 +340,47 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     return report->worst;
 }
 
+/* ---- quietly ---- */
+
+/* The first one. */
+typedef struct problem {
+    tl_error *error;
+    char *component;
+} problem;
+
+static void keep_problem(void *context, tl_status status, const char *where, const char *text) {
+    static const char COMPONENTS[] = "components.";
+    const problem *kept = context;
+    if (kept->error->text[0] != '\0') {
+        return;
+    }
+    (void)tl_fail(kept->error, status, "%s", text);
+    if (strncmp(where, COMPONENTS, sizeof COMPONENTS - 1) == 0) {
+        (void)snprintf(kept->component, TL_ASSEMBLY_NAME, "%s", where + sizeof COMPONENTS - 1);
+    }
+}
+
+tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error) {
+    problem kept = {error, component};
+    *error = (tl_error){TL_OK, ""};
+    component[0] = '\0';
+    assembly->problems.report = (tl_report){.add = keep_problem, .context = &kept};
+    tl_status status = tl_assembly_build(assembly);
+    assembly->problems.report = (tl_report){.add = NULL};
+    return status;
+}
+
+const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence) {
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        const char *name = assembly->config.components[i].name;
+        size_t length = strlen(name);
+        if (strncmp(sentence, name, length) == 0 && sentence[length] == ':') {
+            return name;
+        }
+    }
+    return NULL;
+}
+
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
     tl_status status = tl_twin_retune(assembly->twin, tuning, error);
     if (status == TL_OK) {

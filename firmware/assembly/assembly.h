@@ -41,6 +41,14 @@ typedef struct tl_assembly {
  * status is that of the first; the assembly must be freed all the same. */
 tl_status tl_assembly_build(tl_assembly *assembly);
 
+enum { TL_ASSEMBLY_NAME = 64 };
+
+/* The same of what may well be wrong: nothing is said on the log. The error is the first problem, and `component` whose it is; "": no component's. */
+tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error);
+
+/* The name with which a sentence begins, before a colon, as those about a call that has failed do; NULL: no component's. */
+const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence);
+
 /* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the
  * building. Errors: TL_TRY_AGAIN. */
 tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);

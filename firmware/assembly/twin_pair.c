@@ -135,42 +135,11 @@ static tl_status lead_second(const tl_assembly *second, const double *values, si
     return status;
 }
 
-/* The first one of a second twin. */
-typedef struct problem {
-    tl_error *error;
-    tl_twin_pair_account *account;
-} problem;
-
-/* It is told by who asks, and is no error of the configuration. */
-static void keep_problem(void *context, tl_status status, const char *where, const char *text) {
-    static const char COMPONENTS[] = "components.";
-    const problem *kept = context;
-    if (kept->error->text[0] != '\0') {
-        return;
-    }
-    (void)tl_fail(kept->error, status, "%s", text);
-    if (strncmp(where, COMPONENTS, sizeof COMPONENTS - 1) == 0) {
-        name(kept->account, where + sizeof COMPONENTS - 1);
-    }
-}
-
-static tl_status build_second(tl_assembly *second, tl_twin_pair_account *account, tl_error *error) {
-    problem kept = {error, account};
-    *error = (tl_error){TL_OK, ""};
-    second->problems.report = (tl_report){.add = keep_problem, .context = &kept};
-    tl_status status = tl_assembly_build(second);
-    second->problems.report = (tl_report){.add = NULL};
-    return status;
-}
-
 /* What fails in a step begins with its name. */
 static void name_failed(const tl_assembly *second, const tl_error *error, tl_twin_pair_account *account) {
-    for (size_t i = 0; i < second->config.component_count; i++) {
-        const char *component = second->config.components[i].name;
-        size_t length = strlen(component);
-        if (strncmp(error->text, component, length) == 0 && error->text[length] == ':') {
-            name(account, component);
-        }
+    const char *component = tl_assembly_component_of(second, error->text);
+    if (component != NULL) {
+        name(account, component);
     }
 }
 
@@ -186,7 +155,7 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
     tl_status status = TL_OK;
     if (!alone && account->steps > 0) {
         __atomic_store_n(&account->has_second, 1, __ATOMIC_RELEASE);
-        status = build_second(second, account, error);
+        status = tl_assembly_build_quietly(second, account->component, error);
         if (status == TL_OK) {
             status = lead_second(second, values, width, account, differs, error);
             name_failed(second, error, account);

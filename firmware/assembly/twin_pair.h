@@ -14,7 +14,7 @@
 
 #include "firmware/assembly/assembly.h"
 
-enum { TL_PAIR_STEPS = 100, TL_PAIR_LEAST = 10, TL_PAIR_NAME = 64 };
+enum { TL_PAIR_STEPS = 100, TL_PAIR_LEAST = 10, TL_PAIR_NAME = TL_ASSEMBLY_NAME };
 
 /* The first twin begins no further step after that, if it has made TL_PAIR_LEAST; the second one makes as many. */
 #define TL_PAIR_LONGEST (TL_SECOND / 4)

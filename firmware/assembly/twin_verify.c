@@ -54,6 +54,7 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
     tl_status status = tl_twin_verify(twin, &left, &finding, &news->found, error);
     if (news->found) {
         news->mended = finding.mended != TL_MENDED_NOT;
+        news->component = finding.component;
         write_sentence(&finding, news);
     }
     return status;
@@ -75,6 +76,7 @@ bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news)
     };
     news->found = account->differed != 0;
     news->mended = finding.mended != TL_MENDED_NOT;
+    news->component = finding.component;
     write_sentence(&finding, news);
     return news->found;
 }

@@ -18,6 +18,7 @@ enum { TL_TWIN_FINDING_TEXT = 400 };
 typedef struct tl_twin_look_news {
     bool found;                      /* false: nothing, and the rest means nothing */
     bool mended;                     /* it is no harm any more */
+    const char *component;           /* of the twin's, or of the account's */
     char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
 } tl_twin_look_news;
 

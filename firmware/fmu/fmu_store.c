@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 #include "firmware/base/shortage.h"
 #include "firmware/description/model_description.h"
@@ -128,6 +129,15 @@ bool tl_fmu_is_given_again(const tl_fmu *fmu) {
 
 const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu) {
     return fmu->guard.is_by_choice ? &fmu->guard.times : NULL;
+}
+
+bool tl_fmu_look_at_fork(const tl_fmu *fmu, tl_fmu_fork *fork) {
+    *fork = (tl_fmu_fork){.failure = ""};
+    if (fmu->line != NULL) {
+        *fork = (tl_fmu_fork){.failure = fmu->line->failure,
+                              .bytes = (uint64_t)fmu->line->touched * (uint64_t)sysconf(_SC_PAGESIZE)};
+    }
+    return fmu->line != NULL;
 }
 
 /* What there is of it in this process are calls of another one. */

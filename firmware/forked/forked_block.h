@@ -21,13 +21,17 @@
 /* Bytes of values and texts of one call. */
 enum { TL_FORKED_BYTES = 256 * 1024, TL_FORKED_NUMBERS = 4, TL_FORKED_REALS = 2 };
 
+/* Of the answer to a fork: pages of the process that forks which a state does not share with the one before it, as far as the process can tell: those that it
+ * has begun to use, or to write, since it was forked or has forked. */
+enum { TL_FORKED_TOUCHED = 1 };
+
 /* Instances of one FMU at a time. */
 enum { TL_FORKED_INSTANCES = 8 };
 
 /* What is asked for, besides a tl_fmu_function of its own. */
 enum {
     TL_FORKED_STEP = TL_FMU_FUNCTIONS, /* set Reals, step, get Reals */
-    TL_FORKED_FORK,                    /* into slot numbers[0] */
+    TL_FORKED_FORK,                    /* into slot numbers[0]; the answer has numbers[TL_FORKED_TOUCHED] */
     TL_FORKED_REQUESTS
 };
 

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/resource.h>
 #include <sys/syscall.h>
 #include <unistd.h>
 
@@ -27,6 +28,7 @@ typedef struct host {
     const tl_forked_service *service;
     tl_forked_answers answers;
     tl_forked_traces before; /* an FMU was here */
+    long faults;             /* of this process, when it forked last */
 } host;
 
 /* ---- what a fork does not copy ---- */
@@ -68,6 +70,7 @@ static void die_with_keeper(const host *self) {
 static void become(host *self, uint32_t slot, uint32_t seen) {
     self->slot = slot;
     self->seen = seen;
+    self->faults = 0;
     __atomic_store_n(&self->block->slots[slot].process, (int32_t)getpid(), __ATOMIC_RELEASE);
     die_with_keeper(self);
 }
@@ -76,6 +79,15 @@ static void become(host *self, uint32_t slot, uint32_t seen) {
 static void refuse(tl_forked_message *message, const char *what, const char *why, const char *rest) {
     message->status = 1;
     (void)snprintf((char *)message->bytes, TL_ERROR_TEXT, "%s%s%s", what, why, rest);
+}
+
+/* By the faults of the process, which a fork's child counts from 0. */
+static uint32_t take_touched(host *self) {
+    struct rusage usage = {.ru_minflt = 0};
+    (void)getrusage(RUSAGE_SELF, &usage);
+    long touched = usage.ru_minflt - self->faults;
+    self->faults = usage.ru_minflt;
+    return touched > 0 && touched <= INT32_MAX ? (uint32_t)touched : 0;
 }
 
 /* True: this is the child, which answers nothing. */
@@ -93,6 +105,7 @@ static bool fork_into(host *self, uint32_t slot) {
         return true;
     }
     message->status = 0;
+    message->numbers[TL_FORKED_TOUCHED] = take_touched(self);
     if (child < 0) {
         refuse(message, "cannot be forked: ", strerror(errno), "");
     }

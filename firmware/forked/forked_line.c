@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -60,7 +61,18 @@ static bool keeper_has_ended(const tl_forked_line *line) {
     return waitid(P_PID, (id_t)line->keeper, &about, WEXITED | WNOHANG | WNOWAIT) != 0 || about.si_pid != 0;
 }
 
-static void say_end(const tl_forked_line *line, uint32_t slot) {
+static void note_failure(tl_forked_line *line, const char *format, ...) TL_PRINTF(2, 3);
+
+static void note_failure(tl_forked_line *line, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    if (line->failure[0] == '\0') {
+        (void)vsnprintf(line->failure, sizeof line->failure, format, arguments);
+    }
+    va_end(arguments);
+}
+
+static void say_end(tl_forked_line *line, uint32_t slot) {
     int how = line->block->slots[slot].how;
     bool is_told = has_ended(line, slot);
     tl_fmu_call call;
@@ -73,9 +85,11 @@ static void say_end(const tl_forked_line *line, uint32_t slot) {
     if (slot == line->current && tl_fmu_calls_look(&line->block->calls, &call)) {
         tl_log(TL_LOG_ERROR, "FMU %s crashed in %s: %s; export it again, or ask who made it", line->name, call.function,
                reason);
+        note_failure(line, "crashed in %s: %s", call.function, reason);
     } else {
-        tl_log(TL_LOG_ERROR, "a process that keeps %s state of FMU %s has ended: %s",
-               slot == line->current ? "the" : "an earlier", line->name, reason);
+        const char *which = slot == line->current ? "the" : "an earlier";
+        tl_log(TL_LOG_ERROR, "a process that keeps %s state of FMU %s has ended: %s", which, line->name, reason);
+        note_failure(line, "has lost the process that keeps %s state: %s", which, reason);
     }
 }
 
@@ -156,6 +170,7 @@ static void say_refusal(tl_forked_line *line) {
     why[sizeof why - 1] = '\0';
     if (!line->is_refused) {
         tl_log(TL_LOG_ERROR, "FMU %s %s", line->name, why);
+        note_failure(line, "%s", why);
     }
     line->is_refused = true;
 }
@@ -168,6 +183,7 @@ static tl_status fork_from(tl_forked_line *line, uint32_t from, uint32_t *slot) 
     *slot = take_free(line);
     if (*slot == line->slot_count) {
         tl_log(TL_LOG_ERROR, "the processes of FMU %s do not end", line->name);
+        note_failure(line, "has processes that do not end");
         return TL_FMU_FAILED;
     }
     tl_forked_slot *fresh = &line->block->slots[*slot];
@@ -208,6 +224,7 @@ tl_status tl_forked_line_save(tl_forked_line *line, tl_forked_snapshot **snapsho
     }
     *kept = (tl_forked_snapshot){.slot = slot, .used = true};
     *snapshot = kept;
+    line->touched = line->block->message.numbers[TL_FORKED_TOUCHED];
     return TL_OK;
 }
 

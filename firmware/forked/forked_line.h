@@ -45,7 +45,10 @@ typedef struct tl_forked_line {
     tl_forked_snapshot *snapshots; /* handles */
     uint32_t most;                 /* snapshots that its user may have: some more are kept for what is asked beside */
     tl_forked_instance instances[TL_FORKED_INSTANCES];
-    char name[TL_FORKED_NAME]; /* of the FMU, for what is said */
+    char name[TL_FORKED_NAME];   /* of the FMU, for what is said */
+    char failure[TL_ERROR_TEXT]; /* the first that was said, behind its name: "has a thread, …"; "": nothing was */
+    uint32_t
+        touched; /* pages that the FMU's process has begun to use for itself between the last save and what was before it, a save or a restore */
 } tl_forked_line;
 
 /* For who begins the processes: the first of them is in slot 0. Errors: TL_TRY_AGAIN. */

@@ -228,7 +228,8 @@ static bool is_for_states(const tl_twin_child *child) {
 
 /* What it would say a process with the same FMUs has said, or will. */
 static bool is_silent(const tl_twin_child *child) {
-    return is_for_states(child) || child->settings.job->task == TL_TASK_PAIR;
+    return is_for_states(child) || child->settings.job->task == TL_TASK_PAIR ||
+           child->settings.job->task == TL_TASK_WAYS;
 }
 
 /* What is not held is said once, at the start. */
@@ -258,7 +259,7 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     tl_twin_process_settings settings = {
         .job = child->settings.job,
         .fmus = tl_twin_fmus_of(child->settings.config),
-        .which = child->others != NULL ? 1 : 0,
+        .which = child->others != NULL || child->settings.job->task == TL_TASK_WAYS ? 1 : 0,
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,
@@ -412,18 +413,43 @@ tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error
     return status;
 }
 
-/* ---- a pair ---- */
+/* ---- a pair, and ways ---- */
+
+/* As it was written; but if it has ended in a call, the FMU of that. Who has said its last word is in calls that end FMUs. */
+static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBLY_NAME]) {
+    char name[TL_ASSEMBLY_NAME];
+    tl_fmu_call call;
+    memcpy(name, component, sizeof name);
+    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), component, TL_ASSEMBLY_NAME);
+    if (!child->has_ended && tl_fmu_calls_look(&child->extra->calls, &call)) {
+        (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", call.fmu);
+    }
+}
 
 static void copy_pair(const tl_twin_child *child, tl_twin_pair_account *account) {
-    char name[TL_PAIR_NAME];
-    tl_fmu_call call;
     *account = child->extra->pair;
     account->steps = account->steps < TL_PAIR_STEPS ? account->steps : TL_PAIR_STEPS;
-    memcpy(name, account->component, sizeof name);
-    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), account->component, sizeof account->component);
-    if (tl_fmu_calls_look(&child->extra->calls, &call)) {
-        (void)snprintf(account->component, sizeof account->component, "%s", call.fmu);
+    copy_component(child, account->component);
+}
+
+void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
+    *ways = child->extra->ways;
+    copy_component(child, ways->component);
+    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
+        ways->of[i].rollback = ways->of[i].rollback < TL_ROLLBACKS ? ways->of[i].rollback : TL_ROLLBACK_NONE;
     }
+}
+
+tl_status tl_twin_child_try_ways(tl_twin_child *child, tl_twin_ways_outcome *outcome, tl_error *error) {
+    *outcome = (tl_twin_ways_outcome){.status = expect_end(child, NULL, error)};
+    if (tl_interrupt_requested() != NULL) {
+        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
+    }
+    tl_twin_child_ways(child, &outcome->ways);
+    outcome->has_ended = !child->has_ended;
+    (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
+    *error = (tl_error){TL_OK, ""};
+    return TL_OK;
 }
 
 tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error) {
@@ -434,6 +460,7 @@ tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outc
     copy_pair(child, &outcome->account);
     outcome->has_ended = !child->has_ended;
     (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
+    *error = (tl_error){TL_OK, ""};
     return TL_OK;
 }
 

@@ -17,6 +17,7 @@
 
 #include "firmware/assembly/twin_pair.h"
 #include "firmware/assembly/twin_step.h"
+#include "firmware/assembly/twin_ways.h"
 #include "firmware/config/config.h"
 #include "firmware/confine/fmu_refusals.h"
 #include "firmware/process/channel.h"
@@ -49,6 +50,14 @@ typedef struct tl_twin_pair_outcome {
     char text[TL_ERROR_TEXT];     /* how, or how both differ; "": they do not */
 } tl_twin_pair_outcome;
 
+/* What became of ways that were tried. */
+typedef struct tl_twin_ways_outcome {
+    tl_twin_ways ways;        /* as far as it came; texts are clean */
+    bool has_ended;           /* the process has, unannounced, or was killed: */
+    tl_status status;         /* of that; TL_OK: they were tried to the end */
+    char text[TL_ERROR_TEXT]; /* how one does not come back, or why it was not tried to the end; "": all come back */
+} tl_twin_ways_outcome;
+
 /* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
  * TL_TRY_AGAIN. */
 tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error);
@@ -59,6 +68,12 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 /* Waits until a check is done, its page printed, with so many warnings; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
  * that read what it shows. */
 tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error);
+
+/* By which ways components are led back, of a check that has ended, as far as it says. */
+void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);
+
+/* Waits until ways are tried, or the process is at its end. Errors: TL_INTERRUPTED. */
+tl_status tl_twin_child_try_ways(tl_twin_child *child, tl_twin_ways_outcome *outcome, tl_error *error);
 
 /* Waits until a pair is compared, or the process is at its end. Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error);

@@ -13,14 +13,16 @@
 #include <stdint.h>
 
 #include "firmware/assembly/twin_step.h"
+#include "firmware/outbox/run_types.h"
 #include "firmware/process/block.h"
 
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
     TL_TASK_READ,  /* build, read states that another process has told (read_back.h), end */
     TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_pair.h) */
-    TL_TASK_STEP,  /* build, then a result for each tick */
-    TL_TASK_LIVE   /* what another room makes of it (twin_role.h) */
+    TL_TASK_WAYS, /* build, and tell whether the components come back by the ways that the job names, and what that costs (twin_ways.h) */
+    TL_TASK_STEP, /* build, then a result for each tick */
+    TL_TASK_LIVE  /* what another room makes of it (twin_role.h) */
 } tl_twin_task;
 
 /* Where the twin begins. */
@@ -54,6 +56,8 @@ typedef struct tl_twin_job {
         states_only; /* the page is a line that says whether another process can use the FMUs' states (saved_states.h); nothing else is heard */
     bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */
     bool alone;      /* of a pair, only the first */
+    unsigned char
+        rollback[TL_RECORDER_COMPONENTS]; /* tl_rollback of each component; TL_ROLLBACK_NONE: as it is configured */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is touched */
     const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */

@@ -102,6 +102,15 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
     return TL_OK;
 }
 
+/* Not as the configuration has it, but as is to be tried. */
+static void use_other_ways(role *self) {
+    tl_config *config = &self->assembly.config;
+    for (size_t i = 0; i < config->component_count; i++) {
+        const tl_rollback way = (tl_rollback)self->job.rollback[i];
+        config->components[i].rollback = way != TL_ROLLBACK_NONE ? way : config->components[i].rollback;
+    }
+}
+
 static bool has_second(const role *self) {
     return self->job.task == TL_TASK_PAIR && !self->job.alone;
 }
@@ -112,6 +121,9 @@ static tl_status read_job(role *self, tl_error *error) {
         status = tl_twin_job_read(&self->job_block, &self->job, error);
     }
     status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
+    if (status == TL_OK) {
+        use_other_ways(self);
+    }
     return status == TL_OK && has_second(self) ? read_config(self, &self->second, error) : status;
 }
 
@@ -356,6 +368,9 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
     tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL,
                                                page, &warnings);
     self->extra->warnings = warnings;
+    if (built == TL_OK) {
+        tl_twin_ways_note(&self->assembly, &self->extra->ways);
+    }
     bool done = fclose(page) == 0;
     return status != TL_OK || done ? status
                                    : tl_fail(error, TL_FMU_FAILED,
@@ -376,11 +391,24 @@ static void look_often(tl_config *config) {
     config->verify_every = config->verify_every != 0 ? 1 : 0;
 }
 
+/* That one does not come back is no failure, and told in *error. */
+static void try_ways(role *self) {
+    tl_error error = {TL_OK, ""};
+    send_word(self, TL_MESSAGE_BUILT, TL_OK, &error);
+    tl_status status = tl_twin_ways_try(&self->assembly, &self->extra->ways, &error);
+    send_word(self, TL_MESSAGE_ENDED, status, &error);
+    tl_assembly_free(&self->assembly);
+}
+
 static void work(void *context) {
     role *self = context;
     tl_error error = {TL_OK, ""};
-    if (self->job.task == TL_TASK_CHECK) {
+    if (self->job.task == TL_TASK_CHECK || self->job.task == TL_TASK_WAYS) {
         look_often(&self->assembly.config);
+    }
+    if (self->job.task == TL_TASK_WAYS) {
+        try_ways(self);
+        return;
     }
     tl_status status = tl_assembly_build(&self->assembly);
     if (status == TL_OK) {

@@ -9,6 +9,7 @@
 #include <stdint.h>
 
 #include "firmware/assembly/twin_pair.h"
+#include "firmware/assembly/twin_ways.h"
 #include "firmware/confine/confine.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
@@ -38,9 +39,10 @@ typedef struct tl_twin_extra {
     tl_account built;          /* as of TL_MESSAGE_BUILT */
     tl_account ended;          /* as of TL_MESSAGE_ENDED */
     uint32_t warnings;         /* of a check's page, */
-    tl_twin_pair_account pair; /* and of a pair */
+    tl_twin_pair_account pair; /* of a pair, */
+    tl_twin_ways ways;         /* and of a check and of what tries ways */
     char error
-        [TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED; also of how a pair differs */
+        [TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED; also of how a pair differs, or one does not come back */
 } tl_twin_extra;
 
 /* In the block of the parent, beside its messages. */

@@ -355,7 +355,9 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *g
             tl_proof_end(proof); /* who comes back otherwise has no states of this kind any more */
             again = status == TL_FMU_FAILED && attempt.culprit != NOBODY && take_other_way(&attempt, error);
         }
+        proof->culprit = attempt.culprit;
     } while (again);
+    proof->holds = status == TL_OK;
     tl_exchange_let_go(exchange);
     for (size_t i = 0; i < exchange->component_count; i++) {
         proof->executions += exchange->components[i].executions;

@@ -28,8 +28,10 @@
 enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5 };
 
 typedef struct tl_proof {
-    uint64_t executions;      /* that it took, which no other count has */
-    bool stepped;             /* false: what failed was the first step, which says nothing about the rollback */
+    uint64_t executions; /* that it took, which no other count has */
+    bool stepped;        /* false: what failed was the first step, which says nothing about the rollback */
+    bool holds;
+    size_t culprit;           /* the component that is to blame for a failure; SIZE_MAX: nobody is known to be */
     double *outputs;          /* private, from here on: for each port of the graph and each of the steps, */
     int noted;                /* of which so many were made from where the FMUs truly began */
     tl_snapshot midst;        /* the second state, */

@@ -43,7 +43,9 @@ typedef struct tl_twin_facts {
     uint64_t state_memory;              /* bytes of the FMUs' saved states at most; 0: not begun, or not known */
     uint64_t executions_per_step;       /* K: of a step that runs free */
     uint64_t executions_per_evaluation; /* K·T_P: if nothing were saved */
-    bool cannot_return;                 /* begun, and an FMU's rollback was found not to hold */
+    bool returns;                       /* begun, and the rollback of all FMUs was found to hold */
+    bool cannot_return;                 /* or that of an FMU was found not to: */
+    const char *astray;                 /* of this component; NULL: it holds, or that is not known */
     uint64_t proved_executions;         /* that this took, which no other count has */
     const char *
         runs_free; /* the component that can no longer be led back by replay, so that nothing is synchronised; NULL: none */

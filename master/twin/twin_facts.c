@@ -32,6 +32,12 @@ static uint64_t state_memory(const tl_twin *twin) {
     return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
 }
 
+static const char *astray(const tl_twin *twin) {
+    return twin->cannot_return && twin->proof.culprit < twin->graph.component_count
+               ? twin->graph.components[twin->proof.culprit].name
+               : NULL;
+}
+
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
     const tl_lock *lock = &twin->lock;
     uint64_t components = twin->graph.component_count + 1;
@@ -50,7 +56,9 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .state_memory = state_memory(twin),
         .executions_per_step = components,
         .executions_per_evaluation = searches ? components * prediction : 0,
+        .returns = twin->proof.holds,
         .cannot_return = twin->cannot_return,
+        .astray = astray(twin),
         .proved_executions = twin->proof.executions,
         .runs_free = twin->runs_free,
         .verified = twin->verifier.counts.turns,

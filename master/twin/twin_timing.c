@@ -74,7 +74,7 @@ void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void
     fmi2FMUstate first = NULL;
     tl_time begun = now(clock);
     bool is_well = tl_component_save(self.component, &first, &self.error) == TL_OK;
-    for (uint32_t i = 0; is_well && i < TL_TWIN_TIMINGS && now(clock) - begun < longest; i++) {
+    for (uint32_t i = 0; is_well && i < TL_TWIN_TIMINGS && (i == 0 || now(clock) - begun < longest); i++) {
         is_well = take_round(&self);
     }
     *timing = (tl_twin_timing){0};

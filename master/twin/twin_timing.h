@@ -27,7 +27,7 @@ typedef struct tl_twin_timing {
     tl_twin_spread restore;
 } tl_twin_timing;
 
-/* Of a twin that has begun and whose states are saved, with the inputs as they are; TL_TWIN_TIMINGS rounds, or as many as begin within `longest`. It goes on by one step in
+/* Of a twin that has begun and whose states are saved, with the inputs as they are; TL_TWIN_TIMINGS rounds, or as many as begin within `longest`, and one at least. It goes on by one step in
  * each, and back to the beginning at the end. */
 void tl_twin_time_component(tl_twin *twin, size_t component, tl_time (*now)(void *clock), void *clock, tl_time longest,
                             tl_twin_timing *timing);

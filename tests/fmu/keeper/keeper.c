@@ -4,10 +4,12 @@
  * LARGE is a size, in bytes, of what it has besides on the heap, and as much again in globals; a step writes to one to DIRTY pages of it, here and there, and
  * what it has written there is in y.
  *
+ * With EXCEPTIONS at 0 it does without the machine's exception flags, which others in its thread change, but where it is rolled back by its memory.
+ *
  * From step LIBRARY on the C library is asked for what it keeps itself: environment, time zone, locales, what is to be called at the end, users.
  *
  * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
- * MAPPED, CHILD. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
+ * MAPPED, CHILD. ALONE is a statement that it executes in each step if it has a process of its own, by its main thread: there it may end, hang, or do something else. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
 #include <fcntl.h>
 #include <fenv.h>
 #include <fmi2Functions.h>
@@ -22,6 +24,7 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
+#include <sys/syscall.h>
 #include <sys/types.h>
 #include <sys/wait.h>
 #include <time.h>
@@ -41,6 +44,12 @@
 #endif
 #ifndef CHILD
 #define CHILD -1
+#endif
+#ifndef EXCEPTIONS
+#define EXCEPTIONS 1
+#endif
+#ifndef ALONE
+#define ALONE
 #endif
 #ifndef RESETS
 #define RESETS 0
@@ -206,6 +215,9 @@ static double ask_library(void) {
 }
 
 static double odd(void) {
+    if (EXCEPTIONS == 0) {
+        return 0.0;
+    }
     double result = fetestexcept(FE_DIVBYZERO) != 0 ? 0.01 : 0.0;
     (void)feclearexcept(FE_ALL_EXCEPT);
     if (steps % 3 == 0) {
@@ -228,8 +240,16 @@ static double write_here_and_there(keeper *self) {
     return result * 1e-3;
 }
 
+/* In the twin's process an FMU has a thread beside the main one. */
+static void act_alone(void) {
+    if (syscall(SYS_gettid) == getpid()) {
+        ALONE;
+    }
+}
+
 static void step(keeper *self) {
     steps++;
+    act_alone();
     push(self);
     pop_oldest(self);
     keep_late();

@@ -100,6 +100,27 @@ static void expect_said(const char *part) {
     free(said);
 }
 
+static void expect_failure(const char *expected) {
+    tl_fmu_fork fork;
+    TEST_ASSERT_TRUE(tl_fmu_look_at_fork(&fmu, &fork));
+    TEST_ASSERT_EQUAL_STRING(expected, fork.failure);
+}
+
+/* What a state has for itself are the pages of a step, and what a process begins with; never what is read only. */
+static void test_what_a_state_takes(void) {
+    fmi2FMUstate states[2] = {NULL};
+    tl_fmu_fork fork;
+    TEST_ASSERT_TRUE(tl_fmu_look_at_fork(&fmu, &fork));
+    TEST_ASSERT_EQUAL_UINT64(0, fork.bytes);
+    for (size_t i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_INT(fmi2OK, fmu.guard.functions.get_fmu_state(instance, &states[i]));
+        (void)step(1.0);
+    }
+    TEST_ASSERT_TRUE(tl_fmu_look_at_fork(&fmu, &fork));
+    TEST_ASSERT_GREATER_THAN_UINT64(0, fork.bytes);
+    expect_failure("");
+}
+
 static void test_any_order(void) {
     static const int order[] = {3, 0, 7, 7, 1, 6, 2, 5, 4, 0};
     fmi2FMUstate states[STATES] = {NULL};
@@ -181,6 +202,7 @@ static void test_the_one_that_goes_on_is_killed(void) {
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     TEST_ASSERT_EQUAL_INT(fmi2Fatal, fmu.guard.functions.get_real(instance, &y, 1, &value));
     expect_said("FMU forked has ended: Killed");
+    expect_failure("has lost the process that keeps the state: Killed");
 }
 
 static void test_the_keeper_is_killed(void) {
@@ -319,6 +341,7 @@ int main(void) {
         return SKIPPED;
     }
     UNITY_BEGIN();
+    RUN_TEST(test_what_a_state_takes);
     RUN_TEST(test_any_order);
     RUN_TEST(test_handles_and_slots_are_used_again);
     RUN_TEST(test_no_more_than_there_are);

@@ -118,6 +118,10 @@ static bool lie_early(const char *lie, const tl_config *config) {
         send_built();
         memset(&extra->pair, '\033', sizeof extra->pair);
         _exit(3);
+    } else if (strcmp(lie, "ways that are none") == 0) {
+        send_built();
+        memset(&extra->ways, '\033', sizeof extra->ways);
+        _exit(3);
     } else if (strcmp(lie, "an account of another") == 0) {
         make_account(&extra->built);
         extra->built.components++;
@@ -364,6 +368,19 @@ static void test_a_pair(void) {
     TEST_ASSERT_EQUAL_UINT32(1, pair.account.has_second);
 }
 
+static void test_ways(void) {
+    tl_twin_ways_outcome tried;
+    order.task = TL_TASK_WAYS;
+    order.rollback[1] = TL_ROLLBACK_REPLAY;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tried.status);
+    TEST_ASSERT_EQUAL_STRING("", tried.text);
+    TEST_ASSERT_FALSE(tried.has_ended);
+    TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_STATE, tried.ways.of[0].rollback);
+    TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_REPLAY, tried.ways.of[1].rollback);
+}
+
 /* Its configuration is that of the job, and not what the file says now. */
 static void test_what_cannot_be_built_is_said_on_the_log(void) {
     char *text = tl_test_replaced(config.text, "\"motor.d\"", "\"motor.J\"");
@@ -581,6 +598,20 @@ static void test_what_it_prints(void) {
     expect_text("exit code 3");
 }
 
+static void test_ways_that_are_none(void) {
+    tl_twin_ways_outcome tried;
+    order.task = TL_TASK_WAYS;
+    start_liar("ways that are none", 0, TL_OK);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_TRUE(tried.has_ended);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tried.status);
+    TEST_ASSERT_LESS_THAN_UINT64(TL_ASSEMBLY_NAME, strlen(tried.ways.component));
+    TEST_ASSERT_NULL(strchr(tried.ways.component, '\033'));
+    TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_NONE, tried.ways.of[0].rollback);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(tried.text, "exit code 3"), tried.text);
+}
+
 static void test_a_pair_that_is_none(void) {
     tl_twin_pair_outcome pair;
     order.task = TL_TASK_PAIR;
@@ -648,6 +679,8 @@ int main(int argc, char **argv) {
     RUN_TEST(test_a_check);
     RUN_TEST(test_a_pair);
     RUN_TEST(test_a_pair_that_is_none);
+    RUN_TEST(test_ways);
+    RUN_TEST(test_ways_that_are_none);
     RUN_TEST(test_what_cannot_be_built_is_said_on_the_log);
     RUN_TEST(test_a_limit_of_years);
     RUN_TEST(test_it_ends_at_its_start);

@@ -66,6 +66,8 @@ static void no_longer_than_it_may_take(void) {
     tl_twin_timing timing;
     tl_twin_time_component(run.twin, 0, read_clock, NULL, 20 * COST, &timing);
     TEST_ASSERT_EQUAL_UINT32(10, timing.rounds);
+    tl_twin_time_component(run.twin, 0, read_clock, NULL, 0, &timing);
+    TEST_ASSERT_EQUAL_UINT32(1, timing.rounds);
 }
 
 /* The longest one is among the last hundredth, and is told. */

@@ -1,0 +1,164 @@
+/* Another way of leading a component back: in processes that are this program once more, of an FMU that comes back in any; and in which words it is told. FMUs that do not are
+ * those of replay_other_ways. */
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/process/process_end.h"
+#include "firmware/process/role.h"
+#include "firmware/twin/other_way.h"
+#include "tests/support/scratch.h"
+
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
+
+static tl_scratch scratch;
+static tl_config config;
+static tl_twin_job order;
+static tl_twin_ways checked;
+static tl_other_way found[TL_RECORDER_COMPONENTS];
+static tl_error error;
+static char told[TL_OTHER_WAY_TEXT];
+
+void setUp(void) {
+    tl_report report = {0};
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", scratch.folder, 1));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
+    tl_config_use_lookups(&config);
+    order = (tl_twin_job){.task = TL_TASK_CHECK, .path = LOCK, .text = config.text, .folder = ""};
+    checked = (tl_twin_ways){.cannot_return = 0};
+    for (size_t i = 0; i < config.component_count; i++) {
+        checked.of[i].rollback = TL_ROLLBACK_STATE;
+    }
+}
+
+void tearDown(void) {
+    TEST_ASSERT_EQUAL_INT(0, tl_scratch_count(&scratch));
+    tl_config_free(&config);
+}
+
+static void find(void) {
+    const tl_twin_child_settings settings = {.job = &order, .config = &config};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_other_way_find(&settings, &checked, found, &error), error.text);
+}
+
+static void expect_kinds(tl_other_way_kind drive, tl_other_way_kind motor) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(drive, found[0].kind, found[0].text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(motor, found[1].kind, found[1].text);
+}
+
+static void test_nothing_to_be_tried(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1)); /* no process can be started there */
+    find();
+    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_NOT_SOUGHT);
+}
+
+/* The check says that the motor does not come back as it is configured, which here is by what is found first. */
+static void test_one_that_does_not_come_back(void) {
+    config.components[1].rollback = TL_ROLLBACK_MEMORY;
+    checked.cannot_return = 1;
+    (void)snprintf(checked.component, sizeof checked.component, "motor");
+    find();
+    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_FOUND);
+    TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_STATE, found[1].way.rollback);
+    TEST_ASSERT_EQUAL_UINT32(1, found[1].way.is_measured);
+    TEST_ASSERT_FALSE(found[1].comes_back);
+}
+
+/* Nobody is to blame, so nothing is tried. */
+static void test_nobody_is_named(void) {
+    checked.cannot_return = 1;
+    find();
+    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_NOT_SOUGHT);
+}
+
+/* A machine without room for it is no fault of an FMU. */
+static void test_no_room(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1));
+    checked.of[1].rollback = TL_ROLLBACK_REPLAY;
+    find();
+    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_UNKNOWN);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(found[1].text, "/nowhere/at/all"), found[1].text);
+    config.components[1].rollback = TL_ROLLBACK_STATE;
+    checked.cannot_return = 1;
+    (void)snprintf(checked.component, sizeof checked.component, "motor");
+    find();
+    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_UNKNOWN);
+}
+
+/* ---- words ---- */
+
+static void expect_told(const tl_other_way *other, const char *expected) {
+    tl_other_way_tell(other, told);
+    TEST_ASSERT_EQUAL_STRING(expected, told);
+}
+
+static void test_words_of_one_that_comes_back_by_replay(void) {
+    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .comes_back = true, .replay_steps = 60};
+    other.way = (tl_twin_way){
+        .rollback = TL_ROLLBACK_FORK, .is_measured = 1, .save = 300000, .restore = 200000, .bytes = 170 * 1024};
+    expect_told(&other,
+                "comes back by replay, within 60 steps of its beginning only, and exactly by forking for as long as it "
+                "runs; a save and a restore take 500 \302\265s here, a state is a process with about 170.0 KiB of its "
+                "own: write \"rollback\": \"fork\" in the component");
+    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE, .comes_back = true, .replay_steps = 60, .text = "has a thread"};
+    expect_told(&other,
+                "comes back by replay, within 60 steps of its beginning only, and not by forking: has a thread");
+    other.kind = TL_OTHER_WAY_UNKNOWN;
+    expect_told(&other, "could not be tried by forking: has a thread");
+}
+
+static void test_words_of_one_that_does_not_come_back(void) {
+    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .replay_steps = 60};
+    other.way = (tl_twin_way){
+        .rollback = TL_ROLLBACK_MEMORY, .is_measured = 1, .save = 1000, .restore = 1500, .bytes = 20 << 20};
+    expect_told(&other, "comes back exactly by its memory; a save and a restore take 2.5 \302\265s here, a state takes "
+                        "20.0 MiB: write \"rollback\": \"memory\" in the component");
+    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_STATE, .is_given_again = 1};
+    expect_told(&other, "comes back exactly by its state, if it is given again what it had been given: write "
+                        "\"rollback\": \"auto\" in the component");
+    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_REPLAY};
+    expect_told(&other,
+                "comes back by replay, within 60 steps of its beginning only: write \"rollback\": \"replay\" in "
+                "the component");
+    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE, .text = "has a thread"};
+    expect_told(&other, "does not come back in another way either, nor by forking: has a thread");
+    other.kind = TL_OTHER_WAY_UNKNOWN;
+    expect_told(&other, "could not be tried in another way: has a thread");
+}
+
+/* All that there can be has room. */
+static void test_words_are_not_cut(void) {
+    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .comes_back = true, .replay_steps = UINT32_MAX};
+    static const char end[] = "in the component";
+    memset(other.text, 'x', sizeof other.text - 1);
+    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_FORK,
+                              .is_measured = 1,
+                              .save = INT64_MAX / 2,
+                              .restore = INT64_MAX / 2,
+                              .bytes = UINT64_MAX};
+    tl_other_way_tell(&other, told);
+    TEST_ASSERT_EQUAL_STRING(end, told + strlen(told) - (sizeof end - 1));
+}
+
+int main(int argc, char **argv) {
+    static const tl_twin_role_tasks tasks = {.print_page = NULL};
+    (void)argc;
+    if (tl_role_begin(argv) != NULL) {
+        tl_process_end(tl_twin_role_run(&tasks));
+    }
+    tl_scratch_make(&scratch, "/tmp", "other_way");
+    UNITY_BEGIN();
+    RUN_TEST(test_nothing_to_be_tried);
+    RUN_TEST(test_one_that_does_not_come_back);
+    RUN_TEST(test_nobody_is_named);
+    RUN_TEST(test_no_room);
+    RUN_TEST(test_words_of_one_that_comes_back_by_replay);
+    RUN_TEST(test_words_of_one_that_does_not_come_back);
+    RUN_TEST(test_words_are_not_cut);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}
