@@ -504,6 +504,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .deserialize_fmu_state = own->deserialize_fmu_state != NULL ? deserialize_fmu_state : NULL,
         .do_step = do_step,
         .step_reals = own->step_reals != NULL ? step_elsewhere : step_reals,
+        .is_unaware = own->is_unaware,
         .most_states = own->most_states,
     };
     tl_fmu_ladder_begin(guard);

@@ -334,6 +334,7 @@ static void roll_back_by_states(tl_fmu_guard *guard) {
     guard->by_memory = false;
     guard->is_by_choice = false;
     guard->memory.has_flags = false;
+    functions->is_unaware = false;
     functions->get_fmu_state = guard->by_states.get_fmu_state;
     functions->set_fmu_state = guard->by_states.set_fmu_state;
     functions->free_fmu_state = guard->by_states.free_fmu_state;
@@ -364,6 +365,7 @@ static void roll_back_by_memory(tl_fmu_guard *guard) {
     tl_fmi2 *functions = &guard->functions;
     guard->by_memory = true;
     guard->memory.has_flags = true;
+    functions->is_unaware = true;
     tl_fmu_memory_measure_anew(&guard->memory);
     functions->get_fmu_state = save_memory;
     functions->set_fmu_state = restore_memory;
@@ -381,6 +383,7 @@ static void give_all_again(tl_fmu_guard *guard) {
     guard->by_memory = false;
     guard->gives_again = true;
     guard->memory.has_flags = false;
+    functions->is_unaware = false;
     functions->get_fmu_state = keep_given;
     functions->set_fmu_state = give_again;
     functions->free_fmu_state = forget_given;
@@ -394,6 +397,7 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
     guard->by_memory = false;
     guard->by_replay = true;
     guard->memory.has_flags = false;
+    functions->is_unaware = true;
     functions->get_fmu_state = keep_position;
     functions->set_fmu_state = go_to_position;
     functions->free_fmu_state = forget_position;

@@ -148,6 +148,7 @@ static tl_status open_elsewhere(tl_fmu *fmu, const char *label, tl_error *error)
         return tl_fail(error, TL_TRY_AGAIN, "%s: there is no process for it", label);
     }
     functions.most_states = fmu->line->most;
+    functions.is_unaware = true;
     tl_fmu_guard_use_fork(&fmu->guard, fmu->line);
     tl_fmu_guard_enter(&fmu->guard, TL_FMU_LOADING);
     tl_status status = tl_forked_load(fmu->line, fmu->files->archive.folder.path, label, fmu->model.name, error);

@@ -262,10 +262,11 @@ static tl_status refuse_to_step(const tl_component *component, tl_error *error) 
 
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error) {
-    tl_fmi2_step what = {.now = now, .size = step, .final = final ? fmi2True : fmi2False};
+    tl_fmi2_step what = {.now = now, .size = step};
     for (tl_component *component = components; component < components + count; component++) {
         tl_status status = TL_OK;
         what.last = component + 1 == components + count;
+        what.final = final || component->fmi->is_unaware || component->says_final ? fmi2True : fmi2False;
         if (component->mode != TL_MODE_STEPPING) {
             status = refuse_to_step(component, error);
         } else if (component->reals_only && component->fmi->step_reals != NULL) {

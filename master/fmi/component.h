@@ -70,6 +70,7 @@ typedef struct tl_component {
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* a handle to be reused is not: the FMU made another one */
     bool gave_up_states;  /* tl_component_come_back() with a reason */
+    bool says_final;      /* of each step, whatever its caller says: for a proof */
     bool prefers_copy;    /* tl_component_prefer_copy(), and has not gone back */
     bool reals_only;      /* no other ports: set by the exchange, once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
@@ -105,7 +106,8 @@ tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
 /* Sets the inputs, steps from `now` by `step` (both s of simulated time), reads the outputs.
- * final: no earlier state will be restored any more. */
+ * final: no earlier state will be restored any more. An FMU that is led back in a way that it cannot know of (tl_fmi2.is_unaware) is told so in each step, as in a run that never goes back: there are some
+ * whose outputs go by it. */
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
 /* The same for `count` components one after the other, in one go. Where one fails, *failed is its index and those after it were

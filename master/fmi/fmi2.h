@@ -103,6 +103,7 @@ typedef struct tl_fmi2 {
     const tl_fmi2_aside *aside;     /* NULL: there is no such way */
     tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */
     tl_fmi2_replay replay;
+    bool is_unaware; /* it is led back in a way that it cannot know of: for it no earlier state is ever restored */
     tl_fmi2_state_size *state_size;         /* NULL: it is not known */
     tl_fmi2_reserve_states *reserve_states; /* NULL: each is made when it is saved */
     uint32_t most_states; /* that its caller should have at a time; some more are there for a proof. 0: any number */

@@ -276,7 +276,7 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
         .outputs = self->proof->gave,
         .output_bytes = self->proof->value_bytes,
     };
-    if (cause != TL_CAUSE_LATE && self->steps > 1 && exchange->is_kept[self->culprit] &&
+    if (cause != TL_CAUSE_LATE && cause != TL_CAUSE_FINAL && self->steps > 1 && exchange->is_kept[self->culprit] &&
         tl_component_keeping_takes(culprit) != 0 && note_ways(self)) {
         (void)tl_restore_cause_find(&trial, &found, &ignored);
     }
@@ -319,12 +319,55 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
                             exchange->values_size);
 }
 
-/* Who is led back by a copy from now on may go on otherwise, see above. If nobody is, there are as many states as there were. */
-static tl_status choose_faster(tl_proof *proof, tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
-                               bool *taken, tl_error *error) {
+/* ---- what is proved of those that have a copy as well ---- */
+
+/* NOBODY: nobody has. */
+static size_t find_choice(const tl_exchange *exchange) {
+    size_t i = 0;
+    while (i < exchange->component_count &&
+           !(exchange->is_kept[i] && tl_component_has_choice(&exchange->components[i]))) {
+        i++;
+    }
+    return i < exchange->component_count ? i : NOBODY;
+}
+
+static void let_say_final(const tl_exchange *exchange, bool final) {
+    for (size_t i = 0; i < exchange->component_count; i++) {
+        tl_component *component = &exchange->components[i];
+        component->says_final = final && exchange->is_kept[i] && tl_component_has_choice(component);
+    }
+}
+
+/* The same steps, each said to be final, which a trial is not, and most that are committed are. No state leads back from there: those that have a copy come back by that. */
+static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error) {
+    tl_exchange *exchange = self->lock->exchange;
+    let_say_final(exchange, true);
+    tl_status status = repeat_steps(self, 0, error);
+    let_say_final(exchange, false);
+    if (status == TL_FMU_FAILED) {
+        self->cause = TL_CAUSE_FINAL;
+    }
+    if (status == TL_OK && !tl_exchange_come_back(exchange, one, NULL)) {
+        status = tl_fail(error, TL_FMU_FAILED, "%s: does not come back to where its proof began",
+                         exchange->components[one].name);
+    }
+    return status == TL_OK ? tl_exchange_save(exchange, error) : status;
+}
+
+/* States are proved. Who is led back by a copy from now on (*taken) may go on otherwise, see above. If nobody is, there are as many states as there were. */
+static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
+    tl_proof *proof = self->proof;
     bool had_midst = proof->has_midst;
+    size_t one = find_choice(self->lock->exchange);
+    *taken = false;
+    if (one == NOBODY) {
+        return TL_OK;
+    }
     tl_proof_end(proof);
-    tl_status status = tl_faster_way_choose(exchange, first, now, NULL, taken, error);
+    tl_status status = prove_as_final(self, one, error);
+    if (status == TL_OK && now != NULL) {
+        status = tl_faster_way_choose(self->lock->exchange, self->first, now, NULL, taken, error);
+    }
     if (*taken) {
         proof->noted = 0;
     } else if (had_midst && status == TL_OK) {
@@ -334,11 +377,13 @@ static tl_status choose_faster(tl_proof *proof, tl_exchange *exchange, int64_t f
     return status;
 }
 
+/* ---- the whole, again and again ---- */
+
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error) {
     tl_exchange *exchange = lock->exchange;
     tl_status status = TL_OK;
-    bool has_chosen = now == NULL;
+    bool is_settled = false;
     bool again = false;
     proof->noted = 0;
     tl_exchange_keep(exchange);
@@ -348,10 +393,11 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *g
         proof->was_saved = false;
         status = prove(&attempt, error);
         again = false;
-        if (status == TL_OK && !has_chosen) {
-            has_chosen = true;
-            status = choose_faster(proof, exchange, first, now, &again, error);
-        } else if (status != TL_OK) {
+        if (status == TL_OK && !is_settled) {
+            status = settle(&attempt, now, &again, error);
+            is_settled = status == TL_OK;
+        }
+        if (status != TL_OK) {
             tl_proof_end(proof); /* who comes back otherwise has no states of this kind any more */
             again = status == TL_FMU_FAILED && attempt.culprit != NOBODY && take_other_way(&attempt, error);
         }

@@ -121,10 +121,11 @@ typedef enum tl_restore_cause {
     TL_CAUSE_ONE_STATE,  /* others if a second state was saved in between: it has room for one */
     TL_CAUSE_EVENTS, /* others if steps lay between with inputs that went far, and not if they went near: its states do not hold what an event has changed */
     TL_CAUSE_LATE,   /* it was saved and led back once, and refuses it later */
-    TL_CAUSE_REFUSES /* led back, it fails in a step that it had done */
+    TL_CAUSE_REFUSES, /* led back, it fails in a step that it had done */
+    TL_CAUSE_FINAL    /* other values if it is said that no earlier state will be restored */
 } tl_restore_cause;
 
-enum { TL_RESTORE_CAUSES = TL_CAUSE_REFUSES + 1 };
+enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };
 
 /* What a free twin that is led beside has cost and done (free_twin.h). */
 typedef struct tl_free_twin_counts {

@@ -21,7 +21,8 @@ const char *tl_restore_cause_text(tl_restore_cause cause) {
         [TL_CAUSE_ONE_STATE] = "one handle only: so it is if a second state was saved",
         [TL_CAUSE_EVENTS] = "events lost: after other steps it is exact, after some with inputs that go far it is not",
         [TL_CAUSE_LATE] = "refuses late: it was saved before, and is not now",
-        [TL_CAUSE_REFUSES] = ""};
+        [TL_CAUSE_REFUSES] = "",
+        [TL_CAUSE_FINAL] = "final steps: so it is if it is told that no earlier state will be restored"};
     return texts[cause];
 }
 

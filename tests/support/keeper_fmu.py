@@ -76,7 +76,7 @@ def slow_states(name, fmu, pause=500000):
     folder, model = scratch(), SOURCE / "fmus" / name
     hostile_fmu.describe(folder / "description.h", model / "modelDescription.xml")
     *others, state = [model / "model.c", *hostile_fmu.OWN_STATE]
-    _rename_set_state(folder, state)
+    _rename(folder, state, "other_set_state.h")
     hostile_fmu.compile_shared(folder / "slow.so", [KEEPER / "slow_states.c", *others, folder / "state.o"], {"PAUSE": pause}, folder)
     binary = f"binaries/{hostile_fmu.PLATFORMS[hostile_fmu.machine()]}/{name}.so"
     with zipfile.ZipFile(FMUS / f"{name}.fmu") as source, zipfile.ZipFile(fmu, "w") as changed:
@@ -85,19 +85,30 @@ def slow_states(name, fmu, pause=500000):
             changed.writestr(entry, (folder / "slow.so").read_bytes() if entry.filename == binary else source.read(entry))
 
 
-def _rename_set_state(folder, state):
-    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / "other_set_state.h", "-c", state, "-o", folder / "state.o")
+@functools.cache
+def make_final():
+    """The path of one that goes by whether a step is said to be final: see final.c."""
+    return _make_model("final")
+
+
+def _rename(folder, source, header):
+    """The object of a source of our own FMUs in which the FMU's own function has another name."""
+    made = folder / f"{source.stem}.o"
+    hostile_fmu.compile_with(hostile_fmu.COMPILER, *hostile_fmu.FLAGS, "-I", folder, "-include", KEEPER / header, "-c", source, "-o", made)
+    return made
+
+
+# Of these FMUs: whose function they have of their own.
+OWN_FUNCTIONS = {"cold": ("state", "other_set_state.h"), "slow": ("state", "other_set_state.h"), "final": ("life", "other_do_step.h")}
 
 
 def _make_model(name, **macros):
     """tests/fmu/keeper/NAME.c, with the functions of our own FMUs."""
     folder = scratch()
     hostile_fmu.describe(folder / "description.h")
-    sources = [KEEPER / f"{name}.c", *hostile_fmu.OWN_STATE]
-    if name in ("cold", "slow"):
-        *others, state = sources
-        sources = [*others, folder / "state.o"]
-        _rename_set_state(folder, state)
+    renamed, header = OWN_FUNCTIONS.get(name, (None, None))
+    ours = [_rename(folder, source, header) if source.stem == renamed else source for source in hostile_fmu.OWN_STATE]
+    sources = [KEEPER / f"{name}.c", *ours]
     hostile_fmu.compile_shared(folder / "lag.so", sources, macros, folder)
     hostile_fmu.package(folder / f"{name}.fmu", hostile_fmu.DESCRIPTION, folder / "lag.so")
     return folder / f"{name}.fmu"

@@ -1,4 +1,5 @@
 /* Which of two exact ways a component is led back by, with a clock that its calls move on: the choice, what it costs to make, and that no result shows it. */
+#include <stdio.h>
 #include <string.h>
 #include <unity.h>
 
@@ -20,9 +21,12 @@ static struct ways {
     bool is_inexact; /* a copy brings nothing back */
     bool refuses;    /* to be led back to what was kept */
     bool is_by_copy;
-    int asked, kept, preferred, given_up;
+    bool was_final;
+    bool sees_final; /* y goes by whether a step is final */
+    int kept, preferred, given_up;
     tl_fmi2_times times;
     fmi2FMUstate aside, beginning;
+    char why[120];
     tl_fmi2 own;
 } ways;
 
@@ -57,11 +61,14 @@ static fmi2Status come_back(fmi2Component instance) {
     return ways.refuses ? fmi2Error : ways.own.set_fmu_state(instance, ways.aside);
 }
 
+/* To the other way. */
 static fmi2Status give_up_states(fmi2Component instance, const char *why) {
-    (void)why;
+    (void)snprintf(ways.why, sizeof ways.why, "%s", why);
     ways.given_up++;
-    ways.is_by_copy = false;
-    return ways.own.set_fmu_state(instance, ways.beginning);
+    fmi2FMUstate beginning = ways.is_by_copy ? ways.beginning : ways.aside;
+    ways.is_by_copy = !ways.is_by_copy;
+    fmu.functions.is_unaware = ways.is_by_copy;
+    return ways.own.set_fmu_state(instance, beginning);
 }
 
 static void let_go(fmi2Component instance) {
@@ -73,6 +80,22 @@ static void let_go(fmi2Component instance) {
     }
 }
 
+/* That a step is final is for the judge of calls no matter: a copy leads back behind it. */
+static fmi2Status do_step(fmi2Component instance, fmi2Real point, fmi2Real step, fmi2Boolean final) {
+    fmi2Status status = ways.own.do_step(instance, point, step, fmi2False);
+    ways.was_final = final != fmi2False;
+    return status;
+}
+
+static fmi2Status get_real(fmi2Component instance, const fmi2ValueReference references[], size_t count,
+                           fmi2Real values[]) {
+    fmi2Status status = ways.own.get_real(instance, references, count, values);
+    for (size_t i = 0; i < count && ways.sees_final && ways.was_final; i++) {
+        values[i] += 1e-9;
+    }
+    return status;
+}
+
 static size_t size(fmi2Component instance) {
     (void)instance;
     return 100;
@@ -80,7 +103,6 @@ static size_t size(fmi2Component instance) {
 
 static bool has_choice(fmi2Component instance) {
     (void)instance;
-    ways.asked++;
     return ways.is_there && !ways.is_by_copy;
 }
 
@@ -88,6 +110,7 @@ static fmi2Status prefer_copy(fmi2Component instance, const tl_fmi2_times *times
     ways.preferred++;
     ways.times = *times;
     ways.is_by_copy = true;
+    fmu.functions.is_unaware = true;
     return ways.own.get_fmu_state(instance, &ways.beginning);
 }
 
@@ -102,6 +125,8 @@ void setUp(void) {
     ways = (struct ways){.by_states = SLOW, .by_copy = FAST, .is_there = true, .own = fmu.functions};
     fmu.functions.get_fmu_state = save;
     fmu.functions.set_fmu_state = restore;
+    fmu.functions.do_step = do_step;
+    fmu.functions.get_real = get_real;
     fmu.functions.aside = &aside;
     fmu.control.clock = &now;
     fmu.control.cost = STEP;
@@ -140,7 +165,7 @@ static tl_record with[TICKS], without[TICKS];
 static void lead_without(void) {
     plan.plan.now = NULL;
     lead(without);
-    TEST_ASSERT_EQUAL_INT(0, ways.asked);
+    TEST_ASSERT_EQUAL_INT(0, ways.preferred);
     tearDown();
     setUp();
 }
@@ -161,7 +186,6 @@ static void a_copy_that_is_faster_is_taken(void) {
 
 static void expect_states(void) {
     lead(with);
-    TEST_ASSERT_EQUAL_INT(1, ways.asked);
     TEST_ASSERT_EQUAL_INT(0, ways.preferred);
 }
 
@@ -213,6 +237,24 @@ static void a_copy_that_is_not_exact_is_given_up(void) {
     TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
 }
 
+/* Found before anything is timed; and without a clock as well. */
+static void who_goes_by_what_is_final_goes_by_a_copy(void) {
+    for (int i = 0; i < 2; i++) {
+        plan.plan.now = i == 0 ? read_clock : NULL;
+        ways.sees_final = true;
+        lead(i == 0 ? with : without);
+        TEST_ASSERT_EQUAL_INT(1, ways.given_up);
+        TEST_ASSERT_EQUAL_INT(0, ways.preferred);
+        TEST_ASSERT_TRUE(ways.is_by_copy && ways.was_final);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ways.why, "final steps"), ways.why);
+        if (i == 0) {
+            tearDown();
+            setUp();
+        }
+    }
+    TEST_ASSERT_EQUAL_MEMORY(without, with, sizeof with);
+}
+
 static uint64_t steps_until_timed; /* of the proof before */
 
 /* The first step that is timed. */
@@ -235,7 +277,6 @@ static void a_step_that_fails_is_no_way(void) {
     find_steps_until_timed();
     tl_test_fmu_fail(&fmu, TL_TEST_DO_STEP, TL_TEST_ERROR, steps_until_timed + 3, steps_until_timed + 3);
     lead(with);
-    TEST_ASSERT_EQUAL_INT(1, ways.asked);
     TEST_ASSERT_EQUAL_INT(0, ways.preferred);
 }
 
@@ -266,6 +307,7 @@ int main(void) {
     RUN_TEST(who_has_no_choice_is_not_timed);
     RUN_TEST(one_that_takes_long_is_not_timed_for_long);
     RUN_TEST(a_copy_that_is_not_exact_is_given_up);
+    RUN_TEST(who_goes_by_what_is_final_goes_by_a_copy);
     RUN_TEST(a_step_that_fails_is_no_way);
     RUN_TEST(a_step_that_is_fatal_ends_it);
     RUN_TEST(who_cannot_be_led_back_to_the_beginning_ends_it);
