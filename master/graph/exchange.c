@@ -329,10 +329,19 @@ static bool come_back(tl_exchange *exchange, size_t component, const char *why) 
     return tl_component_come_back(one, why);
 }
 
+/* By its next way: what was kept is of no use any more. */
+static bool come_back_otherwise(tl_exchange *exchange, size_t component) {
+    tl_component *one = &exchange->components[component];
+    bool is_back = tl_component_come_back(one, "");
+    exchange->is_kept[component] = is_back && tl_component_keep(one);
+    return is_back;
+}
+
 bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why) {
     bool is_back = exchange->is_kept[component];
     for (size_t i = 0; i < exchange->component_count && is_back; i++) {
-        is_back = come_back(exchange, i, i == component ? why : NULL);
+        is_back = come_back(exchange, i, i == component ? why : NULL) ||
+                  (why != NULL && i != component && come_back_otherwise(exchange, i));
     }
     if (is_back) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);

@@ -191,7 +191,7 @@ tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error)
 
 /* For the proof at start: what components can keep besides their states, as a whole. tl_exchange_keep() comes before tl_exchange_save().
  * tl_exchange_come_back() leads there, of which this component must be able to. With `why`, which may be "", its states are wrong: it makes none of its own any more.
- * False: it cannot be, and all is as it was left. */
+ * Others come back by what was kept, or go their next way, too, if that is of no use any more. False: it cannot be. */
 void tl_exchange_keep(tl_exchange *exchange);
 bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why);
 void tl_exchange_let_go(tl_exchange *exchange);

@@ -132,6 +132,7 @@ tl_status tl_faster_way_choose(tl_exchange *exchange, int64_t first, tl_time (*n
                     .error = error};
         if (exchange->is_kept[i] && tl_component_has_choice(one.component)) {
             any = true;
+            exchange->failed = i;
             status = choose(&one, taken);
         }
     }

@@ -23,7 +23,8 @@ enum { TL_FASTER_WAY_ROUNDS = 15 };
 #define TL_FASTER_WAY_MARGIN 1.5
 
 /* While a proof goes on (tl_exchange_keep()), with all components where it began, at the beginning of step `first`, proved by their states, and none of these states but those of tl_exchange_save() there:
- * decides for each that has a choice. `now`: ns. *taken: for a copy, of one at least. Everything stands where it stood, and is saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be led back there. */
+ * decides for each that has a choice. `now`: ns. *taken: for a copy, of one at least. Everything stands where it stood, and is saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be led back there, and
+ * exchange->failed is which. */
 tl_status tl_faster_way_choose(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock), void *clock,
                                bool *taken, tl_error *error);
 

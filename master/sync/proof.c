@@ -348,13 +348,14 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
         self->cause = TL_CAUSE_FINAL;
     }
     if (status == TL_OK && !tl_exchange_come_back(exchange, one, NULL)) {
-        status = tl_fail(error, TL_FMU_FAILED, "%s: does not come back to where its proof began",
-                         exchange->components[one].name);
+        exchange->failed = one;
+        return tl_fail(error, TL_FMU_FAILED, "%s: does not come back to where its proof began",
+                       exchange->components[one].name);
     }
     return status == TL_OK ? tl_exchange_save(exchange, error) : status;
 }
 
-/* States are proved. Who is led back by a copy from now on (*taken) may go on otherwise, see above. If nobody is, there are as many states as there were. */
+/* States are proved. Who is led back by a copy from now on may go on otherwise, see above. If nobody is (*taken), there are as many states as there were. */
 static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
     tl_proof *proof = self->proof;
     bool had_midst = proof->has_midst;
@@ -368,9 +369,11 @@ static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *
     if (status == TL_OK && now != NULL) {
         status = tl_faster_way_choose(self->lock->exchange, self->first, now, NULL, taken, error);
     }
-    if (*taken) {
-        proof->noted = 0;
-    } else if (had_midst && status == TL_OK) {
+    if (status == TL_FMU_FAILED && self->culprit == NOBODY) {
+        self->culprit = self->lock->exchange->failed;
+    }
+    proof->noted = *taken ? 0 : proof->noted;
+    if (!*taken && had_midst && status == TL_OK) {
         proof->has_midst = true;
         status = tl_snapshot_take(&proof->midst, error);
     }

@@ -45,6 +45,14 @@ def test_what_no_copy_takes_back():
         expect(SANITIZER or (said in err and "error:" not in err and "called replay" in err), f"{macros}: {err}")
 
 
+def test_two_that_no_copy_takes_back():
+    """Each is led back by replay, also if the other one is the first to be found."""
+    fmu = keeper_fmu.make_false("parameters", OPENS=15)
+    expected = steps_of(keeper_fmu.config(fmu, "replay", 2))
+    config = keeper_fmu.config(fmu, components=2)
+    expect(steps_of(config) == expected, "other values than by replay from the beginning")
+
+
 def test_wrong_states():
     """Without a copy of its memory the own states of an FMU are followed by replay."""
     if not SANITIZER:

@@ -65,6 +65,9 @@ static fmi2Status come_back(fmi2Component instance) {
 static fmi2Status give_up_states(fmi2Component instance, const char *why) {
     (void)snprintf(ways.why, sizeof ways.why, "%s", why);
     ways.given_up++;
+    if (ways.refuses) {
+        return fmi2Error;
+    }
     fmi2FMUstate beginning = ways.is_by_copy ? ways.beginning : ways.aside;
     ways.is_by_copy = !ways.is_by_copy;
     fmu.functions.is_unaware = ways.is_by_copy;
