@@ -31,7 +31,9 @@ typedef struct tl_assembly {
     tl_plan_match *match;
     tl_plan_output *outputs; /* what `emulate` reads */
     tl_twin *twin;
-    tl_tuning tuning;        /* as configured */
+    bool
+        trusts_states; /* set by its user before it is built: what is exact by its own states is led back by these, though a copy may be faster */
+    tl_tuning tuning;  /* as configured */
     tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
     char **libraries; /* of all components in order, absolute; NULL: not looked for before; an element: nor found */
     size_t library_count;

@@ -19,14 +19,15 @@ static void say_why_not(tl_fmu_guarded *self, const char *text) {
     tl_fmu_logger_say(&self->guard->logger, level, "", text);
 }
 
-/* It has what is in no copy, since it was saved or before. Said once. */
+/* It has what is in no copy, since it was saved or before. Said once, and not of one that is proved by its own states: nobody needs a copy of it. */
 static fmi2Status refuse_to_copy(tl_fmu_guarded *self) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
     (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back%s",
                   tl_fmu_memory_left(&self->guard->memory),
                   was_exact ? "; its own states may: \"rollback\": \"state\"" : "");
-    if (!self->guard->was_left_told) {
+    bool matters = self->guard->by_memory || !self->guard->was_proved;
+    if (matters && !self->guard->was_left_told) {
         say_why_not(self, error.text);
         self->guard->was_left_told = true;
     }
@@ -308,7 +309,8 @@ static fmi2Status give_up_states(fmi2Component component, const char *why) {
 static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     const tl_fmu_guard *guard = self->guard;
-    return guard->aside != NULL && !guard->was_proved && !guard->by_memory && !guard->gives_again && !self->by_replay;
+    return guard->aside != NULL && tl_fmu_memory_left(&guard->memory) == NULL && !guard->was_proved &&
+           !guard->by_memory && !guard->gives_again && !self->by_replay;
 }
 
 /* Its own state is made first, so that each copy knows of it. */

@@ -457,11 +457,13 @@ static tl_status live(live_twin *self) {
 /* A job of the FMUs' thread, and what came of it. */
 typedef struct build_job {
     tl_assembly *assembly;
+    bool has_failed; /* the twin before this one */
     tl_status status;
 } build_job;
 
 static void do_build(void *context) {
     build_job *job = context;
+    job->assembly->trusts_states = job->has_failed; /* a copy may have been what it failed by */
     job->status = tl_assembly_build(job->assembly);
 }
 
@@ -472,7 +474,7 @@ static void do_free(void *context) {
 /* The FMUs' thread, and the twin built in it. */
 static tl_status build(live_twin *self) {
     tl_error error;
-    build_job job = {.assembly = self->assembly};
+    build_job job = {.assembly = self->assembly, .has_failed = self->shared.job.failures > 0};
     tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -209,7 +209,7 @@ bool tl_twin_can_save(const tl_twin *twin);
  * not written. 0: not at this tick, since an FMU would have to be executed again for it (TL_KEEP_OUTPUTS), or nothing has
  * begun. They are for the same program, machine and FMUs only; whoever keeps them sees to that, and to their integrity. Results of
  * the twin are the same as without saving.
- * Errors: TL_FMU_FAILED, TL_FMU_FATAL where an FMU refuses; the twin goes on, unless an FMU's state was lost or it was fatal. */
+ * Errors: TL_FMU_FAILED, TL_FMU_FATAL where an FMU refuses, or is not rolled back by its own states any more; the twin goes on, unless an FMU's state was lost or it was fatal. */
 tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_error *error);
 
 /* Between two ticks: forgets all that tl_twin_save() does not keep, so that every result from here on, effort, ledger and metrics included, is to the

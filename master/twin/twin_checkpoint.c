@@ -115,6 +115,18 @@ bool tl_twin_can_save(const tl_twin *twin) {
     return can;
 }
 
+/* One whose own states were found to be wrong goes another way since, and what bytes there are of them are of no use. */
+static tl_status require_bytes(const tl_twin *twin, tl_error *error) {
+    for (size_t i = 0; i < twin->graph.component_count; i++) {
+        if (!tl_component_can_serialize(&twin->graph.components[i])) {
+            return tl_fail(error, TL_FMU_FAILED,
+                           "%s is not rolled back by its own states, and only these can be turned into bytes",
+                           twin->graph.components[i].name);
+        }
+    }
+    return TL_OK;
+}
+
 /* An FMU that has answered an error can be led back to the state that was to become bytes. */
 static tl_status refused(tl_twin *twin, tl_status status) {
     tl_error ignored;
@@ -128,7 +140,8 @@ tl_status tl_twin_save(tl_twin *twin, unsigned char *bytes, size_t capacity, siz
     if (twin->ended != TL_OK || newest < twin->begin || !tl_exchange_can_take(&twin->exchange)) {
         return TL_OK;
     }
-    tl_status status = tl_exchange_take(&twin->exchange, newest, error);
+    tl_status status = require_bytes(twin, error);
+    status = status == TL_OK ? tl_exchange_take(&twin->exchange, newest, error) : status;
     if (status != TL_OK) {
         return status;
     }
@@ -162,6 +175,7 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
 /* The FMUs are initialised where they once were, with what the plant shows now; then they get their states. */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
     tl_status status = tl_twin_start(twin, twin->exchange.plant.newest, error);
+    status = status == TL_OK ? require_bytes(twin, error) : status;
     status = status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
     if (status == TL_OK) {
         status = tl_snapshot_archive(&twin->exchange.home, archive, error);

@@ -9,21 +9,25 @@ DIFFERED = 64  # master/sync/record.h
 WARNING, ERROR = 1, 2
 
 
-def run_late(late, way):
+def run_live(fmu, way, *options, seconds=8):
     """(configuration, database, what --json told)"""
     database = scratch() / "twin.db"
     with Device(0.6) as device:
         path = write_config({
-            "twinlock": 1, "name": "late", "step_s": 0.01, "duration_s": 8,
-            "components": {"late": {"fmu": str(keeper_fmu.make_late(late)), "rollback": way}},
+            "twinlock": 1, "name": "late", "step_s": 0.01, "duration_s": seconds,
+            "components": {"late": {"fmu": str(fmu), "rollback": way}},
             "sources": {"device": {"modbus_tcp": {"host": "127.0.0.1", "port": device.port, "period_s": 0.005}}},
             "plant": {"y": {"modbus": {"source": "device", "unit_id": 1, "table": "input", "address": 0, "type": "float32"}}},
             "synchronise": {"adjust": {"late.u": {"step": 0.1, "nominal": 1, "min": -20, "max": 20}},
                             "match": {"late.y": {"to": "plant.y", "tolerance": 0.01}}, "verify_every": 10},
             "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"priority": 50}})
-        with Program("run", path, "--json") as live:
+        with Program("run", path, "--json", *options) as live:
             told, _ = end_well(live)
     return path, database, told
+
+
+def run_late(late, way):
+    return run_live(keeper_fmu.make_late(late), way)
 
 
 def events(database, words):
@@ -60,6 +64,27 @@ def test_mended():
     expect(number(database, "SELECT count(*) FROM steps WHERE flags & ?", DIFFERED) == 1, "more than one step")
     expect(told["lock"]["state"] == "locked" and told["verified"]["differed"] == 1, f"{told['lock']}, {told['verified']}")
     at_least(told["verified"]["times"], 20, "looked")
+
+
+def test_wrong_from_the_start():
+    """Its own states are not what its bytes could be made of: there are no checkpoints, and that is said."""
+    if SANITIZER:
+        raise Skip("a sanitizer has an allocator of its own: FMUs are not rolled back by their memory")
+    _, database, told = run_live(keeper_fmu.make_false("parameters"), "auto", seconds=2)
+    said = query(database, "SELECT text FROM events WHERE source = 'checkpoint'")
+    expect(len(said) == 1 and "late is not rolled back by its own states, and only these can be turned into bytes" in said[0][0], f"{said}")
+    expect(told["lock"]["state"] == "locked", f"{told['lock']}")
+
+
+def test_a_copy_that_it_failed_by():
+    """What no copy takes back comes after a while: the twin that is begun anew goes by the FMU's own states, though they are slower."""
+    if SANITIZER:
+        raise Skip("a sanitizer has an allocator of its own: FMUs are not rolled back by their memory")
+    _, database, told = run_live(keeper_fmu.make_slow(PAUSE=50000, MAPS=300), "auto", "--supervise")
+    runs = query(database, "SELECT run, ended_reason FROM runs ORDER BY run")
+    expect(len(runs) == 2, f"{runs}, {query(database, 'SELECT source, text FROM events')}")
+    at_least(number(database, "SELECT count(*) FROM steps WHERE run = 2"), 400, "steps of the second")
+    expect(told["lock"]["state"] == "locked", f"{told['lock']}")
 
 
 if __name__ == "__main__":

@@ -82,6 +82,17 @@ def test_what_a_copy_does_not_take_back_comes_later():
     replay(keeper_fmu.config(fmu, "state"))
 
 
+def test_what_a_copy_does_not_take_back_is_there():
+    """Its states do, and so they are what it goes by."""
+    for step in 3, 60:
+        config = keeper_fmu.config(keeper_fmu.make_slow(MAPS=step))
+        out = run_well(["check", config])
+        expect(SLOWER not in out and "state" in out, out)
+        _, steps, err = replay(config)
+        expect(steps == replay(keeper_fmu.config(keeper_fmu.make_slow(MAPS=step), "state"))[1], f"{step}: other values than by its states")
+        expect("error" not in err, err)
+
+
 def test_its_states_are_bytes_all_the_same():
     """For a checkpoint: made of a copy, and read by another process."""
     out = run_well(["check", keeper_fmu.config(keeper_fmu.make_slow())])

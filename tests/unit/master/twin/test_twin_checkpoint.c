@@ -422,6 +422,29 @@ static void test_an_fmu_that_refuses_to_be_saved(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FATAL, run->status);
 }
 
+/* One that goes another way than by its own states has no bytes any more; it is found out when the twin has begun. */
+static void lose_bytes(tl_test_fmu *fmu) {
+    fmu->functions.serialized_fmu_state_size = NULL;
+    fmu->functions.serialize_fmu_state = NULL;
+    fmu->functions.deserialize_fmu_state = NULL;
+}
+
+static void test_an_fmu_that_has_no_bytes_any_more(void) {
+    run_whole(TL_SCENE_PLAIN, 20);
+    tl_test_scene_build(&scene, TL_SCENE_PLAIN);
+    search_to(50, part, in_part);
+    lose_bytes(&scene.fmus[1]);
+    size_t needed = 0;
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_save(run->twin, bytes, size, &needed, &run->error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run->error.text, "only these can be turned into bytes"), run->error.text);
+    search_to(TICKS - 1, part, in_part);
+    tl_test_scene_end(&scene);
+    expect_same_course(TL_SCENE_PLAIN, true);
+    tl_test_scene_build(&scene, TL_SCENE_PLAIN);
+    lose_bytes(&scene.fmus[1]);
+    expect_not_loaded(TL_FMU_FAILED, "only these can be turned into bytes");
+}
+
 static void test_what_can_be_saved(void) {
     tl_test_scene_build(&scene, TL_SCENE_LAG);
     TEST_ASSERT_TRUE(tl_twin_can_save(run->twin));
@@ -449,6 +472,7 @@ int main(void) {
     RUN_TEST(test_bytes_that_were_made_to_do_harm);
     RUN_TEST(test_an_fmu_that_refuses_bytes);
     RUN_TEST(test_an_fmu_that_refuses_to_be_saved);
+    RUN_TEST(test_an_fmu_that_has_no_bytes_any_more);
     RUN_TEST(test_what_can_be_saved);
     return UNITY_END();
 }
