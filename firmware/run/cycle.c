@@ -99,6 +99,14 @@ static void take_sample(const tl_cycle *cycle, int64_t tick, tl_time instant, tl
     tl_plant_input_take(cycle->settings.input, tick, instant, sample);
 }
 
+/* In its first tick the twin begins, and its FMUs are proved. */
+static void note_beginning(tl_cycle *cycle) {
+    if (!cycle->has_begun) {
+        cycle->has_begun = true;
+        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+    }
+}
+
 /* One tick: searched within `budget`, or made up where that is NULL. */
 static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     tl_heart_beat(cycle->heart);
@@ -118,6 +126,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
+    note_beginning(cycle);
     if (ready) {
         keep(cycle, tick, &record);
     }
@@ -288,7 +297,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     tl_watch_init(&started->watch, config, settings->journal);
     tl_account_take(settings->assembly->twin, &account);
     tl_lock_rescue_init(&started->rescue, config, &account);
-    started->heart = tl_heart_begin(settings->beats, "cycle", patience(config));
+    started->heart = tl_heart_begin(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
                          !settings->unreadable);
     started->is_shadow = settings->place.is_shadow;

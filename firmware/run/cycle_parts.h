@@ -34,6 +34,7 @@ struct tl_cycle {
     tl_resumption resumption; /* how the run began that a flip brings */
     uint64_t skipped;         /* ticks in all, */
     bool has_skipped;         /* and the newest */
+    bool has_begun;           /* the twin has, and is silent no longer than a cycle may be */
     tl_summary summary;
     tl_watch watch;
     tl_lock_rescue rescue;

@@ -530,7 +530,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_far_look look = {.times = 0};
     tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
-    if (tl_twin_get_facts(assembly->twin).cannot_return) {
+    if (tl_twin_get_facts(assembly->twin).cannot_return || prognosis.error.status == TL_FMU_FATAL) {
         tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
         return prognosis.error.status;
     }

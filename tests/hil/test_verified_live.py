@@ -9,7 +9,7 @@ DIFFERED = 64  # master/sync/record.h
 WARNING, ERROR = 1, 2
 
 
-def run_live(fmu, way, *options, seconds=8):
+def run_live(fmu, way, *options, seconds=8, hang_s=2):
     """(configuration, database, what --json told)"""
     database = scratch() / "twin.db"
     with Device(0.6) as device:
@@ -20,7 +20,7 @@ def run_live(fmu, way, *options, seconds=8):
             "plant": {"y": {"modbus": {"source": "device", "unit_id": 1, "table": "input", "address": 0, "type": "float32"}}},
             "synchronise": {"adjust": {"late.u": {"step": 0.1, "nominal": 1, "min": -20, "max": 20}},
                             "match": {"late.y": {"to": "plant.y", "tolerance": 0.01}}, "verify_every": 10},
-            "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"priority": 50}})
+            "record": {"file": str(database), "commit_s": 0.1}, "realtime": {"priority": 50, "hang_s": hang_s}})
         with Program("run", path, "--json", *options) as live:
             told, _ = end_well(live)
     return path, database, told
@@ -85,6 +85,15 @@ def test_a_copy_that_it_failed_by():
     expect(len(runs) == 2, f"{runs}, {query(database, 'SELECT source, text FROM events')}")
     at_least(number(database, "SELECT count(*) FROM steps WHERE run = 2"), 400, "steps of the second")
     expect(told["lock"]["state"] == "locked", f"{told['lock']}")
+
+
+def test_a_long_proof_is_no_hang():
+    """States are restored in it, each of which takes longer than a cycle may be silent."""
+    if SANITIZER:
+        raise Skip("a sanitizer has an allocator of its own: it would be led back by these states all the time")
+    _, database, _ = run_live(keeper_fmu.make_slow(PAUSE=300000000), "auto", "--supervise", hang_s=0.2)
+    runs = number(database, "SELECT count(*) FROM runs")
+    expect(runs == 1, f"{runs} runs, {query(database, 'SELECT source, text FROM events')}")
 
 
 if __name__ == "__main__":
