@@ -59,6 +59,7 @@ static bool save(tl_checkpointer *self, size_t *size) {
         return false;
     }
     self->cost = tl_clock_now(NULL) - begun;
+    self->least = self->least == 0 || self->cost < self->least ? self->cost : self->least;
     if (*size > capacity) {
         end(self, "the state has grown to more than twice its size");
         return false;
@@ -96,8 +97,18 @@ static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *s
     return self->is_ready;
 }
 
+static bool is_late(const tl_checkpointer *self, int64_t tick) {
+    return tick > self->next + LATE * self->interval;
+}
+
+/* Whether what is left of the budget is expected to be enough. */
+static bool has_time(const tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+    tl_time expected = is_late(self, tick) ? self->least : self->cost;
+    return tl_clock_now(NULL) - budget->started + expected <= budget->time;
+}
+
 static void tell_late(tl_checkpointer *self, int64_t tick) {
-    if (!self->has_told && tick > self->next + LATE * self->interval) {
+    if (!self->has_told && is_late(self, tick)) {
         self->has_told = true;
         tl_journal_event(self->journal, tick, TL_EVENT_WARNING, "checkpoint",
                          "none was saved for %lld ticks, since no step had %.3g ms left",
@@ -120,7 +131,7 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
         if (save_first(self, budget, &size)) {
             tl_checkpointer_put(self, tick, size);
         }
-    } else if (tl_clock_now(NULL) - budget->started + self->cost > budget->time) {
+    } else if (!has_time(self, tick, budget)) {
         tell_late(self, tick);
     } else if (save(self, &size)) {
         tl_checkpointer_put(self, tick, size);

@@ -27,10 +27,12 @@ typedef struct tl_checkpointer {
     tl_journal *journal;
     int64_t interval; /* ticks */
     int64_t next;     /* tick after which one is due */
-    tl_time cost;     /* ns, as measured last */
-    bool is_ready;    /* there is room, and its cost is known */
-    bool only_marks;  /* nothing can be saved: what is kept of the inputs goes on */
-    bool is_off;      /* nobody goes on with this run */
+    tl_time cost;     /* ns, as measured last, */
+    tl_time
+        least; /* and at best, which is believed once one is late: that it took long once is no reason never to try again */
+    bool is_ready;   /* there is room, and its cost is known */
+    bool only_marks; /* nothing can be saved: what is kept of the inputs goes on */
+    bool is_off;     /* nobody goes on with this run */
     bool has_told;
 } tl_checkpointer;
 

@@ -186,6 +186,20 @@ static void test_no_step_has_time_left(void) {
     expect_event("no step had", 1);
 }
 
+/* One that took longer than the budget, for whatever reason, is not the last. */
+static void test_one_takes_long(void) {
+    begin(MUCH);
+    play(INTERVAL, 0);
+    delay = TL_SECOND / 15;
+    play(1, 0);
+    delay = 0;
+    play(5 * INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_STRING("100, 501",
+                             tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
+    expect_event("", 0);
+}
+
 /* ---- what it is not done for ---- */
 
 static void test_it_takes_too_long(void) {
@@ -329,6 +343,7 @@ int main(void) {
     RUN_TEST(test_the_first_one_is_there_at_once);
     RUN_TEST(test_soon_after_the_fmus_began_anew);
     RUN_TEST(test_no_step_has_time_left);
+    RUN_TEST(test_one_takes_long);
     RUN_TEST(test_it_takes_too_long);
     RUN_TEST(test_it_is_too_large);
     RUN_TEST(test_it_grows);
