@@ -28,7 +28,7 @@ void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl
         self->only_marks = true;
         tl_journal_event(
             journal, -1, TL_EVENT_INFO, "checkpoint",
-            "not every FMU can turn its state into bytes (canSerializeFMUstate): after a restart the newest "
+            "not every FMU is rolled back by states that it can turn into bytes (canSerializeFMUstate): after a restart the newest "
             "inputs are run again");
     } else if (!self->is_off && !readable) {
         self->only_marks = true;

@@ -131,8 +131,10 @@ typedef struct proof_attempt {
 /* Who is to blame for a failure that was no step's. */
 static tl_status blame(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
-        self->culprit = find_failed(self->lock->exchange);
-        self->cause = self->proof->was_saved ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
+        const tl_exchange *exchange = self->lock->exchange;
+        self->culprit = find_failed(exchange);
+        bool by_own = self->culprit != NOBODY && !exchange->components[self->culprit].fmi->is_unaware;
+        self->cause = self->proof->was_saved && by_own ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
     }
     return status;
 }
