@@ -148,6 +148,34 @@ static void test_what_one_takes(void) {
     TEST_ASSERT_GREATER_THAN_size_t(2 * TL_FMU_PAGE, tl_fmu_pages_size(pages));
 }
 
+static void write_all(void) {
+    for (size_t i = 0; i < FIXED; i++) {
+        fixed()[i * TL_FMU_PAGE]++;
+    }
+}
+
+/* Versions with much in them do not count if they are passed over, and count no more if it is measured anew. */
+static void test_what_says_nothing_of_those_to_come(void) {
+    test_what_one_takes();
+    size_t known = tl_fmu_pages_size(pages);
+    tl_fmu_pages_pass(pages, true);
+    write_all();
+    save(0);
+    restore(1);
+    restore(0);
+    tl_fmu_pages_pass(pages, false);
+    TEST_ASSERT_EQUAL_size_t(known, tl_fmu_pages_size(pages));
+    write_all();
+    save(1);
+    TEST_ASSERT_GREATER_THAN_size_t(FIXED * TL_FMU_PAGE, tl_fmu_pages_size(pages));
+    expect(1);
+    restore(0);
+    expect(0);
+    tl_fmu_pages_measure_anew(pages);
+    test_what_one_takes();
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(known + (size_t)FIXED * TL_FMU_PAGE / 2, tl_fmu_pages_size(pages));
+}
+
 /* What the C library has given out, and addresses that the process has. */
 typedef struct footprint {
     size_t given_out;
@@ -198,6 +226,7 @@ static int run_all(void) {
     RUN_TEST(test_written_by_somebody_else);
     RUN_TEST(test_a_system_call_may_write);
     RUN_TEST(test_what_one_takes);
+    RUN_TEST(test_what_says_nothing_of_those_to_come);
     return UNITY_END();
 }
 
