@@ -123,7 +123,7 @@ def test_crash_exit_and_hang():
 
 def test_a_crash_in_check():
     """Also where it would step on with the plant's initial values."""
-    for call in 1, 400:
+    for call in 1, 25:
         code, out, err = run(["check", hostile("end", HOW="*(volatile int *)8 = 0;", AT="fmi2DoStep", CALL=call)])
         expect(code == FMU_FAILED and "FMU hostile crashed in fmi2DoStep" in err and "no problem found" not in out, f"{call}: {code}\n{out}{err}")
 
