@@ -103,7 +103,8 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
 static void print_choice(const tl_fmu *fmu, FILE *output) {
     const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
     if (times != NULL) {
-        (void)fprintf(output, ", which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
+        (void)fprintf(output,
+                      ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
                       (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
     }
 }

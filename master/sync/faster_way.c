@@ -3,8 +3,8 @@
 
 #include <string.h>
 
-/* ns: less is not worth a change, and below it a clock says little. */
-static const tl_time WORTH = 2000;
+/* ns: less is not worth a change, and on a slow machine chance decides on it. */
+static const tl_time WORTH = 10000;
 
 /* ns: of one way, once there are rounds enough to have a middle. */
 static const tl_time LONGEST = 20000000;

@@ -290,7 +290,7 @@ def test_states_that_are_slow():
     import keeper_fmu  # pylint: disable=import-outside-toplevel  # it ends a test that cannot run here
     config, database = live_config(free_port())
     keeper_fmu.slow_states("motor", config.parent / "motor.fmu")
-    expect("rolled back by its memory, which takes " in run_well(["check", config]), "by its own states")
+    expect("rolled back by its memory,\n               which takes " in run_well(["check", config]), "by its own states")
     with Program("plant", config):
         begin(config, database, 1, 120).kill()
         told, log = end_well(begin(config, database, 2, ENOUGH), signal.SIGTERM)

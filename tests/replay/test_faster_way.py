@@ -12,7 +12,7 @@ if SANITIZER:
     raise SystemExit(SKIPPED)
 
 FMU_FAILED = 70
-SLOWER = "rolled back by its memory, which takes "
+SLOWER = "rolled back by its memory,\n               which takes "
 BACK = "does not come back to where it was by its memory"
 
 
