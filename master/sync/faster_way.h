@@ -17,7 +17,7 @@
 #include "master/base/status.h"
 #include "master/graph/exchange.h"
 
-/* Of each way at most; the second round of a way that takes very long is its last. */
+/* Of each way at most that count; of one that takes very long three. One more comes before them. */
 enum { TL_FASTER_WAY_ROUNDS = 15 };
 
 #define TL_FASTER_WAY_MARGIN 1.5

@@ -35,16 +35,8 @@ void tearDown(void) {
 /* The second twin's configuration is LOCK with a part replaced. */
 static tl_status compare_with(const char *old, const char *new) {
     char path[PATH_MAX];
-    char *text = tl_test_read_text(LOCK);
-    char *changed = tl_test_replaced(text, old, new);
-    TEST_ASSERT_NOT_NULL_MESSAGE(changed, old);
     (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "config.json"));
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fputs(changed, file);
-    (void)fclose(file);
-    free(text);
-    free(changed);
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_write_replaced(LOCK, path, old, new), old);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(path, &second));
     return tl_twin_pair_compare(&first, &second, false, &account, &differs, &error);
 }
