@@ -379,7 +379,8 @@ static void hold(live_twin *self) {
         .journal = &self->journal,
         .beats = &self->shared.pulse->beats,
         .heart = self->heart,
-        .failures = self->shared.job.failures,
+        .failures = self->shared.job.failures + self->shared.job.tries,
+        .time = self->shared.job.hold_time,
         .reason = self->shared.job.reason,
         .records = self->shared.job.database[0] != '\0',
     };

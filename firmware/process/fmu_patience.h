@@ -17,7 +17,7 @@
 #include "firmware/process/fmu_call.h"
 #include "master/base/simtime.h"
 
-#define TL_FMU_PATIENCE_END (10 * TL_SECOND)
+#define TL_FMU_PATIENCE_END (5 * TL_SECOND)
 
 /* Unless told otherwise: loading and instantiating may take long. */
 #define TL_FMU_PATIENCE_CALL (60 * TL_SECOND)

@@ -11,7 +11,7 @@
 #ifndef TL_FIRMWARE_PROCESS_PROCESS_END_H
 #define TL_FIRMWARE_PROCESS_PROCESS_END_H
 
-enum { TL_PROCESS_END_S = 5 };
+enum { TL_PROCESS_END_S = 2 };
 
 /* At the start of the process, before anything is loaded, and again in one that was forked from it. */
 void tl_process_begin(void);

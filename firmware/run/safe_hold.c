@@ -10,6 +10,7 @@
 
 /* How often the log repeats what is wrong, and how long the thread sleeps at most. */
 static const tl_time REMIND = 600 * TL_SECOND;
+static const tl_time SHOW = TL_SECOND;
 static const tl_time LOOK = TL_SECOND / 20;
 
 /* Takes what is due up to now; returns the next tick. */
@@ -25,16 +26,24 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
     return tick;
 }
 
+/* `left`: until the next try. */
+static void describe(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
+    long seconds = left > 0 ? (long)(left / TL_SECOND) + 1 : 0;
+    (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                   "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. The twin is "
+                   "tried again in %ld %s; to try it now, stop and start the run",
+                   settings->failures, settings->reason, settings->records ? " and recorded" : "; nothing is recorded",
+                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min");
+}
+
 void tl_safe_hold(const tl_safe_hold_settings *settings) {
     char text[TL_HEARTBEAT_STATUS];
-    (void)snprintf(
-        text, sizeof text,
-        "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. Find the fault, then "
-        "stop and start again",
-        settings->failures, settings->reason, settings->records ? " and recorded" : "; nothing is recorded");
+    tl_time begun = tl_clock_now(NULL);
+    tl_time shown = begun;
+    describe(settings, settings->time, text);
     tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
     tl_heartbeats_set_status(settings->beats, text);
-    tl_time start = tl_clock_now(NULL) + settings->config->step;
+    tl_time start = begun + settings->config->step;
     tl_time remind = start + REMIND;
     static tl_outbox_start beginning; /* too large for a small stack */
     beginning = (tl_outbox_start){.holds = true, .resumption = {.start = start, .started = tl_utc_now()}};
@@ -46,7 +55,12 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
         tick = take_samples(settings, start, tick);
         tl_heart_beat(settings->heart);
         tl_journal_drain(settings->journal);
-        if (tl_clock_now(NULL) >= remind) {
+        if (tl_clock_now(NULL) - shown >= SHOW) {
+            shown += SHOW;
+            describe(settings, begun + settings->time - shown, text);
+            tl_heartbeats_set_status(settings->beats, text);
+        }
+        if (shown >= remind) {
             tl_log(TL_LOG_ERROR, "%s", text);
             remind += REMIND;
         }

@@ -1,5 +1,5 @@
-/* Safe hold: what is left of a run after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
- * is said what has happened and what to do.
+/* Safe hold: what is left of a run after a restart loop. There is no twin and no FMU; the plant is read, and its samples are recorded. Log and
+ * status line say what has happened, and when the twin is tried again.
  *
  * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.
  * Ticks:   as the cycle's, T_S apart; nothing is computed, so ordinary scheduling will do, and what was late is taken up at once.
@@ -21,7 +21,8 @@ typedef struct tl_safe_hold_settings {
     tl_journal *journal;
     tl_heartbeats *beats;
     tl_heart *heart;    /* of the thread */
-    unsigned failures;  /* that are not forgiven, */
+    tl_time time;       /* until the supervisor tries the twin again */
+    unsigned failures;  /* of this loop, */
     const char *reason; /* and why the last of them */
     bool records;       /* somebody writes down what goes into the outbox */
 } tl_safe_hold_settings;

@@ -15,15 +15,16 @@
 #include "firmware/base/new_file.h"
 #include "firmware/text/json_reader.h"
 
-enum { FILE_BYTES = 4096 };
+enum { FILE_BYTES = 4096, TRIES_COUNTED = 1000 };
 
 /* ---- the file ---- */
 
 /* What the supervisor before this one left. */
 typedef struct kept {
     uint64_t starts, restarts, failures;
-    bool running;        /* it did not end orderly */
-    uint64_t unreadable; /* 0 in a file of before that was kept */
+    bool running;        /* it did not end in order */
+    uint64_t unreadable; /* 0 in a file of before that was kept, as is the next one */
+    uint64_t tries;
     char boot[TL_IDENTITY_TEXT];
 } kept;
 
@@ -34,6 +35,12 @@ static uint64_t read_unreadable(const tl_json_reader *reader) {
     return optional.right ? strtoull(digits, NULL, 16) : 0;
 }
 
+static uint64_t read_tries(const tl_json_reader *reader) {
+    tl_json_reader optional = *reader;
+    uint64_t tries = tl_json_count(&optional, "tries");
+    return optional.right ? tries : 0;
+}
+
 static bool understand(const char *text, size_t size, kept *before) {
     tl_json_reader reader = tl_json_reader_of(text, size);
     before->starts = tl_json_count(&reader, "starts");
@@ -42,6 +49,7 @@ static bool understand(const char *text, size_t size, kept *before) {
     before->running = tl_json_truth(&reader, "running");
     (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
     before->unreadable = read_unreadable(&reader);
+    before->tries = read_tries(&reader);
     bool right = reader.right;
     tl_json_reader_free(&reader);
     return right;
@@ -71,9 +79,10 @@ enum { ACCOUNT_BYTES = 256 };
 static int write_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
     int length = snprintf(text, ACCOUNT_BYTES + 1,
                           "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64
-                          ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\", \"unreadable\": \"%" PRIx64 "\"}",
+                          ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\", \"unreadable\": \"%" PRIx64
+                          "\", \"tries\": %u}",
                           restarts->starts, restarts->restarts, restarts->failures, running ? "true" : "false",
-                          restarts->boot, restarts->unreadable);
+                          restarts->boot, restarts->unreadable, restarts->tries);
     memset(text + length, ' ', (size_t)(ACCOUNT_BYTES - 1 - length));
     text[ACCOUNT_BYTES - 1] = '\n';
     return ACCOUNT_BYTES;
@@ -171,8 +180,10 @@ tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *resta
         restarts->restarts = before.restarts;
         restarts->unreadable = before.unreadable;
         restarts->failures = (unsigned)(before.failures < TL_RESTARTS_MOST ? before.failures : TL_RESTARTS_MOST);
+        restarts->tries = (unsigned)(before.tries < TRIES_COUNTED ? before.tries : TRIES_COUNTED);
+        restarts->interrupted = before.running;
         if (before.running) {
-            tl_restarts_fail(restarts, reason_of(restarts, &before, watchdog));
+            tl_restarts_excuse(restarts, reason_of(restarts, &before, watchdog));
         }
     }
     return status;
@@ -190,7 +201,7 @@ void tl_restarts_excuse(tl_restarts *restarts, const char *reason) {
 }
 
 void tl_restarts_fail(tl_restarts *restarts, const char *reason) {
-    restarts->failures++;
+    restarts->failures += restarts->failures < TL_RESTARTS_MOST ? 1 : 0;
     tl_restarts_excuse(restarts, reason);
 }
 
@@ -204,6 +215,7 @@ void tl_restarts_live(tl_restarts *restarts, tl_time passed) {
         restarts->healthy = 0;
         if (restarts->failures > 0) {
             restarts->failures--;
+            restarts->tries = restarts->failures == 0 ? 0 : restarts->tries;
             keep(restarts, true);
         }
     }
@@ -213,8 +225,21 @@ bool tl_restarts_is_loop(const tl_restarts *restarts) {
     return restarts->failures >= TL_RESTARTS_MOST;
 }
 
+void tl_restarts_retry(tl_restarts *restarts) {
+    restarts->tries += restarts->tries < TRIES_COUNTED ? 1 : 0;
+}
+
+tl_time tl_restarts_hold_time(const tl_restarts *restarts, tl_time first) {
+    tl_time time = first;
+    for (unsigned i = 0; i < restarts->tries && time < TL_RESTARTS_HOLD_MOST; i++) {
+        time *= 2;
+    }
+    return time < TL_RESTARTS_HOLD_MOST ? time : TL_RESTARTS_HOLD_MOST;
+}
+
 void tl_restarts_end(tl_restarts *restarts) {
     restarts->failures = 0;
+    restarts->tries = 0;
     keep(restarts, false);
 }
 

@@ -46,6 +46,9 @@ static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_S
 /* The same, of one that is asked again: nobody is patient any more. */
 static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
 
+/* A restart loop writes one line in this time. */
+static const tl_time QUIET = 60 * TL_SECOND;
+
 /* The same, of io that makes room for another one. */
 static const tl_time GRACE_OF_IO = TL_SECOND / 2;
 
@@ -57,6 +60,9 @@ enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
 /* Recorders that die in the end, before it is given up that all is written. One that had to be killed has taken so much time that it counts as two. */
 enum { LAST_TRIES = 3 };
 
+/* A twin for which no process could be started so often, which takes about 5 min, is worth no stroke any more: a reset may help. */
+enum { MOST_WITHOUT_PROCESS = 40 };
+
 typedef enum state {
     ABSENT,  /* there is no such member, or not any more */
     RESTING, /* it is begun when the dead one is reaped and the pause is over */
@@ -66,15 +72,19 @@ typedef enum state {
 typedef struct member {
     tl_child child;
     state state;
-    tl_time ended;                   /* when it rests, since when, */
-    tl_time pause;                   /* and for how long at least */
-    unsigned failures;               /* in a row, none of which was ever ready; the twin's are in the account */
-    tl_time lived;                   /* since it was begun */
-    tl_time ready;                   /* when that was seen; 0: it is not */
-    tl_time sound;                   /* how long it has lived since */
-    bool was_damaged;                /* one of them was */
-    bool is_changed;                 /* it was asked to end so that another one is begun */
-    char reason[TL_RESTARTS_REASON]; /* of a shadow: why the last one ended; "": none did */
+    tl_time ended;     /* when it rests, since when, */
+    tl_time pause;     /* and for how long at least */
+    unsigned failures; /* in a row, none of which was ever ready; of the twin: starts in a row that got no process */
+    unsigned unsaid;   /* failures that no line of the log tells yet, */
+    tl_time said;      /* when the last line was written; 0: never */
+    char failure[TL_RESTARTS_REASON]; /* why the last of them */
+    tl_time lived;                    /* since it was begun */
+    tl_time ready;                    /* when that was seen; 0: it is not */
+    tl_time sound;                    /* how long it has lived since */
+    bool was_damaged;                 /* one of them was */
+    bool is_changed;                  /* it was asked to end so that another one is begun */
+    tl_time hold_time;                /* of safe hold: the twin is tried again then */
+    char reason[TL_RESTARTS_REASON];  /* of a shadow: why the last one ended; "": none did */
 } member;
 
 typedef struct supervisor {
@@ -96,6 +106,7 @@ typedef struct supervisor {
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
     bool held;        /* the twin that lives holds */
+    bool retries;     /* the next twin is begun although it is a loop */
     unsigned bad_holds;
     bool is_excused; /* the twin rests, and has not failed as one */
     bool hastens;    /* the next look is soon */
@@ -190,35 +201,89 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
+/* Failures of a member that is begun again: the first one at once, those after it once a minute. */
+static void say_failures(supervisor *self, tl_member which, tl_time now) {
+    member *failed = self->members[which];
+    char times[48] = "";
+    char text[TL_RESTARTS_REASON + 128];
+    if (failed->unsaid == 0 || (failed->said != 0 && now - failed->said < QUIET)) {
+        return;
+    }
+    if (failed->said != 0 && failed->unsaid > 1) {
+        (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unsaid);
+    }
+    (void)snprintf(text, sizeof text, "%s failed%s: %s; another one is begun", name_of[which], times, failed->failure);
+    tl_log(TL_LOG_ERROR, "%s", text);
+    self->settings->tell(self->settings->context, text);
+    failed->unsaid = 0;
+    failed->said = now;
+}
+
+static void count_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
+    member *failed = self->members[which];
+    (void)snprintf(failed->failure, sizeof failed->failure, "%.*s", TL_RESTARTS_REASON - 1, reason);
+    failed->unsaid++;
+    say_failures(self, which, now);
+}
+
+/* What a twin that begins is told; from now on the account knows of it. */
+static tl_start start_of_twin(supervisor *self) {
+    const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
+    tl_start start = {.restarts = &self->restarts, .again = self->restarts.failures > 0 || self->is_excused};
+    bool is_loop = tl_restarts_is_loop(&self->restarts);
+    start.hold = is_loop && !self->retries;
+    start.hold_time = tl_restarts_hold_time(&self->restarts, first);
+    if (is_loop && self->retries) {
+        tl_restarts_retry(&self->restarts);
+        tl_log(TL_LOG_NOTICE, "safe hold ends: the twin is tried again (%u since it failed %d times)",
+               self->restarts.tries, TL_RESTARTS_MOST);
+    }
+    self->held = start.hold;
+    self->retries = false;
+    self->is_excused = false;
+    tl_restarts_begin(&self->restarts, start.again);
+    return start;
+}
+
+/* The kernel gave no process: no failure of the member. Nothing is begun for ever in the end. */
+static void note_no_process(supervisor *self, tl_member which, tl_time now, const tl_error *error) {
+    member *missing = self->members[which];
+    bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
+    if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->alone)) {
+        tl_log(TL_LOG_ERROR, "%s cannot be started: %s", name_of[which], error->text);
+        missing->state = ABSENT;
+        if (which != TL_MEMBER_SHADOW) {
+            end_all(self, TRY_AGAIN);
+        }
+        return;
+    }
+    missing->failures++;
+    rest(missing, now, pause_after(missing->failures));
+    count_failure(self, which, now, error->text);
+}
+
 static void begin(supervisor *self, tl_member which, tl_time now) {
     member *begun = self->members[which];
-    bool is_twin = which == TL_MEMBER_TWIN;
-    bool is_again = is_twin && (self->restarts.failures > 0 || self->is_excused);
-    tl_start start = {.restarts = &self->restarts, .again = is_again};
+    tl_start start = {.restarts = &self->restarts};
+    tl_error error = {0};
     tl_child_prepare(&begun->child);
     begun->lived = 0;
     begun->ready = 0;
     begun->sound = 0;
     begun->is_changed = false;
     begun->reason[0] = '\0';
-    if (is_twin) {
-        start.hold = tl_restarts_is_loop(&self->restarts);
-        self->held = start.hold;
-        self->is_excused = false;
-        tl_restarts_begin(&self->restarts, start.again);
+    if (which == TL_MEMBER_TWIN) {
+        start = start_of_twin(self);
     }
-    pid_t pid = self->settings->begin(self->settings->context, which, &start);
-    if (pid != 0) {
-        tl_child_begin(&begun->child, pid);
-        begun->state = LIVING;
-    } else if (is_twin && self->settings->alone) {
-        begun->state = ABSENT;
-        end_all(self, TRY_AGAIN);
-    } else if (which == TL_MEMBER_SHADOW) {
-        begun->state = ABSENT;
-    } else {
-        note_failure(self, which, now, "no process could be made for it");
+    pid_t pid = self->settings->begin(self->settings->context, which, &start, &error);
+    if (pid == 0) {
+        note_no_process(self, which, now, &error);
+        return;
     }
+    tl_child_begin(&begun->child, pid);
+    begun->state = LIVING;
+    begun->hold_time = start.hold_time;
+    begun->failures = which == TL_MEMBER_TWIN ? 0 : begun->failures;
 }
 
 /* ---- what an end means ---- */
@@ -348,7 +413,12 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end_alone(self, reason);
         return;
     }
-    say_failure(self, which, reason, true);
+    bool is_named = which == TL_MEMBER_TWIN && !self->held; /* these are few: a loop ends in safe hold */
+    if (is_named || self->is_ending) {
+        say_failure(self, which, reason, true);
+    } else {
+        count_failure(self, which, now, reason);
+    }
     tl_child_bury(&ended->child);
     note_failure(self, which, now, reason);
 }
@@ -391,13 +461,28 @@ static void listen(supervisor *self, tl_time time) {
     }
 }
 
+/* Safe hold that could be kept up for its time is followed by a twin. */
+static void retry_from_hold(supervisor *self) {
+    member *holding = twin_of(self);
+    if (holding->sound >= holding->hold_time && !holding->child.asked && !self->is_ending) {
+        self->bad_holds = 0;
+        self->retries = true;
+        holding->is_changed = true;
+        tl_child_ask(&holding->child, SIGTERM);
+    }
+}
+
 /* Of a twin that is ready. */
 static void note_life(supervisor *self, tl_time now, tl_time passed) {
     self->ran = true;
     if (!self->told_ready) {
         self->told_ready = tl_service_tell("READY=1");
     }
-    tl_restarts_live(&self->restarts, passed);
+    if (self->held) {
+        retry_from_hold(self);
+    } else {
+        tl_restarts_live(&self->restarts, passed);
+    }
     tell_status(self, now);
 }
 
@@ -474,18 +559,20 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
     bool is_buried = tl_child_is_buried(&resting->child);
-    if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING) {
+    if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING &&
+        resting->failures < MOST_WITHOUT_PROCESS) {
         stroke(self, now);
     }
     if (self->is_ending && which != TL_MEMBER_RECORDER) {
         resting->state = ABSENT;
-    } else if (is_buried && (self->is_ending || now - resting->ended >= resting->pause)) {
+    } else if (is_buried && now - resting->ended >= resting->pause) {
         begin(self, which, now);
     }
 }
 
 static void look_at(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *member_ = self->members[which];
+    say_failures(self, which, now);
     switch (member_->state) {
     case ABSENT:
         break;
@@ -634,9 +721,13 @@ static int supervise(supervisor *self) {
         looked = now;
         look_for_orders(self, now);
         if (self->is_ending && go_on_ending(self, now)) {
-            return self->code;
+            break;
         }
     }
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        say_failures(self, which, INT64_MAX);
+    }
+    return self->code;
 }
 
 /* ---- begin and end ---- */
@@ -687,6 +778,8 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
     }
+    self->retries = true; /* whoever starts the box wants a twin */
+    self->is_excused = self->restarts.interrupted;
     self->stroke = stroke_interval(self);
     return status;
 }

@@ -7,7 +7,7 @@
  *          is another twin beside it, for as long as it is ordered: see below.
  * Stroked: as long as the twin is alive, and while the supervisor does something about it if not. A dead disk or device resets no box.
  *          Not while a thread of the twin is silent, and no more once even safe hold could not be kept up TL_RESTARTS_MOST times. Nor once a dead
- *          twin has not been reaped for 30 s.
+ *          twin has not been reaped for 30 s, or no process could be started for it for about 5 min.
  * Damage:  a process may be well by its heart, and its memory not: what it writes for others is. Who reads that says so, and it is killed and begun again as
  *          one that is silent; alone, too. But who says so may lie: so it costs a process one failure, and further ones only after a life in which the one
  *          before is forgiven. It never leads to safe hold.
@@ -16,8 +16,11 @@
  *          processes: the twin first, then io, then the recorder, which writes the rest. Any other end is a failure, which is named, with the FMU and
  *          its function if one was being called.
  * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
- *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.
- * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
+ *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well. If the kernel gives no
+ *          process, that is no failure of the twin; it is tried again with the same pauses.
+ * Log:     a restart loop writes at most one line a minute, which counts the failures since the line before.
+ * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded. It is asked to end
+ *          when the time for a retry has come; a twin that fails then is followed by safe hold again, for twice as long.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
  *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (onlooker.h) for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
@@ -34,7 +37,8 @@
  *          all, if the one that has ended left something for another one.
  *          io the same, since the plant is to be read by other sources; however it ends then, nothing of it is kept. It is killed after 0.5 s: no device is
  *          worth waiting for while signals are stale. One that rests is begun at once.
- * Rest:    a recorder that fails in the end is followed by another one, which writes the rest: at most twice, once if it had to be killed.
+ * Rest:    a recorder that fails in the end, or cannot be started then, is followed by another one, which writes the rest: at most twice, once if it
+ *          had to be killed.
  */
 #ifndef TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
 #define TL_FIRMWARE_SUPERVISE_SUPERVISOR_H
@@ -52,7 +56,8 @@ typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_ME
 typedef struct tl_start {
     const tl_restarts *restarts; /* which start this is, and why */
     bool again;                  /* after a failure */
-    bool hold;                   /* safe hold */
+    bool hold;                   /* safe hold, */
+    tl_time hold_time;           /* and for how long, until the twin is tried again */
 } tl_start;
 
 /* What is to be done, looked for again and again: an order stands for as long as it is given, but for `swap`, which is obeyed each time. */
@@ -70,14 +75,15 @@ typedef struct tl_supervisor_settings {
     bool alone;
     bool has_duration;    /* the run is over some time by itself */
     tl_time call_limit;   /* alone: how long a call of an FMU may last */
+    tl_time hold_time;    /* of the first safe hold of a loop; 0: TL_RESTARTS_HOLD */
     const char *state;    /* a folder for the account of restarts, of one supervisor at a time; NULL: none */
     const char *watchdog; /* the device; NULL: none */
     int watchdog_s;
     tl_heartbeats *beats[TL_MEMBERS]; /* of each, at first; NULL: there is no such member */
     void *context; /* of all below, which are called in the thread of the supervisor, and must not wait */
 
-    /* Starts a process (role.h). `start` is of the twin. 0: it could not be, and that was said on the log. */
-    pid_t (*begin)(void *context, tl_member which, const tl_start *start);
+    /* Starts a process (role.h). `start` is of the twin. 0: it could not be, for the reason in `error`. */
+    pid_t (*begin)(void *context, tl_member which, const tl_start *start, tl_error *error);
 
     /* One has ended, and is not reaped yet. `reason` says why, and may be bettered. `by_others`: somebody beside the run has killed it. Returns, of a twin, the
      * files of its FMUs if a saved state of them was to blame (restarts.h); 0: none was. */

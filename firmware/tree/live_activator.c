@@ -13,6 +13,8 @@
 
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 300 * TL_SECOND; /* a full disk may stay full */
+static const tl_time QUIET = 60 * TL_SECOND;       /* between two lines about failures */
+static const tl_time PAUSE_OF_CLIENT = TL_SECOND;  /* a client waits no longer */
 
 static tl_live_activator_pulse *pulse_of(const tl_live_activator *self) {
     return self->pulse.bytes;
@@ -58,9 +60,15 @@ static void note_end(tl_live_activator *self, const tl_live_activator_host *host
     bool is_orderly = self->role.signal == 0 && self->role.code == 0 &&
                       (farewell == TL_FAREWELL_OVER || farewell == TL_FAREWELL_ASKED);
     rest(self, now, !is_orderly);
-    if (!is_orderly && !self->was_told) {
+    if (is_orderly || self->was_told) {
+        return;
+    }
+    self->untold++;
+    if (self->told == 0 || now - self->told >= QUIET) {
         describe(self, reason);
-        host->tell(host->context, reason);
+        host->tell(host->context, self->untold, reason);
+        self->told = now;
+        self->untold = 0;
     }
 }
 
@@ -87,6 +95,13 @@ static void begin(tl_live_activator *self, const tl_live_activator_host *host, t
     }
 }
 
+/* After a failure work that is left waits for the whole pause, and a client for a second. */
+static bool is_needed(const tl_live_activator *self, tl_time now) {
+    tl_time rested = now - self->rests;
+    bool is_asked = rested >= PAUSE_OF_CLIENT || rested >= self->pause;
+    return (self->wants && rested >= self->pause) || (is_asked && tl_control_is_knocked_at(self->listener));
+}
+
 bool tl_live_activator_look(tl_live_activator *activator, const tl_live_activator_host *host, bool ends) {
     tl_time now = tl_clock_now(NULL);
     if (activator->listener < 0) {
@@ -98,8 +113,7 @@ bool tl_live_activator_look(tl_live_activator *activator, const tl_live_activato
             (void)kill(activator->role.pid, SIGTERM);
         }
         look_at_living(activator, host, now);
-    } else if (!ends && now - activator->rests >= activator->pause &&
-               (activator->wants || tl_control_is_knocked_at(activator->listener))) {
+    } else if (!ends && is_needed(activator, now)) {
         begin(activator, host, now);
     }
     return __atomic_load_n(&pulse_of(activator)->restart, __ATOMIC_ACQUIRE) != 0;

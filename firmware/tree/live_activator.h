@@ -3,7 +3,8 @@
  * Purpose: a process that changes configurations is needed now and then (activator.h). It is begun with the run, which may have a probation to go on
  *          with, ends when it has nothing to do, and is begun again when somebody asks. If it fails, the next one goes on with what is on disk.
  * Trust:   the supervisor reads nothing of what clients say, and one wish of the activator's: that the run shall begin anew.
- * Account: none; the run does not depend on it. One that fails is begun again after a pause that doubles.
+ * Account: none; the run does not depend on it. One that fails is begun again after a pause that doubles, up to 5 min; for a client after a second
+ *          at most. Failures are told once a minute.
  * Waiting: never, but for a fork.
  * Thread:  the main thread.
  */
@@ -26,13 +27,16 @@ typedef struct tl_live_activator {
     bool was_told;  /* to end */
     bool is_silent; /* and was killed for it */
     tl_time pause, rests;
+    tl_time told;    /* when a failure was told; 0: never */
+    unsigned untold; /* failures since */
 } tl_live_activator;
 
 /* What the tree does for it. */
 typedef struct tl_live_activator_host {
     void *context;
-    pid_t (*begin)(void *context);                   /* 0: it could not be, and that was said */
-    void (*tell)(void *context, const char *reason); /* it has failed: an event, and a line of the log */
+    pid_t (*begin)(void *context); /* 0: it could not be, and that was said */
+    void (*tell)(void *context, unsigned times,
+                 const char *reason); /* it has failed: an event, and a line of the log */
 } tl_live_activator_host;
 
 /* Makes its memory, and the socket at `path`, unless that is NULL. A socket that cannot be made is told on the log: the plant's twin comes first.

@@ -175,9 +175,13 @@ static void look_at_priority(tl_tree *self) {
     self->urgent = wished;
 }
 
-static void tell_of_activator(void *context, const char *reason) {
-    char text[TL_RESTARTS_REASON + 64];
-    (void)snprintf(text, sizeof text, "the activator failed: %s; another one is begun", reason);
+static void tell_of_activator(void *context, unsigned times, const char *reason) {
+    char text[TL_RESTARTS_REASON + 192];
+    char more[48] = "";
+    if (times > 1) {
+        (void)snprintf(more, sizeof more, " %u times, the last time", times);
+    }
+    (void)snprintf(text, sizeof text, "the activator failed%s: %s; another one is begun", more, reason);
     tl_log(TL_LOG_ERROR, "%s", text);
     tl_tree_put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }

@@ -74,7 +74,7 @@ static inline bool tl_tree_records(const tl_tree *self) {
 /* ---- tree_start.c ---- */
 
 /* As tl_supervisor_settings.begin, and tl_live_activator_host.begin; the context is the tree. */
-pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start);
+pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error);
 pid_t tl_tree_begin_activator(void *context);
 
 /* ---- tree.c ---- */

@@ -189,9 +189,11 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.flips = tl_tree_stage(self)->flips;
     job.again = start->again;
     job.holds = start->hold;
+    job.hold_time = start->hold_time;
     job.starts = start->restarts->starts;
     job.restarts = start->restarts->restarts;
     job.failures = start->restarts->failures;
+    job.tries = start->restarts->tries;
     memcpy(job.reason, start->restarts->reason, sizeof job.reason);
     return job;
 }
@@ -281,7 +283,8 @@ static pid_t begin_twin(tl_tree *self, const tl_start *start, tl_error *error) {
     return start_twin(self, tl_tree_place_of(self, TL_MEMBER_TWIN), false, start, error);
 }
 
-static pid_t begin_one(tl_tree *self, tl_member which, const tl_start *start, tl_error *error) {
+pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
+    tl_tree *self = context;
     switch (which) {
     case TL_MEMBER_TWIN:
         return begin_twin(self, start, error);
@@ -292,13 +295,4 @@ static pid_t begin_one(tl_tree *self, tl_member which, const tl_start *start, tl
     default:
         return start_recorder(self, error);
     }
-}
-
-pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start) {
-    tl_error error = {0};
-    pid_t pid = begin_one(context, which, start, &error);
-    if (pid == 0) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-    }
-    return pid;
 }

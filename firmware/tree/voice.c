@@ -3,6 +3,7 @@
 
 #include <poll.h>
 #include <pthread.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/eventfd.h>
@@ -13,13 +14,26 @@
 #include "firmware/base/side_thread.h"
 #include "firmware/text/relay.h"
 
-enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, NONE = -1 };
+enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, NONE = -1, LINES = 16 };
+
+/* A line that a later process repeats is logged again after this time. */
+static const tl_time QUIET = 60 * TL_SECOND;
+
+/* A line that was logged. */
+typedef struct logged_line {
+    uint64_t hash;
+    unsigned process; /* that printed it the last time */
+    unsigned repeats; /* by later processes, which were not logged */
+    tl_time time;
+} logged_line;
 
 /* What one process prints. */
 typedef struct ear {
     tl_relay relay;
     bool is_open;
-    int next; /* the pipe that follows; NONE: there is none */
+    int next;         /* the pipe that follows; NONE: there is none */
+    unsigned process; /* number of the process that prints */
+    logged_line lines[LINES];
 } ear;
 
 struct tl_voice {
@@ -33,14 +47,56 @@ struct tl_voice {
     tl_time drawn;
 };
 
+/* FNV-1a. */
+static uint64_t hash_of(const char *line) {
+    uint64_t hash = 0xcbf29ce484222325;
+    for (; *line != '\0'; line++) {
+        hash = (hash ^ (unsigned char)*line) * 0x100000001b3;
+    }
+    return hash;
+}
+
+/* The entry of this line; if there is none, the oldest one is used for it. */
+static logged_line *find_line(ear *listening, uint64_t hash) {
+    logged_line *oldest = &listening->lines[0];
+    for (int i = 0; i < LINES; i++) {
+        logged_line *line = &listening->lines[i];
+        if (line->hash == hash) {
+            return line;
+        }
+        oldest = line->time < oldest->time ? line : oldest;
+    }
+    *oldest = (logged_line){.hash = hash, .process = listening->process};
+    return oldest;
+}
+
+/* A process may repeat itself: only what the one before has printed is counted instead. */
+static bool is_repeated(ear *listening, logged_line *line, tl_time now) {
+    bool is = line->process != listening->process && line->time != 0 && now - line->time < QUIET;
+    line->process = listening->process;
+    return is;
+}
+
 static void pass(void *context, const char *line) {
-    (void)context;
+    ear *listening = context;
     const char *text = NULL;
+    char times[64] = "";
     int level = tl_log_level_of(line, &text);
+    tl_time now = tl_clock_now(NULL);
+    logged_line *entry = find_line(listening, hash_of(line));
+    if (is_repeated(listening, entry, now)) {
+        entry->repeats++;
+        return;
+    }
+    if (entry->repeats > 0) {
+        (void)snprintf(times, sizeof times, " (and %u times in between)", entry->repeats);
+    }
+    entry->repeats = 0;
+    entry->time = now;
     if (level == TL_LOG_FOREIGN) {
         tl_log_plain(text);
     } else {
-        tl_log((tl_log_level)level, "%s", text);
+        tl_log((tl_log_level)level, "%s%s", text, times);
     }
 }
 
@@ -55,7 +111,8 @@ static void listen(ear *listening) {
     if (!listening->is_open) {
         int pipe = __atomic_exchange_n(&listening->next, NONE, __ATOMIC_ACQ_REL);
         if (pipe != NONE) {
-            tl_relay_open(&listening->relay, pipe, pass, NULL);
+            tl_relay_open(&listening->relay, pipe, pass, listening);
+            listening->process++;
             listening->is_open = true;
         }
     }

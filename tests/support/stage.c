@@ -224,13 +224,14 @@ static void be_child(tl_member which, const tl_start *start, pid_t parent) {
 
 /* ---- for the supervisor ---- */
 
-static pid_t begin(void *context, tl_member which, const tl_start *start) {
+static pid_t begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
     (void)context;
     pid_t parent = getpid();
     tl_stage_part *begun = part_of(which);
     if (begun->starts < (int)strlen(begun->plan) && begun->plan[begun->starts] == '-') {
         begun->starts++;
         stage->starts += which == TL_MEMBER_TWIN ? 1 : 0;
+        (void)tl_fail(error, TL_TRY_AGAIN, "no process is left");
         return 0;
     }
     (void)fflush(NULL);

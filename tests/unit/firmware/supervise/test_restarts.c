@@ -119,17 +119,24 @@ static void test_the_supervisor_was_killed(void) {
     tl_restarts_begin(&restarts, false);
     open_here(false);
     TEST_ASSERT_EQUAL_STRING("the supervisor was killed", restarts.reason);
-    TEST_ASSERT_EQUAL_UINT(1, restarts.failures);
+    TEST_ASSERT_TRUE(restarts.interrupted);
+    TEST_ASSERT_EQUAL_UINT(0, restarts.failures);
 }
 
-/* A loop over resets of the box is one too. */
+/* Only the twin's own ends count; those before the reset are kept. */
 static void test_the_box_was_reset(void) {
     write_account("{\"starts\": 9, \"restarts\": 4, \"failures\": 4, \"running\": true, \"boot\": \"another\"}");
     open_here(true);
     TEST_ASSERT_EQUAL_STRING("the box was reset by its watchdog", restarts.reason);
+    TEST_ASSERT_EQUAL_UINT(4, restarts.failures);
+    for (int i = 0; i < 50; i++) {
+        open_here(false);
+        TEST_ASSERT_EQUAL_STRING("the box was reset, or lost its power", restarts.reason);
+        TEST_ASSERT_TRUE(restarts.interrupted);
+        TEST_ASSERT_FALSE(tl_restarts_is_loop(&restarts));
+    }
+    tl_restarts_fail(&restarts, "it hung");
     TEST_ASSERT_TRUE(tl_restarts_is_loop(&restarts));
-    open_here(false);
-    TEST_ASSERT_EQUAL_STRING("the box was reset, or lost its power", restarts.reason);
     TEST_ASSERT_EQUAL_UINT64(9, restarts.starts);
     TEST_ASSERT_EQUAL_UINT64(4, restarts.restarts);
 }
@@ -138,7 +145,49 @@ static void test_a_reset_after_an_orderly_end_is_none(void) {
     write_account("{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": false, \"boot\": \"another\"}");
     open_here(true);
     TEST_ASSERT_EQUAL_STRING("it was told to", restarts.reason);
+    TEST_ASSERT_FALSE(restarts.interrupted);
     TEST_ASSERT_EQUAL_UINT(0, restarts.failures);
+}
+
+static void fail_until_loop(void) {
+    for (int i = 0; i < TL_RESTARTS_MOST; i++) {
+        tl_restarts_fail(&restarts, "it hung");
+    }
+    TEST_ASSERT_TRUE(tl_restarts_is_loop(&restarts));
+}
+
+/* Ever more seldom, up to a bound, also over power cuts. */
+static void test_retries(void) {
+    static const tl_time seconds[] = {60, 120, 240, 480, 960, 1920, 3600, 3600};
+    open_here(false);
+    fail_until_loop();
+    for (size_t i = 0; i < sizeof seconds / sizeof seconds[0]; i++) {
+        TEST_ASSERT_EQUAL_INT64(seconds[i] * TL_SECOND, tl_restarts_hold_time(&restarts, TL_RESTARTS_HOLD));
+        tl_restarts_retry(&restarts);
+        tl_restarts_begin(&restarts, true);
+        tl_restarts_fail(&restarts, "it hung");
+        TEST_ASSERT_EQUAL_UINT(TL_RESTARTS_MOST, restarts.failures);
+        open_here(false);
+        TEST_ASSERT_EQUAL_UINT(i + 1, restarts.tries);
+        TEST_ASSERT_TRUE(tl_restarts_is_loop(&restarts));
+    }
+}
+
+/* A life that forgives all failures forgets the retries; so does an orderly end. */
+static void test_retries_are_forgotten(void) {
+    open_here(false);
+    fail_until_loop();
+    tl_restarts_retry(&restarts);
+    for (int i = 0; i < TL_RESTARTS_MOST; i++) {
+        TEST_ASSERT_EQUAL_UINT(1, restarts.tries);
+        tl_restarts_live(&restarts, TL_RESTARTS_FORGIVEN);
+    }
+    TEST_ASSERT_EQUAL_UINT(0, restarts.tries);
+    fail_until_loop();
+    tl_restarts_retry(&restarts);
+    tl_restarts_end(&restarts);
+    open_here(false);
+    TEST_ASSERT_EQUAL_UINT(0, restarts.tries);
 }
 
 static void test_a_damaged_account(void) {
@@ -230,6 +279,8 @@ int main(void) {
     RUN_TEST(test_the_supervisor_was_killed);
     RUN_TEST(test_the_box_was_reset);
     RUN_TEST(test_a_reset_after_an_orderly_end_is_none);
+    RUN_TEST(test_retries);
+    RUN_TEST(test_retries_are_forgotten);
     RUN_TEST(test_a_damaged_account);
     RUN_TEST(test_more_failures_than_make_a_loop);
     RUN_TEST(test_no_folder);

@@ -66,7 +66,7 @@ static void test_told_to_end_and_deaf(void) {
     TEST_ASSERT_EQUAL_INT(75, tl_stage_signal("b", SIGTERM, 200, 300));
     TEST_ASSERT_EQUAL_INT(1, stage->starts);
     tl_stage_expect_told(
-        "the twin failed when it was to end: it was told to end, and was still there 16 s later, in fmi2DoStep of "
+        "the twin failed when it was to end: it was told to end, and was still there 8 s later, in fmi2DoStep of "
         "motor");
     tl_stage_empty();
     tl_stage_expect_code("0", 0);
@@ -102,6 +102,16 @@ static void test_recorders_that_cannot_keep_all(void) {
         "of motor");
 }
 
+/* The kernel gives no process any more: the end does not wait for one. */
+static void test_a_recorder_that_cannot_be_begun(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "k------------------------------------------");
+    tl_time begun = tl_clock_now(NULL);
+    TEST_ASSERT_EQUAL_INT(75, tl_stage_end("w", SIGTERM, 500));
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 10 * TL_SECOND);
+    TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts < 10);
+    tl_stage_expect_said("the recorder cannot be started: no process is left");
+}
+
 /* Whoever asks again waits for nobody. */
 static void test_asked_again_to_end(void) {
     TEST_ASSERT_EQUAL_INT(75, hurry("b"));
@@ -117,6 +127,7 @@ int main(void) {
     RUN_TEST(test_told_to_end_and_deaf);
     RUN_TEST(test_told_to_end_before_it_could_hear_it);
     RUN_TEST(test_recorders_that_cannot_keep_all);
+    RUN_TEST(test_a_recorder_that_cannot_be_begun);
     RUN_TEST(test_asked_again_to_end);
     return tl_stage_close(UNITY_END());
 }
