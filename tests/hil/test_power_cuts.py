@@ -6,7 +6,7 @@ import sys
 import time
 
 import activation_cuts
-from power_cuts import PATIENCE_S, check_accounts, cuts, need_rig
+from power_cuts import PATIENCE_S, check_accounts, cuts, cuts_in_a_row, need_rig
 from twinlock_test import Failure, expect, main, scratch
 
 CUTS = 2
@@ -25,6 +25,18 @@ def show_late(number, why):
 def test_power_cuts():
     need_rig()
     cuts(CUTS, time.time_ns(), show, show_late)
+
+
+def show_in_a_row(number, figures):
+    missing = "no sample of its run is there yet" if figures["missing"] is None else f"{figures['missing']} samples missing"
+    print(f"    boot {number}, start {figures['starts']}: {figures['locked']} steps in lock, {missing}; "
+          + (f"cut {figures['after_s']:.1f} s after its start" if figures["after_s"] > 0 else "came back"), flush=True)
+
+
+def test_power_cuts_in_a_row():
+    """Six: with five the twin was off for good."""
+    need_rig()
+    cuts_in_a_row(6, time.time_ns(), show_in_a_row)
 
 
 def show_change(number, cut):
@@ -83,6 +95,14 @@ def by_hand(count, seed):
           f"{sum(figures['behind'] == 1 for figures in table)} times, neither 0 times")
 
 
+def in_a_row_by_hand(count, seed):
+    table = cuts_in_a_row(count, seed, show_in_a_row)
+    missing = sorted(figures["missing"] for figures in table if figures["missing"] is not None)
+    print(f"{len(table)} cuts of one disk (seed {seed}): each start was counted, none was a failure, none was safe hold, and the last boot was in lock; "
+          f"{len(missing)} boots were in lock when they were cut, and missed {missing[len(missing) // 2] if missing else 0} samples of 10 ms (median), at most "
+          f"{max(missing, default=0)}")
+
+
 def retuned_by_hand(count, seed):
     table = activation_cuts.cuts(count, seed, show_change, show_late)
     fell = ", ".join(f"{sum(cut.phase == phase for cut in table)} on {phase}" for phase in (*activation_cuts.PHASES, "active", "sent"))
@@ -92,6 +112,8 @@ def retuned_by_hand(count, seed):
 
 if sys.argv[1:2] == ["--cuts"]:
     by_hand(int(sys.argv[2]), int(sys.argv[4]))
+elif sys.argv[1:2] == ["--in-a-row"]:
+    in_a_row_by_hand(int(sys.argv[2]), int(sys.argv[4]))
 elif sys.argv[1:2] == ["--retuned"]:
     retuned_by_hand(int(sys.argv[2]), int(sys.argv[4]))
 else:

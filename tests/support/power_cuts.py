@@ -7,6 +7,7 @@ import json
 import os
 import random
 import re
+import shutil
 import subprocess
 import sys
 import threading
@@ -63,7 +64,7 @@ class Told:
     def wait_for(self, kind, number_, timeout):
         """Whether so much of it was told before the time was over."""
         with self.news:
-            return self.news.wait_for(lambda: self.numbers.get(kind, 0) >= number_, timeout)
+            return self.news.wait_for(lambda: self.numbers.get(kind, -1) >= number_, timeout)
 
     def flush(self):
         pass
@@ -100,9 +101,10 @@ def wait_for_moment(guest, runner, told, moment, patience_s):
     return False
 
 
-def record_and_cut(guest_module, folder, after_s, patience_s, script="record.py", moments=(RECORDS,)):
-    """(the disk, what the box told): the power was cut `after_s` seconds after it had told these, one after the other. `script` is what the box runs."""
-    told, disk = Told(), make_disk(folder)
+def record_and_cut(guest_module, folder, after_s, patience_s, script="record.py", moments=(RECORDS,), disk=None):
+    """(the disk, what the box told): the power was cut `after_s` seconds after it had told these, one after the other. `script` is what the box runs;
+    `disk` what an earlier box left."""
+    told, disk = Told(), disk or make_disk(folder)
     guest = guest_module.Guest(build=BUILD, disk=disk, timeout=len(moments) * patience_s + 2 * after_s + 60)
     with open(folder / "log", "wb") as log:
         runner = threading.Thread(target=guest.run, args=(["python3", SOURCE / "tests/hil/box" / script], told, log))
@@ -192,6 +194,52 @@ def one_cut(guest_module, after_s, patience_s=PATIENCE_S):
     missing, rows = check_database(files, told, folder)
     disk.unlink()
     return {"after_s": after_s, "steps": rows, "missing": missing, "behind": behind, "kept": told.get("starts", 0)}
+
+
+IN_A_ROW_S = 1.0, 20.0  # from the start of the supervisor to the cut
+MOST_MISSING_IN_A_ROW = 50  # samples of 10 ms
+SERVED_BY_RUN = """SELECT max(value) FROM samples JOIN signals USING (run, signal)
+                   WHERE kind = 'plant' AND name = 'plant.count' AND quality = ? AND run = ?"""
+HOLDS = "SELECT count(*) FROM runs WHERE verb = 'hold'"
+
+
+def check_in_a_row(disk, told, boots):
+    """After boot `boots`, which was cut: (samples missing or None if its run has none yet, account). Nothing is lost, and nothing holds."""
+    folder = scratch()
+    copy = folder / "disk.img"
+    shutil.copyfile(disk, copy)
+    files = check_file_system(copy, folder)
+    copy.unlink()
+    account = read_account(files / "state" / "supervisor.json") if (files / "state" / "supervisor.json").exists() else {"starts": 0, "failures": 0}
+    expect(account["starts"] <= boots and account["failures"] == 0, f"boot {boots}: {account}")
+    if told.get("committed") is None:
+        return None, account
+    database = files / "twin.db"
+    expect(query(database, "PRAGMA integrity_check") == [("ok",)], "the database is not intact")
+    expect(number(database, HOLDS) == 0, f"boot {boots}: safe hold")
+    if told["locked"] == 0:
+        return None, account
+    seen = number(database, SERVED_BY_RUN, GOOD, number(database, "SELECT max(run) FROM runs"))
+    missing = told["served"] - (seen or 0)
+    expect(missing <= MOST_MISSING_IN_A_ROW, f"boot {boots}: {missing} samples are missing")
+    return max(0, missing), account
+
+
+def cuts_in_a_row(count, seed, each=lambda number, figures: None, patience_s=PATIENCE_S):
+    """One box, whose power is cut so often on the same disk, and which must come back each time: at last it is in lock. Returns the figures of the cuts."""
+    sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
+    import guest  # pylint: disable=import-outside-toplevel
+    chance, table = random.Random(seed), []
+    disk = make_disk(scratch())
+    for boot in range(1, count + 2):
+        is_last = boot == count + 1
+        moment, after_s = (("locked", 20), 0.0) if is_last else (("started", 0), chance.uniform(*IN_A_ROW_S))
+        _, told = record_and_cut(guest, scratch(), after_s, patience_s, "come_back.py", (moment,), disk)
+        missing, account = check_in_a_row(disk, told, boot)
+        table.append({"after_s": after_s, "missing": missing, "locked": told.get("locked", 0), "starts": account["starts"]})
+        each(boot, table[-1])
+    disk.unlink()
+    return table[:-1]
 
 
 def cuts(count, seed, each=lambda number, figures: None, late=lambda number, why: None, patience=lambda number: PATIENCE_S):
