@@ -81,7 +81,7 @@ static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
     add_headers(response, visit);
     if (dialogue->status == TL_HTTP_TOO_MANY) {
         char text[LENGTH];
-        tl_time left = tl_penalties_left(&server->penalties, &visit->address, tl_clock_now(NULL));
+        tl_time left = tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL));
         (void)snprintf(text, sizeof text, "%d", 1 + (int)(left / TL_SECOND));
         add_header(response, MHD_HTTP_HEADER_RETRY_AFTER, text);
     }

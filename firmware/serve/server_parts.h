@@ -9,7 +9,7 @@
 #include "firmware/base/log.h"
 #include "firmware/door/guests.h"
 #include "firmware/door/lingerers.h"
-#include "firmware/door/penalties.h"
+#include "firmware/door/token_delays.h"
 #include "firmware/door/tokens.h"
 #include "firmware/serve/dialogue.h"
 #include "firmware/serve/server.h"
@@ -37,7 +37,7 @@ struct tl_server {
     tl_visit visits[TL_GUESTS];
     int arriving; /* the place of the connection that is being added */
     tl_lingerers lingerers;
-    tl_penalties penalties;
+    tl_token_delays token_delays;
     tl_tokens tokens;
     struct stat tokens_seen; /* of the file when it was read */
     tl_log_limiter says;     /* of what strangers can cause */

@@ -42,13 +42,13 @@ static void renew_tokens(tl_server *server) {
 }
 
 static tl_http_status refuse_token(tl_server *server, tl_visit *visit, const char *why) {
-    tl_penalties_add(&server->penalties, &visit->address, tl_clock_now(NULL));
+    tl_token_delays_add(&server->token_delays, &visit->address, tl_clock_now(NULL));
     tl_log_limited(&server->says, TL_LOG_WARNING, "a wrong token from %s", visit->from);
     return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN, why);
 }
 
 static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char *word, tl_control_right *right) {
-    if (tl_penalties_left(&server->penalties, &visit->address, tl_clock_now(NULL)) > 0) {
+    if (tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL)) > 0) {
         return refuse(visit, TL_HTTP_TOO_MANY, TL_CONTROL_BUSY, "too many wrong tokens came from your address: wait");
     }
     if (word == NULL) {
@@ -63,7 +63,6 @@ static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char
     if (token == NULL) {
         return refuse_token(server, visit, "no such token");
     }
-    tl_penalties_forget(&server->penalties, &visit->address);
     memcpy(visit->token, token->name, sizeof visit->token);
     server->guests.rows[visit->place].is_known = true;
     *right = token->role;

@@ -265,6 +265,18 @@ def test_a_plant_that_ends_and_comes_again():
         expect_status(box.ask("GET", MOTOR), 200)
 
 
+def test_a_right_token_resets_no_delay():
+    with Box() as box:
+        connection = box.connect()
+        statuses = []
+        for number in range(100):  # each round may take as long as the delay, up to 64 s
+            statuses.append(box.ask("GET", MOTOR, None, connection=connection, Authorization=f"Bearer {number:064x}").status)
+            statuses.append(box.ask("GET", MOTOR, "read", connection=connection).status)
+            if statuses[-1] == 429:
+                break
+        expect(statuses[:6] == 3 * [401, 200] and statuses[-1] == 429 and statuses.count(401) < 10, f"{statuses}")
+
+
 def test_the_certificate_stays():
     with Box() as box:
         command = [SERVE, "--fingerprint", "--state", str(box.folder / "state")]

@@ -1,5 +1,5 @@
-/* How long who guesses waits, and that remembering it is bounded. */
-#include "firmware/door/penalties.h"
+/* Delays after wrong tokens, the bound of their table, and addresses. */
+#include "firmware/door/token_delays.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>
@@ -7,10 +7,10 @@
 
 #include <unity.h>
 
-static tl_penalties penalties;
+static tl_token_delays delays;
 
 void setUp(void) {
-    memset(&penalties, 0, sizeof penalties);
+    memset(&delays, 0, sizeof delays);
 }
 
 void tearDown(void) {}
@@ -22,49 +22,42 @@ static tl_address address(unsigned number) {
 
 static double seconds_left(unsigned number, tl_time now) {
     tl_address from = address(number);
-    return tl_seconds(tl_penalties_left(&penalties, &from, now));
+    return tl_seconds(tl_token_delays_left(&delays, &from, now));
 }
 
 static void add(unsigned number, unsigned times, tl_time now) {
     tl_address from = address(number);
     for (unsigned i = 0; i < times; i++) {
-        tl_penalties_add(&penalties, &from, now);
+        tl_token_delays_add(&delays, &from, now);
     }
 }
 
-static void each_wrong_one_doubles_the_wait(void) {
-    static const double waits[] = {0, 0, 0, 1, 2, 4, 8, 16, 32, 60, 60, 60};
+static void each_wrong_token_doubles_the_delay(void) {
+    static const double waits[] = {0, 0, 0, 1, 2, 4, 8, 16, 32, 64, 64, 64};
     for (size_t i = 0; i < sizeof waits / sizeof waits[0]; i++) {
         add(1, 1, 0);
         TEST_ASSERT_EQUAL_DOUBLE(waits[i], seconds_left(1, 0));
     }
-    TEST_ASSERT_EQUAL_DOUBLE(20, seconds_left(1, 40 * TL_SECOND));
-    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 60 * TL_SECOND));
+    TEST_ASSERT_EQUAL_DOUBLE(24, seconds_left(1, 40 * TL_SECOND));
+    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 64 * TL_SECOND));
     TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(2, 0));
 }
 
-static void a_right_one_forgets(void) {
-    tl_address from = address(1);
-    add(1, 5, 0);
-    tl_penalties_forget(&penalties, &from);
-    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 0));
-    add(1, 3, 0);
-    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 0));
-}
-
-static void so_does_peace(void) {
+static void ten_minutes_without_a_wrong_token_reset_it(void) {
     add(1, 8, 0);
-    add(1, 1, 601 * TL_SECOND);
-    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 601 * TL_SECOND));
+    add(1, 1, 600 * TL_SECOND);
+    TEST_ASSERT_EQUAL_DOUBLE(32, seconds_left(1, 600 * TL_SECOND));
+    add(1, 1, 1201 * TL_SECOND);
+    TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 1201 * TL_SECOND));
 }
 
-static void the_oldest_makes_room(void) {
-    for (unsigned i = 0; i < 10 * TL_PENALTIES; i++) {
+static void a_full_table_drops_the_oldest(void) {
+    for (unsigned i = 0; i < 10 * TL_TOKEN_DELAYS; i++) {
         add(i + 1, 4, i);
     }
     TEST_ASSERT_EQUAL_DOUBLE(0, seconds_left(1, 0));
-    TEST_ASSERT_TRUE(seconds_left(10 * TL_PENALTIES, 10 * TL_PENALTIES) > 0.0);
-    TEST_ASSERT_TRUE(seconds_left(9 * TL_PENALTIES + 1, 10 * TL_PENALTIES) > 0.0);
+    TEST_ASSERT_TRUE(seconds_left(10 * TL_TOKEN_DELAYS, 10 * TL_TOKEN_DELAYS) > 0.0);
+    TEST_ASSERT_TRUE(seconds_left(9 * TL_TOKEN_DELAYS + 1, 10 * TL_TOKEN_DELAYS) > 0.0);
 }
 
 static void a_network_of_ipv6_is_one(void) {
@@ -109,10 +102,9 @@ static void addresses_to_listen_on(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(each_wrong_one_doubles_the_wait);
-    RUN_TEST(a_right_one_forgets);
-    RUN_TEST(so_does_peace);
-    RUN_TEST(the_oldest_makes_room);
+    RUN_TEST(each_wrong_token_doubles_the_delay);
+    RUN_TEST(ten_minutes_without_a_wrong_token_reset_it);
+    RUN_TEST(a_full_table_drops_the_oldest);
     RUN_TEST(a_network_of_ipv6_is_one);
     RUN_TEST(addresses_to_listen_on);
     return UNITY_END();
