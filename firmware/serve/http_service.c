@@ -11,8 +11,10 @@
 
 enum { PIECE = 16 * 1024, CONNECTION_MEMORY = 16 * 1024, LENGTH = 32 };
 
-/* TLS 1.2 and 1.3, and of their ciphers those that keep forward secrecy. */
-static const char PRIORITIES[] = "SECURE128:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-RSA:%SERVER_PRECEDENCE";
+/* TLS 1.3, and TLS 1.2 with AEAD ciphers and ECDHE. */
+static const char PRIORITIES[] =
+    "SECURE128:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-KX-ALL:+ECDHE-ECDSA:+ECDHE-RSA:-MAC-ALL:+AEAD:"
+    "%SERVER_PRECEDENCE";
 
 void tl_visit_allow(tl_server *server, const tl_visit *visit, tl_time time) {
     server->guests.rows[visit->place].deadline = time == TL_TIME_NEVER ? TL_TIME_NEVER : tl_clock_now(NULL) + time;

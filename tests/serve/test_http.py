@@ -335,8 +335,9 @@ def test_a_certificate_of_ones_own():
 
 def test_only_modern_tls():
     with Box() as box:
-        for option, good in (("-tls1_1", False), ("-tls1_2", True), ("-tls1_3", True)):
-            done = subprocess.run(["openssl", "s_client", option, "-cipher", "ALL:@SECLEVEL=0", "-connect", f"127.0.0.1:{box.port}"],
+        for option, ciphers, good in (("-tls1_1", "ALL", False), ("-tls1_2", "ALL", True), ("-tls1_3", "ALL", True), ("-tls1_2", "ECDHE+AESGCM", True),
+                                      ("-tls1_2", "ALL:!AESGCM:!AESCCM:!CHACHA20", False), ("-tls1_2", "ECDHE-ECDSA-AES256-SHA", False)):
+            done = subprocess.run(["openssl", "s_client", option, "-cipher", f"{ciphers}:@SECLEVEL=0", "-connect", f"127.0.0.1:{box.port}"],
                                   input=b"", capture_output=True, check=False)
             expect((b"Cipher is (NONE)" not in done.stdout) == good, f"{option}: {done.stdout[-400:]}")
 
