@@ -67,6 +67,9 @@ static void add_headers(struct MHD_Response *response, const tl_visit *visit) {
         (void)snprintf(text, sizeof text, "%llu", (unsigned long long)dialogue->version);
         add_header(response, "Twinlock-Version", text);
     }
+    if (dialogue->status == TL_HTTP_BAD_REQUEST) { /* what follows on the connection may not be a request */
+        add_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
+    }
     if (dialogue->status == TL_HTTP_UNAUTHORISED) {
         add_header(response, MHD_HTTP_HEADER_WWW_AUTHENTICATE, "Bearer realm=\"twinlock\"");
     }
@@ -97,13 +100,13 @@ static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
 
 /* What it says before its body. A refusal of one with a body is said before that; it is not read. */
 static enum MHD_Result take_head(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
-                                 const char *method) {
+                                 const char *method, const char *protocol) {
     bool has_body = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH) != NULL ||
                     MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
     tl_dialogue_close(&visit->dialogue);
     visit->connection = connection;
     visit->token[0] = '\0';
-    visit->has_begun = tl_visit_judge(server, visit, connection, method) != TL_HTTP_OK;
+    visit->has_begun = tl_visit_judge(server, visit, connection, method, protocol) != TL_HTTP_OK;
     visit->leaves_body = visit->has_begun && has_body;
     if (visit->leaves_body) {
         return answer(server, visit);
@@ -133,10 +136,9 @@ static enum MHD_Result serve(void *context, struct MHD_Connection *connection, c
     tl_server *server = context;
     tl_visit *visit = visit_of(connection);
     (void)url;
-    (void)protocol;
     if (*state == NULL) {
         *state = visit;
-        return take_head(server, visit, connection, method);
+        return take_head(server, visit, connection, method, protocol);
     }
     if (*size > 0) {
         bool is_kept = visit->has_begun || tl_dialogue_add_body(&visit->dialogue, data, *size);
@@ -159,6 +161,7 @@ static enum MHD_Result serve(void *context, struct MHD_Connection *connection, c
 static void *keep_target(void *context, const char *target, struct MHD_Connection *connection) {
     tl_visit *visit = visit_of(connection);
     (void)context;
+    visit->target_length = strlen(target);
     (void)snprintf(visit->target, sizeof visit->target, "%s", target);
     return NULL;
 }

@@ -23,6 +23,7 @@ typedef struct tl_visit {
     char from[TL_ADDRESS_TEXT];
     char local[TL_ADDRESS_TEXT];
     char target[TL_HTTP_TARGET + 1]; /* cut behind what is too long anyway */
+    size_t target_length;            /* before it was cut */
     char token[TL_TOKEN_NAME];       /* whose it is; "": not seen yet */
     bool has_begun;                  /* the request was judged, and asked if it was good */
     bool is_suspended;               /* until there is something to answer with */
@@ -55,9 +56,10 @@ struct tl_server {
 /* From now on it has so long. */
 void tl_visit_allow(tl_server *server, const tl_visit *visit, tl_time time);
 
-/* visit_judge.c: whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. */
-tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
-                              const char *method);
+/* visit_judge.c: whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. `method` and `protocol` are
+ * libmicrohttpd's own texts, in its buffer. */
+tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection, const char *method,
+                              const char *protocol);
 
 /* visit_audit.c: an entry for a request that may change something. */
 void tl_visit_audit(const tl_visit *visit);

@@ -1,5 +1,5 @@
-/* Whether a request may be asked: see server_parts.h. In this order, so that a stranger learns nothing: how it calls us, how often it was
- * wrong, its token, what it asks for, whether it may. Nothing of a body has been read by then. */
+/* Whether a request may be asked: see server_parts.h. In this order, so that a stranger learns nothing: the form of its head, its Host, its
+ * delay, its token, what it asks for, whether it may. Nothing of a body has been read by then. */
 #include <stdio.h>
 #include <string.h>
 #include <strings.h>
@@ -17,6 +17,67 @@ static const char *header(struct MHD_Connection *connection, const char *name) {
 static tl_http_status refuse(tl_visit *visit, tl_http_status status, tl_control_result result, const char *sentence) {
     tl_dialogue_refuse(&visit->dialogue, status, result, sentence);
     return status;
+}
+
+/* ---- the form of the head ---- */
+
+/* Two headers of one of these names give a request two meanings. */
+static const char *const SINGLE_HEADERS[] = {
+    MHD_HTTP_HEADER_HOST,           MHD_HTTP_HEADER_AUTHORIZATION,    MHD_HTTP_HEADER_IF_MATCH,
+    MHD_HTTP_HEADER_CONTENT_LENGTH, MHD_HTTP_HEADER_CONTENT_ENCODING, MHD_HTTP_HEADER_TRANSFER_ENCODING,
+};
+
+static const char NAME_LETTERS[] = "!#$%&'*+-.^_`|~0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+typedef struct head_check {
+    const char *end; /* of the part that was checked */
+    unsigned seen;   /* a bit for each of SINGLE_HEADERS */
+    bool is_good;
+} head_check;
+
+/* Whether a part of the head begins where the part before it ends.
+ * libmicrohttpd refuses NUL, folded lines and a bare LF from 0.9.77 on; older versions accept them.
+ * The old ones split the head in place: they overwrite CR and LF with one zero each. A NUL in a text,
+ * a line without CR, and a line that was moved to unfold it change the distance of two parts.
+ * Undetected remain NUL LF as the end of a line, and lines before a request that are empty or begin
+ * with NUL. They do not change where the request or its body ends. */
+static bool has_no_gap(const head_check *check, const char *part) {
+    return MHD_VERSION >= 0x00097701 || part == check->end;
+}
+
+static bool has_control_character(const char *value) {
+    while (*value == '\t' || ((unsigned char)*value >= ' ' && *value != 0x7F)) {
+        value++;
+    }
+    return *value != '\0';
+}
+
+static enum MHD_Result check_header(void *context, enum MHD_ValueKind kind, const char *name, const char *value) {
+    head_check *check = context;
+    (void)kind;
+    check->is_good = has_no_gap(check, name) && name[0] != '\0' && name[strspn(name, NAME_LETTERS)] == '\0' &&
+                     !has_control_character(value);
+    for (size_t i = 0; i < sizeof SINGLE_HEADERS / sizeof SINGLE_HEADERS[0]; i++) {
+        unsigned bit = strcasecmp(name, SINGLE_HEADERS[i]) == 0 ? 1U << i : 0U;
+        check->is_good = check->is_good && (check->seen & bit) == 0;
+        check->seen |= bit;
+    }
+    check->end = value + strlen(value) + strlen("\r\n");
+    return check->is_good ? MHD_YES : MHD_NO;
+}
+
+static bool is_well_formed(const tl_visit *visit, struct MHD_Connection *connection, const char *method,
+                           const char *protocol) {
+    size_t size = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE)->header_size;
+    head_check check = {.end = method + strlen(method) + strlen(" ") + visit->target_length + strlen(" ")};
+    check.is_good = has_no_gap(&check, protocol);
+    if (!check.is_good) {
+        return false;
+    }
+    check.end = protocol + strlen(protocol) + strlen("\r\n");
+    (void)MHD_get_connection_values(connection, MHD_HEADER_KIND, check_header, &check);
+    check.end += strlen("\r\n");
+    return check.is_good && has_no_gap(&check, method + size);
 }
 
 /* ---- tokens ---- */
@@ -98,9 +159,15 @@ static tl_http_status judge_right(tl_visit *visit, tl_control_right right) {
     return TL_HTTP_OK;
 }
 
-tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
-                              const char *method) {
+tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection, const char *method,
+                              const char *protocol) {
     tl_control_right right = TL_CONTROL_MAY_READ;
+    if (!is_well_formed(visit, connection, method, protocol)) {
+        return refuse(
+            visit, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
+            "request head: a header occurs twice, or a line is not \"Name: value\" without control characters "
+            "and with CR LF behind it; repair the client");
+    }
     if (!tl_host_names_know(server->settings.names, header(connection, MHD_HTTP_HEADER_HOST), visit->local)) {
         return refuse(visit, TL_HTTP_MISDIRECTED, TL_CONTROL_BAD,
                       "this server is not called so: use its address, or a name that `twinlock serve --host` has");
