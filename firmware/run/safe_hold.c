@@ -28,12 +28,13 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
 
 /* `left`: until the next try. */
 static void describe(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
-    long seconds = left > 0 ? (long)(left / TL_SECOND) + 1 : 0;
-    (void)snprintf(text, TL_HEARTBEAT_STATUS,
-                   "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. The twin is "
-                   "tried again in %ld %s; to try it now, stop and start the run",
-                   settings->failures, settings->reason, settings->records ? " and recorded" : "; nothing is recorded",
-                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min");
+    long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;
+    (void)snprintf(
+        text, TL_HEARTBEAT_STATUS,
+        "safe hold: the twin failed %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
+        "start the run. Last failure: %s",
+        settings->failures, seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min",
+        settings->records ? " and recorded" : "; nothing is recorded", settings->reason);
 }
 
 void tl_safe_hold(const tl_safe_hold_settings *settings) {

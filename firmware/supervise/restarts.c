@@ -213,8 +213,8 @@ void tl_restarts_live(tl_restarts *restarts, tl_time passed) {
     restarts->healthy += passed;
     if (restarts->healthy >= TL_RESTARTS_FORGIVEN) {
         restarts->healthy = 0;
-        if (restarts->failures > 0) {
-            restarts->failures--;
+        if (restarts->failures > 0 || restarts->tries > 0) {
+            restarts->failures -= restarts->failures > 0 ? 1 : 0;
             restarts->tries = restarts->failures == 0 ? 0 : restarts->tries;
             keep(restarts, true);
         }

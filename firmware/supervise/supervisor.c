@@ -229,15 +229,12 @@ static void count_failure(supervisor *self, tl_member which, tl_time now, const 
 /* What a twin that begins is told; from now on the account knows of it. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
+    const unsigned missing = twin_of(self)->failures;
     tl_start start = {.restarts = &self->restarts, .again = self->restarts.failures > 0 || self->is_excused};
-    bool is_loop = tl_restarts_is_loop(&self->restarts);
+    start.failures = missing > self->restarts.failures ? missing : self->restarts.failures;
+    bool is_loop = start.failures >= TL_RESTARTS_MOST;
     start.hold = is_loop && !self->retries;
     start.hold_time = tl_restarts_hold_time(&self->restarts, first);
-    if (is_loop && self->retries) {
-        tl_restarts_retry(&self->restarts);
-        tl_log(TL_LOG_NOTICE, "safe hold ends: the twin is tried again (%u since it failed %d times)",
-               self->restarts.tries, TL_RESTARTS_MOST);
-    }
     self->held = start.hold;
     self->retries = false;
     self->is_excused = false;
@@ -258,6 +255,10 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, cons
         return;
     }
     missing->failures++;
+    if (which == TL_MEMBER_TWIN) {
+        self->is_excused = true;
+        tl_restarts_excuse(&self->restarts, error->text);
+    }
     rest(missing, now, pause_after(missing->failures));
     count_failure(self, which, now, error->text);
 }
@@ -467,6 +468,8 @@ static void retry_from_hold(supervisor *self) {
     if (holding->sound >= holding->hold_time && !holding->child.asked && !self->is_ending) {
         self->bad_holds = 0;
         self->retries = true;
+        tl_restarts_retry(&self->restarts);
+        tl_log(TL_LOG_NOTICE, "safe hold ends: retry %u of the twin", self->restarts.tries);
         holding->is_changed = true;
         tl_child_ask(&holding->child, SIGTERM);
     }
@@ -778,7 +781,10 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
     }
-    self->retries = true; /* whoever starts the box wants a twin */
+    if (tl_restarts_is_loop(&self->restarts)) { /* whoever starts the box wants a twin */
+        tl_restarts_retry(&self->restarts);
+    }
+    self->retries = true;
     self->is_excused = self->restarts.interrupted;
     self->stroke = stroke_interval(self);
     return status;

@@ -192,7 +192,7 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.hold_time = start->hold_time;
     job.starts = start->restarts->starts;
     job.restarts = start->restarts->restarts;
-    job.failures = start->restarts->failures;
+    job.failures = start->failures;
     job.tries = start->restarts->tries;
     memcpy(job.reason, start->restarts->reason, sizeof job.reason);
     return job;

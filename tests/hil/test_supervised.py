@@ -173,7 +173,8 @@ def test_a_loop_ends_in_safe_hold():
         config = hanging_config(device, path)
         database = Path(config).parent / "twin.db"
         with Supervised(config) as live:
-            live.wait_for("safe hold: the twin failed 5 times, the last time because it hung: \"cycle\"")
+            live.wait_for("safe hold: the twin failed 5 times; next try in 60 s. The plant is read and recorded.")
+            live.wait_for("Last failure: it hung: \"cycle\"")
             wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
                        "samples in safe hold", live.log)
             held = live.child()
@@ -235,6 +236,21 @@ def test_an_fmu_is_named():
         expect(unruly.live.account()["starts"] == 4 and unruly.live.account()["restarts"] == 3, f"{unruly.live.account()}")
     expect_starts(unruly.database, "it was told to", "reason: it ended unannounced, with exit code 70, in fmi2DoStep of unruly",
                   "reason: it was ended by signal 11, Segmentation fault, in fmi2DoStep of unruly", " s, in fmi2DoStep of unruly")
+
+
+def test_safe_hold_tries_again():
+    """The cause may be gone: after a minute the twin runs again."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        for run in range(1, 6):
+            unruly.wait_for_tick(run)
+            unruly.tell("crash")
+        unruly.live.wait_for("safe hold: the twin failed 5 times")
+        unruly.live.wait_for("next try in 60 s")
+        unruly.live.wait_for("safe hold ends: retry 1 of the twin")
+        unruly.wait_for_tick(7)
+        expect(unruly.live.account()["failures"] == 5 and unruly.live.account()["tries"] == 1, f"{unruly.live.account()}")
+        end_orderly(unruly.live)
+    expect(query(unruly.database, "SELECT verb FROM runs ORDER BY run") == [("run",)] * 5 + [("hold",), ("run",)], "other runs")
 
 
 def test_an_fmu_that_takes_the_hearts_out():
