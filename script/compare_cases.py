@@ -21,8 +21,8 @@ TABLES = ("outputs", "adjustments", "steps", "samples", "events")
 # that cannot do this has nothing to compare.
 Call = namedtuple("Call", "args out files needed", defaults=(facts.page, {}, False))
 
-# prepare: None, or fills the case's folder before its calls; database: its name where the case has written one; brief: it is
-# not shown in all forms.
+# prepare: None, or fills the case's folder before its calls; database: its name if the case writes one; brief: it is not
+# shown in all forms.
 Case = namedtuple("Case", "name calls prepare database brief", defaults=(None, None, False))
 
 BRIEFLY_SHOWN = ([], ["--json"], ["--csv", "steps"])
@@ -165,9 +165,11 @@ def _plants(config):
 
 
 def _replay_case(name, config, recording, quick, emulates=False):
-    checks = [] if quick else [Call(["check", config], facts.checked), Call(["check", config, "--variables"], facts.checked)]
+    """A case. Its configuration is checked too, unless another case has the same."""
+    kind = name.split("/")[0]
+    checks = [] if quick or kind in ("damaged", "shared") else [Call(["check", config, "--variables"], facts.checked)]
     calls = [*checks, *_replays(config, recording, quick), *(_plants(config) if emulates else [])]
-    return Case(name, calls, database="run.db", brief=name.startswith("scenario/"))
+    return Case(name, calls, database="run.db", brief=kind in ("scenario", "variant", "damaged", "shared"))
 
 
 def _configured(inputs, quick):

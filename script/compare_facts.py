@@ -2,7 +2,11 @@
 
 A fact has a kind (KINDS, see script/compare), a place within what was told, and lines. Numbers stay the text that they are,
 so that all bits count. What depends on the time of day, on how long it took, or on the version is left out or a "*".
+Names of columns, tables and JSON keys are replaced by canonical ones (NAMES).
 """
+import contextlib
+import functools
+import hashlib
 import html
 import json
 import re
@@ -11,6 +15,8 @@ import sqlite3
 import tempfile
 from collections import namedtuple
 from pathlib import Path
+
+from study import Trouble
 
 KINDS = ("values", "codes", "words", "sizes")
 ALLOWABLE = ("words", "sizes")
@@ -25,10 +31,18 @@ VOLATILE = (
     (re.compile(r'("wall_s":\s*)[^,\s]+'), r"\1*"),
 )
 
-# Of the page of `check`: a dry run's time, what the heap grew by, and memory of ours.
+# A renamed column or key gets a row here, so that builds of before and after can be compared, and digests stay as they are.
+NAMES = {"y": "simulated", "y_hat": "measured", "u": "applied", "u_hat": "nominal",
+         "delta": "difference", "error": "difference", "correction": "difference"}
+NAME = re.compile(rf"(?<![^\W_])({'|'.join(sorted(NAMES, key=len, reverse=True))})(?![^\W_])")
+
+# Of the page of `check`: measured times, what the heap grew by, and memory of ours.
 CHECK_TIMES = (
     (re.compile(r"\S+ (\u00b5s|ms|s) here: \S+ (%|cycles)"), r"* here: * \2"),
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
+    (re.compile(r"looked at \d+ times?, \S+ \u2026 \S+ s from the start"), "looked at * times"),
+    (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
+    (re.compile(r"^(    (?:step|save|restore)) +\S+ +\S+ +\S+$", re.MULTILINE), r"\1 *"),
     (re.compile(r"(  states +)\S+ (\w+ of the FMUs' own at most; one of \w+ takes) \S+"), r"\1* \2 *"),
 )
 WARNED_BY_TIME = re.compile(r"\S+ ms here\b")
@@ -39,11 +53,25 @@ SIZED = re.compile(r"  (memory|mail|outbox|checkpoint|past) ")
 LEFT_OUT = {"runs": {"started", "ended", "committed", "version"}, "events": {"at"}, "beginnings": {"boot", "start_ns"}}
 FMU_SUMS = {"beginnings": {"fmus"}}
 
+# A digest covers these values by the canonical names of tables and columns: what a run has read, computed and committed.
+COMMITTED = {
+    "samples": ("tick", "signal", "value", "quality", "stamp_ns"),
+    "outputs": ("step", "signal", "simulated", "measured", "quality", "readings", "squares", "rejected"),
+    "adjustments": ("step", "signal", "applied", "nominal"),
+    "steps": ("step", "t_ns", "outcome", "stop", "J", "J_nominal", "evaluations", "executions", "predicted", "flags", "held"),
+    "components": ("component", "plain", "predicted", "executions", "caught_up", "unstored"),
+}
+
 
 def masked(text, patterns=VOLATILE):
     for pattern, stand_in in patterns:
         text = pattern.sub(stand_in, text)
     return text
+
+
+@functools.cache
+def canonical(name):
+    return NAME.sub(lambda match: NAMES[match[1]], name)
 
 
 # ---- texts ----
@@ -81,7 +109,8 @@ def checked(place, text):
 
 def table(place, text):
     """A CSV table: all of it values. A time of day is no value, and the text of an event has its own fact."""
-    return [Fact("values", place, masked(text, VOLATILE[:1]).splitlines())]
+    head, *rows = masked(text, VOLATILE[:1]).splitlines() or [""]
+    return [Fact("values", place, [canonical(head), *rows])]
 
 
 def _leaves(value, path=""):
@@ -106,13 +135,14 @@ def document(place, text):
         if path.endswith(".text"):
             facts += page(f"{place}, {path}", leaf)
         elif path != "wall_s" and not path.endswith(".version"):
-            lines.append(f"{path}: {masked(str(leaf), VOLATILE[:1])}")
+            lines.append(f"{canonical(path)}: {masked(str(leaf), VOLATILE[:1])}")
     return [Fact("values", place, lines), *facts]
 
 
 def report(place, text):
     """A page of HTML: its `data` elements and the JSON of its curves are values, all else is words."""
-    figures = [html.unescape(found) for found in re.findall(r'<data data-key="([^"]*" value="[^"]*)"', text)]
+    figures = [f"{canonical(html.unescape(key))}: {value}"
+               for key, value in re.findall(r'<data data-key="([^"]*)" value="([^"]*)"', text)]
     curves = re.search(r'<script type="application/json" id="data">(.*?)</script>', text, re.DOTALL)
     rest = text.replace(curves[0], "") if curves else text
     facts = document(f"{place}, curves", curves[1]) if curves else []
@@ -122,12 +152,21 @@ def report(place, text):
 
 # ---- databases ----
 
-def _table_facts(connection, place, name, left_out):
-    names = [row[1] for row in connection.execute(f'PRAGMA table_info("{name}")')]
-    chosen = [column for column in names if column not in left_out]
-    select = ", ".join(f'"{column}"' for column in chosen)
-    order = ", ".join(str(i + 1) for i in range(len(chosen)))
-    rows = connection.execute(f'SELECT {select} FROM "{name}" ORDER BY {order}').fetchall()
+def _columns(connection, table):
+    """{canonical name: name} of what is stored."""
+    return {canonical(row[1]): row[1] for row in connection.execute(f'PRAGMA table_info("{table}")')}
+
+
+def _rows(connection, table, columns, where=""):
+    select = ", ".join(f'"{column}"' for column in columns)
+    order = ", ".join(str(i + 1) for i in range(len(columns)))
+    return connection.execute(f'SELECT {select} FROM "{table}" {where} ORDER BY {order}').fetchall()
+
+
+def _table_facts(connection, place, table, left_out):
+    columns, name = _columns(connection, table), canonical(table)
+    chosen = [column for column in columns if column not in left_out]
+    rows = _rows(connection, table, [columns[column] for column in chosen])
     if name != "events":
         return [Fact("values", f"{place}, {name}", [",".join(chosen), *(",".join(map(repr, row)) for row in rows)])]
     text = chosen.index("text")
@@ -136,32 +175,65 @@ def _table_facts(connection, place, name, left_out):
             *page(f"{place}, texts of events", "\n".join(str(row[text]) for row in rows))]
 
 
-def database(place, path, own_fmus):
-    """All tables, row by row, and how they are made. Floats are told to the last bit. A copy is read, since a reader leaves
-    files beside it."""
+@contextlib.contextmanager
+def _opened(path):
+    """A connection to a copy, since a reader leaves files beside the database."""
     with tempfile.TemporaryDirectory() as folder:
         for part in path.parent.glob(f"{path.name}*"):
             shutil.copy(part, folder)
-        return _database(place, Path(folder, path.name), own_fmus)
+        with contextlib.closing(sqlite3.connect(Path(folder, path.name))) as connection:
+            yield connection
 
 
-def _database(place, path, own_fmus):
-    connection = sqlite3.connect(path)
+def database(place, path, own_fmus):
+    """All tables, row by row, and how they are made. Floats are told to the last bit."""
     try:
-        made = connection.execute("SELECT type, name, sql FROM sqlite_master ORDER BY type, name").fetchall()
-        lines = [f"{kind} {name}: {' '.join((sql or '').split())}" for kind, name, sql in made]
-        for pragma in ("application_id", "user_version", "journal_mode", "auto_vacuum", "page_size", "integrity_check"):
-            lines.append(f"{pragma}: {connection.execute(f'PRAGMA {pragma}').fetchone()[0]}")
-        facts = [Fact("values", f"{place}, schema", lines)]
-        for kind, name, _ in made:
-            if kind == "table" and not name.startswith("sqlite_"):
-                left_out = LEFT_OUT.get(name, set()) | (FMU_SUMS.get(name, set()) if own_fmus else set())
-                facts += _table_facts(connection, place, name, left_out)
-        return facts
+        with _opened(path) as connection:
+            return _database(connection, place, own_fmus)
     except sqlite3.Error as error:
         return [Fact("values", place, [f"cannot be read: {error}"])]
-    finally:
-        connection.close()
+
+
+def _database(connection, place, own_fmus):
+    made = connection.execute("SELECT type, name, sql FROM sqlite_master ORDER BY type, name").fetchall()
+    lines = [f"{kind} {canonical(name)}: {canonical(' '.join((sql or '').split()))}" for kind, name, sql in made]
+    for pragma in ("application_id", "user_version", "journal_mode", "auto_vacuum", "page_size", "integrity_check"):
+        lines.append(f"{pragma}: {connection.execute(f'PRAGMA {pragma}').fetchone()[0]}")
+    facts = [Fact("words", f"{place}, schema", lines)]
+    for kind, name, _ in made:
+        if kind == "table" and not name.startswith("sqlite_"):
+            left_out = LEFT_OUT.get(name, set()) | (FMU_SUMS.get(name, set()) if own_fmus else set())
+            facts += _table_facts(connection, place, name, left_out)
+    return facts
+
+
+# ---- digests ----
+
+def _digest(content):
+    return hashlib.sha256(content).hexdigest()[:12]
+
+
+def committed(path):
+    """["table=digest"] of what the first run of a database has committed, of tables that have rows. All bits count."""
+    found = []
+    with _opened(path) as connection:
+        names = [row[0] for row in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
+        tables = {canonical(name): name for name in names}
+        for name, wanted in COMMITTED.items():
+            columns = _columns(connection, tables[name]) if name in tables else {}
+            missing = [column for column in wanted if column not in columns]
+            if missing:
+                raise Trouble(f"{path.name}: {name} has no {', '.join(missing)}: add the new names to NAMES in "
+                              "script/compare_facts.py")
+            rows = _rows(connection, tables[name], [columns[column] for column in wanted], "WHERE run = 1")
+            if rows:
+                found.append(f"{name}={_digest(repr(rows).encode())}")
+    return found
+
+
+def recorded(path):
+    """"name=digest" of a recording that an emulated plant has written."""
+    return f"{path.name}={_digest(path.read_bytes())}"
 
 
 # ---- differences ----
