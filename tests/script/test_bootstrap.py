@@ -3,10 +3,13 @@
 somebody without root is told. It runs in a copy, with the real apt-get, whose packages, lists and locks are in a folder of the test; and
 with a dpkg that installs nothing."""
 import fcntl
+import http.server
 import os
 import re
 import shutil
+import ssl
 import subprocess
+import threading
 import time
 from contextlib import contextmanager
 
@@ -200,6 +203,31 @@ def test_no_headers():
     machine.environment["PIP_NO_INDEX"] = "1"
     machine.environment.pop("PIP_FIND_LINKS", None)
     expect_failure(machine.run("--build"), "fmpy could not be fetched", "then run script/bootstrap --build")
+
+
+@contextmanager
+def untrusted_server():
+    """The address of an HTTPS server whose certificate nobody knows, as that of a proxy that signs TLS itself."""
+    folder = scratch()
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-keyout", folder / "key", "-out", folder / "crt",
+                    "-subj", "/CN=127.0.0.1"], check=True, stderr=subprocess.DEVNULL)
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(folder / "crt", folder / "key")
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), http.server.BaseHTTPRequestHandler)
+    server.socket = context.wrap_socket(server.socket, server_side=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"https://127.0.0.1:{server.server_address[1]}"
+    server.shutdown()
+
+
+def test_a_proxy_that_signs_itself():
+    machine = Machine("", parts=())
+    for name in ("PIP_FIND_LINKS", "PIP_CERT", "REQUESTS_CA_BUNDLE"):
+        machine.environment.pop(name, None)
+    with untrusted_server() as address:
+        machine.environment |= {"PIP_INDEX_URL": address, "no_proxy": "127.0.0.1", "PIP_CONFIG_FILE": os.devnull}
+        expect_failure(machine.run("--build"), "fmpy could not be fetched: the certificate", "run update-ca-certificates",
+                       "then run script/bootstrap --build")
 
 
 main()
