@@ -187,6 +187,23 @@ def test_without_root():
         expect(("chromium" in packages) == ("--build" not in options), f"{options}: {sorted(packages)}")
 
 
+def test_what_dbc2json_needs():
+    """Three packages and cantools; and nothing if the environment of the tests is there."""
+    packages = asked_for(Machine("all", parts=(), programs=NO_ROOT).run("--dbc")[2], "apt-get update && apt-get install")
+    expect(packages == {"python3", "python3-venv", "ca-certificates"}, f"{sorted(packages)}")
+    machine, text = Machine("", parts=()), 'VERSION ""\nBS_:\nBU_:\nBO_ 5 Engine: 8 Vector__XXX\n SG_ Speed : 0|16@1+ (1,0) [0|9] "" Vector__XXX\n'
+    for name in ("dbc2json", "dbc2json.py"):
+        shutil.copy2(SOURCE / "script" / name, machine.root / "script" / name)
+    (machine.root / "small.dbc").write_text(text, encoding="utf-8")
+    done = subprocess.run([machine.root / "script/dbc2json", machine.root / "small.dbc"], capture_output=True, encoding="utf-8",
+                          env=machine.environment, timeout=200, check=False)
+    if "could not be installed" in done.stderr:
+        raise Skip("no packages of Python's can be fetched")
+    expect(done.returncode == 0 and "Speed" in done.stdout, f"{done.returncode}: {done.stdout}{done.stderr}")
+    made = sorted(path.name for path in machine.deps.iterdir() if not path.name.startswith("."))
+    expect(made == ["bootstrap.log", "dbc"], f"{made}")
+
+
 def test_headers_without_an_environment():
     machine = Machine("", parts=())
     code, _, err = machine.run("--build")
