@@ -40,9 +40,10 @@ def test_table():
 
 
 def test_the_other_solver_is_the_only_change():
-    """The demo changes one word of its configuration."""
+    """The demo changes one word of its configuration, and asks for no real-time scheduling if that is not permitted."""
     text = (CONFIG / "live.json").read_text(encoding="utf-8")
     expect(text.count('"algorithm": "secant"') == 1, "config/motor/live.json has another solver now; script/demo must know")
+    expect(text.count('"priority": 50, "lock_memory": true') == 1, "config/motor/live.json has another realtime; script/demo must know")
 
 
 def test_usage():
