@@ -40,7 +40,7 @@ typedef struct tl_live_job {
     uint32_t
         flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
     bool again; /* after a failure */
-    bool holds; /* safe hold */
+    bool holds; /* safe hold; if `start` is not 0: only until the run's twin may begin, and samples from then on */
     uint64_t starts;
     uint64_t restarts;
     unsigned failures;

@@ -382,8 +382,11 @@ static void hold(live_twin *self) {
         .failures = self->shared.job.failures,
         .reason = self->shared.job.reason,
         .records = self->shared.job.database[0] != '\0',
+        .since = self->shared.job.start,
     };
-    tell_start(self);
+    if (settings.since == 0) {
+        tell_start(self);
+    }
     tl_safe_hold(&settings);
 }
 

@@ -25,19 +25,33 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
     return tick;
 }
 
-void tl_safe_hold(const tl_safe_hold_settings *settings) {
-    char text[TL_HEARTBEAT_STATUS];
-    (void)snprintf(
-        text, sizeof text,
-        "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. Find the fault, then "
-        "stop and start again",
-        settings->failures, settings->reason, settings->records ? " and recorded" : "; nothing is recorded");
-    tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
+static void tell(const tl_safe_hold_settings *settings, char text[TL_HEARTBEAT_STATUS]) {
+    const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
+    bool waits = settings->since != 0;
+    if (waits) {
+        (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                       "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+    } else {
+        (void)snprintf(
+            text, TL_HEARTBEAT_STATUS,
+            "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. Find the fault, then "
+            "stop and start again",
+            settings->failures, settings->reason, recorded);
+    }
+    tl_journal_event(settings->journal, -1, waits ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor", "%s", text);
     tl_heartbeats_set_status(settings->beats, text);
-    tl_time start = tl_clock_now(NULL) + settings->config->step;
-    tl_time remind = start + REMIND;
+}
+
+void tl_safe_hold(const tl_safe_hold_settings *settings) {
+    static const tl_time ms = TL_SECOND / 1000;
+    char text[TL_HEARTBEAT_STATUS];
+    tell(settings, text);
+    tl_time now = tl_clock_now(NULL);
+    tl_time start = settings->since != 0 ? settings->since : now + settings->config->step;
+    tl_time remind = now + REMIND;
     static tl_outbox_start beginning; /* too large for a small stack */
-    beginning = (tl_outbox_start){.holds = true, .resumption = {.start = start, .started = tl_utc_now()}};
+    beginning =
+        (tl_outbox_start){.holds = true, .resumption = {.start = start, .started = tl_utc_now() + (start - now) / ms}};
     (void)tl_outbox_put_start(settings->outbox, &beginning);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
         tl_time due = tl_time_of_step(start, settings->config->step, tick);

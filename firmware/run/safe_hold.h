@@ -1,4 +1,4 @@
-/* Safe hold: what is left of a run after a restart loop. No twin and no FMU; the plant is read, its samples are recorded, and it
+/* Safe hold: what is left of a run after a restart loop, or what there is before its twin may begin. No twin and no FMU; the plant is read, its samples are recorded, and it
  * is said what has happened and what to do.
  *
  * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.
@@ -24,6 +24,8 @@ typedef struct tl_safe_hold_settings {
     unsigned failures;  /* that are not forgiven, */
     const char *reason; /* and why the last of them */
     bool records;       /* somebody writes down what goes into the outbox */
+    tl_time
+        since; /* 0: after a restart loop. Else: until the saved states of the FMUs are tested; samples from then on */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

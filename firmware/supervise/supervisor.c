@@ -95,7 +95,8 @@ typedef struct supervisor {
     bool is_ending;   /* all end, for that reason or another one */
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
-    bool held;        /* the twin that lives holds */
+    bool held;        /* the twin that lives holds, */
+    bool waits;       /* only until the first one may begin */
     unsigned bad_holds;
     bool is_excused; /* the twin rests, and has not failed as one */
     bool hastens;    /* the next look is soon */
@@ -190,6 +191,22 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
+static tl_wait wait_of(const supervisor *self) {
+    return self->settings->wait != NULL ? self->settings->wait(self->settings->context) : TL_WAIT_OVER;
+}
+
+static void prepare_twin(supervisor *self, tl_start *start) {
+    bool is_loop = tl_restarts_is_loop(&self->restarts);
+    self->waits = !is_loop && wait_of(self) != TL_WAIT_OVER;
+    self->held = is_loop || self->waits;
+    self->is_excused = false;
+    start->hold = self->held;
+    start->waits = self->waits;
+    if (!self->waits) {
+        tl_restarts_begin(&self->restarts, start->again);
+    }
+}
+
 static void begin(supervisor *self, tl_member which, tl_time now) {
     member *begun = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
@@ -202,10 +219,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     begun->is_changed = false;
     begun->reason[0] = '\0';
     if (is_twin) {
-        start.hold = tl_restarts_is_loop(&self->restarts);
-        self->held = start.hold;
-        self->is_excused = false;
-        tl_restarts_begin(&self->restarts, start.again);
+        prepare_twin(self, &start);
     }
     pid_t pid = self->settings->begin(self->settings->context, which, &start);
     if (pid != 0) {
@@ -393,7 +407,7 @@ static void listen(supervisor *self, tl_time time) {
 
 /* Of a twin that is ready. */
 static void note_life(supervisor *self, tl_time now, tl_time passed) {
-    self->ran = true;
+    self->ran = self->ran || !self->waits;
     if (!self->told_ready) {
         self->told_ready = tl_service_tell("READY=1");
     }
@@ -447,6 +461,15 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     return !is_held;
 }
 
+/* The first twin may begin. One that is not ready would die of it. */
+static void end_wait(supervisor *self) {
+    member *twin = twin_of(self);
+    if (self->waits && !twin->child.asked && wait_of(self) == TL_WAIT_OVER) {
+        twin->is_changed = true;
+        tl_child_ask(&twin->child, SIGTERM);
+    }
+}
+
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
@@ -467,6 +490,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     stroke(self, now);
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
+        end_wait(self);
     }
 }
 
@@ -474,12 +498,13 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
     bool is_buried = tl_child_is_buried(&resting->child);
-    if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING) {
+    bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
+    if (which == TL_MEMBER_TWIN && (waits || now - resting->ended < resting->pause + REAPING)) {
         stroke(self, now);
     }
     if (self->is_ending && which != TL_MEMBER_RECORDER) {
         resting->state = ABSENT;
-    } else if (is_buried && (self->is_ending || now - resting->ended >= resting->pause)) {
+    } else if (is_buried && !waits && (self->is_ending || now - resting->ended >= resting->pause)) {
         begin(self, which, now);
     }
 }
@@ -498,7 +523,8 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
         } else {
-            self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
+            self->ran =
+                self->ran || (which == TL_MEMBER_TWIN && !self->waits && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
         }
         break;
@@ -621,7 +647,9 @@ static bool is_something_about_to_happen(supervisor *self) {
 static int supervise(supervisor *self) {
     tl_time looked = tl_clock_now(NULL);
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
+        if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
+            rest(twin_of(self), looked, 0);
+        } else if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
             begin(self, which, looked);
         }
     }

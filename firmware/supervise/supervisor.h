@@ -18,6 +18,8 @@
  * Restart: of what failed. The twin: at once after the first failure; the pause doubles with each that is not forgiven, up to 8 s. io and the
  *          recorder: for ever; after 0.25 s at most if it could do its work before, else with pauses that double as well.
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded.
+ * Wait:    the first twin may have to wait, while io and recorder live. The watchdogs are stroked meanwhile, for as long as `wait` says so. A twin that holds only
+ *          for this time is none that ran: the one after it may still be refused.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
  *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (onlooker.h) for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
@@ -52,8 +54,16 @@ typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_ME
 typedef struct tl_start {
     const tl_restarts *restarts; /* which start this is, and why */
     bool again;                  /* after a failure */
-    bool hold;                   /* safe hold */
+    bool hold;                   /* safe hold, */
+    bool waits;                  /* or only until the run's twin may begin: then this is no start of the account */
 } tl_start;
+
+/* Whether the first twin has to wait. */
+typedef enum tl_wait {
+    TL_WAIT_OVER,
+    TL_WAIT_BRIEF, /* nothing is begun for it */
+    TL_WAIT_LONG   /* a twin is begun that holds, and is replaced once the wait is over */
+} tl_wait;
 
 /* What is to be done, looked for again and again: an order stands for as long as it is given, but for `swap`, which is obeyed each time. */
 typedef struct tl_orders {
@@ -89,6 +99,9 @@ typedef struct tl_supervisor_settings {
 
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);
+
+    /* For the first twin. NULL: it never has to wait. */
+    tl_wait (*wait)(void *context);
 
     /* Between two looks. `ends`: all do by now. `orders` is zeroed. */
     void (*look)(void *context, bool ends, tl_orders *orders);
