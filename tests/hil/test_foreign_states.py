@@ -117,7 +117,7 @@ def test_told_to_end_in_a_trial():
 
 
 def test_recorded_during_a_trial():
-    """A trial that lasts is told, and the plant is recorded from its beginning on. It is no start of the twin, and no failure."""
+    """A trial that lasts is told, and the plant is recorded from its beginning on. It is no start of the twin, and no failure; the twin goes on with the run before it."""
     with Device(0.6) as device:
         config, database = make_config(device, hostile_fmu.make("hang", AT="fmi2Instantiate", SECONDS=3))
         with Supervised(config) as live:
@@ -125,8 +125,15 @@ def test_recorded_during_a_trial():
             wait_for_steps(live, database, 2)
             expect(remembered(live.state)["why"] == "", f"{remembered(live.state)}")
             expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
+            state = live.state
+            live.kill()
+        (state / "states.json").unlink()
+        with Supervised(config, state=state) as live:
+            wait_for_steps(live, database, 4)
             end_orderly(live)
-    expect(query(database, "SELECT verb FROM runs ORDER BY run") == [("hold",), ("run",)], f"{query(database, 'SELECT * FROM runs')}")
+            expect("begins anew" not in live.log(), live.log())
+    expect([verb for (verb,) in query(database, "SELECT verb FROM runs ORDER BY run")] == 2 * ["hold", "run"], f"{query(database, 'SELECT * FROM runs')}")
+    expect(dict(beginnings(database))[4] == "checkpoint", f"{beginnings(database)}")
     at_least(number(database, "SELECT count(*) FROM samples WHERE run = 1"), 500, "samples of the trial's time")
     expect(texts(database, "the twin begins when the saved states of its FMUs are tested"), f"{texts(database, '')}")
 
