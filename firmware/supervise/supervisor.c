@@ -96,7 +96,8 @@ typedef struct supervisor {
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
     bool held;        /* the twin that lives holds, */
-    bool waits;       /* only until the first one may begin */
+    bool waits;       /* only until the first one may begin, */
+    bool only_waited; /* and no other twin has been ready yet */
     unsigned bad_holds;
     bool is_excused; /* the twin rests, and has not failed as one */
     bool hastens;    /* the next look is soon */
@@ -294,8 +295,10 @@ static bool is_worth_another(supervisor *self, tl_member which) {
 /* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
-    bool refused = child->end.farewell == TL_FAREWELL_REFUSED && !self->ran;
-    return self->is_ending || refused || (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
+    bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
+    bool refused = child->end.farewell == TL_FAREWELL_REFUSED;
+    return self->is_ending || (refused && never_ran) ||
+           (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
 }
 
 /* Nobody begins it again. */
@@ -407,7 +410,8 @@ static void listen(supervisor *self, tl_time time) {
 
 /* Of a twin that is ready. */
 static void note_life(supervisor *self, tl_time now, tl_time passed) {
-    self->ran = self->ran || !self->waits;
+    self->ran = true;
+    self->only_waited = self->waits;
     if (!self->told_ready) {
         self->told_ready = tl_service_tell("READY=1");
     }
@@ -523,8 +527,7 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
         } else {
-            self->ran =
-                self->ran || (which == TL_MEMBER_TWIN && !self->waits && tl_heartbeats_is_ready(member_->child.beats));
+            self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
         }
         break;
