@@ -25,20 +25,21 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
     return tick;
 }
 
+/* That it waits, the supervisor has said on the log. */
 static void tell(const tl_safe_hold_settings *settings, char text[TL_HEARTBEAT_STATUS]) {
     const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
-    bool waits = settings->since != 0;
-    if (waits) {
+    if (settings->since != 0) {
         (void)snprintf(text, TL_HEARTBEAT_STATUS,
                        "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+        tl_outbox_event(settings->outbox, -1, TL_EVENT_INFO, "supervisor", text);
     } else {
         (void)snprintf(
             text, TL_HEARTBEAT_STATUS,
             "safe hold: the twin failed %u times, the last time because %s. The plant is read%s. Find the fault, then "
             "stop and start again",
             settings->failures, settings->reason, recorded);
+        tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
     }
-    tl_journal_event(settings->journal, -1, waits ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor", "%s", text);
     tl_heartbeats_set_status(settings->beats, text);
 }
 

@@ -19,8 +19,9 @@
 /* A call of an FMU may take a minute in it. */
 static const tl_time LIMIT = 300 * TL_SECOND;
 
-/* So long a start does without a word, and without recording: the plant's mail keeps 10 s. */
-static const tl_time BRIEF = 5 * TL_SECOND;
+/* When the log says what the twin waits for, and when a twin begins that holds: io's mail keeps 10 s and hang_s, so no sample is lost. */
+static const tl_time TOLD = 3 * TL_SECOND;
+static const tl_time BRIEF = 10 * TL_SECOND;
 
 enum { FILE_BYTES = 2048 };
 
@@ -164,11 +165,11 @@ tl_wait tl_saved_states_look(tl_saved_states *states) {
         end_trial(states, how);
         return TL_WAIT_OVER;
     }
-    if (tl_clock_now(NULL) - states->begun < BRIEF) {
-        return TL_WAIT_BRIEF;
+    tl_time lasts = tl_clock_now(NULL) - states->begun;
+    if (lasts >= TOLD) {
+        tell_wait(states);
     }
-    tell_wait(states);
-    return TL_WAIT_LONG;
+    return lasts < BRIEF ? TL_WAIT_BRIEF : TL_WAIT_LONG;
 }
 
 void tl_saved_states_stop(tl_saved_states *states) {

@@ -50,7 +50,7 @@ typedef struct tl_saved_states {
 /* Reads the FMU files and what is remembered of them. What is pointed to must stay. */
 void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states);
 
-/* Does not wait. Begins the trial if it is due, and tells whether the twin has to wait for it: TL_WAIT_LONG after 5 s, which is said on the log once. */
+/* Does not wait. Begins the trial if it is due, and tells whether the twin has to wait for it: TL_WAIT_LONG after 10 s. After 3 s the log says so. */
 tl_wait tl_saved_states_look(tl_saved_states *states);
 
 /* Kills the trial: nothing comes of it. There need not be one. */

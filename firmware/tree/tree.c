@@ -218,7 +218,7 @@ static void look(void *context, bool ends, tl_orders *orders) {
 /* An event has room for less. */
 static void tell_states(tl_tree *self) {
     char text[TL_EVENT_TEXT];
-    tl_log(TL_LOG_WARNING, "%s: no checkpoint holds it, and a twin that goes on follows the recorded inputs instead",
+    tl_log(TL_LOG_WARNING, "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
            self->states.why);
     (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
     tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);

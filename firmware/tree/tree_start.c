@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_role.h"
 #include "firmware/process/role.h"
@@ -177,6 +178,14 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
     pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
 }
 
+/* The first one that waits records from the beginning of the wait on, which io's mail still has. */
+static tl_time start_of(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
+    if (start->waits) {
+        return place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+    }
+    return is_shadow ? place->start : 0;
+}
+
 /* What a twin is told of its start. */
 static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
     tl_live_job job = self->job;
@@ -185,7 +194,7 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
     job.other_plant = is_shadow && place->mail != self->places[1 - job.place].mail;
-    job.start = is_shadow ? place->start : start->waits ? self->states.begun : 0;
+    job.start = start_of(self, place, is_shadow, start);
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
     job.again = start->again;
