@@ -21,7 +21,8 @@ enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
 typedef struct tl_activation_view {
     tl_probation_snapshot figures; /* of the run: all begin at 0 with another one, also by a flip */
     double step_s;                 /* T_S */
-    bool holds;                    /* safe hold: there is no twin */
+    bool holds;                    /* safe hold: there is no twin, */
+    bool waits;                    /* because it may not begin yet: this is no time of a probation */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
 

@@ -101,8 +101,8 @@ static void save(tl_activation *self, tl_time passed) {
 
 /* It also goes on while another candidate is looked at. */
 tl_probation_result tl_activation_pass(tl_activation *self, tl_time passed) {
-    const tl_probation_snapshot now = tl_activation_view_now(self).figures;
-    tl_probation_result result = tl_probation_feed(&self->probation, passed, &now);
+    const tl_activation_view now = tl_activation_view_now(self);
+    tl_probation_result result = tl_probation_feed(&self->probation, now.waits ? 0 : passed, &now.figures);
     self->pause = self->pause > passed ? self->pause - passed : 0;
     if (result == TL_PROBATION_GOES_ON) {
         save(self, passed);

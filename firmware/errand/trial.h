@@ -10,10 +10,14 @@
 
 #include "firmware/twin/twin_role.h"
 
-/* Titles begin with it. */
+/* Titles begin with these. */
 #define TL_TRIAL "trial"
+#define TL_TRIAL_OF_STATES "trial of states"
 
 /* What main() becomes in it (errand.h). `tasks`: as in main(). */
 int tl_trial_role_run(const tl_twin_role_tasks *tasks);
+
+/* Finds out instead whether another process can use the states that the FMUs save (read_back.h). Says nothing; its answer is a tl_trial_states. */
+int tl_trial_of_states_role_run(const tl_twin_role_tasks *tasks);
 
 #endif

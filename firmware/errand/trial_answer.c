@@ -8,12 +8,12 @@
 #include "firmware/text/clean_text.h"
 #include "master/base/signal.h"
 
-/* The list is shown to people. */
-static void clean_list(tl_trial_answer *answer) {
-    char copy[TL_TRIAL_BLIND];
-    size_t length = strnlen(answer->blind, sizeof answer->blind - 1);
-    memcpy(copy, answer->blind, length);
-    (void)tl_clean_text(copy, length, answer->blind, sizeof answer->blind);
+/* Texts are shown to people. The longest that is copied here is `why`. */
+static void clean(const char *from, char *text, size_t size) {
+    char copy[TL_TRIAL_WHY];
+    size_t length = strnlen(from, size - 1);
+    memcpy(copy, from, length);
+    (void)tl_clean_text(copy, length, text, size);
 }
 
 static bool has_plant(const tl_trial_answer *answer) {
@@ -34,7 +34,13 @@ static bool has_room(const tl_trial_answer *answer) {
 bool tl_trial_answer_take(const tl_trial_answer *from, tl_trial_answer *answer) {
     uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
     memcpy(answer, from, sizeof *answer);
-    clean_list(answer);
+    clean(answer->blind, answer->blind, sizeof answer->blind);
     return is_there == 1 && has_room(answer) && has_plant(answer) && answer->step > 0 && answer->budget >= 0 &&
            answer->least >= 0 && answer->worst >= 0;
+}
+
+bool tl_trial_states_take(const tl_trial_states *from, char why[TL_TRIAL_WHY]) {
+    bool is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE) == 1;
+    clean(from->why, why, TL_TRIAL_WHY);
+    return is_there;
 }

@@ -32,6 +32,17 @@ typedef struct tl_trial_answer {
     tl_time worst;                      /* of one with all its evaluations, 0: not known, or nothing is searched */
 } tl_trial_answer;
 
+enum { TL_TRIAL_WHY = 400 };
+
+/* Of a trial of states. */
+typedef struct tl_trial_states {
+    uint32_t is_there;      /* as above */
+    char why[TL_TRIAL_WHY]; /* why another process cannot use them; "": nothing was found against them */
+} tl_trial_states;
+
+/* False: there is none. */
+bool tl_trial_states_take(const tl_trial_states *from, char why[TL_TRIAL_WHY]);
+
 /* False: there is none, or it cannot be one. */
 bool tl_trial_answer_take(const tl_trial_answer *from, tl_trial_answer *answer);
 

@@ -70,6 +70,7 @@ static void look(void *context, tl_activation_view *view) {
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
     view->holds = twin->holds != 0;
+    view->waits = twin->holds == TL_LIVE_WAITS;
     (void)tl_latest_read(&twin->figures, &figures, sizeof figures);
     take_snapshot(twin, &figures, &view->figures);
     copy_failure(self, view->figures.failure);

@@ -39,9 +39,9 @@ typedef struct tl_live_job {
     int64_t started;  /* and UTC, ms */
     uint32_t
         flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
-    bool again;        /* after a failure */
-    bool holds;        /* safe hold, */
-    tl_time hold_time; /* until the twin is tried again, */
+    bool again; /* after a failure */
+    bool holds; /* safe hold; if `start` is not 0: only until the run's twin may begin, and samples from then on */
+    tl_time hold_time; /* of safe hold, until the twin is tried again, */
     unsigned tries;    /* as often as this before */
     uint64_t starts;
     uint64_t restarts;

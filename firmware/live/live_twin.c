@@ -383,8 +383,11 @@ static void hold(live_twin *self) {
         .time = self->shared.job.hold_time,
         .reason = self->shared.job.reason,
         .records = self->shared.job.database[0] != '\0',
+        .since = self->shared.job.start,
     };
-    tell_start(self);
+    if (settings.since == 0) {
+        tell_start(self);
+    }
     tl_safe_hold(&settings);
 }
 

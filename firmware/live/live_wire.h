@@ -123,12 +123,15 @@ typedef struct tl_live_figures {
     tl_live_output output[TL_MAX_MATCH];
 } tl_live_figures;
 
+/* Why a twin has no FMUs: safe hold, or the run's first twin may not begin yet. */
+enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
+
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
     uint32_t number;   /* which twin of this place it is, from 1 on, */
     uint32_t first;    /* which was the first of its configuration, */
-    uint32_t holds;    /* and 1 if it holds; all by the supervisor */
+    uint32_t holds;    /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
     tl_latest figures; /* tl_live_figures; nothing while it holds */
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */

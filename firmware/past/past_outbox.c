@@ -370,11 +370,16 @@ bool tl_past_outbox_next(tl_past_outbox *left, tl_past *past) {
     return found;
 }
 
-/* Whether there is anything of a run: a checkpoint, or the beginning of the first one. */
+/* Whether there is anything of a run with a twin: a checkpoint, or, from the first entry that ever was on, one that is not of a run that holds. */
 static bool is_anything_left(tl_past_outbox *self) {
     uint64_t position = 0;
-    return tl_outbox_checkpoint_left(self->outbox, 0, &self->left) ||
-           tl_outbox_entry_left(self->outbox, &position, &self->entry);
+    bool holds = false;
+    bool is_left = tl_outbox_checkpoint_left(self->outbox, 0, &self->left);
+    while (!is_left && tl_outbox_entry_left(self->outbox, &position, &self->entry)) {
+        holds = self->entry.kind == TL_ENTRY_START ? self->entry.holds : holds;
+        is_left = !holds;
+    }
+    return is_left;
 }
 
 tl_past_outbox *tl_past_outbox_open(const tl_outbox *outbox, const tl_assembly *assembly, tl_past_tell *tell,

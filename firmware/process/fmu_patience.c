@@ -51,8 +51,8 @@ bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_vi
     }
     if (patience->limit > 0 && patience->lasted >= patience->limit) {
         (void)snprintf(text, size,
-                       "FMU %s has not returned from %s for %g s: it hangs, or needs longer, which --call-limit S "
-                       "permits",
+                       "FMU %s has not returned from %s for %g s: it hangs, or needs longer; --call-limit S "
+                       "permits that",
                        call->fmu, call->function, tl_seconds(patience->limit));
         return true;
     }

@@ -245,6 +245,14 @@ static bool find_parent(const char **name, char parent[PATH_MAX]) {
     return realpath(*name, parent) != NULL;
 }
 
+void tl_private_folder_sweep(const char *kind) {
+    const char *name = NULL;
+    char parent[PATH_MAX];
+    if (find_parent(&name, parent)) {
+        sweep(parent, kind);
+    }
+}
+
 /* ---- Making -------------------------------------------------------------------------------------------- */
 
 /* Locks it, and shares it. It stays ours, so that our sweep knows it. */

@@ -34,6 +34,9 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
 /* Removes it with all that is in it, unless it is left to another process: then it is only closed. None is allowed. */
 void tl_private_folder_remove(tl_private_folder *folder);
 
+/* Removes the folders of this kind whose process was killed, as making one does. */
+void tl_private_folder_sweep(const char *kind);
+
 /* From now on folders are made in one that another process removes with all that is in it: making sweeps nothing, and removing only closes. Before
  * the first is made, while there is one thread. */
 void tl_private_folder_leave(void);

@@ -28,26 +28,35 @@ static int64_t take_samples(const tl_safe_hold_settings *settings, tl_time start
 
 /* `left`: until the next try. */
 static void describe(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
+    const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
     long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;
+    if (settings->since != 0) {
+        (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                       "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+        return;
+    }
     (void)snprintf(
         text, TL_HEARTBEAT_STATUS,
         "safe hold: the twin failed %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
         "start the run. Last failure: %s",
-        settings->failures, seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min",
-        settings->records ? " and recorded" : "; nothing is recorded", settings->reason);
+        settings->failures, seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded,
+        settings->reason);
 }
 
 void tl_safe_hold(const tl_safe_hold_settings *settings) {
+    static const tl_time ms = TL_SECOND / 1000;
     char text[TL_HEARTBEAT_STATUS];
     tl_time begun = tl_clock_now(NULL);
     tl_time shown = begun;
     describe(settings, settings->time, text);
-    tl_journal_event(settings->journal, -1, TL_EVENT_ERROR, "supervisor", "%s", text);
+    tl_journal_event(settings->journal, -1, settings->since != 0 ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor", "%s",
+                     text);
     tl_heartbeats_set_status(settings->beats, text);
-    tl_time start = begun + settings->config->step;
-    tl_time remind = start + REMIND;
+    tl_time start = settings->since != 0 ? settings->since : begun + settings->config->step;
+    tl_time remind = begun + REMIND;
     static tl_outbox_start beginning; /* too large for a small stack */
-    beginning = (tl_outbox_start){.holds = true, .resumption = {.start = start, .started = tl_utc_now()}};
+    beginning = (tl_outbox_start){.holds = true,
+                                  .resumption = {.start = start, .started = tl_utc_now() + (start - begun) / ms}};
     (void)tl_outbox_put_start(settings->outbox, &beginning);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
         tl_time due = tl_time_of_step(start, settings->config->step, tick);

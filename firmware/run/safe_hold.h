@@ -1,5 +1,5 @@
-/* Safe hold: what is left of a run after a restart loop. There is no twin and no FMU; the plant is read, and its samples are recorded. Log and
- * status line say what has happened, and when the twin is tried again.
+/* Safe hold: what is left of a run after a restart loop, or what there is before its twin may begin. There is no twin and no FMU; the plant is read, and its
+ * samples are recorded. Log and status line say what has happened, and when the twin is tried again.
  *
  * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.
  * Ticks:   as the cycle's, T_S apart; nothing is computed, so ordinary scheduling will do, and what was late is taken up at once.
@@ -25,6 +25,8 @@ typedef struct tl_safe_hold_settings {
     unsigned failures;  /* of this loop, */
     const char *reason; /* and why the last of them */
     bool records;       /* somebody writes down what goes into the outbox */
+    tl_time
+        since; /* 0: after a restart loop. Else: until the saved states of the FMUs are tested; samples from then on */
 } tl_safe_hold_settings;
 
 /* Returns once a signal to end has come. */

@@ -105,7 +105,9 @@ typedef struct supervisor {
     bool is_ending;   /* all end, for that reason or another one */
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
-    bool held;        /* the twin that lives holds */
+    bool held;        /* the twin that lives holds, */
+    bool waits;       /* only until the first one may begin */
+    bool only_waited; /* and no other twin has been ready yet */
     bool retries;     /* the next twin is begun although it is a loop */
     unsigned bad_holds;
     bool is_excused; /* the twin rests, and has not failed as one */
@@ -226,6 +228,10 @@ static void count_failure(supervisor *self, tl_member which, tl_time now, const 
     say_failures(self, which, now);
 }
 
+static tl_wait wait_of(const supervisor *self) {
+    return self->settings->wait != NULL ? self->settings->wait(self->settings->context) : TL_WAIT_OVER;
+}
+
 /* What a twin that begins is told; from now on the account knows of it. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
@@ -233,12 +239,17 @@ static tl_start start_of_twin(supervisor *self) {
     tl_start start = {.restarts = &self->restarts, .again = self->restarts.failures > 0 || self->is_excused};
     start.failures = missing > self->restarts.failures ? missing : self->restarts.failures;
     bool is_loop = start.failures >= TL_RESTARTS_MOST;
-    start.hold = is_loop && !self->retries;
+    bool holds = is_loop && !self->retries;
+    self->waits = !holds && wait_of(self) != TL_WAIT_OVER;
+    self->held = holds || self->waits;
+    start.hold = self->held;
     start.hold_time = tl_restarts_hold_time(&self->restarts, first);
-    self->held = start.hold;
-    self->retries = false;
-    self->is_excused = false;
-    tl_restarts_begin(&self->restarts, start.again);
+    start.waits = self->waits;
+    if (!self->waits) {
+        self->retries = false;
+        self->is_excused = false;
+        tl_restarts_begin(&self->restarts, start.again);
+    }
     return start;
 }
 
@@ -346,8 +357,10 @@ static bool is_worth_another(supervisor *self, tl_member which) {
 /* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
-    bool refused = child->end.farewell == TL_FAREWELL_REFUSED && !self->ran;
-    return self->is_ending || refused || (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
+    bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
+    bool refused = child->end.farewell == TL_FAREWELL_REFUSED;
+    return self->is_ending || (refused && never_ran) ||
+           (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
 }
 
 /* Nobody begins it again. */
@@ -478,12 +491,13 @@ static void retry_from_hold(supervisor *self) {
 /* Of a twin that is ready. */
 static void note_life(supervisor *self, tl_time now, tl_time passed) {
     self->ran = true;
+    self->only_waited = self->waits;
     if (!self->told_ready) {
         self->told_ready = tl_service_tell("READY=1");
     }
-    if (self->held) {
+    if (self->held && !self->waits) {
         retry_from_hold(self);
-    } else {
+    } else if (!self->held) {
         tl_restarts_live(&self->restarts, passed);
     }
     tell_status(self, now);
@@ -535,6 +549,15 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     return !is_held;
 }
 
+/* The first twin may begin. One that is not ready would die of it. */
+static void end_wait(supervisor *self) {
+    member *twin = twin_of(self);
+    if (self->waits && !twin->child.asked && wait_of(self) == TL_WAIT_OVER) {
+        twin->is_changed = true;
+        tl_child_ask(&twin->child, SIGTERM);
+    }
+}
+
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
@@ -555,6 +578,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     stroke(self, now);
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
+        end_wait(self);
     }
 }
 
@@ -562,13 +586,15 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
     bool is_buried = tl_child_is_buried(&resting->child);
-    if (which == TL_MEMBER_TWIN && now - resting->ended < resting->pause + REAPING &&
-        resting->failures < MOST_WITHOUT_PROCESS) {
+    bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
+    bool is_worth_a_stroke =
+        now - resting->ended < resting->pause + REAPING && resting->failures < MOST_WITHOUT_PROCESS;
+    if (which == TL_MEMBER_TWIN && (waits || is_worth_a_stroke)) {
         stroke(self, now);
     }
     if (self->is_ending && which != TL_MEMBER_RECORDER) {
         resting->state = ABSENT;
-    } else if (is_buried && now - resting->ended >= resting->pause) {
+    } else if (is_buried && !waits && now - resting->ended >= resting->pause) {
         begin(self, which, now);
     }
 }
@@ -711,7 +737,9 @@ static bool is_something_about_to_happen(supervisor *self) {
 static int supervise(supervisor *self) {
     tl_time looked = tl_clock_now(NULL);
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
-        if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
+        if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
+            rest(twin_of(self), looked, 0);
+        } else if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
             begin(self, which, looked);
         }
     }

@@ -21,6 +21,8 @@
  * Log:     a restart loop writes at most one line a minute, which counts the failures since the line before.
  * Hold:    after a restart loop of the twin (restarts.h) a new one is told to hold: no FMU, the plant's samples are recorded. It is asked to end
  *          when the time for a retry has come; a twin that fails then is followed by safe hold again, for twice as long.
+ * Wait:    the first twin may have to wait, while io and recorder live. The watchdogs are stroked meanwhile, for as long as `wait` says so. A twin that
+ *          holds only for this time is none that ran: the one after it may still be refused.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
  *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (onlooker.h) for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
@@ -59,7 +61,15 @@ typedef struct tl_start {
     bool again;                  /* after a failure */
     bool hold;                   /* safe hold, */
     tl_time hold_time;           /* and for how long, until the twin is tried again */
+    bool waits;                  /* or only until the run's twin may begin: then this is no start of the account */
 } tl_start;
+
+/* Whether the first twin has to wait. */
+typedef enum tl_wait {
+    TL_WAIT_OVER,
+    TL_WAIT_BRIEF, /* nothing is begun for it */
+    TL_WAIT_LONG   /* a twin is begun that holds, and is replaced once the wait is over */
+} tl_wait;
 
 /* What is to be done, looked for again and again: an order stands for as long as it is given, but for `swap`, which is obeyed each time. */
 typedef struct tl_orders {
@@ -96,6 +106,9 @@ typedef struct tl_supervisor_settings {
 
     /* Whoever reads what this one writes has looked at it at this time at the earliest (CLOCK_MONOTONIC), and cannot read it on; 0: it can. */
     tl_time (*damaged)(void *context, tl_member which);
+
+    /* For the first twin. NULL: it never has to wait. */
+    tl_wait (*wait)(void *context);
 
     /* Between two looks. `ends`: all do by now. `orders` is zeroed. */
     void (*look)(void *context, bool ends, tl_orders *orders);

@@ -1,34 +1,31 @@
 /* What is saved, tried before a run: see saved_states.h. */
 #include "firmware/tree/saved_states.h"
 
-#include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <stdbool.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
+#include "firmware/base/log.h"
 #include "firmware/base/new_file.h"
-#include "firmware/text/clean_text.h"
+#include "firmware/errand/trial.h"
+#include "firmware/process/private_folder.h"
 #include "firmware/text/json_reader.h"
 #include "firmware/text/json_writer.h"
-#include "firmware/twin/read_back.h"
-#include "firmware/twin/twin_child.h"
 
-static const tl_time CALL_LIMIT = 60 * TL_SECOND;
+/* A call of an FMU may take a minute in it. */
+static const tl_time LIMIT = 300 * TL_SECOND;
+
+/* When the log says what the twin waits for, and when a twin begins that holds: io's mail keeps 10 s and hang_s, so no sample is lost. */
+static const tl_time TOLD = 3 * TL_SECOND;
+static const tl_time BRIEF = 10 * TL_SECOND;
 
 enum { FILE_BYTES = 2048 };
 
 /* ---- of which FMUs ---- */
-
-typedef struct tried_files {
-    uint64_t number;
-    char key[TL_SHA256_TEXT]; /* "": one cannot be read */
-} tried_files;
 
 /* What it depends on besides the files. */
 static void make_key(const tl_config *config, const char *digest, char key[TL_SHA256_TEXT]) {
@@ -42,12 +39,13 @@ static void make_key(const tl_config *config, const char *digest, char key[TL_SH
     tl_sha256(text, (size_t)length, key);
 }
 
-static void identify(const tl_config *config, tried_files *files) {
+/* The key stays "" if one cannot be read. */
+static void identify(tl_saved_states *states) {
+    const tl_config *config = states->settings.config;
     int descriptors[TL_IDENTITY_FILES] = {0};
     char digest[TL_SHA256_TEXT];
     const size_t count =
         config->component_count < TL_IDENTITY_FILES ? config->component_count : (size_t)TL_IDENTITY_FILES;
-    *files = (tried_files){.key = ""};
     for (size_t i = 0; i < count; i++) {
         char path[PATH_MAX];
         bool is_named = tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path);
@@ -55,8 +53,8 @@ static void identify(const tl_config *config, tried_files *files) {
     }
     tl_identity_open_files(descriptors, count, digest);
     if (digest[0] != '\0') {
-        files->number = tl_identity_number_of_open_files(descriptors, count);
-        make_key(config, digest, files->key);
+        states->number = tl_identity_number_of_open_files(descriptors, count);
+        make_key(config, digest, states->key);
     }
     for (size_t i = 0; i < count; i++) {
         if (descriptors[i] >= 0) {
@@ -67,39 +65,38 @@ static void identify(const tl_config *config, tried_files *files) {
 
 /* ---- what is remembered ---- */
 
-static bool name_file(const char *folder, char path[PATH_MAX]) {
-    return snprintf(path, PATH_MAX, "%s/states.json", folder) < PATH_MAX;
+static bool name_file(tl_saved_states *states) {
+    return snprintf(states->path, PATH_MAX, "%s/states.json", states->settings.folder) < PATH_MAX;
 }
 
 /* False: nothing is, of these. */
-static bool remember(const char *path, const char *key, char why[TL_SAVED_STATES_TEXT]) {
+static bool remember(tl_saved_states *states) {
     char text[FILE_BYTES];
-    FILE *file = fopen(path, "r");
+    FILE *file = fopen(states->path, "r");
     if (file == NULL) {
         return false;
     }
     size_t size = fread(text, 1, sizeof text, file);
     (void)fclose(file);
     tl_json_reader reader = tl_json_reader_of(text, size);
-    bool is_known = strcmp(tl_json_text(&reader, "of"), key) == 0;
-    (void)snprintf(why, TL_SAVED_STATES_TEXT, "%s", tl_json_text(&reader, "why"));
+    bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
+    (void)snprintf(states->why, sizeof states->why, "%s", tl_json_text(&reader, "why"));
     is_known = is_known && reader.right;
     tl_json_reader_free(&reader);
     return is_known;
 }
 
 /* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
-static void keep(const char *folder, const char *path, const char *key, const char *why) {
+static void keep(const tl_saved_states *states) {
     tl_new_file file;
     tl_json_writer json;
     tl_error ignored;
-    (void)mkdir(folder, 0755);
-    if (tl_new_file_open(path, &file, &ignored) != TL_OK) {
+    if (tl_new_file_open(states->path, &file, &ignored) != TL_OK) {
         return;
     }
     tl_json_writer_begin(&json);
-    tl_json_add_text(&json, "of", key);
-    tl_json_add_text(&json, "why", why);
+    tl_json_add_text(&json, "of", states->key);
+    tl_json_add_text(&json, "why", states->why);
     if (tl_json_writer_print(&json, file.file, &ignored) == TL_OK) {
         (void)tl_new_file_keep(&file, &ignored);
     } else {
@@ -108,70 +105,89 @@ static void keep(const char *folder, const char *path, const char *key, const ch
     tl_json_writer_free(&json);
 }
 
-/* ---- trying ---- */
+/* ---- the trial ---- */
 
-static tl_status take_page(const tl_saved_states_settings *settings, FILE *page) {
-    tl_config config = *settings->config;
+static void begin_trial(tl_saved_states *states) {
+    const tl_saved_states_settings *settings = &states->settings;
+    char title[TL_ROLE_TITLE];
     tl_error error;
-    tl_config_use_lookups(&config);
-    const tl_twin_job order = {
-        .task = TL_TASK_CHECK,
-        .path = config.path,
-        .text = config.text,
-        .states_only = true,
-        .reads_back = true,
-        .unconfined = settings->unconfined,
+    (void)snprintf(title, sizeof title, TL_TRIAL_OF_STATES " [%s]", settings->config->name);
+    const tl_errand_settings errand = {
+        .title = title,
+        .job = {.path = settings->config->path,
+                .candidate = settings->config->text,
+                .memory_limit = settings->memory_limit,
+                .unconfined = settings->unconfined},
+        .answer = sizeof(tl_trial_states),
+        .limit = LIMIT,
+        .be = settings->be,
+        .context = settings->context,
     };
-    const tl_twin_child_settings child_settings = {
-        .job = &order,
-        .config = &config,
-        .page = page,
-        .print_page = settings->tasks->print_page,
-        .call_limit = CALL_LIMIT,
-        .memory_limit = settings->memory_limit,
-    };
-    tl_twin_child *child = NULL;
-    uint32_t warnings = 0;
-    tl_status status = tl_twin_child_start(&child_settings, &child, &error);
-    if (status == TL_OK && child != NULL) {
-        status = tl_twin_child_check(child, &warnings, &error);
-    }
-    tl_twin_child_close(child);
-    return status;
+    states->is_due = tl_errand_send(&states->errand, &errand, &error) == TL_OK;
+    states->begun = tl_clock_now(NULL);
 }
 
-/* The page's only line. False: there is none, since the FMUs cannot even do this; nothing is remembered then. */
-static bool try_them(const tl_saved_states_settings *settings, char why[TL_SAVED_STATES_TEXT]) {
-    char *text = NULL;
-    size_t size = 0;
-    FILE *page = open_memstream(&text, &size);
-    if (page == NULL) {
-        return false;
-    }
-    tl_status status = take_page(settings, page);
-    bool is_told = fclose(page) == 0 && status == TL_OK;
-    if (is_told) {
-        (void)tl_clean_text(text, strcspn(text, "\n"), why, TL_SAVED_STATES_TEXT);
-    }
-    free(text);
-    return is_told;
-}
-
-void tl_saved_states_try(const tl_saved_states_settings *settings, tl_saved_states *found) {
-    tried_files files;
-    char path[PATH_MAX];
-    *found = (tl_saved_states){.files = 0};
-    if (settings->folder == NULL || settings->config->record_resume == 0 || !name_file(settings->folder, path)) {
-        return;
-    }
-    identify(settings->config, &files);
-    if (files.key[0] == '\0') {
-        return;
-    }
-    bool is_known = remember(path, files.key, found->why);
-    if (!is_known && try_them(settings, found->why)) {
-        keep(settings->folder, path, files.key, found->why);
+/* Without an answer nothing is known, nor remembered: the run will say what is wrong with the FMUs. */
+static void end_trial(tl_saved_states *states, tl_errand_state how) {
+    bool is_known = how == TL_ERRAND_DONE && tl_trial_states_take(tl_errand_answer(&states->errand), states->why);
+    if (states->errand.is_late) {
+        (void)snprintf(states->why, sizeof states->why, "the saved states could not be tried within %.0f s",
+                       tl_seconds(LIMIT));
         is_known = true;
     }
-    found->files = is_known && found->why[0] != '\0' ? files.number : 0;
+    if (is_known) {
+        keep(states);
+    }
+    states->files = is_known && states->why[0] != '\0' ? states->number : 0;
+    states->is_due = false;
+    tl_errand_close(&states->errand);
+}
+
+static void tell_wait(tl_saved_states *states) {
+    if (!states->is_told) {
+        tl_log(TL_LOG_NOTICE,
+               "saved states: the FMUs are tested for whether another process can load what they save, once for these "
+               "FMU files; the twin begins after that, within %.0f s, and the plant is read meanwhile",
+               tl_seconds(LIMIT));
+    }
+    states->is_told = true;
+}
+
+tl_wait tl_saved_states_look(tl_saved_states *states) {
+    if (states->is_due && !states->errand.is_sent) {
+        begin_trial(states);
+    }
+    if (!states->is_due) {
+        return TL_WAIT_OVER;
+    }
+    tl_errand_state how = tl_errand_look(&states->errand);
+    if (how != TL_ERRAND_GOES_ON) {
+        end_trial(states, how);
+        return TL_WAIT_OVER;
+    }
+    tl_time lasts = tl_clock_now(NULL) - states->begun;
+    if (lasts >= TOLD) {
+        tell_wait(states);
+    }
+    return lasts < BRIEF ? TL_WAIT_BRIEF : TL_WAIT_LONG;
+}
+
+void tl_saved_states_stop(tl_saved_states *states) {
+    if (states->errand.is_sent) {
+        tl_errand_close(&states->errand);
+        tl_private_folder_sweep("twin"); /* it could not remove those of its FMUs */
+    }
+    states->is_due = false;
+}
+
+void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states) {
+    *states = (tl_saved_states){.settings = *settings};
+    if (settings->folder == NULL || settings->config->record_resume == 0 || !name_file(states)) {
+        return;
+    }
+    identify(states);
+    if (states->key[0] != '\0') {
+        states->is_due = !remember(states);
+        states->files = !states->is_due && states->why[0] != '\0' ? states->number : 0;
+    }
 }

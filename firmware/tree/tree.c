@@ -205,6 +205,9 @@ static void look_at_change(tl_tree *self, bool ends, tl_orders *orders) {
 static void look(void *context, bool ends, tl_orders *orders) {
     tl_tree *self = context;
     look_at_change(self, ends, orders);
+    if (ends) {
+        tl_saved_states_stop(&self->states);
+    }
     orders->io = self->io_mail != self->memory.mails.mail[tl_tree_place_of_run(self)->mail].number;
     const tl_live_activator_host host = {.context = self, .begin = tl_tree_begin_activator, .tell = tell_of_activator};
     look_at_priority(self);
@@ -214,6 +217,25 @@ static void look(void *context, bool ends, tl_orders *orders) {
         __atomic_store_n(&tl_tree_stage(self)->again, 1, __ATOMIC_RELEASE);
     }
     orders->end = again;
+}
+
+/* An event has room for less. */
+static void tell_states(tl_tree *self) {
+    char text[TL_EVENT_TEXT];
+    tl_log(TL_LOG_WARNING, "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
+           self->states.why);
+    (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
+    tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
+    self->told_states = true;
+}
+
+static tl_wait wait_for_states(void *context) {
+    tl_tree *self = context;
+    tl_wait wait = tl_saved_states_look(&self->states);
+    if (self->states.files != 0 && !self->told_states) {
+        tell_states(self);
+    }
+    return wait;
 }
 
 /* The recorder's word, of those whose outboxes it reads. */
@@ -235,6 +257,19 @@ static void find_database(tl_tree *self) {
     }
 }
 
+/* Without an account nothing would be remembered. */
+static void open_states(tl_tree *self) {
+    const tl_saved_states_settings settings = {
+        .config = self->settings->config,
+        .folder = self->settings->supervised ? self->settings->state : NULL,
+        .unconfined = self->settings->unconfined,
+        .memory_limit = self->settings->memory_limit,
+        .be = tl_tree_be,
+        .context = self,
+    };
+    tl_saved_states_open(&settings, &self->states);
+}
+
 static void open_change(tl_tree *self) {
     self->change =
         (tl_live_change){.settings = {.stage = tl_tree_stage(self),
@@ -251,6 +286,7 @@ static void open_change(tl_tree *self) {
 
 static tl_status open_all(tl_tree *self, tl_error *error) {
     find_database(self);
+    open_states(self);
     tl_status status = make_memory(self, error);
     if (status == TL_OK) {
         status = tl_live_activator_open(&self->activator, self->settings->control, error);
@@ -327,6 +363,7 @@ static int supervise(tl_tree *self) {
         .ended = ended,
         .tell = tell,
         .damaged = damaged,
+        .wait = wait_for_states,
         .look = look,
     };
     return tl_supervise(&settings, &self->stopped);
@@ -334,6 +371,7 @@ static int supervise(tl_tree *self) {
 
 static void close_all(tl_tree *self) {
     tl_voice_stop(self->voice);
+    tl_saved_states_stop(&self->states);
     tl_live_activator_close(&self->activator, self->settings->control);
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         tl_live_place_close(&self->places[i]);
@@ -385,30 +423,6 @@ static int finish(tl_tree *self, int code) {
     return code != 0 ? code : tl_exit_code(printed);
 }
 
-/* Only who keeps an account can remember what was found. */
-static void try_states(tl_tree *self) {
-    const tl_saved_states_settings settings = {
-        .config = self->settings->config,
-        .folder = self->settings->supervised ? self->settings->state : NULL,
-        .unconfined = self->settings->unconfined,
-        .memory_limit = self->settings->memory_limit,
-        .tasks = self->settings->tasks,
-    };
-    tl_saved_states_try(&settings, &self->states);
-}
-
-/* An event has room for less. */
-static void tell_states(tl_tree *self) {
-    char text[TL_EVENT_TEXT];
-    if (self->states.files != 0) {
-        tl_log(TL_LOG_WARNING,
-               "%s: no checkpoint holds it, and a twin that goes on follows the recorded inputs instead",
-               self->states.why);
-        (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
-        tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
-    }
-}
-
 int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     static tl_tree self; /* one for the process; its threads may look at it */
     tl_error error = {0};
@@ -437,11 +451,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
         status = tl_live_plant_check(&self.config, &error);
     }
     if (status == TL_OK) {
-        try_states(&self);
         status = open_all(&self, &error);
-    }
-    if (status == TL_OK) {
-        tell_states(&self);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

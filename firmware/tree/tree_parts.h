@@ -39,7 +39,8 @@ typedef struct tl_tree {
     uint32_t twins_place; /* the place of the supervisor's twin; that of the run is on the stage */
     uint32_t io_mail;     /* number of the mail that io was begun with (live_mails.h) */
     tl_live_activator activator;
-    tl_saved_states states; /* of the FMUs with which the run begins */
+    tl_saved_states states; /* of the FMUs with which the run begins, */
+    bool told_states;       /* and that they are of no use */
     bool again;             /* the run is to begin anew */
     int stopped;            /* by this signal; 0: by none */
     tl_outbox outbox;       /* of the supervisor */
@@ -76,6 +77,9 @@ static inline bool tl_tree_records(const tl_tree *self) {
 /* As tl_supervisor_settings.begin, and tl_live_activator_host.begin; the context is the tree. */
 pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error);
 pid_t tl_tree_begin_activator(void *context);
+
+/* What main() does for a title; the context is the tree. */
+int tl_tree_be(const char *title, void *context);
 
 /* ---- tree.c ---- */
 

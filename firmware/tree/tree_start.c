@@ -8,6 +8,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_role.h"
 #include "firmware/process/role.h"
@@ -61,7 +62,7 @@ static void take_back(gift *made) {
     }
 }
 
-static int be_forked(const char *title, void *context) {
+int tl_tree_be(const char *title, void *context) {
     const tl_tree *self = context;
     return self->settings->be(title, context);
 }
@@ -81,7 +82,7 @@ static pid_t start_plain(tl_tree *self, const char *kind, unsigned ear, uint32_t
         status = tl_fail(error, TL_TRY_AGAIN, "no pipe for \"%s\": %s", title, strerror(errno));
     }
     if (status == TL_OK) {
-        tl_role_settings settings = {.title = title, .fallback = be_forked, .context = self};
+        tl_role_settings settings = {.title = title, .fallback = tl_tree_be, .context = self};
         memcpy(settings.descriptors, made->given, sizeof settings.descriptors);
         settings.descriptors[1] = output[1];
         settings.descriptors[2] = output[1];
@@ -165,7 +166,7 @@ pid_t tl_tree_begin_activator(void *context) {
 }
 
 /* Nothing of the one before is left but what its successor goes on with. */
-static void prepare_pulse(tl_live_twin_pulse *pulse, bool holds, uint64_t unreadable) {
+static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint64_t unreadable) {
     pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
     pulse->realtime = 0;
     pulse->begun = 0;
@@ -173,7 +174,16 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, bool holds, uint64_t unread
     pulse->start = 0;
     pulse->end.is_there = 0;
     pulse->number++;
-    pulse->holds = holds ? 1 : 0;
+    pulse->first += start->waits ? 1 : 0;
+    pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
+}
+
+/* The first one that waits records from the beginning of the wait on, which io's mail still has. */
+static tl_time start_of(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
+    if (start->waits) {
+        return place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+    }
+    return is_shadow ? place->start : 0;
 }
 
 /* What a twin is told of its start. */
@@ -184,7 +194,7 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
     job.other_plant = is_shadow && place->mail != self->places[1 - job.place].mail;
-    job.start = is_shadow ? place->start : 0;
+    job.start = start_of(self, place, is_shadow, start);
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
     job.again = start->again;
@@ -212,8 +222,9 @@ static void give_to_twin(tl_tree *self, const tl_live_place *place, const tl_liv
     give(made, TL_LIVE_TWIN_OUTBOX, &place->outbox);
 }
 
-static const char *kind_of_twin(bool is_shadow, bool holds) {
-    return holds ? "twin, safe hold" : is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN;
+static const char *kind_of_twin(bool is_shadow, const tl_start *start) {
+    const char *held = start->waits ? "twin, waits" : "twin, safe hold";
+    return start->hold ? held : is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN;
 }
 
 /* A shadow reads the plant of the run, as far as that is its own as well: so it is told what that is. */
@@ -257,9 +268,9 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
 static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, const tl_start *start, tl_error *error) {
     char title[TL_ROLE_TITLE];
     const uint64_t known = self->states.files != 0 ? self->states.files : start->restarts->unreadable;
-    prepare_pulse(place->pulse, start->hold, known);
+    prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* the first number stays */
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
-    (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start->hold), self->config.name,
+    (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start), self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
     tl_status status = start_with_job(self, place, &job, title, error);
     place->pid = status == TL_OK ? tl_twin_process_id(place->twin) : 0;

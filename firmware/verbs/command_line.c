@@ -134,6 +134,9 @@ int tl_command_line_be(const char *title) {
     if (begins_with(title, TL_VALIDATOR)) {
         return tl_validator_role_run();
     }
+    if (begins_with(title, TL_TRIAL_OF_STATES)) {
+        return tl_trial_of_states_role_run(&tl_verb_twin_tasks);
+    }
     if (begins_with(title, TL_TRIAL)) {
         return tl_trial_role_run(&tl_verb_twin_tasks);
     }

@@ -86,7 +86,7 @@ FIRMWARE = {
     "firmware/shadow": _firmware("past", "run", "report", "twin", "assembly", "fmu", "process", "outbox", "config", others=_TWIN),
     "firmware/live": _firmware("shadow", "activate", "versions", "run", "past", "twin", "assembly", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "confine", "process", "config",
                                others=_TWIN, public=("live_blocks", "live_job", "live_role", "live_twin", "live_wire")),
-    "firmware/tree": _firmware("live", "control", "run", "twin", "assembly", "report", "plant", "outbox", "supervise", "process", "config", others=_TWIN, public=("tree",)),
+    "firmware/tree": _firmware("live", "errand", "control", "run", "twin", "assembly", "report", "plant", "outbox", "supervise", "process", "config", others=_TWIN, public=("tree",)),
     "firmware/versions": _firmware("diagnose", "config", "json", others=_TWIN, public=("allowed_names", "change_rules", "config_change", "probation", "refusals", "versions")),
     "firmware/errand": _firmware("versions", "control", "plant", "twin", "assembly", "confine", "outbox", "process", "diagnose", "config", others=_TWIN),
     "firmware/activate": _firmware("errand", "versions", "control", "outbox", "process", "diagnose", "config", others=_TWIN,

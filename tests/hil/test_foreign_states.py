@@ -4,12 +4,13 @@ it, and no second one, nor by who comes later."""
 import json
 import os
 import signal
+import time
 
 import hostile_fmu
 import keeper_fmu
-from live_test import Device, Program, number, query, wait_until
+from live_test import Device, Program, member, number, query, wait_until
 from supervised import Supervised, end_orderly
-from twinlock_test import expect, main, scratch, write_config
+from twinlock_test import at_least, at_most, expect, main, scratch, write_config
 
 STEPS = 150  # of a run, before it is killed
 LOADED = "the twin before has ended as it loaded a checkpoint"
@@ -100,6 +101,57 @@ def test_nothing_speaks_against_it():
                 end_orderly(live)
         expect(remembered(state)["why"] == "" and len(remembered(state)["of"]) == 64, f"{remembered(state)}")
         expect(beginnings(database)[1] == (2, "checkpoint"), f"{beginnings(database)}")
+
+
+def test_told_to_end_in_a_trial():
+    """At once, though an FMU hangs. Nothing is remembered, and nothing is left."""
+    with Device(0.6) as device:
+        config, _ = make_config(device, hostile_fmu.make("hang", AT="fmi2DoStep", CALL=30))
+        with Supervised(config) as live:
+            member(live, "trial of states")
+            begun = time.monotonic()
+            end_orderly(live)
+            at_most(time.monotonic() - begun, 10, "seconds until it has ended")
+            expect(not (live.state / "states.json").exists(), "it is remembered")
+            expect(not list(live.process.temporary.glob("twinlock-*")), "a folder is left")
+
+
+def test_recorded_during_a_trial():
+    """A trial that lasts is told, and the plant is recorded from its beginning on. It is no start of the twin, and no failure; the twin goes on with the run before it."""
+    with Device(0.6) as device:
+        config, database = make_config(device, hostile_fmu.make("hang", AT="fmi2Instantiate", SECONDS=6))
+        with Supervised(config) as live:
+            live.wait_for("saved states: the FMUs are tested for whether another process can load what they save")
+            wait_for_steps(live, database, 2)
+            expect(remembered(live.state)["why"] == "", f"{remembered(live.state)}")
+            expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
+            state = live.state
+            live.kill()
+        (state / "states.json").unlink()
+        with Supervised(config, state=state) as live:
+            wait_for_steps(live, database, 4)
+            end_orderly(live)
+            expect("begins anew" not in live.log(), live.log())
+    expect([verb for (verb,) in query(database, "SELECT verb FROM runs ORDER BY run")] == 2 * ["hold", "run"], f"{query(database, 'SELECT * FROM runs')}")
+    expect(dict(beginnings(database))[4] == "checkpoint", f"{beginnings(database)}")
+    at_least(number(database, "SELECT count(*) FROM samples WHERE run = 1"), 1000, "samples of the trial's time")
+    expect(texts(database, "the twin begins when the saved states of its FMUs are tested"), f"{texts(database, '')}")
+
+
+def test_crashes_in_the_trial():
+    """So their states count as ones that cannot be used, and they are not tried again."""
+    with Device(0.6) as device:
+        config, database = make_config(device, hostile_fmu.make("end", AT="fmi2DoStep", CALL=30, HOW="abort();"))
+        with Supervised(config) as live:
+            live.wait_for("the saved states could not be tried: ")
+            state = live.state
+            live.end(signal.SIGTERM)
+        why = remembered(state)["why"]
+        expect("in fmi2DoStep of FMU lag" in why, why)
+        remember(state, "it is said")
+        with Supervised(config, state=state) as live:
+            live.wait_for("it is said; no checkpoint holds them")
+            live.end(signal.SIGTERM)
 
 
 def test_nowhere_to_keep_it():

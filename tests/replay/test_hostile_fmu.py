@@ -205,7 +205,7 @@ def test_a_call_that_never_returns():
     """Where nobody watches, the program does, and keeps what there is."""
     path = config(make("hang", AT="fmi2DoStep", CALL=60, IGNORE=True))
     steps, database = scratch() / "steps.csv", scratch() / "twin.db"
-    said = "FMU hostile has not returned from fmi2DoStep for 1.5 s: it hangs, or needs longer, which --call-limit S permits"
+    said = "FMU hostile has not returned from fmi2DoStep for 1.5 s: it hangs, or needs longer; --call-limit S permits that"
     for verb, *options in (("check",), ("replay", "--csv", steps, "--db", database, "--report", scratch() / "page.html"),
                            ("plant", "--record", scratch() / "rows.csv")):
         begun = time.monotonic()

@@ -46,7 +46,7 @@ BEGINNING = Newest()
 
 @dataclass
 class Recorded:
-    """All runs of a database as one: ticks count on from run to run."""
+    """All runs with a twin of a database as one: ticks count on from run to run."""
     ticks: dict  # tick → the oldest stamp of its signals, relative to the run's start (None: never), and whether all are good
     steps: dict  # step → outcome, of the run that computed it
     firsts: list  # the first tick of its own of each run but the first
@@ -55,7 +55,7 @@ class Recorded:
 
 
 RUN = """SELECT b.run, coalesce(resumed_tick, 0), r.lead, coalesce(before.lead, r.lead) FROM beginnings b JOIN runs r USING (run)
-         LEFT JOIN runs before ON before.run = resumed_run WHERE b.run >= ? ORDER BY b.run"""
+         LEFT JOIN runs before ON before.run = resumed_run WHERE r.verb = 'run' AND b.run >= ? ORDER BY b.run"""
 SAMPLE = "SELECT tick, min(quality = ?), min(coalesce(stamp_ns, -1)) FROM samples WHERE run = ? AND tick > ? GROUP BY tick ORDER BY tick"
 STEP = "SELECT step, outcome FROM steps WHERE run = ? AND step > ? ORDER BY step"
 

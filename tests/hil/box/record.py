@@ -62,7 +62,7 @@ def begun(live):
 
 
 def committed(database):
-    return query(database, "SELECT max(tick) FROM samples")[0][0] if database.exists() else None
+    return query(database, power_cuts.LAST_TICK)[0][0] if database.exists() else None
 
 
 def main():

@@ -69,6 +69,17 @@ static void test_what_is_no_answer(void) {
     }
 }
 
+static void test_an_answer_about_states(void) {
+    static tl_trial_states told = {.is_there = 1, .why = "y is\033"};
+    char why[TL_TRIAL_WHY];
+    TEST_ASSERT_TRUE(tl_trial_states_take(&told, why));
+    TEST_ASSERT_EQUAL_STRING("y is\\x1B", why);
+    memset(told.why, 'a', sizeof told.why); /* without an end */
+    told.is_there = 0;
+    TEST_ASSERT_FALSE(tl_trial_states_take(&told, why));
+    TEST_ASSERT_EQUAL_size_t(TL_TRIAL_WHY - 1, strlen(why));
+}
+
 /* ---- the line ---- */
 
 static bool take(const char *text, tl_twin_cost *cost) {
@@ -118,6 +129,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_an_answer);
     RUN_TEST(test_what_is_no_answer);
+    RUN_TEST(test_an_answer_about_states);
     RUN_TEST(test_a_cost);
     RUN_TEST(test_what_is_no_cost);
     return UNITY_END();

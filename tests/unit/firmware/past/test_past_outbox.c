@@ -382,19 +382,35 @@ static void test_nothing_but_one_that_got_nowhere(void) {
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1, NEWER + 10);
 }
 
-static void test_safe_hold_in_between(void) {
+static void put_hold(void) {
     static tl_outbox_start hold;
     tl_sample sample;
-    make(TL_LAG);
     hold = (tl_outbox_start){.holds = true, .resumption = {.start = course.start, .started = 1}};
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &hold));
     for (int64_t tick = 0; tick < 10; tick++) {
         tl_course_sample(&course, tick, &sample);
         TEST_ASSERT_TRUE(tl_outbox_put_sample(&outbox, &sample));
     }
+}
+
+static void test_safe_hold_in_between(void) {
+    make(TL_LAG);
+    put_hold();
     be_born();
     look();
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1, KILLED);
+}
+
+/* What is in the database is looked at then. */
+static void test_only_a_hold_before(void) {
+    open_course(TL_LAG);
+    be_born();
+    put_hold();
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&outbox, "SIGTERM"));
+    be_born();
+    look();
+    TEST_ASSERT_NULL(left);
+    TEST_ASSERT_EQUAL_size_t(0, told_count);
 }
 
 /* ---- why not ---- */
@@ -602,6 +618,7 @@ int main(void) {
     RUN_TEST(test_successors_that_got_nowhere);
     RUN_TEST(test_nothing_but_one_that_got_nowhere);
     RUN_TEST(test_safe_hold_in_between);
+    RUN_TEST(test_only_a_hold_before);
     RUN_TEST(test_nothing_is_left);
     RUN_TEST(test_how_it_ended);
     RUN_TEST(test_when_it_was);

@@ -1,6 +1,7 @@
 /* The supervisor and the twin's companions: io and recorder, their order, their failures, and one that makes room for another one. What each letter
  * of a plan means: stage.h. */
 #include <signal.h>
+#include <unistd.h>
 
 #include <unity.h>
 
@@ -167,6 +168,60 @@ static void test_another_io_after_some_that_could_not_begin(void) {
     TEST_ASSERT_TRUE(rested > 0 && rested < TL_SECOND * 9 / 10);
 }
 
+/* ---- the first twin waits ---- */
+
+static tl_wait wait_for_the_others(void *context) {
+    (void)context;
+    return tl_stage_is_ready(TL_MEMBER_RECORDER) && tl_stage_is_ready(TL_MEMBER_IO) ? TL_WAIT_OVER : TL_WAIT_BRIEF;
+}
+
+static void test_the_others_are_begun_before(void) {
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    tl_stage_cast(TL_MEMBER_RECORDER, "w");
+    stage->settings.wait = wait_for_the_others;
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_FALSE(stage->hold[0]);
+}
+
+static tl_wait wait_for_a_twin_that_holds(void *context) {
+    (void)context;
+    return tl_stage_is_ready(TL_MEMBER_TWIN) || tl_stage_has_died(TL_MEMBER_TWIN) ? TL_WAIT_OVER : TL_WAIT_LONG;
+}
+
+/* It is no start of the account, and no failure; and the one after it never ran if it is refused. */
+static void test_a_twin_holds_until_the_first_may_begin(void) {
+    tl_restarts kept;
+    tl_error error;
+    stage->settings.state = stage->scratch.folder;
+    stage->settings.wait = wait_for_a_twin_that_holds;
+    tl_stage_expect_code("w8", 70);
+    TEST_ASSERT_TRUE(stage->hold[0]);
+    TEST_ASSERT_FALSE(stage->hold[1] || stage->again[1]);
+    TEST_ASSERT_EQUAL_STRING("", stage->event);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_restarts_open(stage->scratch.folder, false, &kept, &error));
+    TEST_ASSERT_EQUAL_UINT64(1, kept.starts);
+    tl_restarts_close(&kept);
+}
+
+static tl_wait wait_for_ever(void *context) {
+    (void)context;
+    return TL_WAIT_BRIEF;
+}
+
+static void end_once_io_is_ready(bool ends, tl_orders *orders) {
+    (void)orders;
+    if (!ends && tl_stage_is_ready(TL_MEMBER_IO)) {
+        (void)kill(getpid(), SIGTERM);
+    }
+}
+
+static void test_told_to_end_before_there_is_a_twin(void) {
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    stage->settings.wait = wait_for_ever;
+    stage->play_on = end_once_io_is_ready;
+    tl_stage_expect_code("", 0);
+}
+
 int main(void) {
     UNITY_BEGIN();
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
@@ -183,5 +238,8 @@ int main(void) {
     RUN_TEST(test_an_io_that_dies_of_it);
     RUN_TEST(test_an_io_that_does_not_make_room);
     RUN_TEST(test_another_io_after_some_that_could_not_begin);
+    RUN_TEST(test_the_others_are_begun_before);
+    RUN_TEST(test_a_twin_holds_until_the_first_may_begin);
+    RUN_TEST(test_told_to_end_before_there_is_a_twin);
     return tl_stage_close(UNITY_END());
 }
