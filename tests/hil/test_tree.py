@@ -217,6 +217,23 @@ def test_a_recorder_that_hangs():
     expect(number(database, "SELECT sum(entries_lost) FROM runs") == 0, "something was lost")
 
 
+def test_io_that_hangs():
+    """It is begun again after hang_s, so that the readings of no more than that, and of its start, are missing."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port, realtime={"hang_s": 1})
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            io = live.child(role="io")
+            stop(io)
+            wait_until(lambda: live.child(io, "io") != io, "another io", live.log)
+            live.wait_for_tick(database)
+            end_orderly(live)
+            silence = re.search(r'it hung: "\S+" gave no sign of life for ([0-9.]+) s', live.log())
+    expect(silence, "io was not said to hang")
+    at_most(float(silence[1]), 5, "seconds of silence")
+    expect_whole(read(database))
+
+
 def stop_one(live, role, other_than=0):
     """The process, once it has stopped."""
     pid = wait_until(lambda: [pid for pid in live.children() if pid != other_than and title(pid).startswith(f"twinlock: {role}")],
