@@ -13,7 +13,7 @@
 
 static const tl_time LOOK = TL_SECOND / 20;
 
-/* The log may be slow. */
+/* How long the main thread may be silent while it opens or closes the sources. */
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
@@ -96,7 +96,9 @@ int tl_io_role_run(void) {
     }
     if (status == TL_OK) {
         tl_heartbeats_set_ready(self.beats);
+        tl_heart_be_patient(heart, self.config.realtime_hang + 2 * LOOK);
         read_until_told(&self, heart);
+        tl_heart_be_patient(heart, PATIENCE);
         tl_live_plant_close(self.plant);
     } else {
         tl_log(TL_LOG_ERROR, "%s", error.text);

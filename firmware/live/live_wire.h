@@ -45,7 +45,8 @@ enum {
     TL_LIVE_RUN_MAIL = 13,     /* of a shadow with another plant than the run's: io writes that of the run; it reads */
     TL_LIVE_OTHER_PAST = 14,   /* of the recorder, which writes it: for that twin */
     TL_LIVE_OTHER_TUNING = 14, /* of the activator, which writes it */
-    TL_LIVE_CANDIDATE = 15     /* of the activator, which writes it: tl_live_candidate */
+    TL_LIVE_CANDIDATE = 15,    /* of the activator, which writes it: tl_live_candidate */
+    TL_LIVE_MAIL_READ = 15     /* of the recorder: the mail of its place */
 };
 
 /* Which outbox is which, for the recorder. */

@@ -16,6 +16,7 @@
 #include "firmware/live/live_samples.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/past/past_history.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/record/recorder_writer.h"
 
@@ -47,6 +48,8 @@ typedef struct recorder {
     tl_block supervisor;
     tl_block activator;
     tl_block tuning;
+    tl_block mail;
+    tl_plant_input input; /* over the mail */
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
     const tl_live_twin_pulse *other;
@@ -66,6 +69,27 @@ typedef struct recorder {
 } recorder;
 
 /* ---- shared memory ---- */
+
+/* What io posts, for samples that the twin does not hand over. */
+static tl_status take_mail(recorder *self, tl_error *error) {
+    tl_plant_mail_shape shape;
+    tl_plant_mail_shape_of(&self->config, &shape);
+    tl_status status =
+        tl_block_take(TL_LIVE_MAIL_READ, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
+    if (status == TL_OK) {
+        tl_live_plant_set_limits(&self->input, &self->config);
+        tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
+        status = tl_plant_input_open(&self->input)
+                     ? TL_OK
+                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
+    }
+    return status;
+}
+
+static void take_sample(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
+    const recorder *self = context;
+    tl_plant_input_take(&self->input, tick, instant, sample);
+}
 
 static tl_status take_memory(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
@@ -95,6 +119,7 @@ static tl_status take_memory(recorder *self, tl_error *error) {
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0] && status == TL_OK; i++) {
         status = tl_block_take(wanted[i].descriptor, wanted[i].size, wanted[i].writer, wanted[i].block, error);
     }
+    status = status == TL_OK ? take_mail(self, error) : status;
     self->own = self->pulse.bytes;
     self->twin = self->twin_pulse.bytes;
     self->other = self->other_pulse.bytes;
@@ -155,6 +180,7 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .context = self,
         .state = &self->own->state,
         .heart = self->heart,
+        .plant = {.take = take_sample, .context = self, .kept = tl_plant_mail_kept(&self->config)},
         .is_last = true,
     };
     self->samples = (tl_live_samples){.pulse = self->other,

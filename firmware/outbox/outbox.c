@@ -85,6 +85,16 @@ static void publish(tl_outbox *outbox) {
     __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
 }
 
+/* A reader that has found the ring corrupted skips to its end, and may have been told a wrong one: the next entry goes there. */
+static void follow_reader(tl_outbox *outbox) {
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : outbox->written;
+    uint64_t ahead = taken - outbox->written;
+    if (ahead != 0 && ahead <= outbox->settings.ring_bytes) {
+        outbox->written = taken;
+        publish(outbox);
+    }
+}
+
 static void publish_entry(tl_outbox *outbox, const tl_recorder_pen *pen) {
     outbox->written = pen->position;
     publish(outbox);
@@ -93,6 +103,7 @@ static void publish_entry(tl_outbox *outbox, const tl_recorder_pen *pen) {
 /* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
 static bool put_waiting_start(tl_outbox *outbox) {
     tl_outbox_control *control = outbox->control;
+    follow_reader(outbox);
     if (!control->start_waits) {
         return true;
     }
@@ -100,7 +111,7 @@ static bool put_waiting_start(tl_outbox *outbox) {
         return false;
     }
     tl_recorder_pen pen = pen_of(outbox);
-    tl_recorder_entry_pack_start(&pen, &control->start.resumption,
+    tl_recorder_entry_pack_start(&pen, &control->start.resumption, outbox->id,
                                  control->start.holds ? NULL : &control->start.account, control->start.fmus,
                                  &control->start.configured);
     publish_entry(outbox, &pen);
@@ -173,6 +184,7 @@ bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start) {
     outbox->control->start.configured = outbox->configured;
     outbox->control->start_waits = true;
     outbox->beginning = start->resumption;
+    outbox->id = (uint64_t)tl_clock_now(NULL);
     outbox->tuning = outbox->configured;
     return put_waiting_start(outbox);
 }
@@ -182,7 +194,7 @@ bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample) {
     bool found = find_room(outbox, TL_ENTRY_SAMPLE, &pen);
     if (found) {
         publish(outbox);
-        tl_recorder_entry_pack_sample(&pen, &outbox->settings.shape, sample, outbox->beginning.start);
+        tl_recorder_entry_pack_sample(&pen, &outbox->settings.shape, sample, outbox->beginning.start, outbox->id);
         outbox->written = pen.position;
         outbox->waiting = sample->tick;
         __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
@@ -242,6 +254,7 @@ bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until) {
                   tl_recorder_entry_size(shape, TL_ENTRY_END) + tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
                   (outbox->control->start_waits ? tl_recorder_entry_size(shape, TL_ENTRY_START) : 0);
     tl_time now = tl_clock_now(NULL);
+    follow_reader(outbox);
     while (!has_room(outbox, size) && now < until) {
         tl_clock_sleep_until(now + NAP < until ? now + NAP : until);
         now = tl_clock_now(NULL);

@@ -12,6 +12,7 @@
  *          nothing is there, unless the reader knows that nobody goes on. If the successor goes on with that tick, it takes its sample anew; if it begins
  *          another run, the sample that waited is the last one of the run before.
  * Loss:    what finds no room is counted, and never waited for. Room is lost only to a reader that is too slow, not to what is kept.
+ * Damage:  a reader that cannot read the ring on may skip to its end, and the next entry goes behind what it has skipped.
  * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
  * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only
  *          if another thread has put one meanwhile.
@@ -73,6 +74,7 @@ typedef struct tl_outbox {
     tl_run_tuning configured; /* of the runs that are begun, */
     tl_run_tuning tuning;     /* and what is in force */
     tl_resumption beginning;  /* of the run; stamps are relative to its start */
+    uint64_t id;              /* of the run: when its beginning was put; 0: it has none */
 } tl_outbox;
 
 /* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */

@@ -16,14 +16,12 @@ void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memor
                                  .checkpoints = bytes + tl_outbox_place_at(settings, 0)};
 }
 
-static bool is_broken(const tl_outbox_reader *reader) {
-    return reader->fault[0] != '\0';
-}
+static bool refuse(tl_outbox_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
 
-static bool refuse(tl_outbox_reader *reader, const char *format, ...) TL_PRINTF(2, 3);
-
-static bool refuse(tl_outbox_reader *reader, const char *format, ...) {
+/* The part is not read any more. */
+static bool refuse(tl_outbox_reader *reader, bool *part, const char *format, ...) {
     va_list arguments;
+    *part = true;
     va_start(arguments, format);
     (void)vsnprintf(reader->fault, sizeof reader->fault, format, arguments);
     va_end(arguments);
@@ -41,30 +39,40 @@ uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken) {
     uint64_t waiting = __atomic_load_n(&reader->control->put, __ATOMIC_ACQUIRE) - head;
     bool waits = waiting <= ring && (reader->is_left || taken - head <= waiting);
     uint64_t end = !waits ? head : reader->is_left ? head + waiting : taken;
-    if (!is_broken(reader) && end - taken > ring) {
-        (void)refuse(reader, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken, ring);
+    if (!reader->is_ring_broken && end - taken > ring) {
+        (void)refuse(reader, &reader->is_ring_broken, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken,
+                     ring);
     }
-    return is_broken(reader) ? taken : end;
+    return reader->is_ring_broken ? taken : end;
+}
+
+uint64_t tl_outbox_reader_skip(tl_outbox_reader *reader, uint64_t taken) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    uint64_t end = tl_outbox_reader_end(reader, taken);
+    uint64_t position = taken;
+    while (position != end && tl_outbox_reader_entry(reader, &position, end, &entry)) {
+    }
+    return reader->is_ring_broken ? end : taken;
 }
 
 bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {
     const tl_recorder_page page = {.bytes = reader->ring, .capacity = reader->settings.ring_bytes, .end = end};
-    if (is_broken(reader)) {
+    if (reader->is_ring_broken) {
         return false;
     }
     const char *fault = tl_recorder_entry_unpack(&page, &reader->settings.shape, position, entry);
-    return fault == NULL || refuse(reader, "holds %s", fault);
+    return fault == NULL || refuse(reader, &reader->is_ring_broken, "holds %s", fault);
 }
 
 bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip) {
     const tl_outbox_slot *slot = &reader->control->slots[number % TL_RECORDER_EVENTS];
     int64_t ahead = (int64_t)(__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE) - tl_outbox_state_if_there(number));
     *skip = ahead == 1;
-    if (is_broken(reader) || ahead < 0) {
+    if (reader->are_events_broken || ahead < 0) {
         return false;
     }
     if (ahead > 1) {
-        return refuse(reader, "has overwritten events that were not taken");
+        return refuse(reader, &reader->are_events_broken, "has overwritten events that were not taken");
     }
     if (*skip) {
         return true;
@@ -73,7 +81,7 @@ bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_record
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     const char *fault = tl_outbox_event_fault(event);
     if (fault != NULL) {
-        return refuse(reader, "holds %s", fault);
+        return refuse(reader, &reader->are_events_broken, "holds %s", fault);
     }
     tl_recorder_text_clean(event->source);
     tl_recorder_text_clean(event->text);
@@ -118,7 +126,7 @@ bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint6
     const offer *newer = second.number > first.number ? &second : &first;
     const offer *older = newer == &first ? &second : &first;
     bool taken_one = false;
-    for (const offer *offered = older; offered != NULL && !taken_one && !is_broken(reader);
+    for (const offer *offered = older; offered != NULL && !taken_one && !reader->is_ring_broken;
          offered = offered == older ? newer : NULL) {
         taken_one = offered->number != 0 && copy(reader, offered, bytes);
         *size = (size_t)offered->mark.size;

@@ -1,8 +1,9 @@
 /* The reader's side of an outbox (outbox.h), which may be a hostile process's.
  *
  * Purpose: hands out copies of what is in it, each checked: kinds, sizes, positions, enumerations, texts, digests. Numbers are not judged.
- *          Control characters of texts become '?'. The first thing that cannot be ends the outbox: `fault` says what, and nothing
- *          more comes of it, unless a successor of its writer mends it: who opens the reader anew after that goes on.
+ *          Control characters of texts become '?'. The first thing that cannot be ends its part, the ring or the events: `fault`
+ *          says what, and nothing more comes of that part. A reader that is opened anew goes on if a successor of the writer has mended it, or
+ *          behind what it skips.
  * Twice:   the reader goes on from tl_outbox_taken, which its owner keeps. What was not taken comes again.
  * Death:   an event that its writer has left half-written keeps those behind it waiting, until a successor has mended the outbox.
  * Thread:  one.
@@ -19,7 +20,9 @@ typedef struct tl_outbox_reader {
     const struct tl_outbox_control *control;
     const unsigned char *ring;
     const unsigned char *checkpoints;
-    bool is_left;              /* its writer is no more */
+    bool is_left; /* its writer is no more */
+    bool is_ring_broken;
+    bool are_events_broken;
     char fault[TL_ERROR_TEXT]; /* "": none */
 } tl_outbox_reader;
 
@@ -33,6 +36,10 @@ uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken);
 
 /* The entry at a position before that end, which moves behind it. False: a fault. */
 bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64_t end, tl_recorder_entry *entry);
+
+/* Of a reader that was just opened: where to go on. `taken` if all entries up to the end are sound, or the writer has to publish first; else the end:
+ * a writer that lives goes on there. */
+uint64_t tl_outbox_reader_skip(tl_outbox_reader *reader, uint64_t taken);
 
 /* The event of this number; false: it is not there yet, or a fault. *skip: it was left half-written, and is none. */
 bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip);

@@ -10,6 +10,18 @@
 
 enum { MARK = 0xB4 }; /* kinds begin with it */
 
+/* An entry ends with a digest of its position and bytes: a wild store into the ring does not pass for a value. */
+static uint64_t mix(uint64_t digest, const void *part, size_t size) {
+    const unsigned char *bytes = part;
+    for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
+        uint64_t word = 0;
+        memcpy(&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
+        digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
+        digest ^= digest >> 29;
+    }
+    return digest;
+}
+
 /* The fields of a tl_record before its arrays. */
 typedef struct step_head {
     int64_t step;
@@ -28,16 +40,18 @@ typedef struct step_head {
 
 /* ---- Sizes ---- */
 
-size_t tl_recorder_entry_size_of_start(bool holds) {
-    return 2 + sizeof(tl_resumption) + (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
+/* Without the digest. */
+static size_t size_of_start(bool holds) {
+    return 2 + sizeof(tl_resumption) + sizeof(uint64_t) +
+           (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
 }
 
-size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
+static size_t size_of(const tl_recorder_shape *shape, tl_recorder_kind kind) {
     switch (kind) {
     case TL_ENTRY_START:
-        return tl_recorder_entry_size_of_start(false);
+        return size_of_start(false);
     case TL_ENTRY_SAMPLE:
-        return 1 + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
+        return 1 + sizeof(uint64_t) + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
     case TL_ENTRY_STEP:
         return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1 + sizeof(tl_record_readings)) +
                shape->adjust * 2 * sizeof(double) + shape->components * sizeof(tl_recorder_component);
@@ -47,6 +61,14 @@ size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind k
         return 1 + sizeof(tl_run_tuning);
     }
     return 0;
+}
+
+size_t tl_recorder_entry_size_of_start(bool holds) {
+    return size_of_start(holds) + sizeof(uint64_t);
+}
+
+size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
+    return size_of(shape, kind) + sizeof(uint64_t);
 }
 
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
@@ -61,6 +83,7 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
 /* ---- Packing ---- */
 
 static void put(tl_recorder_pen *pen, const void *part, size_t size) {
+    pen->digest = mix(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
     memcpy(pen->bytes + at, part, first);
@@ -74,23 +97,32 @@ static void put_byte(tl_recorder_pen *pen, unsigned value) {
 }
 
 static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
+    pen->digest = pen->position;
     put_byte(pen, MARK + (unsigned)kind);
 }
 
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, const tl_account *account,
-                                  const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured) {
+static void put_digest(tl_recorder_pen *pen) {
+    uint64_t digest = pen->digest;
+    put(pen, &digest, sizeof digest);
+}
+
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
+                                  const tl_account *account, const char fmus[TL_SHA256_TEXT],
+                                  const tl_run_tuning *configured) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, account == NULL);
     put(pen, beginning, sizeof *beginning);
+    put(pen, &id, sizeof id);
     if (account != NULL) {
         put(pen, account, sizeof *account);
         put(pen, fmus, TL_SHA256_TEXT);
         put(pen, configured, sizeof *configured);
     }
+    put_digest(pen);
 }
 
 /* A stamp comes from a driver's process, and may be any. */
-static tl_time since(tl_time start, tl_time stamp) {
+tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp) {
     tl_time difference = 0;
     if (stamp == TL_TIME_NEVER) {
         return TL_TIME_NEVER;
@@ -102,15 +134,17 @@ static tl_time since(tl_time start, tl_time stamp) {
 }
 
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
-                                   tl_time start) {
+                                   tl_time start, uint64_t id) {
     put_kind(pen, TL_ENTRY_SAMPLE);
+    put(pen, &id, sizeof id);
     put(pen, &sample->tick, sizeof sample->tick);
     put(pen, sample->values, shape->plant * sizeof(double));
     for (size_t i = 0; i < shape->plant; i++) {
-        tl_time stamp = since(start, sample->stamps[i]);
+        tl_time stamp = tl_recorder_entry_stamp(start, sample->stamps[i]);
         put(pen, &stamp, sizeof stamp);
     }
     put(pen, sample->quality, shape->plant);
+    put_digest(pen);
 }
 
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
@@ -135,11 +169,13 @@ void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *
     put(pen, record->u, shape->adjust * sizeof(double));
     put(pen, record->u_hat, shape->adjust * sizeof(double));
     put(pen, ledger, shape->components * sizeof *ledger);
+    put_digest(pen);
 }
 
 void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning) {
     put_kind(pen, TL_ENTRY_TUNING);
     put(pen, tuning, sizeof *tuning);
+    put_digest(pen);
 }
 
 void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
@@ -147,6 +183,7 @@ void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
     memcpy(text, reason, strnlen(reason, sizeof text - 1));
     put_kind(pen, TL_ENTRY_END);
     put(pen, text, sizeof text);
+    put_digest(pen);
 }
 
 /* ---- Unpacking ---- */
@@ -155,6 +192,7 @@ void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
 typedef struct look {
     const tl_recorder_page *page;
     uint64_t position;
+    uint64_t digest;
 } look;
 
 /* False: it would be beyond the end. The copy is made once; nothing is read from the memory again after this. */
@@ -169,6 +207,7 @@ static bool get(look *at, void *part, size_t size) {
     memcpy((unsigned char *)part + first, page->bytes, size - first);
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     at->position += size;
+    at->digest = mix(at->digest, part, size);
     return true;
 }
 
@@ -192,7 +231,8 @@ static const char *get_tuning(look *at, tl_run_tuning *tuning) {
 
 static const char *get_start(look *at, tl_recorder_entry *entry) {
     uint8_t holds = 0;
-    if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning)) {
+    if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning) ||
+        !get(at, &entry->id, sizeof entry->id)) {
         return CUT;
     }
     if (holds > 1 || (unsigned)entry->beginning.from > (unsigned)TL_RESUMED_INPUTS) {
@@ -211,8 +251,8 @@ static const char *get_start(look *at, tl_recorder_entry *entry) {
     return tl_account_is_sound(&entry->account) ? get_tuning(at, &entry->tuning) : "an account that is none";
 }
 
-static const char *get_sample(look *at, const tl_recorder_shape *shape, tl_sample *sample) {
-    bool whole = get(at, &sample->tick, sizeof sample->tick) &&
+static const char *get_sample(look *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {
+    bool whole = get(at, id, sizeof *id) && get(at, &sample->tick, sizeof sample->tick) &&
                  get(at, sample->values, shape->plant * sizeof(double)) &&
                  get(at, sample->stamps, shape->plant * sizeof(tl_time)) && get(at, sample->quality, shape->plant);
     return !whole ? CUT : are_qualities(sample->quality, shape->plant) ? NULL : UNKNOWN;
@@ -266,9 +306,15 @@ static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
     return NULL;
 }
 
+static const char *check_digest(look *at) {
+    uint64_t digest = at->digest;
+    uint64_t found = 0;
+    return !get(at, &found, sizeof found) ? CUT : found == digest ? NULL : "an entry that somebody has written over";
+}
+
 const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
                                      tl_recorder_entry *entry) {
-    look at = {page, *position};
+    look at = {page, *position, *position};
     uint8_t kind = 0;
     const char *fault = get(&at, &kind, 1) ? "an entry of a kind that there is not" : CUT;
     switch (kind) {
@@ -276,7 +322,7 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
         fault = get_start(&at, entry);
         break;
     case MARK + TL_ENTRY_SAMPLE:
-        fault = get_sample(&at, shape, &entry->sample);
+        fault = get_sample(&at, shape, &entry->id, &entry->sample);
         break;
     case MARK + TL_ENTRY_STEP:
         fault = get_step(&at, shape, entry);
@@ -290,6 +336,7 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
     default:
         break;
     }
+    fault = fault == NULL ? check_digest(&at) : fault;
     if (fault == NULL) {
         entry->kind = (tl_recorder_kind)(kind - MARK);
         *position = at.position;

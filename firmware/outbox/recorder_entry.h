@@ -1,9 +1,9 @@
 /* What waits in a ring for the recorder: a run's beginning, its samples, steps, tunings and end, cut to the signals that the run has.
  *
  * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes; the ring then lasts longer.
- * Format:  one byte that says what follows, then its fields one after the other; the same program on both sides.
- * Trust:   whoever reads may do so in another process than that which wrote. Of what is there each kind, enumeration and text is checked;
- *          numbers are not judged.
+ * Format:  one byte that says what follows, then its fields one after the other, then a digest; the same program on both sides.
+ * Trust:   whoever reads may do so in another process than that which wrote. Of what is there each kind, enumeration, text and digest is
+ *          checked: a stray store is detected, but not a forged entry. Numbers are not judged.
  * Thread:  put: the producer; take: the consumer.
  */
 #ifndef TL_FIRMWARE_OUTBOX_RECORDER_ENTRY_H
@@ -41,6 +41,7 @@ typedef enum tl_recorder_kind {
 /* Some 20 KB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
+    uint64_t id;               /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
     tl_resumption beginning;   /* TL_ENTRY_START */
     bool holds;                /* and whether there is no twin, */
     tl_account account;        /* or what it is; sound, */
@@ -64,18 +65,22 @@ typedef struct tl_recorder_pen {
     unsigned char *bytes;
     size_t capacity;
     uint64_t position;
+    uint64_t digest; /* of the entry that is being written; any at first */
 } tl_recorder_pen;
 
 /* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning,
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
                                   const tl_account *account, /* NULL: it holds */
                                   const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured);
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
-                                   tl_time start);
+                                   tl_time start, uint64_t id);
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger);
 void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning);
 void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason);
+
+/* A stamp relative to `start`, as in an entry. */
+tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);
 
 /* What is written, up to a position that is at most `capacity` further. */
 typedef struct tl_recorder_page {

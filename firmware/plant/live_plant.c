@@ -1,6 +1,7 @@
 /* The live plant: see live_plant.h. */
 #include "firmware/plant/live_plant.h"
 
+#include <arpa/inet.h>
 #include <limits.h>
 #include <stdint.h>
 #include <stdlib.h>
@@ -11,8 +12,14 @@
 #include "board/modbus/modbus.h"
 #include "firmware/plant/plant_reader.h"
 
-/* What a poll may take: the longest is to look up a host's name, which has time limits of its own. */
-static const tl_time PATIENCE = 60 * TL_SECOND;
+/* Resolving a host name cannot be interrupted and has time limits of its own. */
+static const tl_time RESOLVE = 60 * TL_SECOND;
+
+/* Time-outs of a Modbus poll between two readings: to connect, and for a request that the device refuses in three shapes. */
+enum { MODBUS_WAITS = 4 };
+
+/* Bits of the longest request and its response on a serial line. */
+enum { LINE_BITS = 264 * 12 };
 
 struct tl_live_plant {
     tl_plant_source *sources;
@@ -133,8 +140,32 @@ static tl_status open_driver(const tl_config *config, const tl_config_source *co
     return open_csv(config, configured, source, error);
 }
 
+static bool is_address(const char *host) {
+    unsigned char address[sizeof(struct in6_addr)];
+    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
+}
+
+/* How long a poll may wait for its device without a reading; other drivers wait at most for their period. */
+static tl_time longest_wait(const tl_config_source *configured) {
+    tl_time timeout = tl_time_of_seconds(configured->timeout_s);
+    switch (configured->kind) {
+    case TL_SOURCE_MODBUS_TCP:
+        return MODBUS_WAITS * timeout + (is_address(configured->host) ? 0 : RESOLVE);
+    case TL_SOURCE_MODBUS_RTU:
+        return MODBUS_WAITS * (timeout + LINE_BITS * TL_SECOND / configured->line.baud);
+    default:
+        return 0;
+    }
+}
+
+static tl_time patience_with(const tl_config *config, const tl_config_source *configured) {
+    tl_time wait = longest_wait(configured);
+    return (wait > config->realtime_hang ? wait : config->realtime_hang) + 2 * tl_time_of_seconds(configured->period_s);
+}
+
 /* Opens one configured source; one that no signal uses is left out. */
-static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_error *error) {
+static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_heartbeats *beats,
+                             tl_error *error) {
     const tl_config_source *configured = &config->sources[index];
     tl_plant_source *source = &plant->sources[plant->source_count];
     size_t *signals = plant->signals[plant->source_count];
@@ -155,6 +186,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     }
     tl_status status = open_driver(config, configured, source, error);
     if (status == TL_OK) {
+        source->heart = tl_heart_begin(beats, source->name, patience_with(config, configured));
         plant->source_count++;
     }
     return status;
@@ -164,13 +196,6 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
 static void close_sources(tl_live_plant *plant) {
     for (size_t i = 0; i < plant->source_count; i++) {
         plant->sources[i].driver->close(plant->sources[i].io);
-    }
-}
-
-static void begin_hearts(tl_live_plant *plant, tl_heartbeats *beats) {
-    for (size_t i = 0; i < plant->source_count; i++) {
-        tl_plant_source *source = &plant->sources[i];
-        source->heart = tl_heart_begin(beats, source->name, PATIENCE + source->period);
     }
 }
 
@@ -204,13 +229,12 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
-        tl_status status = open_source(plant, config, i, error);
+        tl_status status = open_source(plant, config, i, beats, error);
         if (status != TL_OK) {
             close_sources(plant);
             return status;
         }
     }
-    begin_hearts(plant, beats);
     return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, on_link, context,
                                   &plant->readers, error);
 }

@@ -19,7 +19,8 @@ typedef struct tl_live_plant tl_live_plant;
 
 /* `mailboxes`: one for each signal; their memory must outlive the plant, and nobody else writes it.
  * Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
- * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens). */
+ * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens):
+ * it hangs after hang_s, or after its poll's time-outs if those are longer, and two periods. */
 tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error);

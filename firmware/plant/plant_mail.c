@@ -21,10 +21,14 @@ static tl_time period_of(const tl_config *config, const tl_config_signal *signal
     return period > FINEST ? period : FINEST;
 }
 
+tl_time tl_plant_mail_kept(const tl_config *config) {
+    return config->realtime_hang + RESTART;
+}
+
 void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape) {
     *shape = (tl_plant_mail_shape){.signals = config->signal_count};
     for (size_t i = 0; i < config->signal_count; i++) {
-        tl_time readings = (config->realtime_hang + RESTART) / period_of(config, &config->signals[i]) + 1;
+        tl_time readings = tl_plant_mail_kept(config) / period_of(config, &config->signals[i]) + 1;
         uint32_t depth = TL_PLANT_MAIL_LEAST;
         while (depth < readings && depth < TL_PLANT_MAIL_MOST) {
             depth *= 2;

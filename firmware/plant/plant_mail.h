@@ -28,6 +28,9 @@ typedef struct tl_plant_mail_shape {
  * no more often than each millisecond. The configuration has its second look-ups already: tl_config_use_lookups(). */
 void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape);
 
+/* For how long live readings are kept, ns, if they are not more than TL_PLANT_MAIL_MOST. */
+tl_time tl_plant_mail_kept(const tl_config *config);
+
 /* Of the memory; never 0. */
 size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape);
 

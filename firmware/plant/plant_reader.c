@@ -49,6 +49,7 @@ static bool is_repeated(worker *own, size_t channel, const tl_reading *reading) 
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
     worker *own = context;
+    tl_heart_beat(own->source->heart); /* a poll of many requests may take long */
     if (channel < own->source->signal_count && !is_repeated(own, channel, reading)) {
         tl_mailbox_post(&own->readers->mailboxes[own->source->signals[channel]], reading);
     }

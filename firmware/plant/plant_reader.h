@@ -22,7 +22,7 @@ typedef struct tl_plant_source {
     size_t signal_count;
     const tl_time *repeats; /* channel → ns in which an equal value is no new reading (repeated_reading.h); NULL: 0 */
     tl_time period;         /* ns between polls, > 0 */
-    tl_heart *heart;        /* of its thread, which beats at each poll; NULL: nobody listens */
+    tl_heart *heart;        /* of its thread, which beats at each poll and reading; NULL: nobody listens */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;

@@ -5,6 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/clock.h"
 #include "firmware/record/recorder_database.h"
 #include "firmware/text/utc.h"
 
@@ -158,6 +159,10 @@ static void take_beginning(tl_recorder_batch *batch, uint64_t position) {
     next->has_begun = true;
     next->is_untimed = false;
     next->tuning = (tl_run_tuning){.number = next->tuning.number};
+    next->id = batch->entry.id;
+    next->sampled = 0;
+    next->is_cut = false;
+    batch->is_stray = false;
     next->taken[ring_of(batch)].ring = position;
     batch->settings.file->goes_on = false;
 }
@@ -175,10 +180,15 @@ void tl_recorder_batch_begin_run(tl_recorder_batch *batch, const tl_outbox_start
 
 /* What producers have lost since the last batch is lost of this run. */
 static void count_lost(tl_recorder_batch *batch) {
+    enum { ENTRIES = 4, EVENTS = 1 << 16 }; /* at most: in a tick; since the last batch */
     tl_recorder_mark *next = &batch->next;
+    tl_time now = tl_clock_now(NULL);
+    uint64_t most = EVENTS + ENTRIES * (uint64_t)((now - next->counted) / batch->settings.file->record->step);
+    next->counted = now;
     for (size_t i = 0; i < batch->settings.inbox->count; i++) {
         uint64_t lost = tl_recorder_inbox_lost(batch->settings.inbox, i, next->lost[i]);
-        tl_recorder_mark_lose(next, lost > next->lost[i] ? lost - next->lost[i] : 0);
+        uint64_t more = lost - next->lost[i];
+        tl_recorder_mark_lose(next, more <= most ? more : 0); /* else somebody has written over the count */
         next->lost[i] = lost;
     }
 }
@@ -234,10 +244,27 @@ static int write_events(tl_recorder_batch *batch, size_t most) {
     return code;
 }
 
+static tl_time step_of(const tl_recorder_batch *batch) {
+    return batch->settings.file->record->step;
+}
+
+/* The first tick of the run at this instant or later; 0: the run is on no clock of ours. */
+static int64_t tick_at(const tl_recorder_batch *batch, tl_time instant) {
+    tl_time since = 0;
+    bool fits = !__builtin_sub_overflow(instant, batch->next.start.resumption.start, &since);
+    return fits && since > 0 && since < INT64_MAX - step_of(batch) ? (since - 1) / step_of(batch) + 1 : 0;
+}
+
+/* Nobody can have seen it yet. In mode ahead the last one is a period early. */
+static bool is_of_the_future(const tl_recorder_batch *batch) {
+    return batch->settings.plant.take != NULL && !batch->next.is_untimed && batch->entry.kind == TL_ENTRY_SAMPLE &&
+           batch->entry.sample.tick > tick_at(batch, tl_clock_now(NULL)) + 1;
+}
+
 /* Is it one of the run, and can it be written? Else it is dropped. */
 static int write_part(tl_recorder_batch *batch, bool *written) {
     tl_recorder_mark *next = &batch->next;
-    bool impossible = next->has_ended;
+    bool impossible = next->has_ended || is_of_the_future(batch);
     int code = SQLITE_OK;
     if (!impossible) {
         code = tl_recorder_database_entry(database_of(batch), &batch->entry, &impossible);
@@ -273,6 +300,7 @@ static int begin_at(tl_recorder_batch *batch, int64_t tick) {
 
 static int write_sample_or_step(tl_recorder_batch *batch) {
     tl_recorder_mark *next = &batch->next;
+    int64_t tick = batch->entry.sample.tick;
     bool written = false;
     int code = write_part(batch, &written);
     if (!written) {
@@ -282,13 +310,104 @@ static int write_sample_or_step(tl_recorder_batch *batch) {
         next->totals.steps++;
         return code;
     }
+    if (tick < next->sampled) { /* it was taken from what io has read */
+        next->written--;
+        return code;
+    }
     next->totals.samples++;
+    next->sampled = tick + 1;
     if (next->is_again && code == SQLITE_OK) {
         code = begin_at(batch, batch->entry.sample.tick);
         next->is_again = false;
     }
     return code;
 }
+
+/* ---- Samples that do not come by the ring ---- */
+
+/* The next one that has to come. What a run follows at its beginning is the run's before. */
+static int64_t next_tick(const tl_recorder_batch *batch) {
+    const tl_recorder_mark *next = &batch->next;
+    const tl_resumption *resumption = &next->start.resumption;
+    int64_t own = resumption->from == TL_RESUMED_NOT ? 0 : resumption->tick;
+    return next->sampled > own ? next->sampled : own;
+}
+
+/* How many ticks below this one are missing, of those of the past. */
+static int64_t count_missing(const tl_recorder_batch *batch, int64_t end) {
+    const tl_recorder_mark *next = &batch->next;
+    int64_t present = tick_at(batch, tl_clock_now(NULL));
+    bool can = batch->settings.plant.take != NULL && next->has_begun && !next->is_untimed && !next->has_ended &&
+               next->ring == ring_of(batch); /* a run of another ring has another plant */
+    end = end < present ? end : present;
+    return can && end > next_tick(batch) ? end - next_tick(batch) : 0;
+}
+
+/* Below which tick none may be missing any more: the twin, or its successor, will put the others. At the end of a queue that is corrupted nobody will. */
+static int64_t oldest_awaited(const tl_recorder_batch *batch) {
+    static const tl_time margin = 2 * TL_SECOND;
+    tl_time lag = batch->settings.plant.kept - batch->settings.file->record->commit - margin;
+    bool is_cut = batch->next.is_cut || !tl_recorder_inbox_is_whole(batch->settings.inbox);
+    lag = batch->is_last && is_cut ? 0 : lag > TL_SECOND ? lag : TL_SECOND;
+    return tick_at(batch, tl_clock_now(NULL) - lag);
+}
+
+static int write_missing_sample(tl_recorder_batch *batch, int64_t tick) {
+    const tl_recorder_plant *plant = &batch->settings.plant;
+    tl_time start = batch->next.start.resumption.start;
+    tl_sample *sample = &batch->entry.sample;
+    plant->take(plant->context, tick, tl_time_of_step(start, step_of(batch), tick), sample);
+    for (size_t i = 0; i < batch->settings.file->record->plant_count; i++) {
+        sample->stamps[i] = tl_recorder_entry_stamp(start, sample->stamps[i]);
+    }
+    batch->entry.kind = TL_ENTRY_SAMPLE;
+    tl_recorder_mark_lose(&batch->next, batch->next.is_cut ? 1 : 0); /* its step */
+    int code = write_sample_or_step(batch);
+    batch->next.sampled = tick + 1; /* also if it cannot be written */
+    return code;
+}
+
+static size_t size_of_sample(const tl_recorder_batch *batch) {
+    return tl_recorder_entry_size(&batch->settings.inbox->outboxes[ring_of(batch)].settings.shape, TL_ENTRY_SAMPLE);
+}
+
+static size_t bytes_of_missing(const tl_recorder_batch *batch, int64_t end, size_t limit) {
+    int64_t missing = count_missing(batch, end);
+    size_t most = limit / size_of_sample(batch) + 1;
+    return size_of_sample(batch) * ((uint64_t)missing < most ? (size_t)missing : most);
+}
+
+/* Those below this tick, as many as fit. What io's memory has lost already is lost. Changes the entry. */
+static int write_missing(tl_recorder_batch *batch, int64_t end, size_t limit) {
+    tl_recorder_mark *next = &batch->next;
+    int64_t missing = count_missing(batch, end);
+    int64_t kept = tick_at(batch, tl_clock_now(NULL) - batch->settings.plant.kept);
+    int code = SQLITE_OK;
+    if (missing > 0 && next_tick(batch) < kept) {
+        int64_t gone = kept - next_tick(batch) < missing ? kept - next_tick(batch) : missing;
+        next->sampled = next_tick(batch) + gone;
+        missing -= gone;
+        tl_recorder_mark_lose(next, (uint64_t)gone);
+    }
+    for (size_t room = limit / size_of_sample(batch) + 1; missing > 0 && room > 0 && code == SQLITE_OK; room--) {
+        code = write_missing_sample(batch, next_tick(batch));
+        missing--;
+    }
+    return code;
+}
+
+/* The first tick of the run that will be another's, if the entry begins one. */
+static int64_t tick_of_other(const tl_recorder_batch *batch) {
+    const tl_resumption *other = &batch->entry.beginning;
+    int64_t own = other->from == TL_RESUMED_NOT ? 0 : other->tick;
+    tl_time past = 0;
+    tl_time first = 0;
+    bool fits =
+        !__builtin_mul_overflow(own, step_of(batch), &past) && !__builtin_add_overflow(other->start, past, &first);
+    return fits ? tick_at(batch, first) : 0;
+}
+
+/* ---- Entries ---- */
 
 static void take_end(tl_recorder_batch *batch) {
     const char *hand_over = batch->settings.hand_over;
@@ -297,7 +416,20 @@ static void take_end(tl_recorder_batch *batch) {
     batch->next.hands_over = hand_over != NULL && strcmp(batch->entry.reason, hand_over) == 0;
 }
 
+/* Is it of another run than ours? Without its beginning nobody knows its clock. */
+static bool is_stray(tl_recorder_batch *batch) {
+    if (batch->entry.kind == TL_ENTRY_SAMPLE) {
+        batch->is_stray = batch->entry.id != batch->next.id;
+        batch->next.is_cut = batch->next.is_cut && batch->is_stray;
+    }
+    return batch->is_stray && batch->entry.kind != TL_ENTRY_START;
+}
+
 static int write_entry(tl_recorder_batch *batch) {
+    if (is_stray(batch)) {
+        drop(batch);
+        return SQLITE_OK;
+    }
     switch (batch->entry.kind) {
     case TL_ENTRY_START:
         batch->is_over = true;
@@ -310,6 +442,26 @@ static int write_entry(tl_recorder_batch *batch) {
     default:
         return write_sample_or_step(batch);
     }
+}
+
+/* Which ticks have to be there before the entry: all below this one. At the end of a run the last ones may have been skipped. */
+static int64_t end_of_missing(const tl_recorder_batch *batch) {
+    bool ends = batch->entry.kind == TL_ENTRY_END && batch->next.is_cut && !batch->is_stray;
+    bool is_own = batch->entry.kind == TL_ENTRY_SAMPLE && batch->entry.id == batch->next.id;
+    return is_own ? batch->entry.sample.tick : ends ? tick_at(batch, tl_clock_now(NULL) - step_of(batch)) : 0;
+}
+
+/* After the samples that are missing before it. *is_more: there are more of those than fit. */
+static int write_entry_in_turn(tl_recorder_batch *batch, uint64_t *position, uint64_t end, size_t limit,
+                               bool *is_more) {
+    int64_t awaited = end_of_missing(batch);
+    int code = SQLITE_OK;
+    if (count_missing(batch, awaited) > 0) {
+        code = write_missing(batch, awaited, limit);
+        *position = taken_of(batch)->ring;
+        *is_more = count_missing(batch, awaited) > 0 || !take_entry(batch, position, end);
+    }
+    return code == SQLITE_OK && !*is_more ? write_entry(batch) : code;
 }
 
 /* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
@@ -328,8 +480,9 @@ static int write_entries(tl_recorder_batch *batch, uint64_t end, size_t limit) {
         if (batch->entry.kind == TL_ENTRY_SAMPLE && *taken != first && position - first + step > limit) {
             break;
         }
-        code = write_entry(batch);
-        if (batch->is_over) {
+        bool is_more = false;
+        code = write_entry_in_turn(batch, &position, end, limit, &is_more);
+        if (batch->is_over || is_more) {
             break;
         }
         *taken = position;
@@ -342,6 +495,9 @@ static int write_all(tl_recorder_batch *batch, uint64_t end, size_t limit) {
     int code = write_own_events(batch);
     if (code == SQLITE_OK) {
         code = write_entries(batch, end, limit);
+    }
+    if (code == SQLITE_OK && !batch->is_over) {
+        code = write_missing(batch, oldest_awaited(batch), limit);
     }
     return code == SQLITE_OK ? write_events(batch, limit / EVENT_BYTES) : code;
 }
@@ -359,16 +515,30 @@ static int write_transaction(tl_recorder_batch *batch, uint64_t end, bool *more)
     size_t bytes = left < limit ? (size_t)left : limit;
     size_t events = count_events(batch, end, limit / EVENT_BYTES);
     bool has_own = batch->next.said != batch->settings.state->own_said;
-    if (bytes == 0 && events == 0 && !has_own && batch->next.run != 0) {
+    size_t missing = bytes_of_missing(batch, oldest_awaited(batch), limit);
+    if (bytes == 0 && events == 0 && missing == 0 && !has_own && batch->next.run != 0) {
         return SQLITE_OK;
     }
     count_lost(batch);
-    int code = begin_transaction(batch, bytes + events * (size_t)EVENT_BYTES);
+    int code = begin_transaction(batch, bytes + missing + events * (size_t)EVENT_BYTES);
     if (code == SQLITE_OK) {
         code = write_all(batch, end, limit);
     }
     code = end_batch(batch, code);
-    *more = mark_of(batch)->number != before && has_more(batch, end);
+    *more = mark_of(batch)->number != before &&
+            (has_more(batch, end) || bytes_of_missing(batch, oldest_awaited(batch), limit) > missing);
+    return code;
+}
+
+/* What is missing of the run before, in a transaction of its own. */
+static int write_rest(tl_recorder_batch *batch, int64_t end, bool *more) {
+    size_t limit = tl_recorder_database_batch(database_of(batch));
+    int code = begin_transaction(batch, bytes_of_missing(batch, end, limit));
+    if (code == SQLITE_OK) {
+        code = write_missing(batch, end, limit);
+    }
+    code = end_batch(batch, code);
+    *more = code == SQLITE_OK;
     return code;
 }
 
@@ -379,6 +549,9 @@ int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more) 
     end = end_of(batch, end);
     bool has_early = batch->next.run != 0 && count_events(batch, taken_of(batch)->ring, 1) > 0;
     if (!has_early && is_beginning(batch, end, &position)) { /* else there are events of the run before */
+        if (count_missing(batch, tick_of_other(batch)) > 0) {
+            return write_rest(batch, tick_of_other(batch), more);
+        }
         take_beginning(batch, position);
     } else if (!batch->next.has_begun) {
         drop_entries(batch, end);
@@ -386,6 +559,23 @@ int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more) 
         return SQLITE_OK;
     }
     return write_transaction(batch, end, more);
+}
+
+/* ---- Damage ------------------------------------------------------------------------------------------------------ */
+
+void tl_recorder_batch_skip(tl_recorder_batch *batch, uint64_t position) {
+    begin_batch(batch);
+    if (!is_handed_over(batch) && position != taken_of(batch)->ring) {
+        taken_of(batch)->ring = position;
+        batch->next.is_cut = true;
+        settle(batch);
+    }
+}
+
+bool tl_recorder_batch_has_beginning(tl_recorder_batch *batch) {
+    batch->next = *mark_of(batch);
+    uint64_t position = taken_of(batch)->ring;
+    return is_beginning(batch, end_of(batch, tl_recorder_inbox_end(batch->settings.inbox, position)), &position);
 }
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */

@@ -2,6 +2,8 @@
  *
  * Purpose: forms batches, of one run each, and commits them. It is formed in `next`, a copy of the mark of what is committed: positions, totals and
  *          the run move on in it with each thing that is written, and become the mark when the transaction is committed. What fails is forgotten with it.
+ * Samples: come by the ring, since a replay has to see what the twin has seen. One that does not is taken from what io has read: in front of a later one,
+ *          at the end of the run, or before io's readings are overwritten. It is replaced if it comes after all.
  * Order:   the writer's own events, then entries, then the events that were put before the last of these.
  * Runs:    a START entry begins one, END ends it. Events that come before the first START wait for it; entries before it belong to no run, and are
  *          dropped. A START while a run is open means that that one was not ended cleanly.
@@ -34,6 +36,7 @@ typedef struct tl_recorder_batch_settings {
     const char *hand_over;          /* see above; NULL: no run does */
     bool (*goes_on)(void *context); /* after such an END there is no other ring */
     void *context;
+    tl_recorder_plant plant;
 } tl_recorder_batch_settings;
 
 /* Private; begins with its settings, and zeros. */
@@ -43,6 +46,8 @@ typedef struct tl_recorder_batch {
     tl_recorder_entry entry; /* too large for a small stack */
     bool is_over;            /* the next entry is for another batch */
     bool ends;               /* the run does, with this batch */
+    bool is_stray;           /* the newest sample was of a run whose beginning was not read */
+    bool is_last;            /* whoever puts samples is no more */
 } tl_recorder_batch;
 
 /* A run begins, without an entry. It gets its row with the next batch. */
@@ -54,6 +59,12 @@ int tl_recorder_batch_write(tl_recorder_batch *batch, uint64_t end, bool *more);
 
 /* Those whose entries are written, in a transaction of its own each. */
 int tl_recorder_batch_write_checkpoints(tl_recorder_batch *batch);
+
+/* What was read of the ring so far is followed by what lies at this position; what is between is lost. Nothing if it is not ours to read. */
+void tl_recorder_batch_skip(tl_recorder_batch *batch, uint64_t position);
+
+/* A run begins with the next entry. */
+bool tl_recorder_batch_has_beginning(tl_recorder_batch *batch);
 
 /* All of the ring is written, up to where it hands over, and the events of that outbox. */
 bool tl_recorder_batch_has_drained(tl_recorder_batch *batch);

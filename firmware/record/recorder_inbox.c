@@ -36,7 +36,7 @@ void tl_recorder_inbox_leave(tl_recorder_inbox *inbox) {
 }
 
 bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox) {
-    return inbox->readers[inbox->ring].fault[0] == '\0';
+    return !inbox->readers[inbox->ring].is_ring_broken;
 }
 
 bool tl_recorder_inbox_entry(tl_recorder_inbox *inbox, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {
@@ -47,6 +47,21 @@ bool tl_recorder_inbox_checkpoint(tl_recorder_inbox *inbox, const tl_outbox_take
                                   size_t *size, int64_t *tick, uint64_t *number) {
     return tl_outbox_reader_checkpoint(&inbox->readers[inbox->ring], taken->checkpoint, taken->ring, bytes, size, tick,
                                        number);
+}
+
+static void reopen(tl_recorder_inbox *inbox, size_t outbox) {
+    tl_outbox_reader *reader = &inbox->readers[outbox];
+    bool is_left = reader->is_left;
+    tl_outbox_reader_open(&inbox->outboxes[outbox].settings, inbox->outboxes[outbox].memory, reader);
+    reader->is_left = is_left;
+}
+
+uint64_t tl_recorder_inbox_skip(tl_recorder_inbox *inbox, uint64_t taken) {
+    uint64_t to = inbox->is_reopened ? tl_outbox_reader_skip(&inbox->readers[inbox->ring], taken) : taken;
+    if (to != taken) {
+        reopen(inbox, inbox->ring);
+    }
+    return to;
 }
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
@@ -105,11 +120,11 @@ void tl_recorder_inbox_mend(tl_recorder_inbox *inbox) {
     tl_time now = tl_clock_now(NULL);
     bool again = now - inbox->mended_at >= MEND_PAUSE;
     inbox->mended_at = again ? now : inbox->mended_at;
+    inbox->is_reopened = again && !tl_recorder_inbox_is_whole(inbox) && inbox->damaged_at[inbox->ring] != 0;
     for (size_t i = 0; i < inbox->count; i++) {
-        const tl_recorder_writer_outbox *outbox = &inbox->outboxes[i];
         bool is_broken = inbox->readers[i].fault[0] != '\0';
         if (is_broken && (again || inbox->damaged_at[i] == 0)) { /* or it was found between two writings */
-            tl_outbox_reader_open(&outbox->settings, outbox->memory, &inbox->readers[i]);
+            reopen(inbox, i);
             inbox->damaged_at[i] = 0;
         } else if (!is_broken && again) {
             inbox->is_told[i] = false;
@@ -134,7 +149,8 @@ bool tl_recorder_inbox_tell(tl_recorder_inbox *inbox, char *text, size_t size) {
         const char *fault = inbox->readers[i].fault;
         if (fault[0] != '\0' && !inbox->is_told[i]) {
             inbox->is_told[i] = true;
-            (void)snprintf(text, size, "what %s has put out cannot be read on: %.160s", inbox->outboxes[i].name, fault);
+            (void)snprintf(text, size, "the queue of %s was corrupted%s: it %.120s", inbox->outboxes[i].name,
+                           i == inbox->ring ? " by the process of the FMUs" : "", fault);
             return true;
         }
     }

@@ -17,6 +17,7 @@
 #include "firmware/outbox/outbox.h"
 #include "firmware/outbox/outbox_reader.h"
 #include "firmware/record/recorder_state.h"
+#include "master/base/signal.h"
 #include "master/base/simtime.h"
 
 typedef struct tl_recorder_writer_outbox {
@@ -24,6 +25,13 @@ typedef struct tl_recorder_writer_outbox {
     tl_outbox_settings settings;
     const void *memory; /* NULL: there is none now */
 } tl_recorder_writer_outbox;
+
+/* What io has read of the plant, for samples that do not come by the ring. */
+typedef struct tl_recorder_plant {
+    void (*take)(void *context, int64_t tick, tl_time instant, tl_sample *sample); /* NULL: nobody can */
+    void *context;
+    tl_time kept; /* ns: for so long it is there */
+} tl_recorder_plant;
 
 /* Private; placed by the caller. */
 typedef struct tl_recorder_inbox {
@@ -34,6 +42,7 @@ typedef struct tl_recorder_inbox {
     size_t count;
     size_t ring;       /* which of them has the ring */
     tl_time mended_at; /* when that was tried the last time */
+    bool is_reopened;  /* the ring was, since it was still damaged */
 } tl_recorder_inbox;
 
 /* At most TL_WRITER_OUTBOXES. `ring` is there; of the others only events are read. */
@@ -50,6 +59,9 @@ void tl_recorder_inbox_leave(tl_recorder_inbox *inbox);
 
 /* Whether more can come of it. */
 bool tl_recorder_inbox_is_whole(const tl_recorder_inbox *inbox);
+
+/* After tl_recorder_inbox_mend(): where to go on, from what is taken: see tl_outbox_reader_skip(). */
+uint64_t tl_recorder_inbox_skip(tl_recorder_inbox *inbox, uint64_t taken);
 
 /* As tl_outbox_reader_entry() and tl_outbox_reader_checkpoint(). */
 bool tl_recorder_inbox_entry(tl_recorder_inbox *inbox, uint64_t *position, uint64_t end, tl_recorder_entry *entry);

@@ -40,7 +40,11 @@ typedef struct tl_recorder_mark {
     uint64_t written;                  /* entries and events of all runs, */
     uint64_t dropped;                  /* and those that a file took with it, or that belonged to no run */
     uint64_t said;                     /* number of the first of the writer's own events that is not written */
-    uint64_t lost[TL_WRITER_OUTBOXES]; /* what the producers have lost, as far as totals know it */
+    uint64_t lost[TL_WRITER_OUTBOXES]; /* what the producers have lost, as far as totals know it, */
+    tl_time counted;                   /* and when that was looked at */
+    uint64_t id;                       /* of the run in its ring; 0: it has none */
+    int64_t sampled;                   /* the tick behind its newest sample; 0: it has none */
+    bool is_cut;                       /* what came behind that in the ring was skipped */
     tl_outbox_taken taken[TL_WRITER_OUTBOXES];
 } tl_recorder_mark;
 

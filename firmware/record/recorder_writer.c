@@ -32,6 +32,7 @@ struct tl_recorder_writer {
     unsigned char *checkpoint; /* of the outbox with the ring; NULL: it has none */
     int refusal;               /* the kind of the last failure; 0: nothing is refused */
     tl_time lost_said_at;
+    bool was_corrupted; /* an outbox, since the last loss that was said */
 };
 
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer) {
@@ -44,6 +45,12 @@ static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
 
 /* ---- What it says ------------------------------------------------------------------------------------------------ */
 
+static const char *why_lost(const tl_recorder_writer *writer) {
+    return writer->was_corrupted || tl_recorder_state_mark(writer->state)->is_cut
+               ? "their queue was corrupted"
+               : "they came faster than the disk takes them";
+}
+
 static void say_loss(tl_recorder_writer *writer, const char *why) {
     char text[TL_EVENT_TEXT];
     uint64_t lost = tl_recorder_state_mark(writer->state)->totals.lost;
@@ -52,6 +59,7 @@ static void say_loss(tl_recorder_writer *writer, const char *why) {
         (void)snprintf(text, sizeof text, "%" PRIu64 " %s lost: %s", more,
                        more == 1 ? "sample, step or event was" : "samples, steps or events were", why);
         writer->lost_said_at = tl_clock_now(NULL);
+        writer->was_corrupted = false;
         tl_recorder_file_say(&writer->file, TL_EVENT_WARNING, text);
     }
     writer->file.lost_said = lost;
@@ -86,13 +94,14 @@ static void note_success(tl_recorder_writer *writer) {
         tl_recorder_file_say(&writer->file, TL_EVENT_INFO, text);
         say_loss(writer, "the database could not be written");
     } else if (tl_clock_now(NULL) - writer->lost_said_at >= LOSS_PAUSE) {
-        say_loss(writer, "they came faster than the disk takes them");
+        say_loss(writer, why_lost(writer));
     }
 }
 
 static void say_damage(tl_recorder_writer *writer) {
     char text[TL_EVENT_TEXT];
     while (tl_recorder_inbox_tell(&writer->inbox, text, sizeof text)) {
+        writer->was_corrupted = true;
         tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
     }
 }
@@ -165,6 +174,7 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     tl_time begun = tl_clock_now(NULL);
     tl_heart_beat(writer->heart);
     tl_recorder_inbox_mend(&writer->inbox);
+    tl_recorder_batch_skip(&writer->batch, tl_recorder_inbox_skip(&writer->inbox, taken_of_ring(writer)));
     while (again && is_open(writer)) {
         if (mends < MENDS && tl_recorder_file_look_after(&writer->file)) {
             mends++;
@@ -196,7 +206,8 @@ bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     uint64_t taken = taken_of_ring(writer);
     uint64_t end = tl_recorder_inbox_end(&writer->inbox, taken);
-    return writer->refusal == 0 && end - taken > writer->inbox.outboxes[writer->inbox.ring].settings.ring_bytes / 2;
+    bool is_full = end - taken > writer->inbox.outboxes[writer->inbox.ring].settings.ring_bytes / 2;
+    return writer->refusal == 0 && (is_full || tl_recorder_batch_has_beginning(&writer->batch));
 }
 
 /* ---- Opening and closing ----------------------------------------------------------------------------------------- */
@@ -258,6 +269,7 @@ static tl_recorder_writer *make(const tl_recorder_writer_settings *settings) {
                                                           .heart = writer->heart,
                                                           .hand_over = settings->hand_over,
                                                           .goes_on = settings->goes_on,
+                                                          .plant = settings->plant,
                                                           .context = settings->context};
     return writer;
 }
@@ -314,7 +326,8 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     if (writer->is_last) {
         tl_recorder_inbox_leave(&writer->inbox);
     }
-    say_loss(writer, "they came faster than the disk takes them");
+    writer->batch.is_last = writer->is_last;
+    say_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
     while (has_more(writer) && tl_clock_now(NULL) - began < patience) {
         (void)nanosleep(&pause, NULL);

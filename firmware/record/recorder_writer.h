@@ -47,6 +47,7 @@ typedef struct tl_recorder_writer_settings {
     tl_recorder_writer_state *state;
     const tl_outbox_start *first; /* NULL, or a run that begins at once, without a START */
     tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
+    tl_recorder_plant plant;      /* for samples that do not come by the ring; zeroed: there is none */
     bool is_last;                 /* when it is closed, whoever could go on with the run, or end it, is no more */
 } tl_recorder_writer_settings;
 
@@ -57,7 +58,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
 /* All that is there now, as far as the disk takes it. */
 void tl_recorder_writer_write(tl_recorder_writer *writer);
 
-/* The ring is more than half full: it should be written soon, and can be, as far as the last try has shown. */
+/* The ring is more than half full, or a run begins: it should be written soon, and can be, as far as the last try has shown. */
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer);
 
 /* Who has put into the ring is no more, or puts nothing until it is read by the next writer: what waits there for its end is there, too. */

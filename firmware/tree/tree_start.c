@@ -133,6 +133,7 @@ static pid_t start_recorder(tl_tree *self, tl_error *error) {
     give_to_read(&made, TL_LIVE_SUPERVISOR_READ, &self->memory.supervisor);
     give_to_read(&made, TL_LIVE_ACTIVATOR_READ, &self->activator.pulse);
     give_to_read(&made, TL_LIVE_TUNING, &place->tuning);
+    give_to_read(&made, TL_LIVE_MAIL_READ, &self->memory.mails.mail[place->mail].block);
     pid_t pid = start_plain(self, TL_LIVE_RECORDER, 1, number, &made, error);
     take_back(&made);
     return pid;

@@ -151,8 +151,29 @@ def test_a_twin_that_has_destroyed_its_outbox():
         unruly.wait_for_tick(3)
         end_orderly(live)
         expect(live.account()["restarts"] == 2, f"{live.account()}")
-    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'what twin has put out cannot be read on: %'") == 1, "not said")
+    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'the queue of twin was corrupted by the process of the FMUs: it %'") == 1, "not said")
     expect_whole(read(unruly.database))
+
+
+def test_twins_that_destroy_their_outbox_at_each_step():
+    """The second one goes on, and hardly anything that it hands over can be read: what io reads is recorded all the same."""
+    with Device(OMEGA) as device, kills.Unruly(device) as unruly:
+        live = unruly.live
+        unruly.wait_for_tick(1)
+        first, child = kills.first_tick(unruly.database, 1), live.child()
+        live.tell("scribbles", stays=True)
+        live.wait_for("resume: goes on with")
+        live.child(child)
+        live.tell("scribbles", stays=True)
+        time.sleep(5)
+        last = time.time()
+        end_orderly(live)
+    ticks = [tick for tick, in query(unruly.database, "SELECT DISTINCT tick FROM samples ORDER BY tick")]
+    expect(ticks == [*range(len(ticks))], f"samples are missing: {sorted(set(range(ticks[-1])) - set(ticks))[:10]}")
+    at_least(len(ticks), (last - first) / 0.01 - 10, "samples")
+    at_most(number(unruly.database, "SELECT count(*) FROM steps"), len(ticks) - 200, "steps that could be read")
+    at_most(number(unruly.database, "SELECT sum(entries_lost) FROM runs"), 3 * len(ticks), "samples, steps and events lost")
+    expect(number(unruly.database, "SELECT count(*) FROM events WHERE text LIKE 'the queue of twin was corrupted %'") <= 2, "said again and again")
 
 
 def test_all_are_killed_at_random():
@@ -215,6 +236,23 @@ def test_a_recorder_that_hangs():
     found = read(database)
     expect_whole(found)
     expect(number(database, "SELECT sum(entries_lost) FROM runs") == 0, "something was lost")
+
+
+def test_io_that_hangs():
+    """It is begun again after hang_s, so that the readings of no more than that, and of its start, are missing."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port, realtime={"hang_s": 1})
+        with Tree(config) as live:
+            live.wait_for_tick(database)
+            io = live.child(role="io")
+            stop(io)
+            wait_until(lambda: live.child(io, "io") != io, "another io", live.log)
+            live.wait_for_tick(database)
+            end_orderly(live)
+            silence = re.search(r'it hung: "\S+" gave no sign of life for ([0-9.]+) s', live.log())
+    expect(silence, "io was not said to hang")
+    at_most(float(silence[1]), 5, "seconds of silence")
+    expect_whole(read(database))
 
 
 def stop_one(live, role, other_than=0):

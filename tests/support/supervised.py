@@ -31,13 +31,13 @@ class Supervised(Program):
     def child(self, other_than=0, role="twin"):
         return member(self, role, other_than)
 
-    def tell(self, word):
-        """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it."""
+    def tell(self, word, stays=False):
+        """An FMU of the twin is told what to do (tests/hil/fmus/unruly), and begins with it. `stays`: it does not take the word out."""
         def folders():
             return sorted(self.process.temporary.glob(f"twinlock-twin-{self.pid}-*"), key=lambda path: path.stat().st_mtime)
         file = wait_until(folders, "the folder of the FMUs", self.log)[-1] / WORD
         file.write_text(word, encoding="utf-8")
-        wait_until(lambda: not left_in(file), "a step that takes the word", self.log)
+        wait_until(lambda: stays or not left_in(file), "a step that takes the word", self.log)
 
     def account(self):
         return json.loads((self.state / "supervisor.json").read_text(encoding="utf-8"))

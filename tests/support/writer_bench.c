@@ -44,6 +44,7 @@ static void make_memory(tl_writer_bench *bench) {
     bench->ring = TL_BENCH_TWIN;
     bench->goes_on = false;
     bench->is_last = false;
+    bench->plant = (tl_recorder_plant){.take = NULL};
     bench->writer = NULL;
     bench->error = (tl_error){TL_OK, ""};
 }
@@ -95,6 +96,7 @@ tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
                                                   .goes_on = goes_on,
                                                   .context = bench,
                                                   .state = bench->state,
+                                                  .plant = bench->plant,
                                                   .is_last = bench->is_last};
     return tl_recorder_writer_open(&settings, &bench->writer, &bench->error);
 }

@@ -35,7 +35,8 @@ typedef struct tl_writer_bench {
     size_t ring;  /* that is read: of the twin, at first, or of the other one; the outbox without is not there then */
     bool goes_on; /* as in recorder_writer.h: what that says */
     tl_recorder_writer_state *state;
-    bool is_last;               /* as in recorder_writer.h */
+    bool is_last;               /* as in recorder_writer.h, */
+    tl_recorder_plant plant;    /* as this */
     tl_recorder_writer *writer; /* NULL: none is open */
     tl_error error;
     pid_t child; /* that lives; 0: none */

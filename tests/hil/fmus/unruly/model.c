@@ -3,6 +3,7 @@
  *
  *   hang   never returns      crash   is ended by SIGSEGV      exit   calls exit(0)
  *   scribble   writes over what the twin hands to the recorder, and goes on
+ *   scribbles  the same at each step, as long as the word is there: it is not taken out
  *   over       says of its run that it is over, and ends the process as it said
  *   heartless  wipes out what the twin shows of its life, and never returns
  *
@@ -39,6 +40,9 @@ static bool take_word(char word[16]) {
     }
     bool found = fscanf(file, "%15s", word) == 1;
     (void)fclose(file);
+    if (found && strcmp(word, "scribbles") == 0) {
+        return true;
+    }
     file = found ? fopen(path, "w") : NULL; /* FMUs may remove nothing */
     return file != NULL && fclose(file) == 0;
 }
@@ -71,7 +75,7 @@ static void obey(const char *word) {
         hang();
     } else if (strcmp(word, "exit") == 0) {
         exit(0);
-    } else if (strcmp(word, "scribble") == 0) {
+    } else if (strncmp(word, "scribble", strlen("scribble")) == 0) {
         scribble("memfd:twinlock outbox", 0x55, 0);
     } else if (strcmp(word, "heartless") == 0) {
         scribble("memfd:twinlock twin", 0, 0);

@@ -340,7 +340,7 @@ static void what_is_kept_costs_no_new_entry(void) {
     while (put_both(put)) {
         put++;
     }
-    TEST_ASSERT_GREATER_THAN_INT64(RING / 335 - 10, put);
+    TEST_ASSERT_GREATER_THAN_INT64(RING / 359 - 10, put);
 }
 
 static void a_beginning_without_room_goes_first(void) {
@@ -376,15 +376,16 @@ static void a_beginning_without_room_goes_first(void) {
     expect_nothing();
 }
 
+/* A little more: it goes on there, since it has skipped what it could not read. */
 static void who_has_taken_more_than_there_is_has_taken_nothing(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     taken.ring = outbox.written + 1;
-    TEST_ASSERT_FALSE(put_sample(0));
+    TEST_ASSERT_TRUE(put_sample(0));
     taken.ring = UINT64_MAX / 2;
     TEST_ASSERT_FALSE(put_sample(0));
     taken.events = 1;
     tl_outbox_event(&outbox, 1, TL_EVENT_INFO, "test", "text");
-    TEST_ASSERT_EQUAL_UINT64(3, tl_outbox_lost(&outbox));
+    TEST_ASSERT_EQUAL_UINT64(2, tl_outbox_lost(&outbox));
 }
 
 static void *take_a_bit_later(void *context) {

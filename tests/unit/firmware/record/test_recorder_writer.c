@@ -10,6 +10,7 @@
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/history/history.h"
+#include "firmware/outbox/outbox_parts.h"
 #include "firmware/record/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
@@ -387,7 +388,8 @@ static void test_an_outbox_that_is_damaged(void) {
     tl_time found = tl_recorder_writer_damage(bench.writer, 0);
     TEST_ASSERT_TRUE(found >= before && found <= tl_clock_now(NULL));
     TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 1));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted by the process of the FMUs: it %"));
     tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
     tl_writer_bench_start(&bench, 2);
     tl_writer_bench_put(&bench, 20, 10);
@@ -396,7 +398,113 @@ static void test_an_outbox_that_is_damaged(void) {
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
-    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "what twin has put out cannot be read on: %"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted by the process of the FMUs: it %"));
+}
+
+/* ---- Samples that do not come by the ring ---- */
+
+/* What io has read of a tick is told from what the twin hands over by its value. */
+static void take_of_plant(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
+    (void)context;
+    *sample = (tl_sample){.tick = tick, .instant = instant};
+    for (size_t i = 0; i < TL_MADE_PLANT; i++) {
+        sample->values[i] = 1e6;
+        sample->stamps[i] = instant;
+    }
+}
+
+static void open_with_plant(void) {
+    bench.plant = (tl_recorder_plant){.take = take_of_plant, .kept = 12 * TL_SECOND};
+    tl_writer_bench_open(&bench);
+}
+
+/* The next entry that the twin puts is written over. */
+static void spoil_next(void) {
+    size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.twin.written;
+    tl_writer_bench_put(&bench, 10, 10);
+    ((unsigned char *)bench.memory[0])[at + 30] ^= 1;
+}
+
+static void write_until_read_on(void) {
+    for (int i = 0; i < 1000 && bench.state->taken[0].ring != bench.twin.written; i++) {
+        write_now();
+        usleep(5000);
+    }
+    TEST_ASSERT_EQUAL_UINT64(bench.twin.written, bench.state->taken[0].ring);
+}
+
+static void expect_ticks(int64_t of_plant, int64_t all) {
+    TEST_ASSERT_EQUAL_INT64(all, ask("SELECT count(DISTINCT tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(all - 1, ask("SELECT max(tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(of_plant, ask("SELECT count(DISTINCT tick) FROM samples WHERE value = 1e6"));
+}
+
+/* Steps are lost with them, and nothing else is; also if another recorder goes on. */
+static void test_a_ring_that_is_skipped(void) {
+    open_with_plant();
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    spoil_next();
+    ((struct tl_outbox_control *)bench.memory[0])->lost += UINT64_C(1) << 40;
+    write_until_read_on();
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_put(&bench, 20, 10);
+    write_until_read_on();
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    tl_writer_bench_close_well(&bench);
+    expect_ticks(10, 30);
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT count(*) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted %"));
+    tl_writer_bench_expect_whole(bench.path);
+}
+
+/* Up to where another run begins on the same clock; what the twin hands over after all replaces what io has read. */
+static void test_samples_that_the_twin_does_not_hand_over(void) {
+    tl_time start = tl_clock_now(NULL) - 11 * TL_SECOND;
+    open_with_plant();
+    tl_writer_bench_start(&bench, start);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_GREATER_THAN_INT64(
+        0, ask("SELECT count(*) FROM samples WHERE value = 1e6")); /* it may not come any more */
+    int64_t before = ask("SELECT max(tick) FROM samples");
+    TEST_ASSERT_TRUE(before > 9 && before < 400); /* but of these it may */
+    tl_writer_bench_put(&bench, 10, 1);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM samples WHERE tick = 10 AND value = 1e6"));
+    tl_writer_bench_start(&bench, start + 5 * TL_SECOND);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(500, ask("SELECT count(DISTINCT tick) FROM samples WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT sum(entries_lost) FROM runs"));
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+}
+
+/* Nobody knows to which run they belong. */
+static void test_a_beginning_that_is_skipped(void) {
+    open_with_plant();
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    uint64_t at = bench.twin.written;
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND / 2);
+    bench.twin.ring[at + 30] ^= 1;
+    write_until_read_on();
+    tl_writer_bench_put(&bench, 0, 20);
+    write_until_read_on();
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT count(*) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT count(DISTINCT tick) FROM samples WHERE value <> 1e6"));
+    tl_writer_bench_start(&bench, tl_clock_now(NULL));
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_TRUE(ask("SELECT count(DISTINCT tick) FROM samples WHERE run = 1") >= 200);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
 }
 
 int main(void) {
@@ -418,5 +526,8 @@ int main(void) {
     RUN_TEST(test_batches_end_between_ticks);
     RUN_TEST(test_numbers_that_no_history_would_take);
     RUN_TEST(test_an_outbox_that_is_damaged);
+    RUN_TEST(test_a_ring_that_is_skipped);
+    RUN_TEST(test_samples_that_the_twin_does_not_hand_over);
+    RUN_TEST(test_a_beginning_that_is_skipped);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
 }
