@@ -187,14 +187,21 @@ tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
     return TL_OK;
 }
 
-static void take_mailboxes(tl_live_plant *plant, const tl_mailbox mailboxes[], size_t count) {
-    for (size_t i = 0; i < count; i++) {
+static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
+    return (kinds & 1U << config->sources[source].kind) != 0;
+}
+
+static void take_mailboxes(tl_live_plant *plant, const tl_config *config, unsigned kinds,
+                           const tl_mailbox mailboxes[]) {
+    for (size_t i = 0; i < config->signal_count; i++) {
         plant->mailboxes[i] = mailboxes[i];
-        tl_mailbox_mend(&mailboxes[i]);
+        if (is_of(config, config->signals[i].source, kinds)) {
+            tl_mailbox_mend(&mailboxes[i]);
+        }
     }
 }
 
-static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
+static tl_status open_all(tl_live_plant *plant, const tl_config *config, unsigned kinds, tl_heartbeats *beats,
                           void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
                           tl_error *error) {
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
@@ -204,7 +211,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
-        tl_status status = open_source(plant, config, i, error);
+        tl_status status = is_of(config, i, kinds) ? open_source(plant, config, i, error) : TL_OK;
         if (status != TL_OK) {
             close_sources(plant);
             return status;
@@ -215,7 +222,8 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
                                   &plant->readers, error);
 }
 
-tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
+tl_status tl_live_plant_open(const tl_config *config, unsigned kinds, const tl_mailbox mailboxes[],
+                             tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error) {
     tl_status status = tl_live_plant_check(config, error);
@@ -226,8 +234,8 @@ tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    take_mailboxes(opened, mailboxes, config->signal_count);
-    status = open_all(opened, config, beats, on_link, context, error);
+    take_mailboxes(opened, config, kinds, mailboxes);
+    status = open_all(opened, config, kinds, beats, on_link, context, error);
     if (status != TL_OK) {
         opened->readers = NULL;
         tl_live_plant_close(opened);

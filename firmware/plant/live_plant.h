@@ -17,10 +17,15 @@
 
 typedef struct tl_live_plant tl_live_plant;
 
-/* `mailboxes`: one for each signal; their memory must outlive the plant, and nobody else writes it.
+/* A set of kinds of sources: bits 1 << TL_SOURCE_…. */
+enum { TL_LIVE_PLANT_ALL = (1 << (TL_SOURCE_CSV + 1)) - 1 };
+
+/* `kinds`: which sources are opened; other processes open the others.
+ * `mailboxes`: one for each signal; their memory must outlive the plant, and nobody else writes those of the signals of `kinds`.
  * Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
  * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens). */
-tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
+tl_status tl_live_plant_open(const tl_config *config, unsigned kinds, const tl_mailbox mailboxes[],
+                             tl_heartbeats *beats,
                              void (*on_link)(void *context, const char *source, bool up, const char *text),
                              void *context, tl_live_plant **plant, tl_error *error);
 

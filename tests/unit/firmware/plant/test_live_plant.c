@@ -123,7 +123,7 @@ static tl_status try_to_open(void) {
         TEST_ASSERT_NOT_NULL(mail);
         tl_plant_mail_open(&shape, mail, input.mailboxes);
     }
-    return tl_live_plant_open(config, input.mailboxes, NULL, on_link, links, &plant, &error);
+    return tl_live_plant_open(config, TL_LIVE_PLANT_ALL, input.mailboxes, NULL, on_link, links, &plant, &error);
 }
 
 static void open_plant(void) {
