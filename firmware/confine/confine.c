@@ -33,7 +33,9 @@ void tl_confine_probe(tl_confine_facts *facts) {
 uint64_t tl_confine_fair_memory(void) {
     long pages = sysconf(_SC_PHYS_PAGES);
     long size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
+    const uint64_t most = (uint64_t)TL_CONFINE_MEMORY_MIB * 1024 * 1024;
+    uint64_t half = pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 2 : 0;
+    return half < most ? half : most;
 }
 
 /* ---- confine ---- */

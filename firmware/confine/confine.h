@@ -28,7 +28,7 @@
 
 #include "master/base/status.h"
 
-enum { TL_CONFINE_TEXT = 768 };
+enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
 
 /* Drivers of a plant, by what they open. */
 enum {
@@ -78,8 +78,7 @@ typedef struct tl_confine_facts {
 /* What this kernel offers, without confining. `user`: whether this process could change its user. */
 void tl_confine_probe(tl_confine_facts *facts);
 
-/* Bytes to grant a process with FMUs: three quarters of the machine's memory, so that one that is out of its mind is refused more before
- * others are. 0: unknown. */
+/* Bytes that a process with FMUs may take by default: half of the machine's memory, at most TL_CONFINE_MEMORY_MIB. 0: unknown. */
 uint64_t tl_confine_fair_memory(void);
 
 /* Confines. `listener` may be NULL: then refused calls answer EPERM and nobody is told. Else it is a descriptor for tl_refusal_take() of
