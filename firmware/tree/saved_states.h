@@ -22,7 +22,7 @@ typedef struct tl_saved_states_settings {
     const tl_config *config; /* as it was read */
     const char *folder;      /* NULL: there is none */
     bool unconfined;
-    uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
+    uint64_t memory_limit;           /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
     const tl_twin_role_tasks *tasks; /* of a twin's process */
 } tl_saved_states_settings;
 

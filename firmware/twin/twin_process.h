@@ -25,7 +25,8 @@
 
 enum {
     TL_TWIN_FOLDER_MIB = 256, /* that FMUs may write, beside what they are unpacked to */
-    TL_TWIN_THREADS = 1024 /* of an honest FMU: an interpreter has a handful, a numeric library one for each processor */
+    TL_TWIN_THREADS =
+        1024 /* of an honest FMU: an interpreter has a handful, a numeric library one for each processor */
 };
 
 /* The FMUs of a configuration, as far as their process is bounded by them. */
