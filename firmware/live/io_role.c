@@ -84,9 +84,13 @@ static tl_status take_memory(io *self, tl_error *error) {
 static tl_status open_plant(io *self, tl_error *error) {
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
     tl_plant_mail_open(&self->shape, self->mail.bytes, mailboxes);
-    tl_status status =
-        tl_live_plant_open(&self->config, self->kinds, mailboxes, self->beats, on_link, self, &self->plant, error);
-    return status;
+    const tl_live_plant_settings settings = {.config = &self->config,
+                                             .kinds = self->kinds,
+                                             .mailboxes = mailboxes,
+                                             .beats = self->beats,
+                                             .on_link = on_link,
+                                             .context = self};
+    return tl_live_plant_open(&settings, &self->plant, error);
 }
 
 /* ---- one process for each kind of source ---- */

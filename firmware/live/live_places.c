@@ -143,10 +143,9 @@ tl_status tl_live_places_confine_io(const tl_config *config, unsigned kinds, tl_
     if (status == TL_OK) {
         status = make_places(&write, 1 + config->source_count * PER_SOURCE, error);
     }
-    if (status == TL_OK && ports == NULL) {
+    if (ports == NULL) {
         status = tl_fail(error, TL_TRY_AGAIN, "not enough memory");
-    }
-    if (status == TL_OK) {
+    } else if (status == TL_OK) {
         add_common(&read);
         for (size_t i = 0; i < config->source_count; i++) {
             if ((kinds & 1U << config->sources[i].kind) != 0) {
