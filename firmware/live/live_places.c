@@ -10,10 +10,14 @@
 
 #include "firmware/confine/confine.h"
 
-/* Where names of hosts are looked up, and what a box has that manages its network; which boot this is. */
-static const char *const common[] = {
-    "/etc",      "/run/systemd/resolve",           "/run/resolvconf", "/run/NetworkManager", "/run/connman",
-    "/run/nscd", "/proc/sys/kernel/random/boot_id"};
+/* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
+static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
+                                     "/etc",
+                                     "/run/systemd/resolve",
+                                     "/run/resolvconf",
+                                     "/run/NetworkManager",
+                                     "/run/connman",
+                                     "/run/nscd"};
 
 enum { DOMAIN_PORT = 53 };
 
@@ -46,8 +50,8 @@ static void add(places *list, const char *path) {
     }
 }
 
-static void add_common(places *list) {
-    for (size_t i = 0; i < COMMON; i++) {
+static void add_common(places *list, bool with_names) {
+    for (size_t i = 0; i < (with_names ? COMMON : 1); i++) {
         add(list, common[i]);
     }
 }
@@ -146,14 +150,15 @@ tl_status tl_live_places_confine_io(const tl_config *config, unsigned kinds, tl_
     if (ports == NULL) {
         status = tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     } else if (status == TL_OK) {
-        add_common(&read);
         for (size_t i = 0; i < config->source_count; i++) {
             if ((kinds & 1U << config->sources[i].kind) != 0) {
                 add_source(&read, &write, config, &config->sources[i]);
                 add_driver(&settings, ports, &config->sources[i]);
             }
         }
-        if ((settings.drivers & TL_CONFINE_NAMES) != 0) { /* an answer that is too long for a datagram */
+        const bool with_names = (settings.drivers & TL_CONFINE_NAMES) != 0;
+        add_common(&read, with_names);
+        if (with_names) { /* an answer that is too long for a datagram */
             ports[settings.port_count++] = DOMAIN_PORT;
         }
         status = confine(settings, &read, &write, error);
@@ -172,7 +177,7 @@ tl_status tl_live_places_confine_recorder(const tl_config *config, const char *d
         status = make_places(&write, PER_FILE, error);
     }
     if (status == TL_OK) {
-        add_common(&read);
+        add_common(&read, true);
         add_folders(&write, database);
         for (size_t i = 0; i < config->component_count; i++) {
             char path[PATH_MAX];

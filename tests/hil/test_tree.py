@@ -62,7 +62,7 @@ def test_who_holds_what():
 def test_each_kind_of_source_has_a_process():
     """Who reads a file has no socket to the device, and neither has the other's. If one of them dies both begin anew, and at the end none is left."""
     with Device(OMEGA) as device:
-        config, database = configuration(device.port, sources={"inverter": {"modbus_tcp": {"port": device.port}},
+        config, database = configuration(device.port, sources={"inverter": {"modbus_tcp": {"host": "localhost", "port": device.port}},
                                                                "load": {"csv": {"file": "load.csv", "time_column": "t"}}},
                                          plant={"torque": {"modbus": None, "csv": {"source": "load"}}})
         rows = "".join(f"{i / 100},0\n" for i in range(10_000))
