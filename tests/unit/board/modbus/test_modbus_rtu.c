@@ -424,7 +424,7 @@ static void test_what_is_no_serial_port(void) {
 static void test_another_device_is_not_even_opened(void) {
     char device[PATH_MAX];
     char seen[sizeof(struct inotify_event) + NAME_MAX + 1];
-    tl_scratch scratch;
+    static tl_scratch scratch;
     tl_modbus_settings settings = settings_with(1);
     tl_scratch_make(&scratch, "/tmp", "tl_rtu");
     (void)snprintf(device, sizeof device, "%.200s/zero", scratch.folder);

@@ -74,32 +74,34 @@ static void too_many_bytes_are_found(void) {
     TEST_ASSERT_TRUE(tl_bounds_are_kept(&broken, getpid(), text));
 }
 
-/* A removed file is open or mapped; the second one is both, and counts once. That the disk has lost room is set here. */
+/* One of them is open twice, the other one only mapped, which root alone may see. That the disk has lost room is set here. */
 static void removed_files_are_counted_once_each(void) {
+    if (geteuid() != 0) {
+        TEST_IGNORE_MESSAGE("nobody but root may look at what is mapped");
+    }
     tl_bounds looked = bounds();
     looked.free_before = UINT64_MAX;
     write_file("file", 3 * KILOBYTE);
     write_file("other", 3 * KILOBYTE);
-    int first = open(tl_scratch_path(&scratch, "file"), O_RDONLY | O_CLOEXEC);
-    int second = open(tl_scratch_path(&scratch, "other"), O_RDONLY | O_CLOEXEC);
-    void *mapped = mmap(NULL, KILOBYTE, PROT_READ, MAP_PRIVATE, second, 0);
-    TEST_ASSERT_TRUE(first >= 0 && second >= 0 && mapped != MAP_FAILED);
-    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&scratch, "other")));
-    TEST_ASSERT_TRUE_MESSAGE(tl_bounds_are_kept(&looked, getpid(), text), text);
-    if (geteuid() == 0) { /* who may look at what is mapped */
-        (void)close(second);
-    }
+    int one = open(tl_scratch_path(&scratch, "file"), O_RDONLY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(one >= 0);
+    int same = fcntl(one, F_DUPFD_CLOEXEC, 0);
+    int other = open(tl_scratch_path(&scratch, "other"), O_RDONLY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(same >= 0 && other >= 0);
+    void *mapped = mmap(NULL, KILOBYTE, PROT_READ, MAP_PRIVATE, other, 0);
+    (void)close(other);
+    TEST_ASSERT_TRUE(mapped != MAP_FAILED);
     TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&scratch, "file")));
+    TEST_ASSERT_TRUE_MESSAGE(tl_bounds_are_kept(&looked, getpid(), text), text);
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&scratch, "other")));
     looked.gone_before = 0;
     TEST_ASSERT_FALSE(tl_bounds_are_kept(&looked, getpid(), text));
     TEST_ASSERT_EQUAL_STRING("6 MB in files that FMUs have removed and hold open, of which 4 are allowed", text);
     (void)munmap(mapped, KILOBYTE);
-    (void)close(first);
-    if (geteuid() != 0) {
-        (void)close(second);
-    }
     looked.gone_before = 0;
     TEST_ASSERT_TRUE_MESSAGE(tl_bounds_are_kept(&looked, getpid(), text), text);
+    (void)close(same);
+    (void)close(one);
 }
 
 /* Holes take no space, and what a link leads to is somebody else's. */
