@@ -67,8 +67,11 @@ tl_status tl_csv_open(const tl_csv_settings *settings, tl_csv_reader **reader, t
         free(made);
         return status;
     }
-    made->file = open(settings->path, O_RDONLY | O_CLOEXEC);
-    if (made->file < 0) {
+    bool is_device = tl_csv_is_device(settings->path);
+    made->file = is_device ? -1 : open(settings->path, O_RDONLY | O_CLOEXEC);
+    if (is_device) {
+        status = tl_fail(error, TL_BAD_DATA, "%s is a device, but should be a file or a FIFO", settings->path);
+    } else if (made->file < 0) {
         bool shortage = errno == EMFILE || errno == ENFILE || errno == ENOMEM;
         status = tl_fail(error, shortage ? TL_TRY_AGAIN : TL_BAD_DATA, "%s cannot be opened: %s", settings->path,
                          strerror(errno));

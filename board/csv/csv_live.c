@@ -80,7 +80,8 @@ static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *
 
 /* Opens what is there now; the old one is closed after that, so that a writer never finds nobody there. */
 static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
-    int file = open(io->table.path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
+    bool is_device = tl_csv_is_device(io->table.path);
+    int file = is_device ? -1 : open(io->table.path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
     int failure = errno;
     struct stat what;
     if (file >= 0 && (fstat(file, &what) != 0 || S_ISDIR(what.st_mode))) {
@@ -93,7 +94,7 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
     io->file = file;
     if (file < 0) {
-        set_link(io, sink, false, strerror(failure));
+        set_link(io, sink, false, is_device ? "a device, but should be a file or a FIFO" : strerror(failure));
         return false;
     }
     io->is_file = S_ISREG(what.st_mode) != 0;

@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 /* |seconds| of a row: so that tl_time can hold how far two rows are apart. */
 #define LAST_SECOND 4.6e9
@@ -82,6 +83,13 @@ tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line) {
             return TL_CSV_A_LINE;
         }
     }
+}
+
+/* ---- files ---- */
+
+bool tl_csv_is_device(const char *path) {
+    struct stat what;
+    return stat(path, &what) == 0 && (S_ISCHR(what.st_mode) || S_ISBLK(what.st_mode));
 }
 
 /* ---- cells ---- */

@@ -7,6 +7,7 @@
 #ifndef TL_BOARD_CSV_CSV_TABLE_H
 #define TL_BOARD_CSV_CSV_TABLE_H
 
+#include <stdbool.h>
 #include <stdint.h>
 
 #include "board/csv/csv_row.h"
@@ -36,6 +37,11 @@ tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line);
 
 /* Forgets what was not taken, not the line number. */
 void tl_csv_lines_drop(tl_csv_lines *lines);
+
+/* ---- files ---- */
+
+/* A device is never read: to open one is to act, as on a watchdog. Look before opening. */
+bool tl_csv_is_device(const char *path);
 
 /* ---- cells ---- */
 

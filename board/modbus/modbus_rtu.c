@@ -12,6 +12,7 @@
 #include "board/modbus/modbus_link.h"
 
 #include <errno.h>
+#include <linux/major.h>
 #include <linux/serial.h>
 #include <modbus.h>
 #include <poll.h>
@@ -21,6 +22,7 @@
 #include <sys/ioctl.h>
 #include <sys/select.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -68,13 +70,25 @@ static int switch_rs485(int descriptor) {
     return ioctl(descriptor, TIOCSRS485, &setting) == 0 ? 0 : errno;
 }
 
-/* No device but a character device is opened: to open is to act, on some. 0, or errno. */
+/* Whether a character device is a serial line, by its class in sysfs, where pseudo-terminals are not. */
+static bool is_serial_line(dev_t device) {
+    char name[64];
+    char subsystem[256];
+    (void)snprintf(name, sizeof name, "/sys/dev/char/%u:%u/subsystem", major(device), minor(device));
+    ssize_t length = readlink(name, subsystem, sizeof subsystem - 1);
+    subsystem[length > 0 ? length : 0] = '\0';
+    const char *last = strrchr(subsystem, '/');
+    return (last != NULL && strcmp(last, "/tty") == 0) ||
+           (major(device) >= UNIX98_PTY_SLAVE_MAJOR && major(device) < UNIX98_PTY_SLAVE_MAJOR + UNIX98_PTY_MAJOR_COUNT);
+}
+
+/* Nothing but a serial line is opened: to open is to act, as on a watchdog. 0, or errno. */
 static int open_port(rtu_link *rtu) {
     struct stat what;
     if (stat(rtu->device, &what) != 0) {
         return errno;
     }
-    if (!S_ISCHR(what.st_mode)) {
+    if (!S_ISCHR(what.st_mode) || !is_serial_line(what.st_rdev)) {
         return ENOTTY;
     }
     if (modbus_connect(rtu->context) != 0) {

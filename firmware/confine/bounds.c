@@ -12,7 +12,7 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512, ENOUGH = 20 };
+enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512, ENOUGH = 20, REMEMBERED = 256 };
 
 /* ---- the folder ---- */
 
@@ -100,8 +100,60 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
     return text[0] == '\0';
 }
 
-/* Also what a process has written to files that are in no folder any more. */
-static bool disk_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
+/* ---- the disk ---- */
+
+/* Each file once, as far as there is room to remember it. */
+typedef struct removed_files {
+    dev_t disk;
+    ino_t seen[REMEMBERED];
+    size_t count;
+    uint64_t bytes;
+} removed_files;
+
+static void add_removed(removed_files *files, const struct stat *what) {
+    for (size_t i = 0; i < files->count; i++) {
+        if (files->seen[i] == what->st_ino) {
+            return;
+        }
+    }
+    if (files->count < REMEMBERED) {
+        files->seen[files->count++] = what->st_ino;
+    }
+    files->bytes += (uint64_t)what->st_blocks * BLOCK;
+}
+
+/* `name`: a folder of /proc/PID whose entries lead to files. Nothing, if it cannot be read. */
+static void count_removed(removed_files *files, pid_t process, const char *name) {
+    char path[64];
+    (void)snprintf(path, sizeof path, "/proc/%ld/%s", (long)process, name);
+    DIR *folder = opendir(path);
+    const struct dirent *entry = NULL;
+    while (folder != NULL && (entry = readdir(folder)) != NULL) {
+        struct stat what;
+        if (fstatat(dirfd(folder), entry->d_name, &what, 0) == 0 && S_ISREG(what.st_mode) && what.st_nlink == 0 &&
+            what.st_dev == files->disk) {
+            add_removed(files, &what);
+        }
+    }
+    if (folder != NULL) {
+        (void)closedir(folder);
+    }
+}
+
+/* Bytes in files that the process has removed on that disk, and still uses. */
+static uint64_t removed_bytes(const char *folder, pid_t process) {
+    struct stat what;
+    removed_files files = {.count = 0};
+    if (stat(folder, &what) == 0) {
+        files.disk = what.st_dev;
+        count_removed(&files, process, "fd");
+        count_removed(&files, process, "map_files");
+    }
+    return files.bytes;
+}
+
+/* Also what a process has written to files that are in no folder any more. They are counted again if a quarter of the bound has gone since. */
+static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     struct statvfs disk;
     if (bounds->bytes == 0 || statvfs(bounds->folder, &disk) != 0) {
         return true;
@@ -111,11 +163,24 @@ static bool disk_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
     if (bounds->free_before == 0) {
         bounds->free_before = left;
     }
-    if (left < total / ENOUGH && bounds->free_before > left && bounds->free_before - left > bounds->bytes) {
+    const uint64_t gone = bounds->free_before > left ? bounds->free_before - left : 0;
+    bounds->gone_before = gone < bounds->gone_before ? gone : bounds->gone_before;
+    if (gone > bounds->bytes && gone - bounds->bytes / 4 >= bounds->gone_before) {
+        const uint64_t removed = removed_bytes(bounds->folder, process);
+        bounds->gone_before = gone;
+        if (removed > bounds->bytes) {
+            (void)snprintf(text, TL_BOUNDS_TEXT,
+                           "%" PRIu64 " MB in files that FMUs have removed and hold open, of which %" PRIu64
+                           " are allowed",
+                           removed / 1000000, bounds->bytes / 1000000);
+            return false;
+        }
+    }
+    if (left < total / ENOUGH && gone > bounds->bytes) {
         (void)snprintf(text, TL_BOUNDS_TEXT,
                        "the disk of %.100s is nearly full, and %" PRIu64
                        " MB went since the FMUs began; free some, or set TMPDIR",
-                       bounds->folder, (bounds->free_before - left) / 1000000);
+                       bounds->folder, gone / 1000000);
     }
     return text[0] == '\0';
 }
@@ -172,7 +237,7 @@ bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TE
     if (!process_is_kept(bounds, process, text)) {
         return false;
     }
-    if (bounds->folder != NULL && !disk_is_kept(bounds, text)) {
+    if (bounds->folder != NULL && !disk_is_kept(bounds, process, text)) {
         return false;
     }
     if (bounds->folder == NULL || bounds->looks_left > 0) {

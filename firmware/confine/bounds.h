@@ -2,8 +2,9 @@
  *
  * Purpose: what limits of the kernel do not hold: the size of a folder, its number of files, threads; and memory a second time.
  * Cost:    some 20 us a look, and 2 us for each file in the folder: a large one is walked only at each fifth look.
- * Unseen:  a file that was removed and is still open. So the disk is looked at too: if less than a twentieth of it is free, and more than `bytes`
- *          went since the first look, whoever took them, the bounds are broken.
+ * Removed: files that were removed and are still open, or mapped, are in no folder. They are counted if more than `bytes` of the disk went since the
+ *          first look, whoever took them. Only root can count those of a confined process. For all others the bounds are broken if less than a
+ *          twentieth of the disk is left by then.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_CONFINE_BOUNDS_H
@@ -24,6 +25,7 @@ typedef struct tl_bounds {
     uint64_t threads;
     uint64_t memory;      /* bytes in use, shared ones and the kernel's tables of them included */
     uint64_t free_before; /* private: bytes that the disk had free at the first look; 0: not looked yet */
+    uint64_t gone_before; /* private: bytes that had gone when removed files were counted last */
     unsigned looks_left;  /* private; 0 at first: the folder is walked when there is none left */
 } tl_bounds;
 

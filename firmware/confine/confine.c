@@ -33,7 +33,9 @@ void tl_confine_probe(tl_confine_facts *facts) {
 uint64_t tl_confine_fair_memory(void) {
     long pages = sysconf(_SC_PHYS_PAGES);
     long size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 4 * 3 : 0;
+    const uint64_t most = (uint64_t)TL_CONFINE_MEMORY_MIB * 1024 * 1024;
+    uint64_t half = pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 2 : 0;
+    return half < most ? half : most;
 }
 
 /* ---- confine ---- */
@@ -50,7 +52,7 @@ static tl_status give_up_privileges(const tl_confine_settings *settings, tl_erro
     if (settings->user != 0) {
         return tl_privileges_become(settings->user, error);
     }
-    return settings->may_connect || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
+    return settings->drivers != 0 || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
 }
 
 static tl_status restrict_files(const tl_confine_settings *settings, int version, tl_error *error) {
@@ -58,7 +60,9 @@ static tl_status restrict_files(const tl_confine_settings *settings, int version
                                        .read = settings->read,
                                        .read_count = settings->read_count,
                                        .write = settings->write,
-                                       .write_count = settings->write_count};
+                                       .write_count = settings->write_count,
+                                       .ports = settings->ports,
+                                       .port_count = settings->port_count};
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
     }
@@ -68,7 +72,7 @@ static tl_status restrict_files(const tl_confine_settings *settings, int version
 static tl_status restrict_calls(const tl_confine_settings *settings, int version, int *listener, tl_error *error) {
     const tl_filter_settings filter = {.start_socket = settings->start_socket,
                                        .whole_process = settings->whole_process,
-                                       .may_connect = settings->may_connect,
+                                       .drivers = settings->drivers,
                                        .keeps_files = settings->keeps_files,
                                        .may_answer = settings->may_answer,
                                        .forks = settings->forks,

@@ -10,8 +10,8 @@
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
  *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit, and where
  *          the disk gets full (bounds.h).
- * Others:  a process without FMUs gives up all it does not need, too. With may_connect the drivers of a plant can connect again: TCP to
- *          anybody, CAN, UDP for looking names up, serial lines and GPIO lines. With keeps_files a recorder can remove and rename below the folders
+ * Others:  a process without FMUs gives up all it does not need, too. With `drivers` it can open again what those drivers of a plant need, and
+ *          no socket or device of another kind. TCP connects to `ports` only, from Linux 6.7 on. With keeps_files a recorder can remove and rename below the folders
  *          that it writes, and give files the mode of others. Neither can listen, start programs or reach a local socket. With may_answer a server that listens
  *          already can accept, and reach local sockets, and nobody else.
  * Thread:  from the thread that will load FMUs, best while there is no other: Landlock and capabilities hold for the thread that calls and
@@ -28,7 +28,17 @@
 
 #include "master/base/status.h"
 
-enum { TL_CONFINE_TEXT = 768 };
+enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
+
+/* Drivers of a plant, by what they open. */
+enum {
+    TL_CONFINE_CSV = 1, /* files only */
+    TL_CONFINE_TCP = 2,
+    TL_CONFINE_NAMES = 4, /* looks names of hosts up: UDP to any address, TCP to port 53 */
+    TL_CONFINE_CAN = 8,
+    TL_CONFINE_SERIAL = 16,
+    TL_CONFINE_GPIO = 32
+};
 
 /* All texts live during the call only. */
 typedef struct tl_confine_settings {
@@ -43,11 +53,13 @@ typedef struct tl_confine_settings {
         memory; /* bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is
                                  only reserved does not count. With a sanitizer, whose own memory is larger, there is none */
     uint32_t user; /* its number, and of its group; needs root, and `folder` must be that user's. 0: stay who we are */
-    int start_socket;   /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
-    bool whole_process; /* the list of system calls for all threads; else for the one that calls */
-    bool may_connect;   /* see above, */
-    bool keeps_files;   /* and this */
-    bool may_answer;    /* and this */
+    int start_socket;      /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
+    bool whole_process;    /* the list of system calls for all threads; else for the one that calls */
+    unsigned drivers;      /* TL_CONFINE_CSV | …; 0: it reads no plant */
+    const uint16_t *ports; /* that TCP may connect to, with Landlock 4 and later; without: any */
+    size_t port_count;
+    bool keeps_files; /* see above, */
+    bool may_answer;  /* and this */
     bool
         forks; /* it may make copies of itself, which are its parent's children; it signals nobody then, not even itself */
     bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
@@ -66,8 +78,7 @@ typedef struct tl_confine_facts {
 /* What this kernel offers, without confining. `user`: whether this process could change its user. */
 void tl_confine_probe(tl_confine_facts *facts);
 
-/* Bytes to grant a process with FMUs: three quarters of the machine's memory, so that one that is out of its mind is refused more before
- * others are. 0: unknown. */
+/* Bytes that a process with FMUs may take by default: half of the machine's memory, at most TL_CONFINE_MEMORY_MIB. 0: unknown. */
 uint64_t tl_confine_fair_memory(void);
 
 /* Confines. `listener` may be NULL: then refused calls answer EPERM and nobody is told. Else it is a descriptor for tl_refusal_take() of

@@ -77,8 +77,8 @@ static int load(const tl_filter_settings *settings, uint32_t refuse, int *listen
     int failure = set_attributes(context, settings);
     failure = failure != 0 ? failure : tl_filter_add_calls(context, settings);
     failure = failure != 0 ? failure : tl_filter_add_arguments(context, settings);
-    if (settings->may_connect) {
-        failure = failure != 0 ? failure : tl_filter_add_drivers(context);
+    if (settings->drivers != 0) {
+        failure = failure != 0 ? failure : tl_filter_add_drivers(context, settings->drivers);
     }
     if (settings->may_answer) {
         failure = failure != 0 ? failure : tl_filter_add_server(context);

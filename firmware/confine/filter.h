@@ -15,7 +15,7 @@
 typedef struct tl_filter_settings {
     int start_socket;   /* sendmsg() on this descriptor only; -1: on none */
     bool whole_process; /* all threads; else the one that calls */
-    bool may_connect;   /* what drivers of a plant need besides */
+    unsigned drivers;   /* what these drivers of a plant need besides: as in tl_confine_settings */
     bool keeps_files;   /* what a recorder needs besides */
     bool may_answer;    /* what a server needs besides */
     bool forks; /* copies of itself, as its parent's children, which it may ask to be ended with that; and no signals */

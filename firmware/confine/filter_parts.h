@@ -26,7 +26,7 @@ int tl_filter_add_calls(scmp_filter_ctx context, const tl_filter_settings *setti
 int tl_filter_add_arguments(scmp_filter_ctx context, const tl_filter_settings *settings);
 
 /* filter_drivers.c */
-int tl_filter_add_drivers(scmp_filter_ctx context);
+int tl_filter_add_drivers(scmp_filter_ctx context, unsigned drivers);
 
 /* filter_server.c */
 int tl_filter_add_server(scmp_filter_ctx context);

@@ -14,13 +14,15 @@
 
 #include "firmware/confine/sanitizer.h"
 
-enum { PLACE = 4096 };
+enum { PLACE = 4096, WITH_PORTS = 4 }; /* the version that knows TCP ports */
 
 /* ---- the kernel's words, beyond the headers of Debian 12 (version 2) ---- */
 
 #define EMPTY_FILE (UINT64_C(1) << 14)
 #define COMMAND_DEVICE (UINT64_C(1) << 15)
 #define TAKE_TCP_PORT (UINT64_C(1) << 0)
+#define CONNECT_TCP_PORT (UINT64_C(1) << 1)
+#define RULE_TCP_PORT 2
 #define ABSTRACT_SOCKETS (UINT64_C(1) << 0)
 #define SIGNALS (UINT64_C(1) << 1)
 
@@ -30,6 +32,12 @@ typedef struct rule_set {
     uint64_t network;
     uint64_t scopes;
 } rule_set;
+
+/* struct landlock_net_port_attr of version 4. */
+typedef struct port_rule {
+    uint64_t rights;
+    uint64_t port;
+} port_rule;
 
 enum { FILES_ONLY = sizeof(uint64_t), WITH_NETWORK = 2 * sizeof(uint64_t) };
 
@@ -187,6 +195,15 @@ static bool allow_places(int rules, const tl_landlock_places *places, uint64_t a
            (places->folder == NULL || allow(rules, places->folder, change));
 }
 
+static bool allow_ports(int rules, const tl_landlock_places *places) {
+    bool done = true;
+    for (size_t i = 0; i < places->port_count && done; i++) {
+        const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
+        done = syscall(SYS_landlock_add_rule, rules, RULE_TCP_PORT, &rule, 0) == 0;
+    }
+    return done;
+}
+
 /* ---- the whole ---- */
 
 int tl_landlock_version(void) {
@@ -197,17 +214,18 @@ int tl_landlock_version(void) {
 static int make_rules(int version) {
     const rule_set set = {
         .files = (LOOK | CHANGE | NEVER | COMMAND_DEVICE) & known(version),
-        .network = TAKE_TCP_PORT,
+        .network = TAKE_TCP_PORT | CONNECT_TCP_PORT,
         .scopes = SIGNALS | ABSTRACT_SOCKETS,
     };
-    size_t size = version >= 6 ? sizeof set : version >= 4 ? WITH_NETWORK : FILES_ONLY;
+    size_t size = version >= 6 ? sizeof set : version >= WITH_PORTS ? WITH_NETWORK : FILES_ONLY;
     return (int)syscall(SYS_landlock_create_ruleset, &set, size, 0);
 }
 
 tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error) {
     int rules = make_rules(version);
-    bool done =
-        rules >= 0 && allow_places(rules, places, known(version)) && syscall(SYS_landlock_restrict_self, rules, 0) == 0;
+    bool done = rules >= 0 && allow_places(rules, places, known(version)) &&
+                (version < WITH_PORTS || allow_ports(rules, places)) &&
+                syscall(SYS_landlock_restrict_self, rules, 0) == 0;
     int cause = errno;
     if (rules >= 0) {
         (void)close(rules);

@@ -1,8 +1,8 @@
-/* Landlock: which files a process may read, and below which folder it may write.
+/* Landlock: which files a process may read, below which folder it may write, and to which TCP ports it may connect.
  *
  * Purpose: whatever the user who started us could open, an FMU opens only what programs are made of, what the settings add, and its own folder.
  * Version: the kernel's ("ABI"), 1 … 7, is used as far as it goes. Renaming between folders from 2 on, emptying from 3 (before, the
- *          filter refuses what Landlock does not see), taking TCP ports from 4, commands to devices from 5, abstract sockets and signals from 6.
+ *          filter refuses what Landlock does not see), TCP ports from 4 (none is taken, and only `ports` are connected to), commands to devices from 5, abstract sockets and signals from 6.
  * Itself:  of /proc/self single files are read. Their places, a dozen descriptors, stay open for the rest of the process: rules depend on them.
  * Unseen:  Landlock does not hold looking (stat, access, readlink), changing the folder, and modes, owners, times and attributes; the filter
  *          refuses all changes of these.
@@ -13,6 +13,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "master/base/status.h"
 
@@ -26,6 +27,8 @@ typedef struct tl_landlock_places {
     size_t read_count;
     const char *const *write; /* as `folder`; devices also take commands */
     size_t write_count;
+    const uint16_t *ports; /* that TCP may connect to */
+    size_t port_count;
 } tl_landlock_places;
 
 /* 0: the kernel has none, or it is switched off. */

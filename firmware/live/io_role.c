@@ -1,5 +1,16 @@
-/* The process that reads the plant: drivers, sockets, devices; no FMU, no database. See live_role.h. */
+/* The process that reads the plant: drivers, sockets, devices; no FMU, no database. See live_role.h.
+ *
+ * Each kind of source has a process of its own: the first one forks one for each further kind. A hole in what parses one network or bus then opens no
+ * socket or device of another. They share the memory of the first, in which every mailbox and heart has one writer.
+ */
+#include <errno.h>
+#include <poll.h>
+#include <signal.h>
 #include <string.h>
+#include <sys/prctl.h>
+#include <sys/socket.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
@@ -11,7 +22,13 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/run/journal.h"
 
-static const tl_time LOOK = TL_SECOND / 20;
+enum { LOOK_MS = 50, KINDS = TL_SOURCE_CSV + 1 };
+
+/* Another process that reads one kind of source. */
+typedef struct reader {
+    pid_t process;
+    int line; /* hangs up if that process ends; a byte comes by it when its sources are open */
+} reader;
 
 /* How long the main thread may be silent while it opens or closes the sources. */
 static const tl_time PATIENCE = 30 * TL_SECOND;
@@ -28,6 +45,10 @@ typedef struct io {
     tl_outbox outbox;
     tl_journal journal;
     tl_live_plant *plant;
+    unsigned kinds; /* of sources that this process reads */
+    reader readers[KINDS];
+    size_t reader_count;
+    int first; /* in a reader: its line to the first process, which hangs up at the end; else -1 */
 } io;
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
@@ -63,20 +84,148 @@ static tl_status take_memory(io *self, tl_error *error) {
 static tl_status open_plant(io *self, tl_error *error) {
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
     tl_plant_mail_open(&self->shape, self->mail.bytes, mailboxes);
-    tl_status status = tl_live_plant_open(&self->config, mailboxes, self->beats, on_link, self, &self->plant, error);
-    if (status == TL_OK) {
-        tl_live_mail_end *end = tl_live_mail_end_of(&self->shape, self->mail.bytes);
-        __atomic_store_n(&end->opened, 1, __ATOMIC_RELEASE);
+    const tl_live_plant_settings settings = {.config = &self->config,
+                                             .kinds = self->kinds,
+                                             .mailboxes = mailboxes,
+                                             .beats = self->beats,
+                                             .on_link = on_link,
+                                             .context = self};
+    return tl_live_plant_open(&settings, &self->plant, error);
+}
+
+/* ---- one process for each kind of source ---- */
+
+/* In a new reader. It ends by its line, and by no signal to the first process's group. */
+static void become_reader(io *self, pid_t first, int line, unsigned kind) {
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != first) {
+        _exit(tl_exit_code(TL_TRY_AGAIN));
+    }
+    const struct sigaction ignored = {.sa_handler = SIG_IGN};
+    (void)sigaction(SIGINT, &ignored, NULL);
+    (void)sigaction(SIGTERM, &ignored, NULL);
+    (void)sigaction(SIGHUP, &ignored, NULL);
+    for (size_t i = 0; i < self->reader_count; i++) {
+        (void)close(self->readers[i].line);
+    }
+    self->reader_count = 0;
+    self->first = line;
+    self->kinds = kind;
+}
+
+static tl_status start_reader(io *self, unsigned kind, tl_error *error) {
+    int line[2];
+    const pid_t first = getpid();
+    if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, line) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "no socket for a process of sources: %s", strerror(errno));
+    }
+    pid_t process = fork();
+    if (process == 0) {
+        (void)close(line[0]);
+        become_reader(self, first, line[1], kind);
+        return TL_OK;
+    }
+    (void)close(line[1]);
+    if (process < 0) {
+        (void)close(line[0]);
+        return tl_fail(error, TL_TRY_AGAIN, "no process for sources: %s", strerror(errno));
+    }
+    self->readers[self->reader_count++] = (reader){.process = process, .line = line[0]};
+    return TL_OK;
+}
+
+/* Returns in each of the processes, with its kind of source. */
+static tl_status start_readers(io *self, tl_error *error) {
+    tl_status status = TL_OK;
+    self->first = -1;
+    for (size_t i = 0; i < self->config.source_count; i++) {
+        self->kinds |= 1U << self->config.sources[i].kind;
+    }
+    for (unsigned kind = 1; self->first < 0 && kind < self->kinds && status == TL_OK; kind <<= 1) {
+        if ((self->kinds & kind) != 0) {
+            self->kinds &= ~kind;
+            status = start_reader(self, kind, error);
+        }
     }
     return status;
 }
 
-static void read_until_told(io *self, tl_heart *heart) {
-    while (tl_interrupt_requested() == NULL) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+static tl_status lose_reader(reader *one, tl_error *error) {
+    int how = 0;
+    (void)close(one->line);
+    one->line = -1;
+    (void)waitpid(one->process, &how, 0);
+    if (WIFSIGNALED(how)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the process %ld, which read sources, was ended by signal %d",
+                       (long)one->process, WTERMSIG(how));
+    }
+    const int code = WEXITSTATUS(how);
+    tl_status status = code == tl_exit_code(TL_PLANT_DOWN) ? TL_PLANT_DOWN : TL_TRY_AGAIN;
+    status = code == tl_exit_code(TL_BAD_DATA) ? TL_BAD_DATA : status;
+    return tl_fail(error, status, "the process %ld, which read sources, has ended with code %d", (long)one->process,
+                   code);
+}
+
+/* In the first process: all others have opened their sources. */
+static tl_status await_readers(io *self, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < self->reader_count && status == TL_OK; i++) {
+        char opened = 0;
+        ssize_t count = -1;
+        do {
+            count = read(self->readers[i].line, &opened, 1);
+        } while (count < 0 && errno == EINTR);
+        status = count == 1 ? TL_OK : lose_reader(&self->readers[i], error);
+    }
+    return status;
+}
+
+static void end_readers(io *self) {
+    for (size_t i = 0; i < self->reader_count; i++) {
+        if (self->readers[i].line >= 0) {
+            tl_error unused;
+            (void)lose_reader(&self->readers[i], &unused);
+        }
+    }
+}
+
+/* Says that all sources are open: to the first process, or in it to the others. */
+static tl_status announce(io *self, tl_error *error) {
+    if (self->first >= 0) {
+        return write(self->first, "", 1) == 1 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "the first process has ended");
+    }
+    tl_status status = await_readers(self, error);
+    if (status == TL_OK) {
+        tl_live_mail_end *end = tl_live_mail_end_of(&self->shape, self->mail.bytes);
+        __atomic_store_n(&end->opened, 1, __ATOMIC_RELEASE);
+        tl_heartbeats_set_ready(self->beats);
+    }
+    return status;
+}
+
+/* Waits for a while, or until one of the other processes hangs up. */
+static bool is_over(io *self, tl_error *error, tl_status *status) {
+    struct pollfd lines[KINDS];
+    const size_t count = self->first >= 0 ? 1 : self->reader_count;
+    lines[0] = (struct pollfd){.fd = self->first};
+    for (size_t i = 0; i < self->reader_count; i++) {
+        lines[i] = (struct pollfd){.fd = self->readers[i].line};
+    }
+    if (poll(lines, count, LOOK_MS) <= 0) {
+        return tl_interrupt_requested() != NULL;
+    }
+    for (size_t i = 0; i < self->reader_count && *status == TL_OK; i++) {
+        *status = lines[i].revents != 0 ? lose_reader(&self->readers[i], error) : TL_OK;
+    }
+    return true;
+}
+
+static tl_status read_until_told(io *self, tl_heart *heart, tl_error *error) {
+    tl_status status = TL_OK;
+    while (!is_over(self, error, &status)) {
         tl_heart_beat(heart);
         tl_journal_drain(&self->journal);
     }
+    return status;
 }
 
 int tl_io_role_run(void) {
@@ -88,21 +237,34 @@ int tl_io_role_run(void) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
+    status = start_readers(&self, &error);
     tl_heart *heart = tl_heart_begin(self.beats, "io", PATIENCE);
     tl_live_role_open_journal(&self.journal, &self.outbox);
-    status = tl_live_places_confine_io(&self.config, &error);
+    if (status == TL_OK) {
+        status = tl_live_places_confine_io(&self.config, self.kinds, &error);
+    }
+    bool is_open = false;
     if (status == TL_OK) {
         status = open_plant(&self, &error);
+        is_open = status == TL_OK;
     }
     if (status == TL_OK) {
-        tl_heartbeats_set_ready(self.beats);
-        tl_heart_be_patient(heart, self.config.realtime_hang + 2 * LOOK);
-        read_until_told(&self, heart);
+        status = announce(&self, &error);
+    }
+    const bool was_ready = status == TL_OK;
+    if (status == TL_OK) {
+        tl_heart_be_patient(heart, self.config.realtime_hang + 2 * LOOK_MS * (TL_SECOND / 1000));
+        status = read_until_told(&self, heart, &error);
         tl_heart_be_patient(heart, PATIENCE);
-        tl_live_plant_close(self.plant);
-    } else {
+    }
+    if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
+    if (is_open) {
+        tl_live_plant_close(self.plant);
+    }
+    end_readers(&self);
     tl_journal_drain(&self.journal);
-    return tl_live_role_end(self.beats, status == TL_OK, tl_exit_code(status));
+    const int code = tl_exit_code(status);
+    return self.first >= 0 ? code : tl_live_role_end(self.beats, was_ready, code);
 }

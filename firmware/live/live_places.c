@@ -1,6 +1,7 @@
 /* What io and the recorder give up: see live_places.h. */
 #include "firmware/live/live_places.h"
 
+#include <arpa/inet.h>
 #include <libgen.h>
 #include <limits.h>
 #include <stdio.h>
@@ -9,10 +10,16 @@
 
 #include "firmware/confine/confine.h"
 
-/* Where names of hosts are looked up, and what a box has that manages its network; which boot this is. */
-static const char *const common[] = {
-    "/etc",      "/run/systemd/resolve",           "/run/resolvconf", "/run/NetworkManager", "/run/connman",
-    "/run/nscd", "/proc/sys/kernel/random/boot_id"};
+/* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
+static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
+                                     "/etc",
+                                     "/run/systemd/resolve",
+                                     "/run/resolvconf",
+                                     "/run/NetworkManager",
+                                     "/run/connman",
+                                     "/run/nscd"};
+
+enum { DOMAIN_PORT = 53 };
 
 enum { COMMON = sizeof common / sizeof common[0], PER_FILE = 2, PER_SOURCE = PER_FILE + 1 };
 
@@ -43,8 +50,8 @@ static void add(places *list, const char *path) {
     }
 }
 
-static void add_common(places *list) {
-    for (size_t i = 0; i < COMMON; i++) {
+static void add_common(places *list, bool with_names) {
+    for (size_t i = 0; i < (with_names ? COMMON : 1); i++) {
         add(list, common[i]);
     }
 }
@@ -72,20 +79,46 @@ static void add_folders(places *list, const char *file) {
     free(found);
 }
 
-static tl_status confine(const places *read, const places *write, bool is_recorder, tl_error *error) {
+/* `settings`: what differs. */
+static tl_status confine(tl_confine_settings settings, const places *read, const places *write, tl_error *error) {
     tl_confine_facts facts;
-    const tl_confine_settings settings = {
-        .read = (const char *const *)read->path,
-        .read_count = read->count,
-        .write = (const char *const *)write->path,
-        .write_count = write->count,
-        .start_socket = -1,
-        .whole_process = true,
-        .lives_on = true,
-        .may_connect = !is_recorder,
-        .keeps_files = is_recorder,
-    };
+    settings.read = (const char *const *)read->path;
+    settings.read_count = read->count;
+    settings.write = (const char *const *)write->path;
+    settings.write_count = write->count;
+    settings.start_socket = -1;
+    settings.whole_process = true;
+    settings.lives_on = true;
     return tl_confine(&settings, &facts, NULL, error);
+}
+
+static bool is_address(const char *host) {
+    unsigned char address[sizeof(struct in6_addr)];
+    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
+}
+
+static unsigned driver_of(const tl_config_source *source) {
+    switch (source->kind) {
+    case TL_SOURCE_MODBUS_TCP:
+        return TL_CONFINE_TCP | (is_address(source->host) ? 0U : (unsigned)TL_CONFINE_NAMES);
+    case TL_SOURCE_MODBUS_RTU:
+        return TL_CONFINE_SERIAL;
+    case TL_SOURCE_CAN:
+        return TL_CONFINE_CAN;
+    case TL_SOURCE_GPIO:
+        return TL_CONFINE_GPIO;
+    case TL_SOURCE_CSV:
+        break;
+    }
+    return TL_CONFINE_CSV;
+}
+
+/* Adds a source's drivers and port, of which `ports` has room for. */
+static void add_driver(tl_confine_settings *settings, uint16_t *ports, const tl_config_source *source) {
+    settings->drivers |= driver_of(source);
+    if (source->kind == TL_SOURCE_MODBUS_TCP) {
+        ports[settings->port_count++] = source->port;
+    }
 }
 
 /* A device that is unplugged and plugged in has a new entry in /dev, to which links of other places lead. */
@@ -105,20 +138,32 @@ static void add_source(places *read, places *write, const tl_config *config, con
     }
 }
 
-tl_status tl_live_places_confine_io(const tl_config *config, tl_error *error) {
+tl_status tl_live_places_confine_io(const tl_config *config, unsigned kinds, tl_error *error) {
     places read = {.path = NULL};
     places write = {.path = NULL};
+    uint16_t *ports = calloc(config->source_count + 1, sizeof *ports);
+    tl_confine_settings settings = {.ports = ports};
     tl_status status = make_places(&read, COMMON + config->source_count * PER_SOURCE, error);
     if (status == TL_OK) {
         status = make_places(&write, 1 + config->source_count * PER_SOURCE, error);
     }
-    if (status == TL_OK) {
-        add_common(&read);
+    if (ports == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    } else if (status == TL_OK) {
         for (size_t i = 0; i < config->source_count; i++) {
-            add_source(&read, &write, config, &config->sources[i]);
+            if ((kinds & 1U << config->sources[i].kind) != 0) {
+                add_source(&read, &write, config, &config->sources[i]);
+                add_driver(&settings, ports, &config->sources[i]);
+            }
         }
-        status = confine(&read, &write, false, error);
+        const bool with_names = (settings.drivers & TL_CONFINE_NAMES) != 0;
+        add_common(&read, with_names);
+        if (with_names) { /* an answer that is too long for a datagram */
+            ports[settings.port_count++] = DOMAIN_PORT;
+        }
+        status = confine(settings, &read, &write, error);
     }
+    free(ports);
     free_places(&read);
     free_places(&write);
     return status;
@@ -132,7 +177,7 @@ tl_status tl_live_places_confine_recorder(const tl_config *config, const char *d
         status = make_places(&write, PER_FILE, error);
     }
     if (status == TL_OK) {
-        add_common(&read);
+        add_common(&read, true);
         add_folders(&write, database);
         for (size_t i = 0; i < config->component_count; i++) {
             char path[PATH_MAX];
@@ -140,7 +185,7 @@ tl_status tl_live_places_confine_recorder(const tl_config *config, const char *d
                 add(&read, path);
             }
         }
-        status = confine(&read, &write, true, error);
+        status = confine((tl_confine_settings){.keeps_files = true}, &read, &write, error);
     }
     free_places(&read);
     free_places(&write);

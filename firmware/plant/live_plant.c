@@ -212,16 +212,22 @@ tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
     return TL_OK;
 }
 
-static void take_mailboxes(tl_live_plant *plant, const tl_mailbox mailboxes[], size_t count) {
-    for (size_t i = 0; i < count; i++) {
-        plant->mailboxes[i] = mailboxes[i];
-        tl_mailbox_mend(&mailboxes[i]);
+static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
+    return (kinds & 1U << config->sources[source].kind) != 0;
+}
+
+static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *settings) {
+    const tl_config *config = settings->config;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        plant->mailboxes[i] = settings->mailboxes[i];
+        if (is_of(config, config->signals[i].source, settings->kinds)) {
+            tl_mailbox_mend(&settings->mailboxes[i]);
+        }
     }
 }
 
-static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_heartbeats *beats,
-                          void (*on_link)(void *context, const char *source, bool up, const char *text), void *context,
-                          tl_error *error) {
+static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *settings, tl_error *error) {
+    const tl_config *config = settings->config;
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
     plant->signals = calloc(config->source_count, sizeof *plant->signals);
     plant->repeats = calloc(config->source_count, sizeof *plant->repeats);
@@ -229,20 +235,19 @@ static tl_status open_all(tl_live_plant *plant, const tl_config *config, tl_hear
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
-        tl_status status = open_source(plant, config, i, beats, error);
+        tl_status status =
+            is_of(config, i, settings->kinds) ? open_source(plant, config, i, settings->beats, error) : TL_OK;
         if (status != TL_OK) {
             close_sources(plant);
             return status;
         }
     }
-    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, on_link, context,
-                                  &plant->readers, error);
+    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, settings->on_link,
+                                  settings->context, &plant->readers, error);
 }
 
-tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
-                             void (*on_link)(void *context, const char *source, bool up, const char *text),
-                             void *context, tl_live_plant **plant, tl_error *error) {
-    tl_status status = tl_live_plant_check(config, error);
+tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_plant **plant, tl_error *error) {
+    tl_status status = tl_live_plant_check(settings->config, error);
     if (status != TL_OK) {
         return status;
     }
@@ -250,8 +255,8 @@ tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    take_mailboxes(opened, mailboxes, config->signal_count);
-    status = open_all(opened, config, beats, on_link, context, error);
+    take_mailboxes(opened, settings);
+    status = open_all(opened, settings, error);
     if (status != TL_OK) {
         opened->readers = NULL;
         tl_live_plant_close(opened);

@@ -17,13 +17,23 @@
 
 typedef struct tl_live_plant tl_live_plant;
 
-/* `mailboxes`: one for each signal; their memory must outlive the plant, and nobody else writes it.
- * Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
- * merely absent is no error: on_link says so, and it is tried again. Each source beats in `beats` (NULL: nobody listens):
- * it hangs after hang_s, or after its poll's time-outs if those are longer, and two periods. */
-tl_status tl_live_plant_open(const tl_config *config, const tl_mailbox mailboxes[], tl_heartbeats *beats,
-                             void (*on_link)(void *context, const char *source, bool up, const char *text),
-                             void *context, tl_live_plant **plant, tl_error *error);
+/* A set of kinds of sources: bits 1 << TL_SOURCE_…. */
+enum { TL_LIVE_PLANT_ALL = (1 << (TL_SOURCE_CSV + 1)) - 1 };
+
+typedef struct tl_live_plant_settings {
+    const tl_config *config;
+    unsigned kinds; /* which sources are opened; other processes open the others */
+    const tl_mailbox
+        *mailboxes;       /* one for each signal, which outlive the plant; those of `kinds` have no other writer */
+    tl_heartbeats *beats; /* each source beats there; NULL: nobody listens */
+    void (*on_link)(void *context, const char *source, bool up, const char *text);
+    void *context;
+} tl_live_plant_settings;
+
+/* Errors: TL_BAD_DATA where a signal has no live source, TL_PLANT_DOWN where a source can never work. A device that is
+ * merely absent is no error: on_link says so, and it is tried again. A source hangs after hang_s, or after its poll's
+ * time-outs if those are longer, and two periods. */
+tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_plant **plant, tl_error *error);
 
 /* Whether every signal has a live source, without opening any. Errors: TL_BAD_DATA. */
 tl_status tl_live_plant_check(const tl_config *config, tl_error *error);

@@ -27,7 +27,7 @@ typedef struct tl_saved_states_settings {
     const tl_config *config; /* as it was read */
     const char *folder;      /* NULL: there is none */
     bool unconfined;
-    uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: three quarters of the machine's */
+    uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
     int (*be)(const char *title, void *context); /* where there is no exec (role.h) */
     void *context;                               /* of `be` */
 } tl_saved_states_settings;

@@ -24,7 +24,7 @@ typedef struct tl_tree_settings {
     bool json;               /* the summary at the end */
     bool status;             /* a status line also if standard error is no terminal */
     bool unconfined;         /* FMUs may do what the user can */
-    uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: three quarters of the machine's */
+    uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
     double require_lock;     /* percent of the steps that must have been in lock; 0: any, if nobody supervises */
     bool supervised;
     tl_time call_limit;  /* as in supervisor.h: if nobody supervises */

@@ -39,7 +39,7 @@ typedef struct tl_twin_child_settings {
     FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */
-    uint64_t memory_limit;    /* bytes that the process may take; 0: three quarters of the machine's */
+    uint64_t memory_limit;    /* bytes that the process may take; 0: tl_confine_fair_memory() */
 } tl_twin_child_settings;
 
 /* What became of a pair. */

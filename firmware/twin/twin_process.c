@@ -17,8 +17,7 @@
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
 
-/* Threads of an honest FMU: an interpreter has a handful, a numeric library one for each processor. */
-enum { THREADS = 1024, FILES = TL_FMU_ENTRIES, PROCESSES = 1 << 22 };
+enum { FILES = TL_FMU_ENTRIES, PROCESSES = 1 << 22 };
 
 struct tl_twin_process {
     tl_twin_process_settings settings;
@@ -278,7 +277,7 @@ static tl_status start_warden(tl_twin_process *process, pipes *ends, tl_error *e
         .bounds = {.folder = needs_folder(process) ? process->folder.path : NULL,
                    .bytes = TL_TWIN_FOLDER_MIB * MIB + given->fmus.unpacked_bytes,
                    .files = FILES * (given->fmus.count + 1),
-                   .threads = THREADS,
+                   .threads = TL_TWIN_THREADS,
                    .memory = memory_limit(process)},
         .hear = given->hear,
         .context = given->context,

@@ -23,7 +23,11 @@
 #include "firmware/twin/twin_role.h"
 #include "firmware/twin/twin_warden.h"
 
-enum { TL_TWIN_FOLDER_MIB = 256 }; /* that FMUs may write, beside what they are unpacked to */
+enum {
+    TL_TWIN_FOLDER_MIB = 256, /* that FMUs may write, beside what they are unpacked to */
+    TL_TWIN_THREADS =
+        1024 /* of an honest FMU: an interpreter has a handful, a numeric library one for each processor */
+};
 
 /* The FMUs of a configuration, as far as their process is bounded by them. */
 typedef struct tl_twin_fmus {
@@ -49,7 +53,7 @@ typedef struct tl_twin_process_settings {
     bool
         passes_signals; /* the warden passes on what asks us to end, and kills the process if a call of an FMU lasts too long */
     tl_time call_limit;              /* ns of such a call; 0: none */
-    uint64_t memory_limit;           /* bytes that the process may take; 0: three quarters of the machine's */
+    uint64_t memory_limit;           /* bytes that the process may take; 0: tl_confine_fair_memory() */
     const tl_twin_role_tasks *tasks; /* for a machine without exec (role.h) */
     tl_fmu_refusals_listener
         *hear;     /* told of each refusal that is said on the log, in a thread of the warden's; NULL: nobody */

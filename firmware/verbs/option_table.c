@@ -179,7 +179,7 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help = "without --supervise: end with 70 if the FMUs hang for ten times S seconds;\ndefault 60",
      .expected = "seconds > 0 and below 1e9, for example 600"},
     {CHECK | REPLAY | PLANT | RUN, "memory-limit", "MIB", TL_OPTION_MEBIBYTES, SETS(memory_limit_mib),
-     .help = "how much memory the process of the FMUs may take; default: three quarters of\nthe machine's",
+     .help = "how much memory the process of the FMUs may take; default: half of the\nmachine's, at most 4096",
      .expected = "MiB from 64 to 1048576, for example 2048"},
     {CHECK | REPLAY | PLANT | RUN, "unconfined", NULL, TL_OPTION_SWITCH, SETS(unconfined),
      .help = "let FMUs do what this user can: files, network, programs; for FMUs that\nneed it, and are trusted"},

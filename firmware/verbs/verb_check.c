@@ -25,6 +25,7 @@
 #include "firmware/twin/other_way.h"
 #include "firmware/twin/pair_verdict.h"
 #include "firmware/twin/twin_places.h"
+#include "firmware/twin/twin_process.h"
 #include "firmware/verbs/advice.h"
 #include "firmware/verbs/delay_page.h"
 #include "firmware/verbs/prognosis.h"
@@ -451,9 +452,11 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
 }
 
-/* Besides what all programs are made of. */
-static void print_places(const tl_assembly *assembly, FILE *output) {
+/* The limits, and the places besides what all programs are made of. */
+static void print_places(const tl_assembly *assembly, uint64_t memory, FILE *output) {
     tl_twin_places places = {.count = 0};
+    (void)fprintf(output, "  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
+                  memory >> 20, TL_TWIN_FOLDER_MIB, TL_TWIN_THREADS);
     tl_twin_places_find(assembly, &places);
     for (size_t i = 0; i < places.count; i++) {
         char clean[PATH_MAX];
@@ -552,7 +555,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         print_timings(assembly, &prognosis, output);
     }
     if (!job->unconfined) {
-        print_places(assembly, output);
+        print_places(assembly, job->memory, output);
     }
     *warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
     if (job->cost) {

@@ -15,13 +15,20 @@ from pathlib import Path
 
 import kills
 from footprint import shared_kib
-from live_test import Device, Program, expect_reasons, member, number, query, stop, title, wait_until
+from live_test import Device, Program, children, expect_reasons, member, number, query, stop, title, wait_until
 from supervised import WORD, Supervised, end_orderly, wait_for_run
 from tree import FOLLOWED, OMEGA, Campaign, Tree, configuration, descriptors, expect_whole, kill_at_random, one_run, read
 from twinlock_test import BUILD, at_least, at_most, expect, main, run_well, scratch
 
 SEED = 1
 JOBS_KIB = 64
+
+
+def remote_ports(pid):
+    """Of TCP connections whose sockets this process holds."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text(encoding="ascii").splitlines()[1:]]
+    held = {name[len("socket:["):-1] for name in descriptors(pid) if name.startswith("socket:[")}
+    return {str(int(row[2].partition(":")[2], 16)) for row in rows if row[9] in held}
 
 
 def gone(pids):
@@ -50,6 +57,32 @@ def test_who_holds_what():
         expect("twin.db" not in held[name], f"{name}: {held[name]}")
     for name, mapped in maps.items():
         expect("motor.so" not in mapped and "twinlock-fmu" not in mapped, f"{name} has an FMU")
+
+
+def test_each_kind_of_source_has_a_process():
+    """Who reads a file has no socket to the device, and neither has the other's. If one of them dies both begin anew, and at the end none is left."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port, sources={"inverter": {"modbus_tcp": {"host": "localhost", "port": device.port}},
+                                                               "load": {"csv": {"file": "load.csv", "time_column": "t"}}},
+                                         plant={"torque": {"modbus": None, "csv": {"source": "load"}}})
+        rows = "".join(f"{i / 100},0\n" for i in range(10_000))
+        (config.parent / "load.csv").write_text(f"t,M_brake\n{rows}", encoding="utf-8")
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            by_file = live.child(role="io")
+            by_tcp, = children(by_file)
+            opened = [descriptors(pid) for pid in (by_file, by_tcp)]
+            expect([any("load.csv" in name for name in names) for names in opened] == [True, False], f"{opened}")
+            expect(str(device.port) not in remote_ports(by_file) and str(device.port) in remote_ports(by_tcp),
+                   f"{remote_ports(by_file)}, {remote_ports(by_tcp)}")
+            os.kill(by_tcp, signal.SIGKILL)
+            again = live.child(by_file, "io")
+            wait_until(lambda: children(again), "its other process", live.log)
+            live.wait_for_tick(database)
+            pids = [again, *children(again)]
+            end_orderly(live)
+            expect(gone([by_file, *pids]), "a process is left")
+    expect("was ended by signal 9" in live.log(), live.log())
 
 
 def test_check_names_what_they_share():

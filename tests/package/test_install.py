@@ -195,6 +195,10 @@ def check_confinement(machine, unit):
     expect(len(sets) == 5 and not any(sets.values()), f"capabilities: {sets}")
     expect(status["NoNewPrivs"] == "1" and status["Seccomp"] == "2", f"{status}")
     expect(status["Uid"].split()[0] == inside("id", "-u", "twinlock").strip(), status["Uid"])
+    temporary = machine.run_well("findmnt", "--task", str(pid), "--noheadings", "--output", "FSTYPE,OPTIONS", "/tmp")
+    expect(temporary.startswith("tmpfs") and "size=" in temporary, f"/tmp of the FMUs: {temporary}")
+    bounds = machine.run_well("systemctl", "show", unit, "--property=MemoryMax,TasksMax")
+    expect("infinity" not in bounds, bounds)
     limits = machine.run_well("cat", f"/proc/{pid}/limits")
     realtime = re.search(r"Max realtime priority +(\d+)", limits)[1]
     if subprocess.run(["prlimit", "--rtprio=99", "true"], stderr=subprocess.DEVNULL, check=False).returncode == 0:

@@ -161,6 +161,16 @@ def test_bombs():
     hold_alone(BOMBS, [(users()[-1], "replay")], options=("--memory-limit", attacks.LIMIT_MEBIBYTES))
 
 
+def test_removed_files_by_root():
+    """Who may look at what the FMUs hold open does not wait until the disk is nearly full."""
+    if os.geteuid() != 0:
+        raise Skip("nobody but root can count the files of a confined process")
+    bomb = attacks.Lone("bytes in removed files", "fill_removed", attacks.told(2000))
+    with alone(bomb, 0, "replay", True) as ground:
+        expect(ground.code == 70 and "have removed and hold open" in ground.log, ground.said())
+        expect_nothing_left(ground)
+
+
 def test_bombs_on_a_plant():
     """Of each kind one."""
     if SANITIZER:

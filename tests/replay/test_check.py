@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
 """The page of `check`: what an engineer reads before a run, and that the run keeps to it."""
+import os
 import re
 
 from twinlock_test import (PLAIN_LIVE, PLAIN_LOCK, SOURCE, at_most, edited_config, expect, main, replay_json, run, run_well, scratch)
@@ -64,6 +65,14 @@ def test_a_run_keeps_to_it():
         for name, entry in told["ledger"]["components"].items():
             most = told["steps"] * (1 + found[name][3]) + told["evaluations"] * found[name][4]
             at_most(entry["predicted"], most, f"executions of {name}")
+
+
+def test_what_fmus_may_take():
+    """By default half of the memory and at most 4 GiB."""
+    fair = min(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGESIZE") // 2, 4 << 30) >> 20
+    for words, memory in ((), fair), (("--memory-limit", 700), 700):
+        page = run_well(["check", config(), *map(str, words)])
+        expect(f"  FMUs may take {memory} MiB (--memory-limit), 256 MiB of files, 1024 threads\n" in page, page)
 
 
 def test_a_free_run():

@@ -642,9 +642,9 @@ def told(*words):
     return lambda ground: (words, None)
 
 
-def told_or_seen(words):
+def told_or_seen(sentence, *words):
     """Whoever watches the process may be faster than the attacker's word, and says that he has seen it. For one that is alone."""
-    return lambda ground: ((), lambda: "succeeded" in ground.reports().values() or words in ground.said())
+    return lambda ground: (words, lambda: "succeeded" in ground.reports().values() or sentence in ground.said())
 
 
 def system_v(ground):
@@ -870,7 +870,7 @@ BOMBS = (
     Lone("stack", "stack_memory", taken(BOMB_MEBIBYTES), may_end=True),
     Lone("file in memory", "file_memory", told(BOMB_MEBIBYTES), may_end=True),
     Lone("page tables", "page_tables", told(BOMB_MEBIBYTES), may_end=True),
-    Lone("bytes in removed files", "fill_removed", told(DISK_MEBIBYTES), believed=True, may_end=True),
+    Lone("bytes in removed files", "fill_removed", told_or_seen("have removed and hold open", DISK_MEBIBYTES), believed=True, may_end=True),
     Lone("bytes in its folder", "fill_disk", filled(DISK_MEBIBYTES, "."), may_end=True),
     Lone("reserved bytes in TMPDIR", "reserve_disk", filled(DISK_MEBIBYTES), (), elsewhere, may_end=True),
     Lone("reserved bytes in its folder", "reserve_disk", filled(DISK_MEBIBYTES, "."), may_end=True),

@@ -8,7 +8,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/inotify.h>
 #include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <unistd.h>
 
 #include <unity.h>
@@ -201,6 +203,20 @@ static void test_a_folder_is_no_stream(void) {
     put_file("time,u,v\n0,1,2\n");
     TEST_ASSERT_TRUE(tl_probe_poll_any(&probe));
     tl_probe_expect(&probe, 0, 1, TL_GOOD);
+}
+
+/* As /dev/watchdog, which resets the box if somebody has opened it. */
+static void test_a_device_is_not_even_opened(void) {
+    char seen[sizeof(struct inotify_event) + NAME_MAX + 1];
+    if (mknod(path, S_IFCHR | 0600, makedev(1, 5)) != 0) {
+        TEST_IGNORE_MESSAGE("nobody but root makes devices");
+    }
+    int watch = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+    TEST_ASSERT_TRUE(inotify_add_watch(watch, path, IN_OPEN) > 0);
+    (void)tl_probe_poll_any(&probe);
+    expect_link(1, false, "a device, but should be a file or a FIFO");
+    TEST_ASSERT_EQUAL_INT(-1, read(watch, seen, sizeof seen));
+    (void)close(watch);
 }
 
 static void test_too_many_columns(void) {
@@ -529,6 +545,7 @@ int main(void) {
     RUN_TEST(test_time_of_a_file_must_increase);
     RUN_TEST(test_a_line_of_a_file_that_is_too_long);
     RUN_TEST(test_a_folder_is_no_stream);
+    RUN_TEST(test_a_device_is_not_even_opened);
     RUN_TEST(test_too_many_columns);
     RUN_TEST(test_rows_are_posted_as_they_come);
     RUN_TEST(test_no_stamp_is_in_the_future);

@@ -5,12 +5,16 @@
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <poll.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/inotify.h>
 #include <sys/ioctl.h>
+#include <sys/stat.h>
+#include <sys/sysmacros.h>
 #include <termios.h>
 #include <unistd.h>
 
@@ -20,6 +24,7 @@
 #include "tests/support/driver_probe.h"
 #include "tests/support/modbus_peer.h"
 #include "tests/support/real_time.h"
+#include "tests/support/scratch.h"
 
 enum { CHANNELS = 16, REQUEST = 8, FRAME = 264 };
 
@@ -415,6 +420,31 @@ static void test_what_is_no_serial_port(void) {
     }
 }
 
+/* As /dev/watchdog, which resets the box if somebody has opened it. */
+static void test_another_device_is_not_even_opened(void) {
+    char device[PATH_MAX];
+    char seen[sizeof(struct inotify_event) + NAME_MAX + 1];
+    static tl_scratch scratch;
+    tl_modbus_settings settings = settings_with(1);
+    tl_scratch_make(&scratch, "/tmp", "tl_rtu");
+    (void)snprintf(device, sizeof device, "%.200s/zero", scratch.folder);
+    if (mknod(device, S_IFCHR | 0600, makedev(1, 5)) != 0) {
+        TEST_ASSERT_EQUAL_INT(0, tl_scratch_finish(&scratch, 0));
+        TEST_IGNORE_MESSAGE("nobody but root makes devices");
+    }
+    int watch = inotify_init1(IN_NONBLOCK | IN_CLOEXEC);
+    TEST_ASSERT_TRUE(inotify_add_watch(watch, device, IN_OPEN) > 0);
+    add(1, 3);
+    settings.channel_count = 1;
+    settings.line.device = device;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_modbus_open(&settings, &probe.io, &probe.error));
+    tl_probe_poll(&probe);
+    tl_probe_expect_link(&probe, false, "it is no serial line");
+    TEST_ASSERT_EQUAL_INT(-1, read(watch, seen, sizeof seen));
+    (void)close(watch);
+    TEST_ASSERT_EQUAL_INT(0, tl_scratch_finish(&scratch, 0));
+}
+
 static void test_the_port_is_ours_alone(void) {
     if (getenv("TL_EMULATOR") != NULL) {
         TEST_IGNORE_MESSAGE("an emulator cannot reserve a port");
@@ -786,6 +816,7 @@ int main(void) {
     RUN_TEST(test_a_device_that_is_pulled_out_and_comes_back);
     RUN_TEST(test_a_device_that_is_pulled_out_while_it_is_asked);
     RUN_TEST(test_what_is_no_serial_port);
+    RUN_TEST(test_another_device_is_not_even_opened);
     RUN_TEST(test_the_port_is_ours_alone);
     RUN_TEST(test_a_port_that_cannot_switch_rs485);
     RUN_TEST(test_silence);

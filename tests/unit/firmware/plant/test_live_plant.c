@@ -123,7 +123,12 @@ static tl_status try_to_open(void) {
         TEST_ASSERT_NOT_NULL(mail);
         tl_plant_mail_open(&shape, mail, input.mailboxes);
     }
-    return tl_live_plant_open(config, input.mailboxes, NULL, on_link, links, &plant, &error);
+    const tl_live_plant_settings settings = {.config = config,
+                                             .kinds = TL_LIVE_PLANT_ALL,
+                                             .mailboxes = input.mailboxes,
+                                             .on_link = on_link,
+                                             .context = links};
+    return tl_live_plant_open(&settings, &plant, &error);
 }
 
 static void open_plant(void) {
