@@ -305,6 +305,7 @@ static void order(tl_activation *self) {
         .text = self->text,
         .size = self->size,
         .hash = self->request.hash,
+        .yardstick = &self->verdict.yardstick,
         .needs = {.match = answer->match,
                   .adjust = answer->adjust,
                   .components = answer->components,

@@ -22,6 +22,7 @@ static void subtract_figures(const tl_probation_snapshot *before, tl_probation_s
     now->deadline_misses = grown(before->deadline_misses, now->deadline_misses);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         now->lock.steps[i] = grown(before->lock.steps[i], now->lock.steps[i]);
+        now->lock_before.steps[i] = grown(before->lock_before.steps[i], now->lock_before.steps[i]);
     }
 }
 
@@ -66,23 +67,21 @@ void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *no
 
 /* ---- the lock of the shadow ---- */
 
-static uint64_t steps_judged(const tl_comparison *comparison) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock;
+static uint64_t steps_judged(const tl_lock_tally *lock) {
     return tl_lock_tally_total(lock) - lock->steps[TL_LOCK_FREE];
 }
 
 static bool is_blind(const tl_comparison *comparison) {
-    return comparison->is_partial && (comparison->lacks_input || steps_judged(comparison) == 0);
+    return comparison->is_partial && (comparison->lacks_input || steps_judged(&comparison->shadow.figures.lock) == 0);
 }
 
 /* Percent; of one that does not see all of the plant as far as it can be seen. */
-static double in_lock_of_shadow(const tl_comparison *comparison) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock;
+static double in_lock_of(const tl_comparison *comparison, const tl_lock_tally *lock) {
     if (!comparison->is_partial) {
         return tl_lock_tally_percent(lock);
     }
     uint64_t in_lock = lock->steps[TL_LOCK_LOCKED] + lock->steps[TL_LOCK_TRACKING] + lock->steps[TL_LOCK_DEGRADED];
-    return 100.0 * (double)in_lock / (double)steps_judged(comparison);
+    return 100.0 * (double)in_lock / (double)steps_judged(lock);
 }
 
 /* ---- words ---- */
@@ -239,11 +238,15 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     if (tl_comparison_sight_of(comparison, &gone) != TL_COMPARISON_SEEN) {
         return TL_COMPARISON_GOOD;
     }
-    double in_lock = in_lock_of_shadow(comparison);
+    double in_lock = in_lock_of(comparison, &shadow->lock);
+    bool is_by_before =
+        steps_judged(&shadow->lock_before) != 0 && in_lock_of(comparison, &shadow->lock_before) < in_lock;
+    in_lock = is_by_before ? in_lock_of(comparison, &shadow->lock_before) : in_lock;
     if (in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,
-                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
-                       in_lock, require_lock, in_lock_now);
+                       "%sthe new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
+                       is_by_before ? "by the tolerances of the version before, " : "", in_lock, require_lock,
+                       in_lock_now);
         return TL_COMPARISON_BAD;
     }
     return TL_COMPARISON_GOOD;

@@ -2,7 +2,7 @@
  *
  * Purpose: what both have done from a moment on to another, in words, and whether the shadow may take over. Pure logic: figures are handed in.
  * Refused: the run's twin, beside it, misses deadlines or makes ticks up by probation's rule (probation.h), against what it did before; the shadow was in lock
- *          for less than is asked, and for less than the run's twin.
+ *          for less than is asked, and for less than the run's twin: by its own tolerances, or by those of the version that a probation would return to.
  * Unseen:  of a lock that was not judged, or only while the plant was there for a moment, nothing is asked: that is probation's. A shadow that does not see all of
  *          the plant (other sources) is in lock as far as can be seen. If it sees nothing of what it matches, or not all that feeds it, it is blind:
  *          neither its lock nor its outputs can be judged.

@@ -125,6 +125,8 @@ static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl
     const tl_probation_snapshot nothing = {.ticks = 0};
     tl_probation probation;
     tl_probation_begin(&probation, &terms, &nothing, NULL);
+    probation.account.yardstick = self->verdict.yardstick;
+    (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
     return tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
 }
 
