@@ -23,7 +23,7 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size) {
 }
 
 bool tl_json_has(const tl_json_reader *reader, const char *key) {
-    return cJSON_HasObjectItem(reader->root, key) != 0;
+    return cJSON_GetObjectItemCaseSensitive(reader->root, key) != NULL;
 }
 
 uint64_t tl_json_count(tl_json_reader *reader, const char *key) {

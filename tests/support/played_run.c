@@ -310,6 +310,7 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {
     size_t size = tl_played_write(text, tolerance, prediction);
     memset(&request, 0, sizeof request);
     request.right = run->right;
+    request.origin = run->right == TL_CONTROL_MAY_COMMISSION ? TL_CONTROL_BY_RELOAD : TL_CONTROL_BY_NETWORK;
     request.require_lock = -1.0;
     request.flags = flags;
     request.shadow_s = 5;
