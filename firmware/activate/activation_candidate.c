@@ -56,9 +56,10 @@ static void send_errand(tl_activation *self, const char *kind, const beside *oth
 static char *read_text_of(const tl_activation *self, const tl_version *version) {
     tl_error ignored;
     char *text = NULL;
-    bool is_read =
-        version != NULL && tl_versions_read(tl_activation_versions(self), version->number, &text, &ignored) == TL_OK;
-    return is_read ? text : NULL;
+    if (version != NULL) {
+        (void)tl_versions_read(tl_activation_versions(self), version->number, &text, &ignored);
+    }
+    return text;
 }
 
 static void send_validator(tl_activation *self) {

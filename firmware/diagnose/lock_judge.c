@@ -93,13 +93,6 @@ static struct tl_lock_measure measure_of(const tl_config *config, size_t i) {
     return (struct tl_lock_measure){config->match[i].tolerance, config->match[i].weight};
 }
 
-void tl_lock_judge_yardstick(const tl_config *config, tl_lock_yardstick *yardstick) {
-    memset(yardstick, 0, sizeof *yardstick);
-    for (size_t i = 0; i < config->match_count; i++) {
-        yardstick->match[i] = measure_of(config, i);
-    }
-}
-
 static struct tl_lock_measure measure(const tl_lock_judge *judge, size_t i) {
     return judge->yardstick != NULL ? judge->yardstick->match[i] : measure_of(judge->config, i);
 }

@@ -102,9 +102,6 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
 /* From the next step on the judge uses this yardstick, which must stay; NULL: that of the configuration. The window stays as well. */
 void tl_lock_judge_measure_by(tl_lock_judge *judge, const tl_lock_yardstick *yardstick);
 
-/* The yardstick of a configuration. */
-void tl_lock_judge_yardstick(const tl_config *config, tl_lock_yardstick *yardstick);
-
 /* The twin has taken another tuning, and so has the configuration (tl_config_retune()): from the next step on. What was seen of the window stays. */
 void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning);
 

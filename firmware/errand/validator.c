@@ -175,33 +175,35 @@ static void find_yardstick(const tl_config *before, const tl_config *now, tl_ver
     }
 }
 
-/* Whatever is matched by the version that was commissioned last stays matched, and is not judged much less strictly; else it takes the right to commission. */
+/* An output for which the right to commission is needed. */
+static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double found, double most) {
+    char path[TL_JSON_PATH];
+    char text[TL_CONTROL_TEXT];
+    (void)snprintf(path, sizeof path, "synchronise.match.%.100s", match->variable);
+    if (isfinite(found)) {
+        (void)snprintf(text, sizeof text,
+                       "found an error of %.6g that is in lock, expected at most %.6g, which is %d times what was "
+                       "commissioned last: more takes the right to commission",
+                       found, most, (int)TL_VALIDATOR_WIDEST);
+    } else {
+        (void)snprintf(text, sizeof text,
+                       "found no match with %.100s that has an effect, expected that of the version that was "
+                       "commissioned last: to leave it out takes the right to commission",
+                       match->to);
+    }
+    add_problem(verdict, TL_BAD_DATA, path, text);
+    verdict->right = TL_CHANGE_BY_COMMISSION;
+}
+
+/* Whatever the version matches that was commissioned last stays matched, and is not judged much less strictly; else it takes the right to commission. */
 static void limit_widening(const tl_config *commissioned, const tl_config *now, tl_verdict *verdict) {
-    for (size_t i = 0; i < commissioned->match_count; i++) {
-        char path[TL_JSON_PATH];
-        char text[TL_CONTROL_TEXT];
+    for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_CHANGE_ON_THE_BOX; i++) {
         const tl_plan_match *match = &commissioned->match[i];
         double limit = largest_error(commissioned, i);
         double found = largest_error(now, find_match(now, match));
-        if (!(match->weight > 0.0) || !is_wider(found, limit, TL_VALIDATOR_WIDEST) ||
-            verdict->right == TL_CHANGE_ON_THE_BOX) {
-            continue;
+        if (match->weight > 0.0 && is_wider(found, limit, TL_VALIDATOR_WIDEST)) {
+            add_wide(verdict, match, found, TL_VALIDATOR_WIDEST * limit);
         }
-        (void)snprintf(path, sizeof path, "synchronise.match.%.100s", match->variable);
-        if (isfinite(found)) {
-            (void)snprintf(text, sizeof text,
-                           "found an error of %.6g that is in lock, expected at most %.6g, which is %d times what was "
-                           "commissioned last: more takes the right to commission",
-                           found, TL_VALIDATOR_WIDEST * limit, (int)TL_VALIDATOR_WIDEST);
-        } else {
-            (void)snprintf(
-                text, sizeof text,
-                "found no match with %.100s, expected that of the version that was commissioned last: to leave "
-                "it out takes the right to commission",
-                match->to);
-        }
-        add_problem(verdict, TL_BAD_DATA, path, text);
-        verdict->right = TL_CHANGE_BY_COMMISSION;
     }
 }
 

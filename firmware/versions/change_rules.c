@@ -165,8 +165,8 @@ static const tl_change_rule rules[] = {
     {"plant.*", NEW_SOURCES_COMMISSIONED, NULL},
     {"plant.*.type", NEW_SOURCES_COMMISSIONED, NULL},
     {"plant.*.unit", NEW_SOURCES, NULL},
-    {"plant.*.min", NEW_SOURCES, NULL},
-    {"plant.*.max", NEW_SOURCES, NULL},
+    {"plant.*.min", NEW_SOURCES_COMMISSIONED, NULL}, /* what is out of range is not compared */
+    {"plant.*.max", NEW_SOURCES_COMMISSIONED, NULL},
     {"plant.*.stale_s", NEW_SOURCES_COMMISSIONED, NULL},
     {"plant.*.between", NEW_TWIN, NULL},
     {"plant.*.every_s", NEW_SOURCES, NULL},

@@ -165,7 +165,7 @@ def test_a_tolerance_is_not_walked_up():
         for value in 2.0, 3.0:
             expect_push(box.push("--wait", "--probation", "2", change=tolerance(value)), 0, "kept")
         expect_push(box.push(change=tolerance(4.0)), 77, "expected at most 3")
-        expect_push(box.push(change=another), 77, "synchronise.match.motor.omega: found no match with plant.omega")
+        expect_push(box.push(change=another), 77, "synchronise.match.motor.omega: found no match with plant.omega that has an effect")
         expect_push(box.push("--wait", "--probation", "2", change=tolerance(4.0), role="commission"), 0, "kept")
         expect_push(box.push("--no-activate", change=tolerance(12.0)), 0)
         expect_push(box.push("--no-activate", change=tolerance(12.1)), 77, "expected at most 12")

@@ -586,8 +586,7 @@ static void another_tuning_counts_from_the_next_step_on(void) {
 
 /* Whatever the tolerance, weight and further outputs of the configuration: the yardstick is what counts. */
 static void test_another_yardstick(void) {
-    tl_lock_yardstick yardstick;
-    tl_lock_judge_yardstick(&config, &yardstick);
+    const tl_lock_yardstick yardstick = {.match[0] = {match[0].tolerance, match[0].weight}};
     match[0].tolerance = 1e300;
     match[0].weight = 1e-300;
     match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1e300, .weight = 1e300};
@@ -604,8 +603,7 @@ static void test_another_yardstick(void) {
 
 /* A stroke is within tolerance if its J would be below 1 by the yardstick. */
 static void test_strokes_by_another_yardstick(void) {
-    tl_lock_yardstick yardstick;
-    tl_lock_judge_yardstick(&config, &yardstick);
+    const tl_lock_yardstick yardstick = {.match[0] = {match[0].tolerance, match[0].weight}};
     match[0].tolerance = 10 * match[0].tolerance;
     config.event.start.signal = "plant.valve";
     tl_lock_judge_init(&judge, &config, &account);
