@@ -239,14 +239,10 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
         return TL_COMPARISON_GOOD;
     }
     double in_lock = in_lock_of(comparison, &shadow->lock);
-    bool is_by_before =
-        steps_judged(&shadow->lock_before) != 0 && in_lock_of(comparison, &shadow->lock_before) < in_lock;
-    in_lock = is_by_before ? in_lock_of(comparison, &shadow->lock_before) : in_lock;
     if (in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,
-                       "%sthe new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
-                       is_by_before ? "by the tolerances of the version before, " : "", in_lock, require_lock,
-                       in_lock_now);
+                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
+                       in_lock, require_lock, in_lock_now);
         return TL_COMPARISON_BAD;
     }
     return TL_COMPARISON_GOOD;
@@ -285,7 +281,22 @@ static void write_worse(const tl_activation_output *now, const tl_activation_out
                    of_then, of_now, now->tolerance);
 }
 
-bool tl_comparison_is_worse(const tl_comparison *comparison, char why[TL_COMPARISON_TEXT]) {
+/* By the tolerances of the version before, whatever the new ones say of the lock. */
+static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
+    const tl_lock_tally *lock = &comparison->shadow.figures.lock_before;
+    double in_lock_now = tl_lock_tally_percent(&comparison->twin.figures.lock);
+    double in_lock = steps_judged(lock) == 0 ? 100.0 : in_lock_of(comparison, lock);
+    double gone = 0.0;
+    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
+    (void)snprintf(
+        why, TL_COMPARISON_TEXT,
+        "by the tolerances of the version before, the new twin was in lock for %.4g %% of the steps, asked are "
+        "%.4g %%; the run's for %.4g %%",
+        in_lock, require_lock, in_lock_now);
+    return is_seen && in_lock < require_lock && in_lock < in_lock_now;
+}
+
+bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_activation_work *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs && !is_blind(comparison); i++) {
         const tl_activation_output *now = &twin->output[i];
@@ -294,6 +305,9 @@ bool tl_comparison_is_worse(const tl_comparison *comparison, char why[TL_COMPARI
             write_worse(now, then, why);
             return true;
         }
+    }
+    if (is_lost_before(comparison, require_lock, why)) {
+        return true;
     }
     why[0] = '\0';
     return false;

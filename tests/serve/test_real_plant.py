@@ -11,6 +11,7 @@ from tree import OMEGA, expect_whole, read
 from twinlock_test import expect, main, scratch
 
 
+BUSY = 75
 JUDGED = 500  # ticks after which the lock was judged several times (1 s each)
 
 
@@ -130,7 +131,16 @@ def test_a_tolerance_does_not_decide_on_itself():
 
 
 def test_a_wider_tolerance_is_judged_by_the_one_before():
-    """The plant is where only the new one calls it in lock: whoever may only retune cannot confirm it, and it is not kept."""
+    """The plant is where only the new one calls it in lock: whoever may only retune cannot confirm it, and it is not kept, whatever way it came by."""
+    def in_place(_):
+        pass
+
+    def by_a_flip(document):
+        document["synchronise"]["horizon"]["prediction"] = 2
+
+    def by_a_restart(document):
+        document["name"] = "motor bench, live by Modbus TCP, once more"
+
     def within(document):
         match(document).update(tolerance=3.0)
         document["synchronise"]["adjust"]["motor.d"].update(min=0.00309, max=0.00311)  # the twin stays where it is
@@ -147,11 +157,20 @@ def test_a_wider_tolerance_is_judged_by_the_one_before():
         expect_push(box.push("--rollback"), 0)
         device.omega = OMEGA
         expect_locked(live)
-        expect_push(box.push("--probation", "10", change=within), 0)
-        device.omega = OMEGA - 2
-        wait_until(lambda: live.active() == 1, "the version before", live.log, every=0.2)
-        result = live.versions()[max(live.versions())][1]
-        expect("by the tolerances of the version before, the lock was lost for " in result and "(motor.omega: tolerance 1 → 3)" in result, result)
+        for kind in in_place, by_a_flip, by_a_restart:
+            def change(document, kind=kind):
+                within(document)
+                kind(document)
+
+            wait_until(lambda change=change: box.push("--probation", "20", "--shadow", "2", "--restart", change=change)[0] != BUSY, "an end of the change before",
+                       live.log, every=0.5)
+            wait_until(lambda: "on probation" in live.reload(None, "--state")[1], "its probation", live.log, every=0.2)
+            device.omega = OMEGA - 2
+            wait_until(lambda: live.active() == 1, "the version before", live.log, every=0.2)
+            result = live.versions()[max(live.versions())][1]
+            expect("by the tolerances of the version before, the lock was lost for " in result and "(motor.omega: tolerance 1 → 3)" in result, f"{kind.__name__}: {result}")
+            device.omega = OMEGA
+            expect_locked(live)
         end_orderly(live)
 
 
