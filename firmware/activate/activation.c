@@ -125,6 +125,11 @@ bool tl_activation_cancel(tl_activation *activation, const char *who) {
     return true;
 }
 
+bool tl_activation_is_lost_before(const tl_activation *activation) {
+    return tl_activation_versions(activation)->probation.version != 0 &&
+           tl_probation_is_lost_before(&activation->probation);
+}
+
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done) {
     bool considers = is_considering(activation);
     if (tl_activation_versions(activation)->probation.version == 0 ||
@@ -159,6 +164,7 @@ void tl_activation_look(tl_activation *activation) {
     tl_time now = tl_clock_now(NULL);
     tl_time passed = now - activation->looked;
     activation->looked = now;
+    tl_activation_show_yardstick(activation);
     if (activation->step == TL_CONTROL_VALIDATE || activation->step == TL_CONTROL_TRY) {
         if (tl_activation_versions(activation)->probation.version != 0) {
             (void)tl_activation_pass(activation, passed);

@@ -132,6 +132,9 @@ void tl_activation_describe(const tl_activation *activation, char text[TL_CONTRO
 /* A candidate that is not active yet is given up. False: there is none. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 
+/* By the tolerances of the version that the probation would return to, the lock is lost: to confirm then takes the right to commission. */
+bool tl_activation_is_lost_before(const tl_activation *activation);
+
 /* The version on probation is kept, or returned from. False: there is none. *is_done: that is on disk. What comes of a return is said. */
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
 bool tl_activation_refuse(tl_activation *activation, const char *who);

@@ -18,12 +18,13 @@ static const tl_time SAYING = 10 * TL_SECOND;
 
 /* ---- validate ---- */
 
-/* What the box says of names; "" of what it does not. */
-typedef struct box_says {
-    const char *list, *file;
-} box_says;
+/* What the candidate is compared with, beside what is in force; NULL: not known, or the same. */
+typedef struct beside {
+    char *list, *file;         /* what the box says of names */
+    char *kept, *commissioned; /* texts of versions: that a probation would return to, that was commissioned last */
+} beside;
 
-static void send_errand(tl_activation *self, const char *kind, const box_says *box, size_t answer, tl_time limit,
+static void send_errand(tl_activation *self, const char *kind, const beside *others, size_t answer, tl_time limit,
                         tl_relay_line *hear) {
     char title[TL_ROLE_TITLE];
     tl_error error;
@@ -32,9 +33,11 @@ static void send_errand(tl_activation *self, const char *kind, const box_says *b
         .title = title,
         .job = {.path = self->settings.path,
                 .in_force = self->before,
+                .kept = others->kept,
+                .commissioned = others->commissioned,
                 .candidate = self->text,
-                .on_the_box = box->file,
-                .list = box->list,
+                .on_the_box = others->file,
+                .list = others->list,
                 .list_path = self->settings.allowed,
                 .memory_limit = self->settings.memory_limit,
                 .unconfined = self->settings.unconfined},
@@ -49,18 +52,34 @@ static void send_errand(tl_activation *self, const char *kind, const box_says *b
     }
 }
 
+/* NULL: there is no such version, or it cannot be read. */
+static char *read_text_of(const tl_activation *self, const tl_version *version) {
+    tl_error ignored;
+    char *text = NULL;
+    if (version != NULL) {
+        (void)tl_versions_read(tl_activation_versions(self), version->number, &text, &ignored);
+    }
+    return text;
+}
+
 static void send_validator(tl_activation *self) {
     char fault[TL_BOX_FAULT] = "";
     const char *list_path = self->settings.allowed;
-    char *list = list_path == NULL ? NULL : tl_box_read_list(list_path, fault);
-    char *file = tl_box_read_file(self->settings.path);
-    const box_says found = {list, file};
+    const tl_versions *versions = tl_activation_versions(self);
+    const beside found = {
+        .list = list_path == NULL ? NULL : tl_box_read_list(list_path, fault),
+        .file = tl_box_read_file(self->settings.path),
+        .kept = read_text_of(self, tl_versions_get(versions, versions->probation.return_to)),
+        .commissioned = read_text_of(self, tl_versions_commissioned(versions)),
+    };
     if (fault[0] != '\0') {
         tl_activation_say(self, TL_CONTROL_VALIDATE, fault);
     }
     send_errand(self, TL_VALIDATOR, &found, sizeof(tl_verdict), VALIDATION, NULL); /* the verdict says all */
-    free(list);
-    free(file);
+    free(found.list);
+    free(found.file);
+    free(found.kept);
+    free(found.commissioned);
 }
 
 /* What runs is in memory too. */
@@ -166,6 +185,7 @@ static void weigh(tl_activation *self) {
             "it names a library, a file or an FMU that nobody on the box has named, or lets an FMU out: that is changed "
             "on the box, by twinlock reload");
     } else if (right_of(verdict) > self->request.right) {
+        tl_activation_say_problems(self);
         tl_activation_turn_down(self, TL_CONTROL_FORBIDDEN,
                                 "it changes what takes the right to commission, and was sent with less");
     } else if (self->way == TL_ACTIVATION_BY_RESTART && !is_allowed) {
@@ -256,7 +276,7 @@ static void try_fmus(tl_activation *self) {
     self->heard[0] = '\0';
     self->problems = 0;
     tl_activation_say(self, TL_CONTROL_TRY, "its FMUs are loaded, started and set back, beside the plant's");
-    send_errand(self, TL_TRIAL, &(const box_says){NULL, NULL}, sizeof(tl_trial_answer), TRIAL, hear_trial);
+    send_errand(self, TL_TRIAL, &(const beside){NULL, NULL, NULL, NULL}, sizeof(tl_trial_answer), TRIAL, hear_trial);
 }
 
 static void say_time(tl_activation *self) {

@@ -17,11 +17,19 @@ double tl_activation_required_lock(const tl_control_request *request) {
     return request->require_lock < 0.0 ? TL_ACTIVATION_LOCK_PERCENT : request->require_lock;
 }
 
-static tl_probation_terms terms_of(const tl_control_request *request) {
+/* Seconds. With the right to retune it is at least as long as the lock takes to be judged twice. */
+static uint32_t length_of(const tl_activation *self) {
+    const tl_control_request *request = &self->request;
+    tl_time given = request->probation_s == 0 ? TL_ACTIVATION_PROBATION_S : (tl_time)request->probation_s;
+    tl_time least = request->right < TL_CONTROL_MAY_COMMISSION ? 2 * self->verdict.window / TL_SECOND + 1 : 1;
+    given = given > least ? given : least;
+    return (uint32_t)(given < TL_PROBATION_LONGEST_S ? given : TL_PROBATION_LONGEST_S);
+}
+
+static tl_probation_terms terms_of(const tl_activation *self) {
+    const tl_control_request *request = &self->request;
     return (tl_probation_terms){
-        .given_s = request->probation_s == 0                       ? TL_ACTIVATION_PROBATION_S
-                   : request->probation_s > TL_PROBATION_LONGEST_S ? (uint32_t)TL_PROBATION_LONGEST_S
-                                                                   : request->probation_s,
+        .given_s = length_of(self),
         .require_lock = tl_activation_required_lock(request),
         .must_confirm = (request->flags & TL_CONTROL_BY_PERSON) != 0,
     };
@@ -56,7 +64,7 @@ static bool reads_anew(const tl_activation *self) {
 }
 
 static tl_status put_version(tl_activation *self, tl_error *error) {
-    const tl_probation_terms terms = terms_of(&self->request);
+    const tl_probation_terms terms = terms_of(self);
     const tl_probation_snapshot now = tl_activation_view_now(self).figures;
     const tl_version_news news = {
         .text = self->text,
@@ -72,6 +80,8 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
     if (status == TL_OK) {
         tl_probation_begin(&self->probation, &terms, &now,
                            self->way == TL_ACTIVATION_IN_PLACE ? &now : NULL); /* another run counts from 0 */
+        self->probation.account.yardstick = self->verdict.yardstick;
+        (void)snprintf(self->probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
         if (reads_anew(self)) {
             tl_probation_let_settle(&self->probation);
         }
@@ -197,6 +207,7 @@ void tl_activation_activate(tl_activation *self) {
     } else if (self->way == TL_ACTIVATION_BY_RESTART) {
         restart(self);
     } else {
+        tl_activation_show_yardstick(self); /* before the twin takes the change */
         self->waited = 0;
         self->is_handed = false;
         self->looked = tl_clock_now(NULL);

@@ -57,6 +57,7 @@ typedef struct tl_activation_candidate {
     size_t size;
     const char *hash;
     tl_activation_needs needs;
+    const tl_lock_yardstick *yardstick; /* what its twin's lock is judged by as well; zeroed: nothing else */
 } tl_activation_candidate;
 
 enum { TL_ACTIVATION_OUTPUTS = 16, TL_ACTIVATION_NAME = 40, TL_ACTIVATION_UNIT = 16 };
@@ -115,6 +116,9 @@ typedef struct tl_activation_host {
     /* The files of the FMUs that this text names, which is in force, are others than those that the run's twin has loaded. False: they are the same, or nobody can
      * say. NULL: nobody can. Reads them all. */
     bool (*has_other_fmus)(void *context, const char *text, size_t size);
+
+    /* The lock of the run's twin is judged by this yardstick as well (lock_before), from one of its next ticks on; zeroed: by none. */
+    void (*judge_by)(void *context, const tl_lock_yardstick *yardstick);
 
     /* Hands it over. False: not yet, since the recorder has not kept the one before. */
     bool (*tune)(void *context, const tl_activation_tuning *tuning);

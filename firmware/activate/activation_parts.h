@@ -108,6 +108,9 @@ void tl_activation_look_at_change(tl_activation *self, tl_time passed);
 /* Percent of the steps, in a shadow's comparison and on probation. */
 double tl_activation_required_lock(const tl_control_request *request);
 
+/* Gives the run's twin the yardstick of the version that the probation would return to; none if there is no probation. */
+void tl_activation_show_yardstick(const tl_activation *self);
+
 /* What it comes to. It also goes on while another candidate is looked at. */
 tl_probation_result tl_activation_pass(tl_activation *self, tl_time passed);
 

@@ -99,6 +99,13 @@ static void save(tl_activation *self, tl_time passed) {
     }
 }
 
+void tl_activation_show_yardstick(const tl_activation *self) {
+    static const tl_lock_yardstick none;
+    const tl_activation_host *host = self->settings.host;
+    bool is_on = tl_activation_versions(self)->probation.version != 0;
+    host->judge_by(host->context, is_on ? &self->probation.account.yardstick : &none);
+}
+
 /* It also goes on while another candidate is looked at. */
 tl_probation_result tl_activation_pass(tl_activation *self, tl_time passed) {
     const tl_activation_view now = tl_activation_view_now(self);

@@ -136,7 +136,8 @@ static void conclude_good(tl_activation *self) {
     char why[TL_COMPARISON_TEXT];
     char text[TL_CONTROL_TEXT];
     bool insists = (self->request.flags & TL_CONTROL_EVEN_WORSE) != 0;
-    bool is_worse = tl_comparison_is_worse(&self->rehearsal.comparison, why);
+    bool is_worse =
+        tl_comparison_is_worse(&self->rehearsal.comparison, tl_activation_required_lock(&self->request), why);
     if (is_worse) {
         (void)snprintf(text, sizeof text, "%s: %s", why,
                        insists ? "taken all the same, as asked" : "--accept-worse takes it all the same");
@@ -305,6 +306,7 @@ static void order(tl_activation *self) {
         .text = self->text,
         .size = self->size,
         .hash = self->request.hash,
+        .yardstick = &self->verdict.yardstick,
         .needs = {.match = answer->match,
                   .adjust = answer->adjust,
                   .components = answer->components,

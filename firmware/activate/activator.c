@@ -200,9 +200,13 @@ static void look_at_waiter(tl_activator *self) {
     }
 }
 
-static void confirm(tl_activator *self, visitor *who, const char *name) {
+static void confirm(tl_activator *self, visitor *who, const tl_control_request *request) {
     bool is_done = false;
-    if (!tl_activation_confirm(&self->activation, name, &is_done)) {
+    if (request->right < TL_CONTROL_MAY_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+        finish(
+            self, who, TL_CONTROL_FORBIDDEN,
+            "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
+    } else if (!tl_activation_confirm(&self->activation, request->who, &is_done)) {
         finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
     } else if (is_done) {
         finish(self, who, TL_CONTROL_DONE, "it is kept");
@@ -281,7 +285,7 @@ static void answer(tl_activator *self, visitor *who, const tl_control_request *r
         take(self, who, request, self->text, size);
         break;
     case TL_CONTROL_CONFIRM:
-        confirm(self, who, request->who);
+        confirm(self, who, request);
         break;
     case TL_CONTROL_RETURN:
         bring_back(self, who, request);

@@ -22,6 +22,7 @@ static void subtract_figures(const tl_probation_snapshot *before, tl_probation_s
     now->deadline_misses = grown(before->deadline_misses, now->deadline_misses);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         now->lock.steps[i] = grown(before->lock.steps[i], now->lock.steps[i]);
+        now->lock_before.steps[i] = grown(before->lock_before.steps[i], now->lock_before.steps[i]);
     }
 }
 
@@ -66,23 +67,21 @@ void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *no
 
 /* ---- the lock of the shadow ---- */
 
-static uint64_t steps_judged(const tl_comparison *comparison) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock;
+static uint64_t steps_judged(const tl_lock_tally *lock) {
     return tl_lock_tally_total(lock) - lock->steps[TL_LOCK_FREE];
 }
 
 static bool is_blind(const tl_comparison *comparison) {
-    return comparison->is_partial && (comparison->lacks_input || steps_judged(comparison) == 0);
+    return comparison->is_partial && (comparison->lacks_input || steps_judged(&comparison->shadow.figures.lock) == 0);
 }
 
 /* Percent; of one that does not see all of the plant as far as it can be seen. */
-static double in_lock_of_shadow(const tl_comparison *comparison) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock;
+static double in_lock_of(const tl_comparison *comparison, const tl_lock_tally *lock) {
     if (!comparison->is_partial) {
         return tl_lock_tally_percent(lock);
     }
     uint64_t in_lock = lock->steps[TL_LOCK_LOCKED] + lock->steps[TL_LOCK_TRACKING] + lock->steps[TL_LOCK_DEGRADED];
-    return 100.0 * (double)in_lock / (double)steps_judged(comparison);
+    return 100.0 * (double)in_lock / (double)steps_judged(lock);
 }
 
 /* ---- words ---- */
@@ -239,7 +238,7 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     if (tl_comparison_sight_of(comparison, &gone) != TL_COMPARISON_SEEN) {
         return TL_COMPARISON_GOOD;
     }
-    double in_lock = in_lock_of_shadow(comparison);
+    double in_lock = in_lock_of(comparison, &shadow->lock);
     if (in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,
                        "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
@@ -282,7 +281,22 @@ static void write_worse(const tl_activation_output *now, const tl_activation_out
                    of_then, of_now, now->tolerance);
 }
 
-bool tl_comparison_is_worse(const tl_comparison *comparison, char why[TL_COMPARISON_TEXT]) {
+/* By the tolerances of the version before, whatever the new ones say of the lock. */
+static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
+    const tl_lock_tally *lock = &comparison->shadow.figures.lock_before;
+    double in_lock_now = tl_lock_tally_percent(&comparison->twin.figures.lock);
+    double in_lock = steps_judged(lock) == 0 ? 100.0 : in_lock_of(comparison, lock);
+    double gone = 0.0;
+    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
+    (void)snprintf(
+        why, TL_COMPARISON_TEXT,
+        "by the tolerances of the version before, the new twin was in lock for %.4g %% of the steps, asked are "
+        "%.4g %%; the run's for %.4g %%",
+        in_lock, require_lock, in_lock_now);
+    return is_seen && in_lock < require_lock && in_lock < in_lock_now;
+}
+
+bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_activation_work *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs && !is_blind(comparison); i++) {
         const tl_activation_output *now = &twin->output[i];
@@ -291,6 +305,9 @@ bool tl_comparison_is_worse(const tl_comparison *comparison, char why[TL_COMPARI
             write_worse(now, then, why);
             return true;
         }
+    }
+    if (is_lost_before(comparison, require_lock, why)) {
+        return true;
     }
     why[0] = '\0';
     return false;

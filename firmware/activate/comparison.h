@@ -8,7 +8,8 @@
  *          neither its lock nor its outputs can be judged.
  * Worse:   an output that both match is off by more than the tolerance of the run, and by more than TL_COMPARISON_TIMES what the run's is, as root mean
  *          squares over TL_COMPARISON_PAIRS and more. The tolerance of the candidate does not count: whoever widens it is in lock, and may be nowhere near the
- *          plant. Noise of the plant is the same for both, and below the tolerance. Somebody may insist.
+ *          plant. Noise of the plant is the same for both, and below the tolerance. Or the shadow was in lock for less than is asked, and for less than the run's twin, by the
+ *          tolerances of the version that a probation would return to. Somebody may insist.
  * Also:    what the shadow misses says little, since it has no priority yet: it is told, but that it makes up a quarter of its ticks is too much. Nor can
  *          anything be said if the run's twin was begun again meanwhile.
  * Trust:   figures come from memory of processes with FMUs: names are cleaned, and what is no number is told as "-".
@@ -64,8 +65,8 @@ tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, doub
 tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
                                          char why[TL_COMPARISON_TEXT]);
 
-/* Of one that is good: whether an output is worse, and which. */
-bool tl_comparison_is_worse(const tl_comparison *comparison, char why[TL_COMPARISON_TEXT]);
+/* Of one that is good: whether an output is worse, and which; or the lock, by the tolerances of the version that a probation would return to. */
+bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]);
 
 /* "in lock 97 %"; also of a shadow that runs. */
 void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]);

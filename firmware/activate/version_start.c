@@ -59,17 +59,23 @@ static tl_errand_state wait_for(tl_errand *errand) {
 
 /* False: nobody could say. */
 static bool ask_validator(starting_run *self, const char *in_force, char why[TL_ERRAND_WHY]) {
+    char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
     tl_errand errand = {.is_sent = false};
     tl_error error;
+    if (self->versions.probation.version != 0) {
+        (void)tl_versions_read(&self->versions, self->versions.probation.return_to, &kept, &error);
+    }
     const tl_errand_settings settings = {
         .title = TL_VALIDATOR,
-        .job = {.path = self->start->path, .in_force = in_force, .candidate = self->choice.text},
+        .job = {.path = self->start->path, .in_force = in_force, .kept = kept, .candidate = self->choice.text},
         .answer = sizeof(tl_verdict),
         .limit = VALIDATION,
         .be = self->start->be,
         .context = self->start->context,
     };
-    if (tl_errand_send(&errand, &settings, &error) != TL_OK) {
+    tl_status status = tl_errand_send(&errand, &settings, &error);
+    free(kept);
+    if (status != TL_OK) {
         (void)snprintf(why, TL_ERRAND_WHY, "%.*s", TL_ERRAND_WHY - 1, error.text);
         return false;
     }
@@ -125,6 +131,8 @@ static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl
     const tl_probation_snapshot nothing = {.ticks = 0};
     tl_probation probation;
     tl_probation_begin(&probation, &terms, &nothing, NULL);
+    probation.account.yardstick = self->verdict.yardstick;
+    (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
     return tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
 }
 

@@ -85,6 +85,18 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
     memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
 }
 
+void tl_lock_judge_measure_by(tl_lock_judge *judge, const tl_lock_yardstick *yardstick) {
+    judge->yardstick = yardstick;
+}
+
+static struct tl_lock_measure measure_of(const tl_config *config, size_t i) {
+    return (struct tl_lock_measure){config->match[i].tolerance, config->match[i].weight};
+}
+
+static struct tl_lock_measure measure(const tl_lock_judge *judge, size_t i) {
+    return judge->yardstick != NULL ? judge->yardstick->match[i] : measure_of(judge->config, i);
+}
+
 void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning) {
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
         tl_account_adjust *adjust = &judge->adjust[v];
@@ -120,7 +132,7 @@ void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample) {
 static bool is_compared(const tl_lock_judge *judge, const tl_record *record) {
     bool compared = false;
     for (size_t i = 0; i < judge->config->match_count; i++) {
-        compared = compared || (judge->config->match[i].weight > 0.0 && record->y_hat_quality[i] == TL_GOOD);
+        compared = compared || (measure(judge, i).weight > 0.0 && record->y_hat_quality[i] == TL_GOOD);
     }
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
@@ -136,26 +148,43 @@ static double distance(const tl_lock_judge *judge, const tl_record *record) {
     double sum = 0.0;
     double weights = 0.0;
     for (size_t i = 0; i < judge->config->match_count; i++) {
-        const tl_plan_match *match = &judge->config->match[i];
-        if (match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD) {
-            double error = (record->y[i] - record->y_hat[i]) / match->tolerance;
-            sum += match->weight * error * error;
-            weights += match->weight;
+        const struct tl_lock_measure by = measure(judge, i);
+        if (by.weight > 0.0 && record->y_hat_quality[i] == TL_GOOD) {
+            double error = (record->y[i] - record->y_hat[i]) / by.tolerance;
+            sum += by.weight * error * error;
+            weights += by.weight;
         }
     }
     return sqrt(sum / fmax(weights, 1.0)); /* J itself, if weights make it less strict */
 }
 
+/* How much larger J can be by the yardstick than by the configuration that the search used. Infinite: an output that counts has no weight in the search. */
+static double larger_objective(const tl_lock_judge *judge) {
+    double most = 1.0;
+    for (size_t i = 0; i < judge->config->match_count; i++) {
+        const struct tl_lock_measure own = measure_of(judge->config, i);
+        const struct tl_lock_measure by = measure(judge, i);
+        double wider = own.tolerance / by.tolerance;
+        double larger = wider * wider * by.weight / own.weight;
+        if (by.weight > 0.0 && !(larger <= most)) {
+            most = isnan(larger) ? HUGE_VAL : larger;
+        }
+    }
+    return most;
+}
+
 /* A stroke is compared by its search, and within tolerance if that says so. */
-static double distance_of_stroke(const tl_record *record) {
-    bool within = record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED;
-    double size = sqrt(record->objective);
+static double distance_of_stroke(const tl_lock_judge *judge, const tl_record *record) {
+    double larger = judge->yardstick == NULL ? 1.0 : larger_objective(judge);
+    double size = sqrt(larger * record->objective);
+    bool within =
+        (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED) && (larger <= 1.0 || size < 1.0);
     return within ? 0.0 : size < 1.0 ? 1.0 : size;
 }
 
 /* How far it is off. */
 static double see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
-    double away = is_by_strokes(judge) ? distance_of_stroke(record) : distance(judge, record);
+    double away = is_by_strokes(judge) ? distance_of_stroke(judge, record) : distance(judge, record);
     part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
     part->far += away < FAR_AWAY ? 0 : 1;
     part->worst = away <= part->worst ? part->worst : away;
@@ -216,10 +245,10 @@ static void see_stride(tl_lock_judge *judge, size_t i, const tl_record *record) 
 
 /* A matched output that has gone far from one step to the next, and further than its measurement does. */
 static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *record) {
-    const tl_plan_match *match = &judge->config->match[i];
+    const struct tl_lock_measure by = measure(judge, i);
     double simulated = fabs(record->y[i] - judge->y[i]);
-    bool far = !(simulated < FAR_AWAY * match->tolerance) && !(simulated < MUCH_MORE * judge->stride[i]);
-    return far && match->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
+    bool far = !(simulated < FAR_AWAY * by.tolerance) && !(simulated < MUCH_MORE * judge->stride[i]);
+    return far && by.weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
 }
 
 static void see_outputs(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {

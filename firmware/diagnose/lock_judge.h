@@ -8,6 +8,7 @@
  * Runaway: one step is enough if an output is further from its measurement than any measurement can resolve, or is no finite number, or a search's J is none.
  * Limits:  each state is left at another limit than it is entered at, so that a twin between two of them does not chatter.
  * Usual:   what Δu is on average while the twin is in lock, learned over TL_LOCK_LEARNS parts before it is held against, and slowly ever after.
+ * Yardstick: tolerances and weights are the configuration's. A second judge can use those of another configuration (tl_lock_judge_measure_by()).
  * Thread:  plain data; one thread at a time.
  */
 #ifndef TL_FIRMWARE_DIAGNOSE_LOCK_JUDGE_H
@@ -67,6 +68,7 @@ typedef struct tl_lock_change {
 /* Fields are private. */
 typedef struct tl_lock_judge {
     const tl_config *config;
+    const tl_lock_yardstick *yardstick;      /* NULL: that of the configuration */
     tl_account_adjust adjust[TL_MAX_ADJUST]; /* kinds, steps and bounds of the adjusted variables */
     uint32_t part_steps;
     uint32_t parts; /* that are complete, TL_LOCK_PARTS at most */
@@ -96,6 +98,9 @@ tl_lock_window tl_lock_judge_window(const tl_config *config);
 
 /* `account` tells kinds, steps and bounds of what is adjusted. Both must stay, but for the account. */
 void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account);
+
+/* From the next step on the judge uses this yardstick, which must stay; NULL: that of the configuration. The window stays as well. */
+void tl_lock_judge_measure_by(tl_lock_judge *judge, const tl_lock_yardstick *yardstick);
 
 /* The twin has taken another tuning, and so has the configuration (tl_config_retune()): from the next step on. What was seen of the window stays. */
 void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning);

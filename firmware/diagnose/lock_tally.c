@@ -2,9 +2,31 @@
 #include "firmware/diagnose/lock_tally.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdio.h>
 
 enum { ENOUGH = 10 }; /* steps: some may be within tolerance by chance */
+
+bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick) {
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        const struct tl_lock_measure *by = &yardstick->match[i];
+        bool is_sound = isfinite(by->tolerance) && isfinite(by->weight) && by->weight >= 0.0 &&
+                        (by->tolerance > 0.0 || by->weight <= 0.0);
+        if (!is_sound) {
+            return false;
+        }
+    }
+    return true;
+}
+
+bool tl_lock_yardstick_is_there(const tl_lock_yardstick *yardstick) {
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        if (yardstick->match[i].weight > 0.0) {
+            return true;
+        }
+    }
+    return false;
+}
 
 const char *tl_lock_state_name(tl_lock_state state) {
     static const char *const names[TL_LOCK_STATES] = {[TL_LOCK_FREE] = "free",

@@ -7,7 +7,10 @@
 #define TL_FIRMWARE_DIAGNOSE_LOCK_TALLY_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
+
+#include "master/base/signal.h"
 
 typedef enum tl_lock_state {
     TL_LOCK_FREE,     /* nothing holds the twin: nothing is adjusted, or no matched signal is good */
@@ -29,6 +32,19 @@ typedef struct tl_lock_tally {
     uint64_t losses;                /* how often it was lost */
     uint64_t ran_away;              /* steps in which an output, or J, was beyond all measure */
 } tl_lock_tally;
+
+/* By what each matched output is judged, in the order of a configuration's `match`. A weight of 0: the output does not count. */
+typedef struct tl_lock_yardstick {
+    struct tl_lock_measure {
+        double tolerance, weight;
+    } match[TL_MAX_MATCH];
+} tl_lock_yardstick;
+
+/* Whether it can be one; it may come from another process, or from a disk. */
+bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick);
+
+/* Whether any output counts. */
+bool tl_lock_yardstick_is_there(const tl_lock_yardstick *yardstick);
 
 /* "free", "locked", …. */
 const char *tl_lock_state_name(tl_lock_state state);

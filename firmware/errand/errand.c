@@ -16,7 +16,7 @@
 /* Beside nothing, and what is printed. */
 enum { JOB = 3, ANSWER = 4 };
 
-enum { PATH, IN_FORCE, CANDIDATE, ON_THE_BOX, LIST, LIST_PATH, TEXTS };
+enum { PATH, IN_FORCE, KEPT, COMMISSIONED, CANDIDATE, ON_THE_BOX, LIST, LIST_PATH, TEXTS };
 
 /* Then come the texts, each with its NUL. */
 typedef struct job_head {
@@ -28,9 +28,10 @@ typedef struct job_head {
 /* ---- sending ---- */
 
 static tl_status make_job(const tl_errand_job *job, tl_block *block, tl_error *error) {
-    const char *const given[TEXTS] = {
-        [PATH] = job->path, [IN_FORCE] = job->in_force,  [CANDIDATE] = job->candidate, [ON_THE_BOX] = job->on_the_box,
-        [LIST] = job->list, [LIST_PATH] = job->list_path};
+    const char *const given[TEXTS] = {[PATH] = job->path,           [IN_FORCE] = job->in_force,
+                                      [KEPT] = job->kept,           [COMMISSIONED] = job->commissioned,
+                                      [CANDIDATE] = job->candidate, [ON_THE_BOX] = job->on_the_box,
+                                      [LIST] = job->list,           [LIST_PATH] = job->list_path};
     job_head head = {.memory_limit = job->memory_limit, .unconfined = job->unconfined ? 1 : 0};
     size_t size = sizeof head;
     for (size_t i = 0; i < TEXTS; i++) {
@@ -195,6 +196,8 @@ tl_status tl_errand_begin(tl_errand_job *job, tl_error *error) {
     *job = (tl_errand_job){
         .path = texts[PATH],
         .in_force = texts[IN_FORCE],
+        .kept = texts[KEPT],
+        .commissioned = texts[COMMISSIONED],
         .candidate = texts[CANDIDATE],
         .on_the_box = texts[ON_THE_BOX],
         .list = texts[LIST],

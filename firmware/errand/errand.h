@@ -22,14 +22,16 @@
 
 /* What it is sent with. Texts live during the start only. */
 typedef struct tl_errand_job {
-    const char *path;       /* of the configuration: relative names start at its folder */
-    const char *in_force;   /* text; "": there is none */
-    const char *candidate;  /* text */
-    const char *on_the_box; /* text of the configuration's file as it is now; NULL: not known, */
-    const char *list;       /* and of the administrator's list of names that are allowed (allowed_names.h), */
-    const char *list_path;  /* and where that is; NULL, of both: there is none */
-    uint64_t memory_limit;  /* bytes that the process of its FMUs may take; 0: as usual */
-    bool unconfined;        /* FMUs may do what the user can */
+    const char *path;         /* of the configuration: relative names start at its folder */
+    const char *in_force;     /* text; "": there is none */
+    const char *kept;         /* text of the version that a probation would return to; NULL: that in force */
+    const char *commissioned; /* text of the version that was commissioned last; NULL: that in force */
+    const char *candidate;    /* text */
+    const char *on_the_box;   /* text of the configuration's file as it is now; NULL: not known, */
+    const char *list;         /* and of the administrator's list of names that are allowed (allowed_names.h), */
+    const char *list_path;    /* and where that is; NULL, of both: there is none */
+    uint64_t memory_limit;    /* bytes that the process of its FMUs may take; 0: as usual */
+    bool unconfined;          /* FMUs may do what the user can */
 } tl_errand_job;
 
 typedef struct tl_errand_settings {

@@ -1,6 +1,8 @@
 /* The validator: see validator.h. */
 #include "firmware/errand/validator.h"
 
+#include <math.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -108,6 +110,115 @@ static tl_status find_change(const tl_errand_job *job, tl_verdict *verdict, tl_e
     return TL_OK;
 }
 
+/* ---- what its lock is judged by ---- */
+
+static void pass_over(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+/* Another configuration of this plant. False: it cannot be read. */
+static bool read_other(const tl_errand_job *job, const char *text, tl_config *config) {
+    tl_report report = {.add = pass_over};
+    const char *found = text[0] == '\0' ? job->in_force : text;
+    return found[0] != '\0' && tl_config_read_text(job->path, found, strlen(found), config, &report) == TL_OK;
+}
+
+/* The same output, compared with the same signal; SIZE_MAX: there is none. */
+static size_t find_match(const tl_config *config, const tl_plan_match *match) {
+    for (size_t i = 0; i < config->match_count; i++) {
+        if (strcmp(config->match[i].variable, match->variable) == 0 && strcmp(config->match[i].to, match->to) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+/* The largest error of this output alone that is called in lock (lock_judge.h): its tolerance, if nothing else has a weight. */
+static double largest_error(const tl_config *config, size_t match) {
+    double weights = 0.0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        weights += config->match[i].weight;
+    }
+    bool counts = match != SIZE_MAX && config->match[match].weight > 0.0;
+    return counts ? config->match[match].tolerance * sqrt(fmax(weights, 1.0) / config->match[match].weight) : HUGE_VAL;
+}
+
+static bool is_wider(double now, double before, double times) {
+    const double rounding = 1e-9;
+    return !(now <= times * before * (1.0 + rounding));
+}
+
+static void write_widened(const tl_plan_match *before, const tl_plan_match *now, char text[TL_VERDICT_WIDENED]) {
+    bool by_tolerance = now->tolerance > before->tolerance;
+    (void)snprintf(text, TL_VERDICT_WIDENED, "%.60s: %s %.6g → %.6g", now->variable,
+                   by_tolerance ? "tolerance" : "weight", by_tolerance ? before->tolerance : before->weight,
+                   by_tolerance ? now->tolerance : now->weight);
+}
+
+/* That of the version before, in the candidate's order. */
+static void find_yardstick(const tl_config *before, const tl_config *now, tl_verdict *verdict) {
+    for (size_t i = 0; i < now->match_count; i++) {
+        size_t at = find_match(before, &now->match[i]);
+        if (at == SIZE_MAX) {
+            continue;
+        }
+        const tl_plan_match *match = &before->match[at];
+        verdict->yardstick.match[i].tolerance = match->tolerance;
+        verdict->yardstick.match[i].weight = match->weight;
+        bool is_first = match->weight > 0.0 && verdict->widened[0] == '\0';
+        if (is_first && is_wider(largest_error(now, i), largest_error(before, at), 1.0)) {
+            write_widened(match, &now->match[i], verdict->widened);
+        }
+    }
+}
+
+/* An output for which the right to commission is needed. */
+static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double found, double most) {
+    char path[TL_JSON_PATH];
+    char text[TL_CONTROL_TEXT];
+    (void)snprintf(path, sizeof path, "synchronise.match.%.100s", match->variable);
+    if (isfinite(found)) {
+        (void)snprintf(text, sizeof text,
+                       "found an error of %.6g that is in lock, expected at most %.6g, which is %d times what was "
+                       "commissioned last: more takes the right to commission",
+                       found, most, (int)TL_VALIDATOR_WIDEST);
+    } else {
+        (void)snprintf(text, sizeof text,
+                       "found no match with %.100s that has an effect, expected that of the version that was "
+                       "commissioned last: to leave it out takes the right to commission",
+                       match->to);
+    }
+    add_problem(verdict, TL_BAD_DATA, path, text);
+    verdict->right = TL_CHANGE_BY_COMMISSION;
+}
+
+/* Whatever the version matches that was commissioned last stays matched, and is not judged much less strictly; else it takes the right to commission. */
+static void limit_widening(const tl_config *commissioned, const tl_config *now, tl_verdict *verdict) {
+    for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_CHANGE_ON_THE_BOX; i++) {
+        const tl_plan_match *match = &commissioned->match[i];
+        double limit = largest_error(commissioned, i);
+        double found = largest_error(now, find_match(now, match));
+        if (match->weight > 0.0 && is_wider(found, limit, TL_VALIDATOR_WIDEST)) {
+            add_wide(verdict, match, found, TL_VALIDATOR_WIDEST * limit);
+        }
+    }
+}
+
+static void judge_yardstick(const tl_errand_job *job, const tl_config *candidate, tl_verdict *verdict) {
+    static tl_config other;
+    if (read_other(job, job->kept, &other)) {
+        find_yardstick(&other, candidate, verdict);
+        tl_config_free(&other);
+    }
+    if (read_other(job, job->commissioned, &other)) {
+        limit_widening(&other, candidate, verdict);
+        tl_config_free(&other);
+    }
+}
+
 /* ---- the process ---- */
 
 static tl_status confine(tl_error *error) {
@@ -128,8 +239,11 @@ static tl_status judge(const tl_errand_job *job, tl_verdict *verdict, tl_error *
     const tl_lock_window window = tl_lock_judge_window(&config);
     verdict->strokes = window.strokes;
     verdict->window = window.time;
-    tl_config_free(&config);
     status = find_change(job, verdict, error);
+    if (status == TL_OK) {
+        judge_yardstick(job, &config, verdict);
+    }
+    tl_config_free(&config);
     verdict->is_valid = status == TL_OK ? 1 : 0;
     return status;
 }

@@ -6,6 +6,9 @@
 #ifndef TL_FIRMWARE_ERRAND_VALIDATOR_H
 #define TL_FIRMWARE_ERRAND_VALIDATOR_H
 
+/* By how much the right to retune may widen what is called in lock, against the version that was commissioned last. */
+enum { TL_VALIDATOR_WIDEST = 3 };
+
 /* Titles begin with it. */
 #define TL_VALIDATOR "validator"
 

@@ -32,10 +32,12 @@ bool tl_verdict_take(const tl_verdict *from, tl_verdict *verdict) {
     uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
     memcpy(verdict, from, sizeof *verdict);
     if (is_there != 1 || verdict->is_valid > 1 || verdict->kind >= TL_CHANGE_KINDS ||
-        verdict->right >= TL_CHANGE_RIGHTS || verdict->window < 0 || verdict->window > TL_VERDICT_LONGEST) {
+        verdict->right >= TL_CHANGE_RIGHTS || !tl_lock_yardstick_is_sound(&verdict->yardstick) || verdict->window < 0 ||
+        verdict->window > TL_VERDICT_LONGEST) {
         return false;
     }
     clean(verdict->name, sizeof verdict->name);
+    clean(verdict->widened, sizeof verdict->widened);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
         clean_problem(&verdict->problem[i]);
     }

@@ -13,9 +13,10 @@
 #include <stdint.h>
 
 #include "firmware/control/control_wire.h"
+#include "firmware/diagnose/lock_tally.h"
 #include "master/plan/tuning.h"
 
-enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32 };
+enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32, TL_VERDICT_WIDENED = 128 };
 
 /* Of a window: more than any configuration can have. */
 #define TL_VERDICT_LONGEST (1000000000 * TL_SECOND)
@@ -26,7 +27,7 @@ typedef struct tl_verdict {
     uint32_t kind;     /* tl_change_kind */
     uint32_t right;    /* tl_change_right */
     uint32_t
-        problems; /* that were found; of one that is valid: values that only somebody on the box may give; the first ones are listed */
+        problems; /* that were found; of one that is valid: values that its sender may lack the right to; the first ones are listed */
     uint32_t changes;           /* the same */
     uint32_t strokes;           /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
     tl_time window;             /* ns that those take */
@@ -34,6 +35,9 @@ typedef struct tl_verdict {
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */
+    tl_lock_yardstick
+        yardstick; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: there is none */
+    char widened[TL_VERDICT_WIDENED]; /* the first output that the candidate judges less strictly, and how; "": none */
 } tl_verdict;
 
 /* False: there is none, or it cannot be one. */

@@ -47,6 +47,7 @@ static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures 
         .gaps = figures->gaps,
         .deadline_misses = figures->deadline_misses,
         .lock = figures->lock,
+        .lock_before = figures->lock_before,
         .pairs = count_pairs(figures),
         .plant_is_shut = figures->shut != 0,
         .twin_failures = twin->number > twin->first ? twin->number - twin->first : 0,
@@ -54,6 +55,8 @@ static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures 
                       tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE,
     };
     snapshot->lock.state = figures->lock.state <= TL_LOCK_LOST ? figures->lock.state : TL_LOCK_FREE;
+    snapshot->lock_before.state =
+        figures->lock_before.state <= TL_LOCK_LOST ? figures->lock_before.state : TL_LOCK_FREE;
 }
 
 /* It came before the number of the twin that follows, by which failures are counted. */
@@ -176,6 +179,10 @@ static void copy_words(char *to, size_t room, const char *from) {
     (void)snprintf(to, room, "%s", from);
 }
 
+static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
+    tl_latest_publish(&tuning_of_run(context)->yardstick, yardstick, sizeof *yardstick);
+}
+
 static bool tune(void *context, const tl_activation_tuning *tuning) {
     tl_live_host *self = context;
     tl_live_tuning_head head = {.size = (uint32_t)tuning->size, .tuning = *tuning->tuning};
@@ -224,6 +231,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     copy_words(self->candidate->hash, sizeof self->candidate->hash, candidate->hash);
     copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
+    tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
     self->pulse->order.needs = (tl_live_needs){.match = candidate->needs.match,
                                                .adjust = candidate->needs.adjust,
                                                .components = candidate->needs.components,
@@ -349,6 +357,7 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
         .in_force = in_force,
         .text = running_text,
         .has_other_fmus = has_other_fmus,
+        .judge_by = judge_by,
         .tune = tune,
         .was_taken = was_taken,
         .begin_shadow = begin_shadow,

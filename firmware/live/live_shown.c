@@ -47,6 +47,7 @@ void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *statu
         .used = status->used,
         .shut = __atomic_load_n(&shown->mail->opened, __ATOMIC_ACQUIRE) == 0 ? 1 : 0,
         .lock = status->lock,
+        .lock_before = status->lock_before,
     };
     publish(shown, &figures, status->match);
 }

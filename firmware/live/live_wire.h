@@ -121,6 +121,7 @@ typedef struct tl_live_figures {
     tl_time used;       /* ns in all steps */
     uint32_t shut;      /* 1: io has not opened the sources of its configuration yet */
     tl_lock_tally lock;
+    tl_lock_tally lock_before; /* as of tl_cycle_status */
     tl_live_output output[TL_MAX_MATCH];
 } tl_live_figures;
 

@@ -35,6 +35,7 @@ static void show(tl_cycle *cycle) {
     shown->evaluations = cycle->summary.figures.evaluations;
     shown->timed_out = cycle->summary.figures.time_limited;
     shown->lock = cycle->rescue.judge.tally;
+    shown->lock_before = cycle->second.tally;
     tl_latest_publish(&cycle->published, shown, sizeof *shown);
 }
 
@@ -68,6 +69,7 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
         tl_heart_be_patient(cycle->heart, PATIENCE_WITH_BEGINNING);
         tl_twin_reset(cycle->settings.assembly->twin);
     }
+    (void)tl_lock_judge_step(&cycle->second, record);
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
@@ -118,6 +120,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     take_sample(cycle, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
     tl_lock_rescue_sample(&cycle->rescue, &sample);
+    tl_lock_judge_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     /* There the step before is complete only now, and comes before the sample. */
     bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
@@ -229,6 +232,7 @@ static void run(void *context) {
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
         tl_clock_sleep_until(instant);
+        tl_cycle_look_for_yardstick(cycle);
         tl_cycle_look_for_tuning(cycle);
         tl_cycle_look_for_flip(cycle);
         const tl_budget budget = {
@@ -296,7 +300,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
     tl_watch_init(&started->watch, config, settings->journal);
     tl_account_take(settings->assembly->twin, &account);
-    tl_lock_rescue_init(&started->rescue, config, &account);
+    tl_cycle_begin_judges(started, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
                          !settings->unreadable);

@@ -82,6 +82,7 @@ typedef struct tl_cycle_status {
     bool ended;                     /* the duration is over, or the twin failed */
     tl_record record;               /* the newest */
     tl_lock_tally lock;             /* free until it is judged */
+    tl_lock_tally lock_before;      /* the same by the yardstick of the version that a probation may return to */
 } tl_cycle_status;
 
 /* Tick 0 is due one period from now, and the run begins in the outbox; of a twin that goes on with an earlier run, its next tick at that run's own time, and

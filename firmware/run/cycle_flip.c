@@ -66,7 +66,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
         return status;
     }
     tl_account_take(settings->assembly->twin, &start.account);
-    tl_lock_rescue_init(&cycle->rescue, &settings->assembly->config, &start.account);
+    tl_cycle_begin_judges(cycle, &start.account);
     cycle->resumption = (tl_resumption){
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the one before */

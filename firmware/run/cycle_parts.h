@@ -38,6 +38,9 @@ struct tl_cycle {
     tl_summary summary;
     tl_watch watch;
     tl_lock_rescue rescue;
+    tl_lock_judge
+        second; /* judges the same steps by the yardstick of the version that a probation may return to, if there is one */
+    tl_lock_yardstick yardstick; /* of it */
     tl_checkpointer checkpointer;
     uint32_t tuned;       /* number of the tuning that was looked at last */
     bool was_tuned;       /* what is in force is not what the twin was built with, but */
@@ -59,6 +62,12 @@ void tl_cycle_keep_in_force(tl_cycle *cycle);
 
 /* A run begins after the twin was built: what is in force goes into it with its first sample, if the twin was not built with it. */
 void tl_cycle_put_in_force(tl_cycle *cycle);
+
+/* At the start of a tick: by which yardstick the second judge judges. */
+void tl_cycle_look_for_yardstick(tl_cycle *cycle);
+
+/* Both judges begin anew. */
+void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account);
 
 /* ---- cycle_flip.c ---- */
 

@@ -23,6 +23,7 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->has_tuning = cycle->has_run;
     cycle->summary.tunings++;
     tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
+    tl_lock_judge_retune(&cycle->second, &head->tuning);
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
     answer(cycle, head->number, NULL);
 }
@@ -51,6 +52,21 @@ void tl_cycle_look_for_tuning(tl_cycle *cycle) {
     if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning && has_room) {
         look_at_tuning(cycle);
     }
+}
+
+void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
+    tl_lock_yardstick found;
+    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->yardstick, &found, sizeof found)) {
+        return;
+    }
+    cycle->yardstick = found;
+    tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
+}
+
+void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
+    tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
+    tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
+    tl_cycle_look_for_yardstick(cycle);
 }
 
 void tl_cycle_keep_in_force(tl_cycle *cycle) {

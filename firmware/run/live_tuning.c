@@ -143,6 +143,6 @@ tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_h
 }
 
 void tl_live_tuning_hide_text(const tl_block *block) {
-    size_t shown = (sizeof(tl_live_tuning_head) + PAGE - 1) / PAGE * PAGE;
+    size_t shown = (offsetof(tl_live_tuning, text) + PAGE - 1) / PAGE * PAGE;
     (void)mprotect((char *)block->bytes + shown, block->size - shown, PROT_NONE);
 }

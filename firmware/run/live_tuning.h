@@ -15,8 +15,10 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "firmware/base/latest.h"
 #include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
+#include "firmware/diagnose/lock_tally.h"
 #include "firmware/process/block.h"
 #include "master/base/status.h"
 #include "master/plan/tuning.h"
@@ -36,6 +38,7 @@ typedef struct tl_live_tuning_head {
 
 typedef struct tl_live_tuning {
     tl_live_tuning_head head;
+    tl_latest yardstick; /* tl_lock_yardstick: what the twin's lock is judged by as well; zeroed: nothing else */
     char text[TL_CONFIG_MAX_BYTES + 8]; /* whole words; a NUL behind it */
 } tl_live_tuning;
 

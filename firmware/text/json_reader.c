@@ -22,6 +22,10 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size) {
     return reader;
 }
 
+bool tl_json_has(const tl_json_reader *reader, const char *key) {
+    return cJSON_GetObjectItemCaseSensitive(reader->root, key) != NULL;
+}
+
 uint64_t tl_json_count(tl_json_reader *reader, const char *key) {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
     if (cJSON_IsNumber(item) && item->valuedouble >= 0.0 && item->valuedouble < LIMIT) {

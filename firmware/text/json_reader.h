@@ -23,6 +23,9 @@ typedef struct tl_json_reader {
 /* `text` needs no terminator and passes json_text.h first. If it is refused, or memory is out, nothing is right. */
 tl_json_reader tl_json_reader_of(const char *text, size_t size);
 
+/* Whether there is a member with this key: for one that an older program did not write. */
+bool tl_json_has(const tl_json_reader *reader, const char *key);
+
 /* Of the first member with this key. A count is a number of at least 0, below 9e15, rounded down. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
 double tl_json_number(tl_json_reader *reader, const char *key);

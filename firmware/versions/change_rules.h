@@ -28,7 +28,7 @@ enum { TL_CHANGE_KINDS = TL_CHANGE_RESTART + 1 };
 typedef enum tl_change_right {
     TL_CHANGE_BY_RETUNE,     /* values */
     TL_CHANGE_BY_COMMISSION, /* what names a host, port, device, interface or component, what acts on a line's electrical side, what may remove recorded
-                                runs, and how the process is scheduled */
+                                runs, how the process is scheduled, and by what the twin is judged (what is measured, the strokes, the step; a wider tolerance: errand/validator.h) */
     TL_CHANGE_ON_THE_BOX /* what names a library or a file that nobody on the box has named, or lets FMUs out: that does not come by the network, whoever sends it */
 } tl_change_right;
 

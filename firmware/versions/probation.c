@@ -4,6 +4,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 static const tl_time MILLISECOND = TL_SECOND / 1000;
 
@@ -58,6 +59,10 @@ static uint64_t grown(uint64_t before, uint64_t now) {
     return now >= before ? now - before : now;
 }
 
+static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_probation_snapshot *snapshot) {
+    return tl_lock_yardstick_is_there(&probation->account.yardstick) ? &snapshot->lock_before : &snapshot->lock;
+}
+
 /* What has come since the last snapshot; all of it if this is another run. */
 static void count(tl_probation *probation, const tl_probation_snapshot *now) {
     static const tl_probation_snapshot beginning = {.ticks = 0};
@@ -67,8 +72,11 @@ static void count(tl_probation *probation, const tl_probation_snapshot *now) {
     account->misses += grown(last->deadline_misses, now->deadline_misses);
     account->skipped += grown(last->skipped, now->skipped);
     bool is_judged = !now->plant_is_shut && probation->settling == 0;
+    const tl_lock_tally *before = lock_before_of(probation, last);
+    const tl_lock_tally *before_now = lock_before_of(probation, now);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         account->lock[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
+        account->lock_before[i] += is_judged ? grown(before->steps[i], before_now->steps[i]) : 0;
     }
 }
 
@@ -82,15 +90,21 @@ static void measure_sight(tl_probation *probation, tl_time passed, const tl_prob
     probation->shut = now->twin_alive && now->plant_is_shut ? probation->shut + passed : 0;
 }
 
+static bool is_lost(const tl_probation_snapshot *snapshot, const tl_lock_tally *lock) {
+    return snapshot->twin_alive && lock->state == TL_LOCK_LOST;
+}
+
 /* Time counts if it was so at its beginning and at its end. */
 static void measure(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
     const tl_probation_snapshot *last = &probation->last;
     tl_time excused = least(passed, probation->grace);
-    bool is_lost = now->twin_alive && now->lock.state == TL_LOCK_LOST;
-    bool was_lost = last->twin_alive && last->lock.state == TL_LOCK_LOST;
+    bool stays_lost = is_lost(last, &last->lock) && is_lost(now, &now->lock);
+    bool stays_lost_before =
+        is_lost(last, lock_before_of(probation, last)) && is_lost(now, lock_before_of(probation, now));
     probation->grace -= excused;
     probation->settling -= least(passed, probation->settling);
-    probation->lost = is_lost && was_lost ? probation->lost + passed - excused : 0;
+    probation->lost = stays_lost ? probation->lost + passed - excused : 0;
+    probation->lost_before = stays_lost_before ? probation->lost_before + passed - excused : 0;
     probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
 }
 
@@ -114,6 +128,14 @@ static bool misses_too_much(const tl_probation_account *account) {
     return tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps);
 }
 
+enum { WIDENED = TL_PROBATION_WIDENED + 4 };
+
+/* " (motor.omega: tolerance 1 → 3)" */
+static const char *write_widened(const tl_probation_account *account, char text[WIDENED]) {
+    (void)snprintf(text, WIDENED, account->widened[0] == '\0' ? "" : " (%s)", account->widened);
+    return text;
+}
+
 /* The twin cannot be left as it is; `why` says so. */
 static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now) {
     const tl_probation_account *account = &probation->account;
@@ -131,6 +153,11 @@ static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now)
     } else if (probation->lost >= TL_PROBATION_LOST) {
         (void)snprintf(why, TL_PROBATION_WHY, "the lock was lost for %.1f s without a break",
                        tl_seconds(probation->lost));
+    } else if (probation->lost_before >= TL_PROBATION_LOST && !account->terms.must_confirm) {
+        char widened[WIDENED];
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "by the tolerances of the version before, the lock was lost for %.1f s without a break%s",
+                       tl_seconds(probation->lost_before), write_widened(account, widened));
     } else if (probation->shut >= TL_PROBATION_SHUT) {
         (void)snprintf(why, TL_PROBATION_WHY, "the plant was not read for %.0f s: its sources could not be opened",
                        tl_seconds(probation->shut));
@@ -142,6 +169,12 @@ static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now)
         (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
     }
     return why[0] != '\0';
+}
+
+static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
+    tl_lock_tally tally = {.state = TL_LOCK_FREE};
+    memcpy(tally.steps, lock, sizeof tally.steps);
+    return tl_lock_tally_percent(&tally);
 }
 
 static bool is_unjudged(const tl_probation *probation) {
@@ -157,6 +190,7 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
     const tl_probation_terms *terms = &probation->account.terms;
     double in_lock = tl_probation_in_lock(probation);
     char *why = probation->why;
+    char widened[WIDENED];
     if (terms->must_confirm) {
         (void)snprintf(why, TL_PROBATION_WHY, "nobody confirmed it");
         return end(probation, TL_PROBATION_RETURN);
@@ -167,6 +201,12 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
     }
     if (now->plant_is_shut) {
         (void)snprintf(why, TL_PROBATION_WHY, "the plant's sources could not be opened in its time");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (tl_lock_yardstick_is_there(&probation->account.yardstick) && is_lost(now, &now->lock_before)) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "by the tolerances of the version before, the lock was lost when its time was over%s",
+                       write_widened(&probation->account, widened));
         return end(probation, TL_PROBATION_RETURN);
     }
     if (terms->require_lock == 0.0) {
@@ -182,8 +222,10 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
         (void)snprintf(why, TL_PROBATION_WHY, "it was too short to tell whether the twin is in lock");
         return end(probation, TL_PROBATION_RETURN);
     }
-    (void)snprintf(why, TL_PROBATION_WHY, "in lock for %.4g %% of the steps, asked were %.4g %%", in_lock,
-                   terms->require_lock);
+    bool is_by_before = in_lock < percent_of(probation->account.lock);
+    (void)snprintf(why, TL_PROBATION_WHY, "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
+                   is_by_before ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
+                   is_by_before ? write_widened(&probation->account, widened) : "");
     return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN);
 }
 
@@ -228,9 +270,10 @@ tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why
 }
 
 double tl_probation_in_lock(const tl_probation *probation) {
-    tl_lock_tally tally = {.state = TL_LOCK_FREE};
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        tally.steps[i] = probation->account.lock[i];
-    }
-    return tl_lock_tally_percent(&tally);
+    return fmin(percent_of(probation->account.lock), percent_of(probation->account.lock_before));
+}
+
+bool tl_probation_is_lost_before(const tl_probation *probation) {
+    return tl_lock_yardstick_is_there(&probation->account.yardstick) &&
+           is_lost(&probation->last, &probation->last.lock_before);
 }

@@ -8,10 +8,13 @@
  *            restart has as many as its gap was long;
  *          - the lock is lost for TL_PROBATION_LOST without a break. In the first TL_PROBATION_GRACE, or half of its time if that is
  *            less, that does not count; nor again after it was resumed, since a twin may just have begun.
+ *          - the lock is lost for as long by the yardstick before, and nobody must confirm it;
  *          - the plant's sources could not be opened for TL_PROBATION_SHUT; or, if it is read anew, for as long, and TL_PROBATION_UNSEEN steps, nothing of what
  *            is matched was good.
  * Lock:    steps do not count as long as the plant's sources are not opened.
- * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock; else returned from. If it has computed steps and none of them was judged (event
+ * Yardstick: the lock is judged by the tolerances and weights of the new version, and by those of the version that is returned to (lock_before). So a wider
+ *          tolerance does not decide on itself.
+ * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock by both yardsticks, and the lock is not lost by the one before; else returned from. If it has computed steps and none of them was judged (event
  *          horizon: no stroke has ended), its lock is not asked.
  * Confirmed: kept at once.
  * Time:    the time that was handed in; a box may come up in 1970.
@@ -27,7 +30,8 @@
 #include "master/base/simtime.h"
 
 enum {
-    TL_PROBATION_WHY = 192,
+    TL_PROBATION_WHY = 256,
+    TL_PROBATION_WIDENED = 128,
     TL_PROBATION_FAILURE = 128,
     TL_PROBATION_UNSEEN = 10, /* steps */
     TL_PROBATION_MISSES = 3,
@@ -56,6 +60,7 @@ typedef struct tl_probation_snapshot {
     uint64_t gaps; /* times that ticks were skipped, however many at once */
     uint64_t deadline_misses;
     tl_lock_tally lock;
+    tl_lock_tally lock_before;          /* by the yardstick before; means nothing if there is none */
     uint64_t twin_failures;             /* ends that nobody asked for; */
     char failure[TL_PROBATION_FAILURE]; /* why it was the last time; "": not known */
     bool twin_alive;
@@ -68,8 +73,12 @@ typedef struct tl_probation_account {
     tl_probation_terms terms;
     uint64_t before_steps, before_misses; /* of the configuration before */
     uint64_t left_ms;
-    uint64_t steps, misses, skipped; /* on probation; */
-    uint64_t lock[TL_LOCK_STATES];   /* steps that were judged, by state */
+    uint64_t steps, misses, skipped;      /* on probation; */
+    uint64_t lock[TL_LOCK_STATES];        /* steps that were judged, by state, */
+    uint64_t lock_before[TL_LOCK_STATES]; /* and by the yardstick before; */
+    tl_lock_yardstick yardstick; /* which is this, in the order of the new version's outputs; zeroed: there is none */
+    char widened
+        [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output that it judges more strictly; "": none */
 } tl_probation_account;
 
 typedef enum tl_probation_result { TL_PROBATION_GOES_ON, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;
@@ -82,6 +91,7 @@ typedef struct tl_probation {
     bool has_last;
     tl_probation_snapshot last;
     tl_time left, grace, lost, down; /* ns */
+    tl_time lost_before;             /* as `lost`, by the yardstick before */
     tl_time settling;                /* the lock does not count for so long */
     bool reads_anew;
     tl_time shut;
@@ -114,7 +124,10 @@ tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why
 /* The rule of missed deadlines: so many of so many steps are too many, after so many of so many before. */
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
-/* Percent of the probation's steps in lock, so far. */
+/* Percent of the probation's steps in lock, so far: by the yardstick that says less. */
 double tl_probation_in_lock(const tl_probation *probation);
+
+/* By the yardstick before, the lock was lost when it was looked at last. */
+bool tl_probation_is_lost_before(const tl_probation *probation);
 
 #endif

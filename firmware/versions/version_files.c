@@ -14,7 +14,7 @@
 #include "firmware/text/json_writer.h"
 #include "firmware/versions/versions_parts.h"
 
-enum { SMALL_FILE = 16 * 1024, HASH = TL_SHA256_TEXT - 1, LOCK_KEY = 32 };
+enum { SMALL_FILE = 16 * 1024, HASH = TL_SHA256_TEXT - 1, LOCK_KEY = 32, YARDSTICK = 64 * TL_MAX_MATCH };
 
 /* ---- names ---- */
 
@@ -273,13 +273,44 @@ char *tl_version_read_text(const tl_versions *versions, const char *hash, uint64
 
 /* ---- active.json ---- */
 
-static void lock_key(int state, char key[LOCK_KEY]) {
-    (void)snprintf(key, LOCK_KEY, "lock_%s", tl_lock_state_name((tl_lock_state)state));
+static void lock_key(const char *which, int state, char key[LOCK_KEY]) {
+    (void)snprintf(key, LOCK_KEY, "%s_%s", which, tl_lock_state_name((tl_lock_state)state));
+}
+
+/* "1*0.5 2*1 ": tolerance and weight of each output, to the last bit; cut behind the last one that counts. */
+static void write_yardstick(const tl_lock_yardstick *yardstick, char text[YARDSTICK]) {
+    size_t length = 0;
+    size_t count = TL_MAX_MATCH;
+    while (count > 0 && !(yardstick->match[count - 1].weight > 0.0)) {
+        count--;
+    }
+    text[0] = '\0';
+    for (size_t i = 0; i < count; i++) {
+        length += (size_t)snprintf(text + length, YARDSTICK - length, "%.17g*%.17g ", yardstick->match[i].tolerance,
+                                   yardstick->match[i].weight);
+    }
+}
+
+/* False: it is none. */
+static bool understand_yardstick(const char *text, tl_lock_yardstick *yardstick) {
+    char *at = NULL;
+    memset(yardstick, 0, sizeof *yardstick);
+    for (size_t i = 0; i < TL_MAX_MATCH && text[0] != '\0'; i++, text = at + 1) {
+        struct tl_lock_measure *measure = &yardstick->match[i];
+        measure->tolerance = strtod(text, &at);
+        measure->weight = at[0] == '*' ? strtod(at + 1, &at) : -1.0;
+        if (at[0] != ' ') {
+            return false;
+        }
+    }
+    return text[0] == '\0' && tl_lock_yardstick_is_sound(yardstick);
 }
 
 static void write_probation(tl_json_writer *writer, const tl_version_probation *probation) {
     const tl_probation_account *account = &probation->account;
     char key[LOCK_KEY];
+    char yardstick[YARDSTICK];
+    write_yardstick(&account->yardstick, yardstick);
     tl_json_add_count(writer, "probation", probation->version);
     tl_json_add_count(writer, "return_to", probation->return_to);
     tl_json_add_count(writer, "given_s", account->terms.given_s);
@@ -292,9 +323,13 @@ static void write_probation(tl_json_writer *writer, const tl_version_probation *
     tl_json_add_count(writer, "misses", account->misses);
     tl_json_add_count(writer, "skipped", account->skipped);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key(i, key);
+        lock_key("lock", i, key);
         tl_json_add_count(writer, key, account->lock[i]);
+        lock_key("lock_before", i, key);
+        tl_json_add_count(writer, key, account->lock_before[i]);
     }
+    tl_json_add_text(writer, "yardstick", yardstick);
+    tl_json_add_text(writer, "widened", account->widened);
 }
 
 tl_status tl_version_write_active(const tl_versions *versions, tl_error *error) {
@@ -311,6 +346,17 @@ tl_status tl_version_write_active(const tl_versions *versions, tl_error *error) 
     tl_status status = tl_version_write_object(path, &writer, error);
     tl_json_writer_free(&writer);
     return status;
+}
+
+/* An older program has not written it. */
+static void understand_before(tl_json_reader *reader, tl_probation_account *account) {
+    char key[LOCK_KEY];
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        lock_key("lock_before", i, key);
+        account->lock_before[i] = tl_json_count(reader, key);
+    }
+    read_text(reader, "widened", account->widened, sizeof account->widened);
+    reader->right = understand_yardstick(tl_json_text(reader, "yardstick"), &account->yardstick) && reader->right;
 }
 
 static void understand_probation(tl_json_reader *reader, tl_version_probation *probation) {
@@ -330,8 +376,11 @@ static void understand_probation(tl_json_reader *reader, tl_version_probation *p
                     .skipped = tl_json_count(reader, "skipped")},
     };
     for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key(i, key);
+        lock_key("lock", i, key);
         account->lock[i] = tl_json_count(reader, key);
+    }
+    if (tl_json_has(reader, "yardstick")) {
+        understand_before(reader, account);
     }
 }
 

@@ -35,6 +35,20 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) 
     return find(versions, number);
 }
 
+static bool is_commissioned(const tl_version *version) {
+    bool is_good = version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE;
+    bool is_remote = version->origin == TL_VERSION_BY_NETWORK || version->origin == TL_VERSION_BY_INBOX;
+    return is_good && (!is_remote || version->right >= TL_CHANGE_BY_COMMISSION);
+}
+
+const tl_version *tl_versions_commissioned(const tl_versions *versions) {
+    size_t i = versions->count;
+    while (i > 0 && !is_commissioned(&versions->list[i - 1])) {
+        i--;
+    }
+    return i == 0 ? NULL : &versions->list[i - 1];
+}
+
 /* Room for one more. */
 static bool grow(tl_versions *versions) {
     if (versions->count < versions->room) {
@@ -245,8 +259,10 @@ void tl_versions_close(tl_versions *versions) {
 static bool is_needed(const tl_versions *versions, size_t index) {
     uint64_t number = versions->list[index].number;
     const tl_version *active = tl_versions_get(versions, versions->active);
+    const tl_version *commissioned = tl_versions_commissioned(versions);
     return index == 0 || index + 1 == versions->count || number == versions->active ||
-           number == versions->probation.return_to || (active != NULL && number == active->parent);
+           number == versions->probation.return_to || (commissioned != NULL && number == commissioned->number) ||
+           (active != NULL && number == active->parent);
 }
 
 /* Its record first: a text without one is removed when the folder is opened. */

@@ -6,8 +6,8 @@
  * Power:   each file is replaced whole, by write, fsync, rename and fsync of the folder, and active.json last. So a power cut leaves what was
  *          before or what is after. What active.json says holds: a record that does not say so yet is made to when the folder is opened.
  * Time:    of the probation is what is left of it; no date decides anything.
- * Bound:   the newest TL_VERSIONS_MOST, and TL_VERSIONS_BYTES of texts; never removed are the first, the active one, its parent, and the one that is
- *          returned to.
+ * Bound:   the newest TL_VERSIONS_MOST, and TL_VERSIONS_BYTES of texts; never removed are the first, the active one, its parent, the one that is
+ *          returned to, and the one that was commissioned last.
  * Errors:  TL_TRY_AGAIN where the disk refuses, TL_BAD_DATA where something is damaged or not there. In memory and on disk all is as before
  *          then.
  * Thread:  one thread; one process at a time has the folder open.
@@ -117,6 +117,10 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 /* By a number, or by the first digits of a hash (then the newest of that text). NULL: none is meant, or several are, and the error says
  * which. */
 const tl_version *tl_versions_find(const tl_versions *versions, const char *what, tl_error *error);
+
+/* The version that was commissioned last: the newest that was kept (or active without a probation) and that came from the box itself or needed the right to
+ * commission. NULL: there is none. How far `retune` may widen a tolerance is measured from it. */
+const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
 /* Its text with a NUL behind it, the caller's to free(); it has the version's hash and size. */
 tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **text, tl_error *error);

@@ -2,13 +2,17 @@
 """From a terminal elsewhere to a twin that runs: twinlock push, twinlock serve, a supervised run with its activator."""
 import json
 
-from live_test import Device, query
+from live_test import Device, query, wait_until
 from pushed import expect_push, push
 from retuned import Retuned, match, tolerance
 from served import Box
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
 from twinlock_test import expect, main, scratch
+
+
+BUSY = 75
+JUDGED = 500  # ticks after which the lock was judged several times (1 s each)
 
 
 class RealBox(Box):
@@ -97,6 +101,93 @@ def test_names_of_files_and_libraries():
         allowed.chmod(0o666)
         expect_push(box.push("--no-activate", change=names, role="commission"), 77, "others than root may write it")
         expect(live.active() == 1, f"{live.versions()}")
+        end_orderly(live)
+
+
+def newest_tick(live):
+    return query(live.database, "SELECT max(tick) FROM samples")[0][0]
+
+
+def expect_locked(live):
+    wait_until(lambda: "motor bench, live by Modbus TCP: locked" in live.reload(None, "--state")[1], "its lock", live.log, every=0.2)
+
+
+def test_a_tolerance_does_not_decide_on_itself():
+    """A wide one takes the right to commission, and is judged by the one before it as well: it is returned from when the plant goes away."""
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        for wide in 1e300, 1e6, 10.0:
+            found = box.push(change=tolerance(wide))
+            expect_push(found, 77, "synchronise.match.motor.omega: found an error of", "that is in lock, expected at most 3, which is 3 times", "forbidden")
+            found = box.push("--probation", "10", change=tolerance(wide), role="commission")
+            expect_push(found, 0, "in place")
+            device.omega = -400.0
+            wait_until(lambda: live.active() == 1, "the version before", live.log, every=0.2)
+            result = live.versions()[max(live.versions())][1]
+            expect(f"motor.omega: tolerance 1 → {wide:g}" in result or (wide == 10.0 and "the lock was lost" in result), result)
+            device.omega = OMEGA
+            expect_locked(live)
+        end_orderly(live)
+
+
+def test_a_wider_tolerance_is_judged_by_the_one_before():
+    """The plant is where only the new one calls it in lock: whoever may only retune cannot confirm it, and it is not kept, whatever way it came by."""
+    def in_place(_):
+        pass
+
+    def by_a_flip(document):
+        document["synchronise"]["horizon"]["prediction"] = 2
+
+    def by_a_restart(document):
+        document["name"] = "motor bench, live by Modbus TCP, once more"
+
+    def within(document):
+        match(document).update(tolerance=3.0)
+        document["synchronise"]["adjust"]["motor.d"].update(min=0.00309, max=0.00311)  # the twin stays where it is
+
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        expect_locked(live)
+        expect_push(box.push("--probation", "600", "--until-confirmed", change=within), 0)
+        device.omega = OMEGA - 2
+        since = newest_tick(live)
+        wait_until(lambda: newest_tick(live) > since + JUDGED, "its judgement", live.log, every=0.2)
+        expect_locked(live)
+        expect_push(box.push("--confirm"), 77, "by the tolerances of the version before, the lock is lost")
+        expect_push(box.push("--rollback"), 0)
+        device.omega = OMEGA
+        expect_locked(live)
+        for kind in in_place, by_a_flip, by_a_restart:
+            def change(document, kind=kind):
+                within(document)
+                kind(document)
+
+            wait_until(lambda change=change: box.push("--probation", "20", "--shadow", "2", "--restart", change=change)[0] != BUSY, "an end of the change before",
+                       live.log, every=0.5)
+            wait_until(lambda: "on probation" in live.reload(None, "--state")[1], "its probation", live.log, every=0.2)
+            device.omega = OMEGA - 2
+            wait_until(lambda: live.active() == 1, "the version before", live.log, every=0.2)
+            result = live.versions()[max(live.versions())][1]
+            expect("by the tolerances of the version before, the lock was lost for " in result and "(motor.omega: tolerance 1 → 3)" in result, f"{kind.__name__}: {result}")
+            device.omega = OMEGA
+            expect_locked(live)
+        end_orderly(live)
+
+
+def test_a_tolerance_is_not_walked_up():
+    """What `retune` may set is held against what was commissioned, and not against what `retune` has set before. Who may commission begins anew."""
+    def another(document):
+        match(document).update(tolerance=1.0, to="plant.torque")
+
+    with Device(OMEGA) as device, Retuned(device.port) as live, RealBox(live) as box:
+        wait_for_run(live, live.database, 1)
+        for value in 2.0, 3.0:
+            expect_push(box.push("--wait", "--probation", "2", change=tolerance(value)), 0, "kept")
+        expect_push(box.push(change=tolerance(4.0)), 77, "expected at most 3")
+        expect_push(box.push(change=another), 77, "synchronise.match.motor.omega: found no match with plant.omega that has an effect")
+        expect_push(box.push("--wait", "--probation", "2", change=tolerance(4.0), role="commission"), 0, "kept")
+        expect_push(box.push("--no-activate", change=tolerance(12.0)), 0)
+        expect_push(box.push("--no-activate", change=tolerance(12.1)), 77, "expected at most 12")
         end_orderly(live)
 
 

@@ -28,6 +28,11 @@ static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
     memcpy(hash, run->in_force, sizeof run->in_force);
 }
 
+static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
+    (void)context;
+    run->yardstick = *yardstick;
+}
+
 static bool tune(void *context, const tl_activation_tuning *tuning) {
     (void)context;
     memcpy(run->given, tuning->hash, sizeof run->given);
@@ -142,6 +147,7 @@ static const tl_activation_host host = {.look = look,
                                         .in_force = tell_in_force,
                                         .text = remember_text,
                                         .has_other_fmus = has_other_fmus,
+                                        .judge_by = judge_by,
                                         .tune = tune,
                                         .was_taken = was_taken,
                                         .begin_shadow = begin_shadow,
@@ -303,7 +309,8 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {
     tl_control_request request;
     size_t size = tl_played_write(text, tolerance, prediction);
     memset(&request, 0, sizeof request);
-    request.right = TL_CONTROL_MAY_COMMISSION;
+    request.right = run->right;
+    request.origin = run->right == TL_CONTROL_MAY_COMMISSION ? TL_CONTROL_BY_RELOAD : TL_CONTROL_BY_NETWORK;
     request.require_lock = -1.0;
     request.flags = flags;
     request.shadow_s = 5;
@@ -378,6 +385,7 @@ void tl_played_set(void) {
     run->events = 0;
     run->step_s = "0.01";
     run->by_strokes = false;
+    run->right = TL_CONTROL_MAY_COMMISSION;
     run->in_memory[0] = '\0';
     memset(&run->shadow, 0, sizeof run->shadow);
     run->shadow.phase = TL_ACTIVATION_SHADOW_LIVE;

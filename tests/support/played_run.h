@@ -31,7 +31,8 @@ typedef struct tl_played {
     /* The run. */
     tl_activation_view view;
     char in_force[TL_SHA256_TEXT];
-    char given[TL_SHA256_TEXT]; /* of the newest tuning; "": none */
+    char given[TL_SHA256_TEXT];  /* of the newest tuning; "": none */
+    tl_lock_yardstick yardstick; /* that its lock is judged by as well */
     tl_activation_news answer;
     bool has_restarted;
     int events;
@@ -51,6 +52,7 @@ typedef struct tl_played {
     char allowed[PATH_MAX + 32]; /* where the administrator's list is */
     const char *step_s;          /* of configurations, */
     bool by_strokes;             /* which have an event horizon */
+    tl_control_right right;      /* with which they are sent; with less than commission by the network */
 
     /* What was said to who has asked. */
     tl_control_reply said[TL_PLAYED_SAID];

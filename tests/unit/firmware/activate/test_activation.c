@@ -308,6 +308,77 @@ static void test_who_may_not(void) {
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
 }
 
+static tl_control_result retune(const char *tolerance) {
+    run->right = TL_CONTROL_MAY_RETUNE;
+    tl_control_result result = tl_played_take(tolerance, 1, 0);
+    run->right = TL_CONTROL_MAY_COMMISSION;
+    return result;
+}
+
+static void keep(void) {
+    bool is_done = false;
+    TEST_ASSERT_TRUE(tl_activation_confirm(&run->activation, "ann", &is_done));
+    TEST_ASSERT_TRUE(is_done);
+}
+
+/* Against what was commissioned, not against what is in force. */
+static void test_how_far_a_tolerance_may_be_widened(void) {
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("1e300"));
+    expect_problem("synchronise.match.motor.omega", "found an error of 1e+300 that is in lock, expected at most 3");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("3.001"));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("1, \"weight\": 0.1"));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("1, \"huber\": 0.1"));
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune(i == 0 ? "2" : "3"));
+        keep();
+    }
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("4"));
+    expect_problem("synchronise.match.motor.omega", "expected at most 3");
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("4", 1, 0));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, retune("5")); /* it is not kept yet */
+    keep();
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune("12"));
+}
+
+/* That of what is returned to, also of one that takes the place of another; and of none when it is kept. */
+static void test_what_it_is_judged_by(void) {
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune("2"));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    TEST_ASSERT_EQUAL_STRING("motor.omega: tolerance 1 → 2", run->activation.probation.account.widened);
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune("3"));
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    tl_activation_end(&run->activation);
+    memset(&run->yardstick, 0, sizeof run->yardstick);
+    tl_played_begin();
+    tl_activation_look(&run->activation);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    run->view.figures.lock_before.state = TL_LOCK_LOST;
+    tl_activation_look(&run->activation);
+    TEST_ASSERT_TRUE(tl_activation_is_lost_before(&run->activation));
+    keep();
+    TEST_ASSERT_FALSE(tl_activation_is_lost_before(&run->activation));
+    tl_activation_look(&run->activation);
+    TEST_ASSERT_FALSE(tl_lock_yardstick_is_there(&run->yardstick));
+}
+
+/* No stroke and no window can be skipped by a short probation. */
+static void test_how_short_a_probation_may_be(void) {
+    char text[TL_PLAYED_TEXT];
+    for (unsigned right = TL_CONTROL_MAY_RETUNE; right <= TL_CONTROL_MAY_COMMISSION; right++) {
+        tl_control_request request;
+        size_t size = tl_played_write(text, right == TL_CONTROL_MAY_RETUNE ? "0.5" : "0.6", 1);
+        memset(&request, 0, sizeof request);
+        request.right = right;
+        request.probation_s = 1;
+        tl_sha256(text, size, request.hash);
+        run->count = 0;
+        tl_activation_take(&run->activation, &request, text, size);
+        tl_played_look_until(tl_played_is_ended);
+        TEST_ASSERT_EQUAL_UINT32(right == TL_CONTROL_MAY_RETUNE ? 3 : 1,
+                                 run->activation.probation.account.terms.given_s);
+    }
+}
+
 int main(int argc, char **argv) {
     (void)argc;
     const char *title = tl_role_begin(argv);
@@ -332,5 +403,8 @@ int main(int argc, char **argv) {
     RUN_TEST(test_what_does_not_come_by_the_network);
     RUN_TEST(test_names_that_are_allowed);
     RUN_TEST(test_who_may_not);
+    RUN_TEST(test_how_far_a_tolerance_may_be_widened);
+    RUN_TEST(test_what_it_is_judged_by);
+    RUN_TEST(test_how_short_a_probation_may_be);
     return tl_played_close(UNITY_END());
 }

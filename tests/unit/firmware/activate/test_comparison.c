@@ -177,6 +177,16 @@ static void test_the_lock(void) {
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_judge(&comparison, 0.0, why));
 }
 
+static void test_the_lock_by_the_tolerances_before(void) {
+    now.work.figures.lock_before.steps[TL_LOCK_LOCKED] = 900;
+    now.work.figures.lock_before.steps[TL_LOCK_LOST] = 100;
+    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
+    TEST_ASSERT_TRUE(tl_comparison_is_worse(&comparison, 95.0, why));
+    TEST_ASSERT_EQUAL_STRING("by the tolerances of the version before, the new twin was in lock for 90 % of the steps, "
+                             "asked are 95 %; the run's for 100 %",
+                             why);
+}
+
 /* All steps of the shadow in one state. */
 static void lock_shadow(tl_lock_state state) {
     memset(now.work.figures.lock.steps, 0, sizeof now.work.figures.lock.steps);
@@ -265,7 +275,7 @@ static void set_outputs(uint64_t pairs, double now_off, double then_off) {
 
 static bool is_worse(void) {
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    return tl_comparison_is_worse(&comparison, why);
+    return tl_comparison_is_worse(&comparison, 95.0, why);
 }
 
 /* Its own tolerance is huge: it was in lock all the time. */
@@ -338,6 +348,7 @@ int main(void) {
     RUN_TEST(test_the_runs_twin_was_begun_again);
     RUN_TEST(test_few_misses_are_none);
     RUN_TEST(test_the_lock);
+    RUN_TEST(test_the_lock_by_the_tolerances_before);
     RUN_TEST(test_a_shadow_that_does_not_see_all);
     RUN_TEST(test_no_step);
     RUN_TEST(test_another_twin_of_the_run);

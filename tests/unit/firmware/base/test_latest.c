@@ -54,6 +54,9 @@ static void test_a_writer_that_stopped_half_way(void) {
     int data = 0;
     latest.sequence = 1;
     TEST_ASSERT_FALSE(tl_latest_read(&latest, &data, sizeof data));
+    tl_latest_publish(&latest, &(int){7}, sizeof data); /* its successor */
+    TEST_ASSERT_TRUE(tl_latest_read(&latest, &data, sizeof data));
+    TEST_ASSERT_EQUAL_INT(7, data);
 }
 
 /* ---- two threads ---- */

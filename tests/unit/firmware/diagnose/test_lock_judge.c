@@ -584,6 +584,39 @@ static void another_tuning_counts_from_the_next_step_on(void) {
     expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
 }
 
+/* Whatever the tolerance, weight and further outputs of the configuration: the yardstick is what counts. */
+static void test_another_yardstick(void) {
+    const tl_lock_yardstick yardstick = {.match[0] = {match[0].tolerance, match[0].weight}};
+    match[0].tolerance = 1e300;
+    match[0].weight = 1e-300;
+    match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1e300, .weight = 1e300};
+    config.match_count = 2;
+    tl_lock_judge_init(&judge, &config, &account);
+    many(2.0, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    tl_lock_judge_measure_by(&judge, &yardstick);
+    many(2.0, WINDOW / 2);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    many(0.5, WINDOW + PART);
+    expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
+}
+
+/* A stroke is within tolerance if its J would be below 1 by the yardstick. */
+static void test_strokes_by_another_yardstick(void) {
+    const tl_lock_yardstick yardstick = {.match[0] = {match[0].tolerance, match[0].weight}};
+    match[0].tolerance = 10 * match[0].tolerance;
+    config.event.start.signal = "plant.valve";
+    tl_lock_judge_init(&judge, &config, &account);
+    tl_lock_judge_measure_by(&judge, &yardstick);
+    many(0.09, 3);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 3 strokes are within tolerance");
+    many(0.2, 3);
+    expect_change(TL_LOCK_LOST, "50 % of the last 6 strokes are out of tolerance (limit 50 %)");
+    match[0].weight = 0.0; /* the search does not look at it */
+    many(0.0, 20);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, tally().state);
+}
+
 /* Ten parts of 0.1 s or two steps; or three strokes, however long they are. */
 static void test_the_window(void) {
     tl_lock_window window = tl_lock_judge_window(&config);
@@ -631,6 +664,8 @@ int main(void) {
     RUN_TEST(test_at_a_bound);
     RUN_TEST(test_a_slow_twin);
     RUN_TEST(test_strokes);
+    RUN_TEST(test_another_yardstick);
+    RUN_TEST(test_strokes_by_another_yardstick);
     RUN_TEST(test_a_run_shorter_than_a_window);
     RUN_TEST(test_a_twin_that_begins_anew);
     RUN_TEST(test_the_window);

@@ -68,10 +68,18 @@ static void announce(void) {
     stage.order = pulse.order.number;
 }
 
+static tl_lock_yardstick yardstick_in(size_t place) {
+    tl_lock_yardstick found;
+    TEST_ASSERT_TRUE(tl_latest_read(&tunings[place].yardstick, &found, sizeof found));
+    return found;
+}
+
 static bool begin(const char *text, const char *of) {
+    const tl_lock_yardstick yardstick = {.match[1] = {0.5, 2.0}};
     const tl_activation_candidate given = {.text = text,
                                            .size = strlen(text),
                                            .hash = of,
+                                           .yardstick = &yardstick,
                                            .needs = {.match = 3,
                                                      .adjust = 2,
                                                      .components = 4,
@@ -111,6 +119,10 @@ static void publish(uint32_t place, tl_live_figures *figures) {
 static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
     TEST_ASSERT_TRUE(begin("{ \"a\": 1 }", OTHER));
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, yardstick_in(1).match[1].tolerance);
+    functions.judge_by(functions.context, &(tl_lock_yardstick){.match[0] = {3.0, 1.0}});
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, yardstick_in(0).match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, yardstick_in(1).match[0].tolerance);
     TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, pulse.order.verb);
     TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);

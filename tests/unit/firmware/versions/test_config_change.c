@@ -189,10 +189,11 @@ static void test_what_takes_a_new_twin(void) {
 
 static void test_what_takes_new_sources(void) {
     static const one changes[] = {
-        {"\"stale_s\": 0.5", "\"stale_s\": 1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE,
-         "plant.omega.stale_s: 0.5 → 1 (new sources)"},
+        {"\"stale_s\": 0.5", "\"stale_s\": 1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
+         "plant.omega.stale_s: 0.5 → 1 (new sources, needs the right to commission)"},
         {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_NEW_SOURCES,
-         TL_CHANGE_BY_RETUNE, "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (new sources)"},
+         TL_CHANGE_BY_COMMISSION,
+         "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (new sources, needs the right to commission)"},
         {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_NEW_SOURCES,
          TL_CHANGE_BY_COMMISSION,
          "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (new sources, needs the right to commission)"},
@@ -212,8 +213,8 @@ static void test_what_takes_a_restart(void) {
     static const one changes[] = {
         {"\"name\": \"motor\"", "\"name\": \"pump\"", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
          "name: \"motor\" → \"pump\" (restart)"},
-        {"\"step_s\": 0.01", "\"step_s\": 0.02", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
-         "step_s: 0.01 → 0.02 (restart)"},
+        {"\"step_s\": 0.01", "\"step_s\": 0.02", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+         "step_s: 0.01 → 0.02 (restart, needs the right to commission)"},
         {"run.db", "/srv/run.db", TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX,
          "record.file: \"run.db\" → \"/srv/run.db\" (restart, on the box only)"},
         {"\"commit_s\": 1", "\"commit_s\": 2", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,

@@ -318,6 +318,63 @@ static void test_lost_lock(void) {
     expect_end(2.1, TL_PROBATION_RETURN, "the lock was lost for 2.0 s without a break");
 }
 
+/* In lock by its own tolerances, and in this state by those of the version before. */
+static tl_probation_result pass_before(tl_lock_state before, double seconds) {
+    tl_probation_result result = TL_PROBATION_GOES_ON;
+    for (int i = 0; i < (int)(10.0 * seconds + 0.5); i++) {
+        now.lock_before.state = before;
+        now.lock_before.steps[before] += RATE / 10;
+        result = pass();
+    }
+    return result;
+}
+
+static void begin_wider(uint32_t given_s, double require_lock, bool must_confirm) {
+    begin(given_s, require_lock, must_confirm);
+    probation.account.yardstick.match[0].tolerance = 1.0;
+    probation.account.yardstick.match[0].weight = 1.0;
+    (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "motor.omega: tolerance 1 → 3");
+}
+
+static void test_lost_by_the_tolerances_before(void) {
+    begin_wider(600, 0.0, false);
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOCKED, 20));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 2));
+    TEST_ASSERT_TRUE(tl_probation_is_lost_before(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
+    TEST_ASSERT_EQUAL_STRING("by the tolerances of the version before, the lock was lost for 2.0 s without a break "
+                             "(motor.omega: tolerance 1 → 3)",
+                             probation.why);
+}
+
+/* Nothing is asked, and its time is too short for a loss of 2 s. */
+static void test_lost_before_when_a_short_one_ends(void) {
+    begin_wider(1, 0.0, false);
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 0.9));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 0.1));
+    TEST_ASSERT_EQUAL_STRING("by the tolerances of the version before, the lock was lost when its time was over "
+                             "(motor.omega: tolerance 1 → 3)",
+                             probation.why);
+}
+
+static void test_too_little_lock_by_the_tolerances_before(void) {
+    begin_wider(10, 95.0, false);
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 1));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOCKED, 9));
+    TEST_ASSERT_EQUAL_STRING("by the tolerances of the version before, in lock for 90 % of the steps, asked were 95 % "
+                             "(motor.omega: tolerance 1 → 3)",
+                             probation.why);
+}
+
+/* A person decides, and may be slow. */
+static void test_lost_before_until_it_is_confirmed(void) {
+    begin_wider(600, 95.0, true);
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_before(TL_LOCK_LOST, 500));
+    TEST_ASSERT_TRUE(tl_probation_is_lost_before(&probation));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_before(TL_LOCK_LOST, 100));
+    TEST_ASSERT_EQUAL_STRING("nobody confirmed it", probation.why);
+}
+
 static void test_lost_with_breaks(void) {
     begin(600, 0.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(20));
@@ -428,6 +485,10 @@ int main(void) {
     RUN_TEST(test_a_gap_hides_no_misses);
     RUN_TEST(test_another_run_begins_at_0);
     RUN_TEST(test_lost_lock);
+    RUN_TEST(test_lost_by_the_tolerances_before);
+    RUN_TEST(test_lost_before_when_a_short_one_ends);
+    RUN_TEST(test_too_little_lock_by_the_tolerances_before);
+    RUN_TEST(test_lost_before_until_it_is_confirmed);
     RUN_TEST(test_lost_with_breaks);
     RUN_TEST(test_grace);
     RUN_TEST(test_grace_of_a_short_one);

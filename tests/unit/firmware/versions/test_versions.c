@@ -172,6 +172,10 @@ static void test_probation(void) {
     passed.skipped = 1;
     passed.lock[TL_LOCK_LOCKED] = 900;
     passed.lock[TL_LOCK_LOST] = 101;
+    passed.lock_before[TL_LOCK_LOST] = 500;
+    passed.yardstick.match[1].tolerance = 0.1;
+    passed.yardstick.match[1].weight = 1e300;
+    (void)snprintf(passed.widened, sizeof passed.widened, "motor.omega: tolerance 1 → 3");
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_pass(&versions, &passed, &error));
     open_here();
     expect_probation(50000);
@@ -180,7 +184,55 @@ static void test_probation(void) {
     TEST_ASSERT_EQUAL_UINT64(1, versions.probation.account.skipped);
     TEST_ASSERT_EQUAL_UINT64(900, versions.probation.account.lock[TL_LOCK_LOCKED]);
     TEST_ASSERT_EQUAL_UINT64(101, versions.probation.account.lock[TL_LOCK_LOST]);
+    TEST_ASSERT_EQUAL_UINT64(500, versions.probation.account.lock_before[TL_LOCK_LOST]);
+    TEST_ASSERT_EQUAL_MEMORY(&passed.yardstick, &versions.probation.account.yardstick, sizeof passed.yardstick);
+    TEST_ASSERT_EQUAL_STRING("motor.omega: tolerance 1 → 3", versions.probation.account.widened);
     expect_choice("one", "two", 2, false);
+}
+
+/* The file of an older program is no damaged one. */
+static void test_a_probation_without_a_yardstick(void) {
+    char path[PATH_MAX + 16];
+    begin();
+    activate(add("two"), true);
+    (void)snprintf(path, sizeof path, "%s/active.json", folder.folder);
+    char *text = tl_test_read_text(path);
+    char *key = strstr(text, "\"yardstick\"");
+    TEST_ASSERT_NOT_NULL(key);
+    key[1] = 'Y';
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    free(text);
+    open_here();
+    expect_probation(60000);
+    TEST_ASSERT_FALSE(tl_lock_yardstick_is_there(&versions.probation.account.yardstick));
+}
+
+static void keep(uint64_t number) {
+    activate(number, true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "in lock", &error));
+}
+
+/* The one that somebody who may commission has brought, and that was kept; it is not removed, however many come. */
+static void test_the_version_that_was_commissioned_last(void) {
+    char text[32];
+    begin();
+    TEST_ASSERT_EQUAL_UINT64(1, tl_versions_commissioned(&versions)->number);
+    keep(add_of("by hand", TL_VERSION_BY_HAND));
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    activate(add_of("on probation", TL_VERSION_BY_HAND), true);
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
+    for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
+        (void)snprintf(text, sizeof text, "by retune %d", i);
+        keep(add(text));
+    }
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    expect_text(2, "by hand");
 }
 
 static void expect_after(uint64_t active, tl_version_result result, const char *reason) {
@@ -767,6 +819,8 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_first_one);
     RUN_TEST(test_probation);
+    RUN_TEST(test_a_probation_without_a_yardstick);
+    RUN_TEST(test_the_version_that_was_commissioned_last);
     RUN_TEST(test_kept);
     RUN_TEST(test_returned);
     RUN_TEST(test_no_probation_is_under_way);
