@@ -62,22 +62,22 @@ static void without_a_limit_a_call_may_last_for_ever(void) {
     TEST_ASSERT_EQUAL_INT(1000, looks(1000));
 }
 
-static void asked_to_end_a_call_has_ten_seconds(void) {
+static void asked_to_end_a_call_has_five_seconds(void) {
     patience.limit = 0;
     TEST_ASSERT_EQUAL_INT(50, looks(50));
     view.asked = "SIGTERM";
     view.times = 1;
-    TEST_ASSERT_EQUAL_INT(19, looks(100));
-    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end, and FMU motor has not returned from fmi2DoStep for 34 s"));
+    TEST_ASSERT_EQUAL_INT(9, looks(100));
+    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end, and FMU motor has not returned from fmi2DoStep for 29 s"));
 }
 
-static void a_call_that_begins_after_that_has_ten_seconds_too(void) {
+static void a_call_that_begins_after_that_has_five_seconds_too(void) {
     patience.limit = 0;
     view.asked = "SIGINT";
     view.times = 1;
-    TEST_ASSERT_EQUAL_INT(15, looks(15));
+    TEST_ASSERT_EQUAL_INT(8, looks(8));
     call.begun++;
-    TEST_ASSERT_EQUAL_INT(20, looks(100));
+    TEST_ASSERT_EQUAL_INT(10, looks(100));
 }
 
 static void asked_twice_it_ends_at_once_but_not_within_a_second(void) {
@@ -86,7 +86,7 @@ static void asked_twice_it_ends_at_once_but_not_within_a_second(void) {
     view.times = 1;
     TEST_ASSERT_FALSE(look());
     view.times = 2; /* a terminal's and a supervisor's come together */
-    TEST_ASSERT_EQUAL_INT(10, looks(10));
+    TEST_ASSERT_EQUAL_INT(8, looks(8));
     view.times = 3;
     TEST_ASSERT_TRUE(look());
     TEST_ASSERT_EQUAL_STRING("asked twice to end, by SIGINT: ended at once, in FMU motor's fmi2DoStep", text);
@@ -112,8 +112,8 @@ int main(void) {
     RUN_TEST(many_calls_may_last_as_long_as_they_like);
     RUN_TEST(between_two_calls_nobody_is_waited_for);
     RUN_TEST(without_a_limit_a_call_may_last_for_ever);
-    RUN_TEST(asked_to_end_a_call_has_ten_seconds);
-    RUN_TEST(a_call_that_begins_after_that_has_ten_seconds_too);
+    RUN_TEST(asked_to_end_a_call_has_five_seconds);
+    RUN_TEST(a_call_that_begins_after_that_has_five_seconds_too);
     RUN_TEST(asked_twice_it_ends_at_once_but_not_within_a_second);
     RUN_TEST(asked_twice_without_a_call_it_ends_by_itself);
     RUN_TEST(who_was_stopped_was_not_patient);
