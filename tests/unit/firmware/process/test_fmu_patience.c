@@ -68,7 +68,7 @@ static void asked_to_end_a_call_has_five_seconds(void) {
     view.asked = "SIGTERM";
     view.times = 1;
     TEST_ASSERT_EQUAL_INT(9, looks(100));
-    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end, and FMU motor has not returned from fmi2DoStep for 29 s"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end, and FMU motor has not returned from fmi2DoStep for 30 s"));
 }
 
 static void a_call_that_begins_after_that_has_five_seconds_too(void) {
