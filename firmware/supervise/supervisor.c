@@ -32,6 +32,9 @@ static const tl_time REAPING = 30 * TL_SECOND;
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
+/* The longest pause before a recorder that is to write the rest. */
+static const tl_time PAUSE_IN_END = TL_SECOND;
+
 /* io and recorder: one that was ready, and died sooner than this, is begun again after PAUSE_FIRST; later: at once. */
 static const tl_time SHORT_LIFE = TL_SECOND;
 
@@ -587,6 +590,7 @@ static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
     bool is_buried = tl_child_is_buried(&resting->child);
     bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
+    tl_time pause = self->is_ending && resting->pause > PAUSE_IN_END ? PAUSE_IN_END : resting->pause;
     bool is_worth_a_stroke =
         now - resting->ended < resting->pause + REAPING && resting->failures < MOST_WITHOUT_PROCESS;
     if (which == TL_MEMBER_TWIN && (waits || is_worth_a_stroke)) {
@@ -594,7 +598,7 @@ static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     }
     if (self->is_ending && which != TL_MEMBER_RECORDER) {
         resting->state = ABSENT;
-    } else if (is_buried && !waits && now - resting->ended >= resting->pause) {
+    } else if (is_buried && !waits && now - resting->ended >= pause) {
         begin(self, which, now);
     }
 }

@@ -7,13 +7,14 @@ import re
 import shutil
 import signal
 import socket
+import subprocess
 import time
 from pathlib import Path
 
 import kills
 from live_test import Device, Program, check_database, number, query, stop, wait_for_lock, wait_for_steps, wait_until
 from supervised import Supervised, end_orderly, expect_starts, starts, wait_for_run
-from twinlock_test import PLAIN_LIVE, at_least, edited_config, expect, main, run, run_well, scratch, write_config
+from twinlock_test import PLAIN_LIVE, at_least, at_most, edited_config, expect, main, run, run_well, scratch, write_config
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
@@ -114,6 +115,21 @@ def test_a_stopped_supervisor_blames_nobody():
             wait_for_lock(live, database, begun)
             end_orderly(live)
             expect(live.account()["starts"] == 1, f"{live.account()}\n{live.log()}")
+
+
+def test_too_few_descriptors():
+    """Nothing can be started: one line a minute for each process, and the end does not wait for them."""
+    with Device(OMEGA) as device:
+        config, _ = live_config(device)
+        command = ["prlimit", "--nofile=30:30", os.environ["TWINLOCK"], "run", config, "--supervise", "--state", scratch() / "state"]
+        with subprocess.Popen([*map(str, command)], stderr=subprocess.PIPE, encoding="utf-8") as process:
+            time.sleep(12)
+            process.send_signal(signal.SIGTERM)
+            asked = time.monotonic()
+            _, log = process.communicate(timeout=60)
+    at_most(time.monotonic() - asked, 10, "seconds from SIGTERM to the end")
+    at_most(len(log.splitlines()), 15, "lines of the log")
+    expect(process.returncode == 75 and "the recorder cannot be started" in log and "more times" in log, f"{process.returncode}\n{log}")
 
 
 # ---- an FMU that hangs ----
