@@ -3,13 +3,14 @@
 processes die."""
 import os
 import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 from live_test import Device, Program, children, member, number, query, title, wait_until
 from retuned import Retuned, events, match, tolerance
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, expect, main
+from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, at_most, expect, main
 
 PROBATION = "--probation", "2"
 
@@ -259,6 +260,22 @@ def test_deaths_on_probation():
         end_orderly(live)
         expect_whole(read(live.database))
         expect(number(live.database, "SELECT count(*) FROM tunings") >= 1, "no tuning")
+
+
+def test_a_client_after_many_kills():
+    """An activator that was killed eight times within seconds: the next client has its answer soon."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(tolerance(0.8)), "--until-confirmed", "--probation", "600")
+        expect(code == 0, f"{code}\n{out}{err}")
+        for _ in range(8):
+            os.kill(member(live, "activator"), signal.SIGKILL)
+            asked = time.monotonic()
+            code, out, err = live.reload(None, "--state")
+            at_most(time.monotonic() - asked, 5, "seconds until the client has its answer (2 beside nothing else)")
+            expect(code == 0 and "on probation" in out, f"{code}\n{out}{err}")
+        end_orderly(live)
+        expect(live.log().count("the activator failed") <= 3, live.log())
 
 
 def test_the_supervisor_is_killed():
