@@ -24,6 +24,7 @@ typedef struct logged_line {
     uint64_t hash;
     unsigned process; /* that printed it the last time */
     unsigned repeats; /* by later processes, which were not logged */
+    bool is_loop;     /* a later process has repeated it within QUIET */
     tl_time time;
 } logged_line;
 
@@ -70,11 +71,13 @@ static logged_line *find_line(ear *listening, uint64_t hash) {
     return oldest;
 }
 
-/* A process may repeat itself: only what the one before has printed is counted instead. */
-static bool is_repeated(ear *listening, logged_line *line, tl_time now) {
-    bool is = line->process != listening->process && line->time != 0 && now - line->time < QUIET;
+/* A process may repeat itself, and so may its first successor. What further ones repeat is counted instead. */
+static bool is_to_be_counted(ear *listening, logged_line *line, tl_time now) {
+    bool is_repeated = line->process != listening->process && line->time != 0 && now - line->time < QUIET;
+    bool was_loop = line->is_loop;
     line->process = listening->process;
-    return is;
+    line->is_loop = is_repeated || (was_loop && line->repeats > 0);
+    return is_repeated && was_loop;
 }
 
 static void pass(void *context, const char *line) {
@@ -84,7 +87,7 @@ static void pass(void *context, const char *line) {
     int level = tl_log_level_of(line, &text);
     tl_time now = tl_clock_now(NULL);
     logged_line *entry = find_line(listening, hash_of(line));
-    if (is_repeated(listening, entry, now)) {
+    if (is_to_be_counted(listening, entry, now)) {
         entry->repeats++;
         return;
     }

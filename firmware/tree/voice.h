@@ -2,7 +2,8 @@
  *
  * Purpose: io, recorder and activator print into pipes; what comes out is logged here, line by line. So only the supervisor holds the terminal, and no line is
  *          smeared by the status line, which is drawn here as well. Processes of twins that are over are cleared away here, since that may wait.
- * Repeats: a process that is begun again prints the lines of the one before. Each such line is logged once a minute, with a count.
+ * Repeats: a process that is begun again prints the lines of the one before. From the third process on each such line is logged once a minute, with a
+ *          count.
  * Priority: ordinary, whatever that of the supervisor is.
  * Thread:  all functions: the supervisor's. None waits for the voice, but for the end.
  */

@@ -146,6 +146,23 @@ def test_io_is_killed():
     killed(*["io"] * 3)
 
 
+def test_a_restart_loop_writes_few_lines():
+    """Of io, killed eight times: the supervisor's line once, the lines of the process itself twice, and in the end how often."""
+    with Device(OMEGA) as device:
+        config, database = configuration(device.port)
+        with Tree(config) as live:
+            wait_for_run(live, database, 1)
+            for _ in range(8):
+                live.kill_one("io")
+                time.sleep(0.5)
+            live.wait_for_tick(database)
+            end_orderly(live)
+            log = live.log()
+    connected = log.count("connected")
+    expect(connected in (1, 2), f"{connected} lines of io\n{log}")
+    expect(log.count("the reading of the plant failed: ") == 1 and log.count("the reading of the plant failed 7 more times") == 1, log)
+
+
 def test_the_twin_is_killed():
     killed(*["twin"] * 4)
 
