@@ -29,7 +29,8 @@ def test_power_cuts():
 
 def show_in_a_row(number, figures):
     missing = "no sample of its run is there yet" if figures["missing"] is None else f"{figures['missing']} samples missing"
-    print(f"    boot {number}, start {figures['starts']}: {figures['locked']} steps in lock, {missing}; "
+    back = "not in lock yet" if figures["back_s"] is None else f"in lock after {figures['back_s']:.1f} s"
+    print(f"    boot {number}, start {figures['starts']}: {back}, {figures['locked']} steps in lock, {missing}; "
           + (f"cut {figures['after_s']:.1f} s after its start" if figures["after_s"] > 0 else "came back"), flush=True)
 
 
@@ -98,9 +99,10 @@ def by_hand(count, seed):
 def in_a_row_by_hand(count, seed):
     table = cuts_in_a_row(count, seed, show_in_a_row)
     missing = sorted(figures["missing"] for figures in table if figures["missing"] is not None)
-    print(f"{len(table)} cuts of one disk (seed {seed}): each start was counted, none was a failure, none was safe hold, and the last boot was in lock; "
-          f"{len(missing)} boots were in lock when they were cut, and missed {missing[len(missing) // 2] if missing else 0} samples of 10 ms (median), at most "
-          f"{max(missing, default=0)}")
+    back = sorted(figures["back_s"] for figures in table if figures["back_s"] is not None)
+    print(f"{len(table) - 1} cuts of one disk (seed {seed}): each start was counted, none was a failure, none was safe hold, and the last boot was in lock. {len(back)} boots "
+          f"were in lock, {back[0]:.1f} to {back[-1]:.1f} s after their start (the first one {table[0]['back_s'] or 0:.1f} s; median {back[len(back) // 2]:.1f} s). Samples of 10 ms "
+          f"missing: median {missing[len(missing) // 2] if missing else 0:.0f}, most {max(missing, default=0):.0f}")
 
 
 def retuned_by_hand(count, seed):

@@ -203,7 +203,7 @@ IN_A_ROW_S = 1.0, 20.0  # from the start of the supervisor to the cut
 MOST_MISSING_IN_A_ROW = 50  # samples of 10 ms
 SERVED_BY_RUN = """SELECT max(value) FROM samples JOIN signals USING (run, signal)
                    WHERE kind = 'plant' AND name = 'plant.count' AND quality = ? AND run = ?"""
-HOLDS = "SELECT count(*) FROM runs WHERE verb = 'hold'"
+HOLDS = "SELECT count(*) FROM events WHERE text LIKE 'safe hold: %'"
 
 
 def check_in_a_row(disk, told, boots):
@@ -229,20 +229,21 @@ def check_in_a_row(disk, told, boots):
 
 
 def cuts_in_a_row(count, seed, each=lambda number, figures: None, patience_s=PATIENCE_S):
-    """One box, whose power is cut so often on the same disk, and which must come back each time: at last it is in lock. Returns the figures of the cuts."""
+    """One box, whose power is cut so often on the same disk, and which must come back each time: at last it is in lock. Returns the figures of all boots."""
     sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
     import guest  # pylint: disable=import-outside-toplevel
     chance, table = random.Random(seed), []
     disk = make_disk(scratch())
     for boot in range(1, count + 2):
         is_last = boot == count + 1
-        moment, after_s = (("locked", 20), 0.0) if is_last else (("started", 0), chance.uniform(*IN_A_ROW_S))
+        moment, after_s = (("back", 0), 0.0) if is_last else (("started", 0), chance.uniform(*IN_A_ROW_S))
         _, told = record_and_cut(guest, scratch(), after_s, patience_s, "come_back.py", (moment,), disk)
         missing, account = check_in_a_row(disk, told, boot)
-        table.append({"after_s": after_s, "missing": missing, "locked": told.get("locked", 0), "starts": account["starts"]})
+        table.append({"after_s": after_s, "missing": missing, "locked": told.get("locked", 0), "starts": account["starts"],
+                      "back_s": told["back"] / 1000 if "back" in told else None})
         each(boot, table[-1])
     disk.unlink()
-    return table[:-1]
+    return table
 
 
 def cuts(count, seed, each=lambda number, figures: None, late=lambda number, why: None, patience=lambda number: PATIENCE_S):

@@ -6,6 +6,7 @@ Tells on standard output, a line each time:
   committed N    as record.py
   begun N        as record.py
   locked N       N steps of this boot's runs were within tolerance, as a reader of the database sees
+  back N         20 of them N ms after the supervisor was begun
 """
 import time
 
@@ -31,6 +32,7 @@ def main():
         before = count(database, "SELECT count(*) FROM runs")
         with Supervised(config, state=DISK / "state") as live:
             say("started", before)
+            begin, is_back = time.monotonic(), False
             while True:
                 for _ in range(4):
                     say("served", device.served)
@@ -39,7 +41,11 @@ def main():
                     say("begun", start)
                 if (tick := committed(database)) is not None:
                     say("committed", tick)
-                say("locked", count(database, "SELECT count(*) FROM steps WHERE run > ? AND outcome IN (?, ?)", before, FIRST_GUESS, OPTIMISED))
+                locked = count(database, "SELECT count(*) FROM steps WHERE run > ? AND outcome IN (?, ?)", before, FIRST_GUESS, OPTIMISED)
+                say("locked", locked)
+                if locked >= 20 and not is_back:
+                    is_back = True
+                    say("back", round(1000 * (time.monotonic() - begin)))
 
 
 if __name__ == "__main__":
