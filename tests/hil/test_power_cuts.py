@@ -97,7 +97,7 @@ def by_hand(count, seed):
 
 
 def in_a_row_by_hand(count, seed):
-    table = cuts_in_a_row(count, seed, show_in_a_row)
+    table = cuts_in_a_row(count, seed, show_in_a_row, most_missing=50)
     missing = sorted(figures["missing"] for figures in table if figures["missing"] is not None)
     back = sorted(figures["back_s"] for figures in table if figures["back_s"] is not None)
     print(f"{len(table) - 1} cuts of one disk (seed {seed}): each start was counted, none was a failure, none was safe hold, and the last boot was in lock. {len(back)} boots "

@@ -200,13 +200,12 @@ def one_cut(guest_module, after_s, patience_s=PATIENCE_S):
 
 
 IN_A_ROW_S = 1.0, 20.0  # from the start of the supervisor to the cut
-MOST_MISSING_IN_A_ROW = 50  # samples of 10 ms
 SERVED_BY_RUN = """SELECT max(value) FROM samples JOIN signals USING (run, signal)
                    WHERE kind = 'plant' AND name = 'plant.count' AND quality = ? AND run = ?"""
 HOLDS = "SELECT count(*) FROM events WHERE text LIKE 'safe hold: %'"
 
 
-def check_in_a_row(disk, told, boots):
+def check_in_a_row(disk, told, boots, most_missing):
     """After boot `boots`, which was cut: (samples missing or None if its run has none yet, account). Nothing is lost, and nothing holds."""
     folder = scratch()
     copy = folder / "disk.img"
@@ -224,11 +223,11 @@ def check_in_a_row(disk, told, boots):
         return None, account
     seen = number(database, SERVED_BY_RUN, GOOD, number(database, "SELECT max(run) FROM runs"))
     missing = told["served"] - (seen or 0)
-    expect(missing <= MOST_MISSING_IN_A_ROW, f"boot {boots}: {missing} samples are missing")
+    expect(missing <= most_missing, f"boot {boots}: {missing} samples are missing")
     return max(0, missing), account
 
 
-def cuts_in_a_row(count, seed, each=lambda number, figures: None, patience_s=PATIENCE_S):
+def cuts_in_a_row(count, seed, each=lambda number, figures: None, most_missing=MOST_MISSING, patience_s=PATIENCE_S):
     """One box, whose power is cut so often on the same disk, and which must come back each time: at last it is in lock. Returns the figures of all boots."""
     sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
     import guest  # pylint: disable=import-outside-toplevel
@@ -238,7 +237,7 @@ def cuts_in_a_row(count, seed, each=lambda number, figures: None, patience_s=PAT
         is_last = boot == count + 1
         moment, after_s = (("back", 0), 0.0) if is_last else (("started", 0), chance.uniform(*IN_A_ROW_S))
         _, told = record_and_cut(guest, scratch(), after_s, patience_s, "come_back.py", (moment,), disk)
-        missing, account = check_in_a_row(disk, told, boot)
+        missing, account = check_in_a_row(disk, told, boot, most_missing)
         table.append({"after_s": after_s, "missing": missing, "locked": told.get("locked", 0), "starts": account["starts"],
                       "back_s": told["back"] / 1000 if "back" in told else None})
         each(boot, table[-1])

@@ -8,6 +8,7 @@ Tells on standard output, a line each time:
   locked N       N steps of this boot's runs were within tolerance, as a reader of the database sees
   back N         20 of them N ms after the supervisor was begun
 """
+import os
 import time
 
 import live_test
@@ -28,12 +29,13 @@ def main():
     config, database = DISK / "config.json", DISK / "twin.db"
     if not config.exists():
         config.write_text(power_cuts.configuration(PORT, 1), encoding="utf-8")
+        os.sync()
     with CountingDevice(power_cuts.OMEGA, port=PORT) as device:
         before = count(database, "SELECT count(*) FROM runs")
         with Supervised(config, state=DISK / "state") as live:
             say("started", before)
             begin, is_back = time.monotonic(), False
-            while True:
+            while live.process.poll() is None:
                 for _ in range(4):
                     say("served", device.served)
                     time.sleep(0.05)
