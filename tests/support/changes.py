@@ -36,8 +36,9 @@ def moving(device):
 
 
 def in_place(document, order):
+    """A wider tolerance would be judged by the one before, too, and undone."""
     synchronise = document["synchronise"]
-    match(document)["tolerance"] = round(order.uniform(0.5, 1.5), 6)
+    match(document)["tolerance"] = round(order.uniform(0.98, 1.0) * match(document)["tolerance"], 6)
     synchronise["adjust"]["motor.d"]["nominal"] = round(order.uniform(0.002, 0.004), 9)
     synchronise["budget"]["evaluations"] = order.randrange(20, 61)
 
