@@ -39,7 +39,7 @@ static bool is_unconfined(const tl_errand_job *job, const tl_config *config) {
     return unconfined;
 }
 
-/* Errors: those of the check. *crashed: the process of the FMUs ended in it, or was killed because it hung. */
+/* Errors: those of the check. *crashed: the process of the FMUs ended in it, or was killed because it hung; not if another process killed it. */
 static tl_status check(const trial *self, FILE *page, bool *crashed, tl_error *error) {
     const tl_twin_job order = {
         .task = TL_TASK_CHECK,
@@ -67,7 +67,8 @@ static tl_status check(const trial *self, FILE *page, bool *crashed, tl_error *e
     if (child != NULL && status == TL_OK && !self->of_states) {
         status = tl_twin_child_wait(child, error);
     }
-    *crashed = child != NULL && status == TL_FMU_FAILED && tl_twin_child_is_gone(child);
+    *crashed = child != NULL && status == TL_FMU_FAILED && tl_twin_child_is_gone(child) &&
+               !tl_twin_child_was_killed_by_others(child);
     tl_twin_child_close(child);
     return status;
 }

@@ -46,6 +46,7 @@ typedef struct tl_live_job {
     uint64_t starts;
     uint64_t restarts;
     unsigned failures;
+    unsigned missing; /* starts in a row that got no process */
     char reason[TL_RESTARTS_REASON];
 } tl_live_job;
 

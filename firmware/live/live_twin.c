@@ -380,6 +380,7 @@ static void hold(live_twin *self) {
         .beats = &self->shared.pulse->beats,
         .heart = self->heart,
         .failures = self->shared.job.failures + self->shared.job.tries,
+        .missing = self->shared.job.missing,
         .time = self->shared.job.hold_time,
         .reason = self->shared.job.reason,
         .records = self->shared.job.database[0] != '\0',

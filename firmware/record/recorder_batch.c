@@ -343,12 +343,11 @@ static int64_t count_missing(const tl_recorder_batch *batch, int64_t end) {
     return can && end > next_tick(batch) ? end - next_tick(batch) : 0;
 }
 
-/* Below which tick none may be missing any more: the twin, or its successor, will put the others. At the end of a queue that is corrupted nobody will. */
+/* Below which tick none may be missing any more: the twin, or its successor, will put the others. In the end nobody will. */
 static int64_t oldest_awaited(const tl_recorder_batch *batch) {
     static const tl_time margin = 2 * TL_SECOND;
     tl_time lag = batch->settings.plant.kept - batch->settings.file->record->commit - margin;
-    bool is_cut = batch->next.is_cut || !tl_recorder_inbox_is_whole(batch->settings.inbox);
-    lag = batch->is_last && is_cut ? 0 : lag > TL_SECOND ? lag : TL_SECOND;
+    lag = batch->is_last ? 0 : lag > TL_SECOND ? lag : TL_SECOND;
     return tick_at(batch, tl_clock_now(NULL) - lag);
 }
 

@@ -48,7 +48,7 @@ static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
 static const char *why_lost(const tl_recorder_writer *writer) {
     return writer->was_corrupted || tl_recorder_state_mark(writer->state)->is_cut
                ? "their queue was corrupted"
-               : "they came faster than the disk takes them";
+               : "they came faster than the recorder could write them";
 }
 
 static void say_loss(tl_recorder_writer *writer, const char *why) {

@@ -35,12 +35,12 @@ static void describe(const tl_safe_hold_settings *settings, tl_time left, char t
                        "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
         return;
     }
-    (void)snprintf(
-        text, TL_HEARTBEAT_STATUS,
-        "safe hold: the twin failed %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
-        "start the run. Last failure: %s",
-        settings->failures, seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded,
-        settings->reason);
+    (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                   "safe hold: %s %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
+                   "start the run. Last failure: %s",
+                   settings->missing > 0 ? "the twin could not be started" : "the twin failed",
+                   settings->missing > 0 ? settings->missing : settings->failures,
+                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded, settings->reason);
 }
 
 void tl_safe_hold(const tl_safe_hold_settings *settings) {

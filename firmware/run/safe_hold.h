@@ -22,6 +22,7 @@ typedef struct tl_safe_hold_settings {
     tl_heartbeats *beats;
     tl_heart *heart;    /* of the thread */
     tl_time time;       /* until the supervisor tries the twin again */
+    unsigned missing;   /* starts in a row that got no process; 0: the twin failed */
     unsigned failures;  /* of this loop, */
     const char *reason; /* and why the last of them */
     bool records;       /* somebody writes down what goes into the outbox */

@@ -78,12 +78,16 @@ void tl_child_ask(tl_child *child, int signal) {
     (void)kill(child->pid, signal);
 }
 
+tl_time tl_child_passed(tl_time passed) {
+    return passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
+}
+
 /* It is deaf, or hangs with a heart that beats or has more patience than we have now. */
 void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
     if (!child->asked) {
         return;
     }
-    child->asking += passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
+    child->asking += tl_child_passed(passed);
     if (child->asking > grace && !child->killed) {
         (void)snprintf(child->fault, sizeof child->fault, "it was told to end, and was still there %.0f s later",
                        tl_seconds(grace));

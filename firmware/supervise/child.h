@@ -69,6 +69,9 @@ void tl_child_kill_late(tl_child *child);
 /* Asks it to end, each time anew, and gives it as much time again. */
 void tl_child_ask(tl_child *child, int signal);
 
+/* Time between two looks as a patience counts it: without what this process was stopped. */
+tl_time tl_child_passed(tl_time passed);
+
 /* `passed` of its life since the last look. Asked to end, and still there after `grace`, it is killed. */
 void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
 

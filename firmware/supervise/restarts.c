@@ -196,6 +196,11 @@ void tl_restarts_begin(tl_restarts *restarts, bool again) {
     keep(restarts, true);
 }
 
+void tl_restarts_undo(tl_restarts *restarts, bool again) {
+    restarts->starts--;
+    restarts->restarts -= again ? 1 : 0;
+}
+
 void tl_restarts_excuse(tl_restarts *restarts, const char *reason) {
     (void)snprintf(restarts->reason, sizeof restarts->reason, "%s", reason);
 }

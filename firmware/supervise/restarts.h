@@ -51,6 +51,9 @@ tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *resta
 /* A start of the twin; `again`: after a failure. */
 void tl_restarts_begin(tl_restarts *restarts, bool again);
 
+/* No process could be started: takes the newest start back, with its `again`; the next start keeps that. */
+void tl_restarts_undo(tl_restarts *restarts, bool again);
+
 /* The twin's process has ended, and nobody had asked for that. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
 

@@ -44,7 +44,10 @@ static const tl_time STATUS = 5 * TL_SECOND;
 
 /* What a process may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
  * be kept then, is better than to be killed. */
-static const tl_time GRACE = TL_FMU_PATIENCE_END + (TL_PROCESS_END_S + 1) * TL_SECOND;
+static const tl_time GRACE = TL_FMU_PATIENCE_END + TL_SECOND;
+
+/* The same, of all processes together: each has what those before it have left, but GRACE_AGAIN at least. */
+static const tl_time GRACE_OF_ALL = 8 * TL_SECOND;
 
 /* The same, of one that is asked again: nobody is patient any more. */
 static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
@@ -52,8 +55,9 @@ static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
 /* A restart loop writes one line in this time. */
 static const tl_time QUIET = 60 * TL_SECOND;
 
-/* The same, of io that makes room for another one. */
+/* The same, of io that makes room for another one, or ends: nothing of it is kept. */
 static const tl_time GRACE_OF_IO = TL_SECOND / 2;
+static const tl_time GRACE_OF_LAST_IO = TL_SECOND;
 
 /* Signals that come within this time, from a terminal and who watches over us, ask once. */
 static const tl_time AGAIN = TL_SECOND;
@@ -65,6 +69,9 @@ enum { LAST_TRIES = 3 };
 
 /* A twin for which no process could be started so often, which takes about 5 min, is worth no stroke any more: a reset may help. */
 enum { MOST_WITHOUT_PROCESS = 40 };
+
+/* Safe hold that got a process shows that there are processes again: so much shorter is the first one that is for want of them. */
+enum { SHORTER_HOLD = 12 };
 
 typedef enum state {
     ABSENT,  /* there is no such member, or not any more */
@@ -106,6 +113,7 @@ typedef struct supervisor {
     tl_time stopped;  /* when */
     bool hurries;     /* asked again */
     bool is_ending;   /* all end, for that reason or another one */
+    tl_time ending;   /* for how long, without the time in which this process was stopped */
     int code;         /* what the run ends with, as far as that is known */
     int tries;        /* recorders that have died in that end */
     bool held;        /* the twin that lives holds, */
@@ -217,7 +225,8 @@ static void say_failures(supervisor *self, tl_member which, tl_time now) {
     if (failed->said != 0 && failed->unsaid > 1) {
         (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unsaid);
     }
-    (void)snprintf(text, sizeof text, "%s failed%s: %s; another one is begun", name_of[which], times, failed->failure);
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which], times, failed->failure,
+                   failed->state == ABSENT ? "" : "; another one is begun");
     tl_log(TL_LOG_ERROR, "%s", text);
     self->settings->tell(self->settings->context, text);
     failed->unsaid = 0;
@@ -238,15 +247,17 @@ static tl_wait wait_of(const supervisor *self) {
 /* What a twin that begins is told; from now on the account knows of it. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
-    const unsigned missing = twin_of(self)->failures;
-    tl_start start = {.restarts = &self->restarts, .again = self->restarts.failures > 0 || self->is_excused};
-    start.failures = missing > self->restarts.failures ? missing : self->restarts.failures;
-    bool is_loop = start.failures >= TL_RESTARTS_MOST;
+    tl_start start = {.restarts = &self->restarts,
+                      .again = self->restarts.failures > 0 || self->is_excused,
+                      .failures = self->restarts.failures,
+                      .missing = twin_of(self)->failures};
+    bool is_failing = start.failures >= TL_RESTARTS_MOST;
+    bool is_loop = is_failing || start.missing >= TL_RESTARTS_MOST;
     bool holds = is_loop && !self->retries;
     self->waits = !holds && wait_of(self) != TL_WAIT_OVER;
     self->held = holds || self->waits;
     start.hold = self->held;
-    start.hold_time = tl_restarts_hold_time(&self->restarts, first);
+    start.hold_time = tl_restarts_hold_time(&self->restarts, is_failing ? first : first / SHORTER_HOLD);
     start.waits = self->waits;
     if (!self->waits) {
         self->retries = false;
@@ -257,7 +268,7 @@ static tl_start start_of_twin(supervisor *self) {
 }
 
 /* The kernel gave no process: no failure of the member. Nothing is begun for ever in the end. */
-static void note_no_process(supervisor *self, tl_member which, tl_time now, const tl_error *error) {
+static void note_no_process(supervisor *self, tl_member which, tl_time now, bool again, const tl_error *error) {
     member *missing = self->members[which];
     bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
     if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->alone)) {
@@ -270,6 +281,7 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, cons
     }
     missing->failures++;
     if (which == TL_MEMBER_TWIN) {
+        tl_restarts_undo(&self->restarts, again);
         self->is_excused = true;
         tl_restarts_excuse(&self->restarts, error->text);
     }
@@ -292,7 +304,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     }
     pid_t pid = self->settings->begin(self->settings->context, which, &start, &error);
     if (pid == 0) {
-        note_no_process(self, which, now, &error);
+        note_no_process(self, which, now, start.again, &error);
         return;
     }
     tl_child_begin(&begun->child, pid);
@@ -533,7 +545,12 @@ static tl_time grace_of(supervisor *self, tl_member which) {
     if (self->hurries || (which == TL_MEMBER_SHADOW && self->is_ending)) {
         return GRACE_AGAIN;
     }
-    return which == TL_MEMBER_IO && self->members[which]->is_changed ? GRACE_OF_IO : GRACE;
+    if (which == TL_MEMBER_IO) {
+        return self->members[which]->is_changed ? GRACE_OF_IO : GRACE_OF_LAST_IO;
+    }
+    tl_time left = GRACE_OF_ALL - (self->ending - self->members[which]->child.asking);
+    left = left < GRACE ? left : GRACE;
+    return left > GRACE_AGAIN ? left : GRACE_AGAIN;
 }
 
 /* Has it been silent for too long? Alone the limit is another one, since nobody would begin another twin; and not if somebody holds it. */
@@ -753,6 +770,7 @@ static int supervise(supervisor *self) {
         for (tl_member which = 0; which < TL_MEMBERS; which++) {
             look_at(self, which, now, now - looked);
         }
+        self->ending += self->is_ending ? tl_child_passed(now - looked) : 0;
         looked = now;
         look_for_orders(self, now);
         if (self->is_ending && go_on_ending(self, now)) {

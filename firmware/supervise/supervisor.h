@@ -57,7 +57,8 @@ typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_ME
 /* What a twin is told at its start. */
 typedef struct tl_start {
     const tl_restarts *restarts; /* which start this is, and why */
-    unsigned failures;           /* of the twin, or starts in a row that got no process */
+    unsigned failures;           /* of the twin, */
+    unsigned missing;            /* and starts in a row that got no process */
     bool again;                  /* after a failure */
     bool hold;                   /* safe hold, */
     tl_time hold_time;           /* and for how long, until the twin is tried again */

@@ -204,6 +204,7 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.starts = start->restarts->starts;
     job.restarts = start->restarts->restarts;
     job.failures = start->failures;
+    job.missing = start->missing;
     job.tries = start->restarts->tries;
     memcpy(job.reason, start->restarts->reason, sizeof job.reason);
     return job;

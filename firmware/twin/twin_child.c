@@ -66,6 +66,11 @@ static void describe_place(const tl_twin_child *child, char *text, size_t size) 
     }
 }
 
+bool tl_twin_child_was_killed_by_others(const tl_twin_child *child) {
+    char why[TL_TWIN_WARDEN_TEXT];
+    return tl_twin_process_role(child->process)->signal == SIGKILL && !tl_twin_process_was_killed(child->process, why);
+}
+
 /* It has ended, and should not have. */
 static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     const tl_role *role = tl_twin_process_role(child->process);

@@ -104,6 +104,9 @@ bool tl_twin_child_was_refused(const tl_twin_child *child);
 /* It is at its end, and was told how. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);
 
+/* After that: it was ended by SIGKILL, and not by this process. The kernel does so if memory is short. */
+bool tl_twin_child_was_killed_by_others(const tl_twin_child *child);
+
 /* After that: waits until the FMUs are freed and the process has ended. Errors: TL_FMU_FAILED if it did not end as it should. */
 tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error);
 

@@ -50,7 +50,7 @@ def test_a_run_that_ends_without_a_twin():
             wait_for_run(live, config.parent / "twin.db", 1)
             shutil.rmtree(live.process.temporary)
             os.kill(live.child(), signal.SIGKILL)
-            live.wait_for("safe hold: the twin failed 5 times")
+            live.wait_for("safe hold: the twin could not be started 5 times")
             live.process.temporary.mkdir()
             code, _, log = live.end(signal.SIGTERM)
     expect(code == NOT_LOCKED and "the run ended without a twin: it was not in lock" in log, f"{code}\n{log}")

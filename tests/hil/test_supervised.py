@@ -217,7 +217,7 @@ def test_safe_hold_without_record():
         live.wait_for("nothing is recorded: the configuration has no")
         shutil.rmtree(live.process.temporary)
         os.kill(live.child(), signal.SIGKILL)
-        live.wait_for("safe hold: the twin failed 5 times")
+        live.wait_for("safe hold: the twin could not be started 5 times")
         live.wait_for("The plant is read; nothing is recorded.")
         live.process.temporary.mkdir()
         end_orderly(live)
@@ -231,7 +231,7 @@ def test_safe_hold_needs_no_place():
             wait_for_run(live, database, 1)
             shutil.rmtree(live.process.temporary)
             os.kill(live.child(), signal.SIGKILL)
-            live.wait_for("safe hold: the twin failed 5 times")
+            live.wait_for("safe hold: the twin could not be started 5 times")
             wait_until(lambda: number(database, "SELECT count(*) FROM samples JOIN runs USING (run) WHERE verb = 'hold'") > 100,
                        "samples in safe hold", live.log)
             live.process.temporary.mkdir()

@@ -185,7 +185,7 @@ static int play_twin(tl_stage_part *played, const tl_start *start, char what) {
     stage->last = getpid();
     stage->hold[which] = start->hold;
     stage->again[which] = start->again;
-    stage->failures[which] = start->restarts->failures;
+    stage->failures[which] = start->failures;
     stage->unreadable[which] = start->restarts->unreadable;
     stage->processes[which] = tl_stage_processes_of(getppid());
     (void)snprintf(stage->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);

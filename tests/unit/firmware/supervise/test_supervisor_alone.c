@@ -74,7 +74,7 @@ static void test_alone_silence_is_allowed(void) {
     stage->settings.alone = true;
     stage->settings.call_limit = 60 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("h", SIGTERM, 3000));
-    tl_stage_expect_said("still there 8 s later");
+    tl_stage_expect_said("still there 6 s later");
 }
 
 static void test_alone_a_process_that_cannot_be_made(void) {

@@ -66,7 +66,7 @@ static void test_told_to_end_and_deaf(void) {
     TEST_ASSERT_EQUAL_INT(75, tl_stage_signal("b", SIGTERM, 200, 300));
     TEST_ASSERT_EQUAL_INT(1, stage->starts);
     tl_stage_expect_told(
-        "the twin failed when it was to end: it was told to end, and was still there 8 s later, in fmi2DoStep of "
+        "the twin failed when it was to end: it was told to end, and was still there 6 s later, in fmi2DoStep of "
         "motor");
     tl_stage_empty();
     tl_stage_expect_code("0", 0);

@@ -43,7 +43,7 @@ static void test_they_are_begun_again_for_ever(void) {
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 9000));
     TEST_ASSERT_EQUAL_INT(7, stage->parts[TL_MEMBER_RECORDER].starts);
     tl_stage_expect_told("the recorder failed 5 more times, the last time: it was ended by signal 11, Segmentation "
-                         "fault; another one is begun");
+                         "fault");
 }
 
 static void test_one_that_never_could_begin_ends_all(void) {
@@ -58,7 +58,7 @@ static void test_a_recorder_that_hangs_in_the_end_is_followed_by_one(void) {
     tl_stage_cast(TL_MEMBER_IO, "w");
     tl_stage_expect_code("0", 0);
     tl_stage_expect_told(
-        "the recorder failed when it was to end: it was told to end, and was still there 8 s later, in fmi2DoStep "
+        "the recorder failed when it was to end: it was told to end, and was still there 6 s later, in fmi2DoStep "
         "of motor; another one is begun");
     TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
     TEST_ASSERT_EQUAL_INT(3, stage->parts[TL_MEMBER_RECORDER].order); /* in its own time */
