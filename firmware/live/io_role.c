@@ -253,7 +253,7 @@ int tl_io_role_run(void) {
     }
     const bool was_ready = status == TL_OK;
     if (status == TL_OK) {
-        tl_heart_be_patient(heart, self.config.realtime_hang + 2 * LOOK_MS * (TL_SECOND / 1000));
+        tl_heart_be_patient(heart, self.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
         status = read_until_told(&self, heart, &error);
         tl_heart_be_patient(heart, PATIENCE);
     }

@@ -132,7 +132,8 @@ enum { WIDENED = TL_PROBATION_WIDENED + 4 };
 
 /* " (motor.omega: tolerance 1 → 3)" */
 static const char *write_widened(const tl_probation_account *account, char text[WIDENED]) {
-    (void)snprintf(text, WIDENED, account->widened[0] == '\0' ? "" : " (%s)", account->widened);
+    bool is_widened = account->widened[0] != '\0';
+    (void)snprintf(text, WIDENED, "%s%s%s", is_widened ? " (" : "", account->widened, is_widened ? ")" : "");
     return text;
 }
 
