@@ -255,7 +255,7 @@ static int64_t tick_at(const tl_recorder_batch *batch, tl_time instant) {
     return fits && since > 0 && since < INT64_MAX - step_of(batch) ? (since - 1) / step_of(batch) + 1 : 0;
 }
 
-/* Nobody can have seen it yet. In mode ahead the last one is a period early. */
+/* Its tick is later than now. In mode ahead the last one is a period early. */
 static bool is_of_the_future(const tl_recorder_batch *batch) {
     return batch->settings.plant.take != NULL && !batch->next.is_untimed && batch->entry.kind == TL_ENTRY_SAMPLE &&
            batch->entry.sample.tick > tick_at(batch, tl_clock_now(NULL)) + 1;
@@ -343,7 +343,7 @@ static int64_t count_missing(const tl_recorder_batch *batch, int64_t end) {
     return can && end > next_tick(batch) ? end - next_tick(batch) : 0;
 }
 
-/* Below which tick none may be missing any more: the twin, or its successor, will put the others. In the end nobody will. */
+/* Below which tick none may be missing any more: the twin, or its successor, will put the others. In the end no writer is left. */
 static int64_t oldest_awaited(const tl_recorder_batch *batch) {
     static const tl_time margin = 2 * TL_SECOND;
     tl_time lag = batch->settings.plant.kept - batch->settings.file->record->commit - margin;
@@ -415,7 +415,7 @@ static void take_end(tl_recorder_batch *batch) {
     batch->next.hands_over = hand_over != NULL && strcmp(batch->entry.reason, hand_over) == 0;
 }
 
-/* Is it of another run than ours? Without its beginning nobody knows its clock. */
+/* Is it of another run than ours? Its clock is unknown without its beginning. */
 static bool is_stray(tl_recorder_batch *batch) {
     if (batch->entry.kind == TL_ENTRY_SAMPLE) {
         batch->is_stray = batch->entry.id != batch->next.id;

@@ -47,7 +47,7 @@ typedef struct tl_recorder_batch {
     bool is_over;            /* the next entry is for another batch */
     bool ends;               /* the run does, with this batch */
     bool is_stray;           /* the newest sample was of a run whose beginning was not read */
-    bool is_last;            /* whoever puts samples is no more */
+    bool is_last;            /* the writer of samples has ended */
 } tl_recorder_batch;
 
 /* A run begins, without an entry. It gets its row with the next batch. */

@@ -54,7 +54,7 @@ void tl_restarts_begin(tl_restarts *restarts, bool again);
 /* No process could be started: takes the newest start back, with its `again`; the next start keeps that. */
 void tl_restarts_undo(tl_restarts *restarts, bool again);
 
-/* The twin's process has ended, and nobody had asked for that. */
+/* The twin's process has ended without being asked to. */
 void tl_restarts_fail(tl_restarts *restarts, const char *reason);
 
 /* These files' saved states are not to be loaded any more; kept with the next start. 0: nothing is noted. */

@@ -244,7 +244,7 @@ static tl_wait wait_of(const supervisor *self) {
     return self->settings->wait != NULL ? self->settings->wait(self->settings->context) : TL_WAIT_OVER;
 }
 
-/* What a twin that begins is told; from now on the account knows of it. */
+/* The start that a new twin receives; the account counts it from now on. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
     tl_start start = {.restarts = &self->restarts,
@@ -831,7 +831,7 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
     }
-    if (tl_restarts_is_loop(&self->restarts)) { /* whoever starts the box wants a twin */
+    if (tl_restarts_is_loop(&self->restarts)) { /* a start of the box is a retry */
         tl_restarts_retry(&self->restarts);
     }
     self->retries = true;
