@@ -40,7 +40,7 @@ class Retuned(Tree):
             print(f"    asked again: {answer[2].splitlines()[-1]}", flush=True)
 
     def versions(self):
-        """number → (is active, what came of it). A run that begins anew at this moment is asked again."""
+        """number → (is active, what came of it). A run that restarts at this moment closes its socket for some time, and is asked again."""
         code, out, err = wait_until(self._ask_for_versions, "an answer", self.log)
         expect(code == 0, err)
         return {int(number): (star == "*", result) for star, number, result in
@@ -48,7 +48,7 @@ class Retuned(Tree):
 
     def _ask_for_versions(self):
         code, out, err = self.reload(None, "--versions")
-        return None if code != 0 and "has hung up" in err else (code, out, err)
+        return None if code != 0 and ("has hung up" in err or "it restarts just now" in err) else (code, out, err)
 
     def version_on_disk(self, number):
         return json.loads((self.state / "versions" / f"{number}.record.json").read_text(encoding="utf-8"))
