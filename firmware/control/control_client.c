@@ -19,8 +19,9 @@ static tl_status fail_to_connect(const char *path, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: too many others ask this plant; try again", path);
     case ENOENT:
     case ECONNREFUSED:
-        return tl_fail(error, TL_PLANT_DOWN, "%s: no twin answers there: it restarts just now, does not run, or was started without --control",
-                       path);
+        return tl_fail(
+            error, TL_PLANT_DOWN,
+            "%s: no twin answers there: it restarts just now, does not run, or was started without --control", path);
     default:
         return tl_fail(error, TL_PLANT_DOWN, "%s: %s", path, strerror(errno));
     }
