@@ -86,16 +86,6 @@ int tl_control_exit_code(tl_control_result result) {
     return tl_exit_code(TL_TRY_AGAIN);
 }
 
-bool tl_control_result_of(const char *name, tl_control_result *result) {
-    for (unsigned i = 0; i < TL_CONTROL_RESULTS; i++) {
-        if (strcmp(name, result_names[i]) == 0) {
-            *result = (tl_control_result)i;
-            return true;
-        }
-    }
-    return false;
-}
-
 const char *tl_control_right_note(const char *right) {
     return strcmp(right, "commission") == 0   ? ", takes the right to commission"
            : strcmp(right, "on the box") == 0 ? ", on the box only"

@@ -24,16 +24,13 @@ const char *tl_control_step_name(tl_control_step step);
 /* "done", "same", "bad request", "forbidden", …. */
 const char *tl_control_result_name(tl_control_result result);
 
-/* False: there is no such result. */
-bool tl_control_result_of(const char *name, tl_control_result *result);
-
 /* Behind the kind of a change, by the right that it takes (control_wire.h): ", takes the right to commission", ", on the box only"; "": no more than to retune. */
 const char *tl_control_right_note(const char *right);
 
 /* Beside the exit codes of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
-/* What a program that has asked ends with: reload, push and the inbox alike. */
+/* The exit code of a program that has sent a request: reload and the inbox. */
 int tl_control_exit_code(tl_control_result result);
 
 #endif

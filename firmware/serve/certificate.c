@@ -19,7 +19,7 @@
 #include "firmware/base/file_bytes.h"
 #include "firmware/base/new_file.h"
 
-enum { MOST = 64 * 1024, SERIAL = 16, VERSION = 3 };
+enum { MOST = 64 * 1024, SERIAL = 16, VERSION = 3, DIGEST = 32 };
 
 static const char NAME[] = "server.pem";
 static const time_t VALID_FROM = 1577836800; /* 2020-01-01T00:00:00Z */
@@ -43,6 +43,55 @@ static tl_status read_pem(const char *path, char **text, tl_error *error) {
     return TL_OK;
 }
 
+/* ---- fingerprints ---- */
+
+static void write_hex(const unsigned char digest[DIGEST], char text[TL_FINGERPRINT_TEXT]) {
+    for (size_t i = 0; i < DIGEST; i++) {
+        (void)snprintf(text + 3 * i, 4, "%02X%s", digest[i], i + 1 < DIGEST ? ":" : "");
+    }
+}
+
+static bool write_pin(unsigned char digest[DIGEST], char text[TL_FINGERPRINT_TEXT]) {
+    const gnutls_datum_t plain = {digest, DIGEST};
+    gnutls_datum_t encoded = {NULL, 0};
+    if (gnutls_base64_encode2(&plain, &encoded) < 0) {
+        return false;
+    }
+    (void)snprintf(text, TL_FINGERPRINT_TEXT, "sha256//%.*s", (int)encoded.size, (const char *)encoded.data);
+    gnutls_free(encoded.data);
+    return true;
+}
+
+static bool write_fingerprint(gnutls_x509_crt_t certificate, tl_fingerprint *fingerprint) {
+    unsigned char key[DIGEST];
+    unsigned char whole[DIGEST];
+    size_t key_size = sizeof key;
+    size_t size = sizeof whole;
+    if (gnutls_x509_crt_get_key_id(certificate, GNUTLS_KEYID_USE_SHA256, key, &key_size) < 0 || key_size != DIGEST ||
+        gnutls_x509_crt_get_fingerprint(certificate, GNUTLS_DIG_SHA256, whole, &size) < 0 || size != DIGEST) {
+        return false;
+    }
+    write_hex(whole, fingerprint->certificate);
+    return write_pin(key, fingerprint->pin);
+}
+
+/* Of the first certificate of the chain, which is the server's. */
+static bool find_fingerprint(const gnutls_datum_t *chain, tl_fingerprint *fingerprint) {
+    gnutls_x509_crt_t *list = NULL;
+    unsigned count = 0;
+    if (gnutls_x509_crt_list_import2(&list, &count, chain, GNUTLS_X509_FMT_PEM, 0) < 0) {
+        return false;
+    }
+    bool is_found = count > 0 && write_fingerprint(list[0], fingerprint);
+    for (unsigned i = 0; i < count; i++) {
+        gnutls_x509_crt_deinit(list[i]);
+    }
+    gnutls_free(list);
+    return is_found;
+}
+
+/* ---- loading ---- */
+
 static gnutls_datum_t datum_of(char *text) {
     return (gnutls_datum_t){(unsigned char *)text, (unsigned)strlen(text)};
 }
@@ -61,7 +110,9 @@ static tl_status check_pair(const char *path, tl_certificate *certificate, tl_er
         return tl_fail(error, TL_BAD_DATA, "%s: found no certificate (PEM) with its key: %s", path,
                        gnutls_strerror(failure));
     }
-    return tl_fingerprint_of(certificate->chain, strlen(certificate->chain), &certificate->fingerprint, error);
+    return find_fingerprint(&chain, &certificate->fingerprint)
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA, "%s: the key of the certificate is of an unknown kind", path);
 }
 
 tl_status tl_certificate_load(const char *chain, const char *key, tl_certificate *certificate, tl_error *error) {

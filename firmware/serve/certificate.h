@@ -8,8 +8,15 @@
 #ifndef TL_FIRMWARE_SERVE_CERTIFICATE_H
 #define TL_FIRMWARE_SERVE_CERTIFICATE_H
 
-#include "firmware/tls/fingerprint.h"
 #include "master/base/status.h"
+
+enum { TL_FINGERPRINT_TEXT = 96 };
+
+/* What a client compares, because nobody has signed the certificate. The pin stays the same if the certificate is renewed. */
+typedef struct tl_fingerprint {
+    char pin[TL_FINGERPRINT_TEXT]; /* "sha256//" and base64: SHA-256 of the public key, for `curl --pinnedpubkey` */
+    char certificate[TL_FINGERPRINT_TEXT]; /* "AB:CD:…": SHA-256 of the certificate, as browsers show it */
+} tl_fingerprint;
 
 /* Texts of PEM, which are the caller's to free by tl_certificate_free(). A zeroed one is none. */
 typedef struct tl_certificate {

@@ -29,7 +29,7 @@ static const tl_program_option SERVE[] = {
     {"plants", "DIR", TL_PROGRAM_TEXT, SETS(tl_serve_options, plants),
      "where plants have their control sockets, as NAME/control; default /run/twinlock"},
     {"fingerprint", NULL, TL_PROGRAM_SWITCH, SETS(tl_serve_options, fingerprint),
-     "print by what others know this box, and end"},
+     "print the pin of this box's key, for `curl --pinnedpubkey`, and the SHA-256 of its\ncertificate, as browsers show it; then end"},
     {"unconfined", NULL, TL_PROGRAM_SWITCH, SETS(tl_serve_options, unconfined),
      "keep what the user may do: files, programs, connections"},
 };

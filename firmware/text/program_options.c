@@ -1,36 +1,15 @@
 /* The options of a program: see program_options.h. */
 #include "firmware/text/program_options.h"
 
-#include <errno.h>
 #include <getopt.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "master/base/nearest.h"
 
 enum { FIRST_ROW = 256, SENTENCE = 256, INDENT = 4 };
 
-static const double MOST_PERCENT = 100;
-static const uint64_t MOST_SECONDS = 604800;
-static const uint64_t MOST_COUNT = UINT64_C(1) << 53;
-
 /* ---- values ------------------------------------------------------------------------------------------------------ */
-
-static bool read_whole(const char *text, uint64_t most, uint64_t *number) {
-    char *end = NULL;
-    errno = 0;
-    *number = strtoull(text, &end, 10);
-    bool is_digit = text[0] >= '0' && text[0] <= '9';
-    return is_digit && errno == 0 && *end == '\0' && *number >= 1 && *number <= most;
-}
-
-static bool read_percent(const char *text, double *percent) {
-    char *end = NULL;
-    errno = 0;
-    *percent = strtod(text, &end);
-    return errno == 0 && end != text && *end == '\0' && *percent > 0.0 && *percent <= MOST_PERCENT;
-}
 
 static bool add_to(tl_program_list *list, const char *text) {
     bool fits = list->count < TL_PROGRAM_LIST;
@@ -44,7 +23,6 @@ static bool add_to(tl_program_list *list, const char *text) {
 /* False: it is not what it should be. */
 static bool set_value(const tl_program_option *option, const char *text, void *settings) {
     void *target = (char *)settings + option->offset;
-    uint64_t number = 0;
     bool is_right = true;
     switch (option->kind) {
     case TL_PROGRAM_SWITCH:
@@ -56,35 +34,8 @@ static bool set_value(const tl_program_option *option, const char *text, void *s
     case TL_PROGRAM_LIST_OF:
         is_right = add_to(target, text);
         break;
-    case TL_PROGRAM_COUNT:
-        is_right = read_whole(text, MOST_COUNT, target);
-        break;
-    case TL_PROGRAM_SECONDS:
-        is_right = read_whole(text, MOST_SECONDS, &number);
-        *(uint32_t *)target = (uint32_t)number;
-        break;
-    case TL_PROGRAM_PERCENT:
-        is_right = read_percent(text, target);
-        break;
     }
     return is_right;
-}
-
-static const char *expected_of(tl_program_kind kind) {
-    switch (kind) {
-    case TL_PROGRAM_COUNT:
-        return "a whole number from 1 on, for example 3";
-    case TL_PROGRAM_SECONDS:
-        return "whole seconds from 1 to 604800, for example 60";
-    case TL_PROGRAM_PERCENT:
-        return "a percentage above 0, at most 100, for example 95";
-    case TL_PROGRAM_LIST_OF:
-        return "at most eight of them";
-    case TL_PROGRAM_SWITCH:
-    case TL_PROGRAM_TEXT:
-        break;
-    }
-    return "another one";
 }
 
 /* ---- what is wrong ----------------------------------------------------------------------------------------------- */
@@ -124,10 +75,11 @@ static tl_program_outcome refuse_option(const tl_program *program, int result, c
     return tl_program_options_refuse(program, what);
 }
 
+/* Only a list refuses a value: one too many. */
 static tl_program_outcome refuse_value(const tl_program *program, const tl_program_option *option, const char *found) {
     char what[SENTENCE];
-    (void)snprintf(what, sizeof what, "--%s: found \"%.64s\", expected %s", option->name, found,
-                   expected_of(option->kind));
+    (void)snprintf(what, sizeof what, "--%s: found \"%.64s\", expected at most %d of them", option->name, found,
+                   TL_PROGRAM_LIST);
     return tl_program_options_refuse(program, what);
 }
 

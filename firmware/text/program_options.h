@@ -1,7 +1,6 @@
-/* The options of a program that is not `twinlock` itself: read, checked, and told as help.
+/* Reads and checks the command line of twinlock-serve and prints its help, in the form that `twinlock` uses.
  *
- * Purpose: twinlock-serve and twinlock-push say what is wrong with a command line, and explain theirs, as `twinlock` does, which its completion and
- *          its manual page depend on.
+ * Purpose: the completion and the manual page depend on that form.
  * Owner:   texts are those of the command line, and live as long as it does.
  * Thread:  one thread, at the start of the process.
  */
@@ -10,18 +9,14 @@
 
 #include <stdbool.h>
 #include <stddef.h>
-#include <stdint.h>
 
 enum { TL_PROGRAM_OPTIONS = 24, TL_PROGRAM_LIST = 8 };
 
 /* What a value is, and what it sets. */
 typedef enum tl_program_kind {
-    TL_PROGRAM_SWITCH,  /* no value; a bool */
-    TL_PROGRAM_TEXT,    /* a const char * */
-    TL_PROGRAM_LIST_OF, /* a tl_program_list: may be given several times */
-    TL_PROGRAM_COUNT,   /* a uint64_t, from 1 to 2^53 */
-    TL_PROGRAM_SECONDS, /* a uint32_t, whole, from 1 to 604800 */
-    TL_PROGRAM_PERCENT  /* a double, above 0 and at most 100 */
+    TL_PROGRAM_SWITCH, /* no value; a bool */
+    TL_PROGRAM_TEXT,   /* a const char * */
+    TL_PROGRAM_LIST_OF /* a tl_program_list: may be given several times */
 } tl_program_kind;
 
 typedef struct tl_program_list {
@@ -38,8 +33,8 @@ typedef struct tl_program_option {
 } tl_program_option;
 
 typedef struct tl_program {
-    const char *name;        /* "twinlock push" */
-    const char *usage;       /* "CONFIG URL [options]" */
+    const char *name;        /* "twinlock serve" */
+    const char *usage;       /* "[options]" */
     const char *description; /* lines, the last one without its end */
     const tl_program_option *options;
     size_t option_count; /* at most TL_PROGRAM_OPTIONS */

@@ -16,9 +16,8 @@
 enum { NAME = 32 };
 
 const tl_verb_program tl_verb_programs[TL_VERB_PROGRAMS] = {
-    {"push", "twinlock-push", "change the configuration of a running plant, from anywhere"},
-    {"serve", "twinlock-serve", "let others do so, by HTTPS"},
-    {"token", "twinlock-serve", "say who may do what by the network"},
+    {"serve", "twinlock-serve", "take changed configurations by HTTPS"},
+    {"token", "twinlock-serve", "manage access tokens"},
 };
 
 const tl_verb_program *tl_verb_program_find(const char *name) {

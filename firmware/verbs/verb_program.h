@@ -12,7 +12,7 @@ typedef struct tl_verb_program {
     const char *purpose; /* half a line */
 } tl_verb_program;
 
-enum { TL_VERB_PROGRAMS = 3 };
+enum { TL_VERB_PROGRAMS = 2 };
 extern const tl_verb_program tl_verb_programs[TL_VERB_PROGRAMS];
 
 /* NULL if there is none. */

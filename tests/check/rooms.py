@@ -92,11 +92,9 @@ FIRMWARE = {
     "firmware/activate": _firmware("errand", "versions", "control", "outbox", "process", "diagnose", "config", others=_TWIN,
                                    public=("activator", "activation_host", "version_start")),
     "firmware/emulate": _firmware("twin", "assembly", "plant", "process", "config", others=_DRIVERS),
-    # What the network reaches: programs of their own.
-    "firmware/tls": _firmware(),
+    # What the network reaches: a program of its own.
     "firmware/door": _firmware("control"),
-    "firmware/serve": _firmware("door", "tls", "control", "supervise", "confine", "process", public=("http_request", "answer")),
-    "firmware/push": _firmware("tls", "control", "process", public=("push_lines",)),
+    "firmware/serve": _firmware("door", "control", "supervise", "confine", "process", public=("http_request", "answer")),
     # Who asks a run from outside.
     "firmware/retune": _firmware("control", "process", public=("inbox", "talk", "talk_page")),
     "firmware/verbs": _firmware("advice", "emulate", "retune", "tree", "live", "activate", "errand", "control", "run", "twin", "assembly", "show", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "process",

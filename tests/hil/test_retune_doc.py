@@ -20,7 +20,7 @@ def commands():
 
 
 # What a build without TL_SERVE leaves out.
-NETWORK = "twinlock token", "twinlock serve", "twinlock push", "pin=", "mkdir -p run", "ln -s", "kill %4"
+NETWORK = "twinlock token", "twinlock serve", "curl", "sed -n", "pin=", "mkdir -p run", "ln -s", "kill %4"
 
 
 def page(ports):
@@ -72,8 +72,9 @@ def said(folder):
 
 
 def test_the_page():
-    if not shutil.which("sqlite3", path="/usr/bin:/bin"):
-        raise Skip("sqlite3 is missing")
+    for tool in "sqlite3", "curl":
+        if not shutil.which(tool, path="/usr/bin:/bin"):
+            raise Skip(f"{tool} is missing: script/bootstrap")
     ports = {usual: free_port() for usual in ("1502", "8443")}
     shell = Shell()
     try:

@@ -48,7 +48,7 @@ def make_and_enter():
     serve = copied.parent / "twinlock-serve.deb"
     serve.write_bytes(debian.make(name="twinlock-serve").read_bytes())
     command = ["mmdebstrap", "--quiet", "--variant=apt", "--format=null", "--skip=cleanup/apt",  # that empties this machine's lists
-               f"--include={copied}", f"--include={serve}",
+               f"--include={copied}", f"--include={serve}", "--include=curl",
                f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' '{serve}' \"$1{copied.parent}\"",
                f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
                f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", "bookworm", "-", "-"]
@@ -289,20 +289,21 @@ def services_allowed():
 
 
 def check_a_change_by_the_network(machine):
-    """Between two users who share nothing but the folder of control sockets: `push` asks the server, the server the twin."""
+    """Between two users who share nothing but the folder of control sockets: curl asks the server, the server the twin."""
     machine.run_well("systemd-run", "--unit=plant", "twinlock", "plant", f"{EXAMPLES}/motor/plant.json", "--for",
                      f"{EXAMPLES}/motor/live.json")
     start_motor(machine)
     pin = re.search(r"sha256//\S+", machine.run_well("twinlock", "serve", "--fingerprint"))[0]
     secret = re.search(r"[0-9a-f]{64}", machine.run_well("twinlock", "token", "add", "ben", "--role", "retune"))[0]
-    place("/tmp/ben").write_text(secret, encoding="ascii")
+    place("/tmp/ben").write_text(f"Authorization: Bearer {secret}\n", encoding="ascii")
     document = json.loads(place("/etc/twinlock/motor.json").read_text(encoding="utf-8"))
     document["synchronise"]["match"]["motor.omega"]["tolerance"] = 1.5
     place("/tmp/new.json").write_text(json.dumps(document), encoding="utf-8")
-    words = ["https://127.0.0.1:8443/motor", "--pin", pin, "--token-file", "/tmp/ben"]
-    said = machine.run_well("twinlock", "push", "/tmp/new.json", *words, "--why", "wider")
-    expect("(in place)" in said and "done" in said, said)
-    expect("ben" in machine.run_well("twinlock", "push", "--versions", *words), "another book")
+    words = ["curl", "-sS", "-k", "--pinnedpubkey", pin, "-H", "@/tmp/ben"]
+    motor = "https://127.0.0.1:8443/api/v1/plants/motor"
+    said = machine.run_well(*words, "-H", "If-Match: *", "-T", "/tmp/new.json", f"{motor}/configuration?why=wider")
+    expect('"kind":"in place"' in said and '"result":"done"' in said.splitlines()[-1], said)
+    expect('"who":"ben"' in machine.run_well(*words, f"{motor}/versions"), "another book")
     wait_until(lambda: "token=ben role=retune" in machine.journal("twinlock-serve"), "its entry", machine.log)
     machine.run_well("systemctl", "stop", "twinlock@motor", "plant")
     inside("rm", "-r", "/var/lib/twinlock/motor/versions", "/tmp/ben", "/tmp/new.json")

@@ -1,7 +1,7 @@
 /* A plant that can be asked, without a twin: `control_plant SOCKET CONFIGURATION`, until SIGTERM.
  *
  * It has the real server's end of a control socket, keeps versions, and does with a candidate what a word in its text says: "invalid", "commission",
- * "restart", "busy", "fails", "returns", "anew" (as a run that ends, and begins anew with it), "silent" (after the first step), "dies" (there), "waits" (for 2 s in its probation). Each request is
+ * "restart", "busy", "fails", "returns", "silent" (after the first step), "dies" (there), "waits" (for 2 s in its probation). Each request is
  * printed as a line. */
 #include <poll.h>
 #include <stdio.h>
@@ -32,8 +32,6 @@ static size_t count;
 static size_t active;
 static bool is_on_probation;
 static tl_time probation_ends;
-static bool began_anew;
-static bool returns_anew;
 static client clients[TL_CONTROL_CLIENTS];
 static char room[TL_CONTROL_MOST + 1];
 
@@ -217,13 +215,6 @@ static void take(client *asks, const tl_control_request *request, size_t size) {
     say_step(peer, TL_CONTROL_ACTIVATE, "in place");
     keep(room, size, request);
     is_on_probation = true;
-    if (says("anew")) { /* as a run that is done with it, and begins anew */
-        probation_ends = tl_clock_now(NULL) + 2 * TL_SECOND;
-        began_anew = true;
-        returns_anew = says("returns");
-        finish(peer, TL_CONTROL_DONE, "the run ends, and begins anew with it");
-        return;
-    }
     asks->waits = (request->flags & TL_CONTROL_WAIT) != 0;
     asks->returns = says("returns");
     probation_ends = tl_clock_now(NULL) + (says("waits") ? 2 * TL_SECOND : TL_SECOND / 10);
@@ -245,16 +236,6 @@ static void end_probation(client *asks) {
     is_on_probation = false;
     finish(&asks->peer, asks->returns ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
            asks->returns ? "in lock for 71 % of the steps, wanted 95 %" : "it is kept");
-}
-
-/* Nobody is told: who wants to know asks. */
-static void end_probation_of_next_run(void) {
-    tl_control_version *about = &versions[active].about;
-    (void)snprintf(about->result, sizeof about->result, "%s",
-                   returns_anew ? "returned: the lock was lost" : "kept: in lock");
-    active -= returns_anew && active > 0 ? 1 : 0;
-    is_on_probation = false;
-    began_anew = false;
 }
 
 /* ---- the loop ---- */
@@ -290,9 +271,6 @@ static void answer(client *asks, const tl_control_request *request, size_t size)
 static void look_at(client *asks) {
     tl_control_request request;
     size_t size = 0;
-    if (began_anew && tl_clock_now(NULL) >= probation_ends) {
-        end_probation_of_next_run();
-    }
     if (asks->waits && tl_clock_now(NULL) >= probation_ends) {
         end_probation(asks);
     } else if (tl_control_receive(&asks->peer, &request, room, &size) == TL_CONTROL_ASKED) {

@@ -1,16 +1,19 @@
 #!/usr/bin/env python3
 """twinlock-serve by HTTP: what it answers to whom, and that nothing else gets through to a plant."""
+import base64
 import contextlib
+import hashlib
 import os
 import random
 import re
+import shutil
 import socket
 import subprocess
 import time
 from pathlib import Path
 
 from served import FIRST, MOTOR, SERVE, Box, said_by, tag, wait_for
-from twinlock_test import SANITIZER, Skip, expect, main, scratch
+from twinlock_test import PROGRAM, SANITIZER, Skip, expect, main, scratch
 
 SECOND = b'{"synchronise": {"margin": 2}}\n'
 
@@ -113,6 +116,11 @@ def test_the_end_of_a_probation():
         expect_status(box.put(SECOND), 200, "done")
         expect_status(box.ask("POST", f"{MOTOR}/confirm", "retune"), 200, "done")
         expect_status(box.ask("POST", f"{MOTOR}/confirm", "retune"), 404, "absent")
+        expect_status(box.ask("DELETE", f"{MOTOR}/change", "retune"), 404, "absent")
+        expect_status(box.put(FIRST, "?confirm=1"), 200, "done")
+        expect(box.requests()[-1]["flags"] == "4", f"{box.requests()[-1]}")
+        expect_status(box.ask("DELETE", f"{MOTOR}/change", "retune"), 200, "done")
+        expect(box.ask("GET", f"{MOTOR}/configuration").body == SECOND, "the change was not cancelled")
 
 
 def test_tokens():
@@ -330,11 +338,33 @@ def test_the_certificate_stays():
     with Box() as box:
         command = [SERVE, "--fingerprint", "--state", str(box.folder / "state")]
         said = subprocess.run(command, capture_output=True, encoding="utf-8", check=True).stdout
-        expect(box.pin in said, f"{said}, not {box.pin}")
+        def openssl(*words, data=None):
+            return subprocess.run(["openssl", *words], input=data, capture_output=True, check=True).stdout
+
+        pem = box.folder / "state/server.pem"
+        key = openssl("pkey", "-pubin", "-outform", "DER", data=openssl("x509", "-noout", "-pubkey", "-in", pem))
+        pin = "sha256//" + base64.b64encode(hashlib.sha256(key).digest()).decode("ascii")
+        whole = hashlib.sha256(openssl("x509", "-outform", "DER", "-in", pem)).hexdigest().upper()
+        whole = ":".join(whole[i:i + 2] for i in range(0, len(whole), 2))
+        expect(said == f"pin          {pin}\ncertificate  {whole}\n" and box.pin == pin, f"{said}, not {pin} and {whole}")
         expect(oct(os.stat(box.folder / "state/server.pem").st_mode & 0o777) == "0o600", "others may read the key")
         text = subprocess.run(["openssl", "x509", "-noout", "-startdate", "-enddate", "-in", str(box.folder / "state/server.pem")],
                               capture_output=True, encoding="ascii", check=True).stdout
         expect("Jan  1 00:00:00 2020" in text and "9999" in text, text)
+
+
+def test_curl_sends_nothing_to_another_key():
+    """docs/retune.md relies on it: the certificate is not checked (-k), and a wrong pin ends the connection before the request."""
+    if not shutil.which("curl"):
+        raise Skip("curl is missing: script/bootstrap")
+    with Box() as box:
+        header = scratch() / "header"
+        header.write_text(f"Authorization: Bearer {box.tokens['read']}\n", encoding="ascii")
+        for pin, code in (box.pin, 0), ("sha256//" + 43 * "A" + "=", 90):
+            done = subprocess.run(["curl", "-sS", "-k", "--pinnedpubkey", pin, "-H", f"@{header}", f"https://127.0.0.1:{box.port}{MOTOR}"],
+                                  capture_output=True, encoding="utf-8", check=False)
+            expect(done.returncode == code and ('"lock":"locked"' in done.stdout) == (code == 0), f"{done}")
+        expect(len(box.requests()) == 1, f"a request was sent to another key: {box.requests()}")
 
 
 def test_the_key_is_for_whose_folder_it_is():
@@ -392,9 +422,21 @@ def test_only_modern_tls():
             expect((b"Cipher is (NONE)" not in done.stdout) == good, f"{option} {ciphers}: {done.stdout[-400:]}")
 
 
+def test_the_program_is_found_beside_twinlock():
+    """`twinlock serve` and `twinlock token` start twinlock-serve, and name its package if it is missing."""
+    bare = scratch() / "twinlock"
+    shutil.copy(PROGRAM, bare)
+    for verb in ("serve", "token"):
+        done = subprocess.run([bare, verb, "--help"], capture_output=True, encoding="utf-8", check=False)
+        expect(done.returncode == 2 and "install the package twinlock-serve" in done.stderr, f"{verb}: {done}")
+        for words in ([verb, "--help"], ["help", verb]):
+            done = subprocess.run([PROGRAM, *words], capture_output=True, encoding="utf-8", check=False)
+            expect(done.returncode == 0 and done.stdout.startswith(f"usage: twinlock {verb} "), f"{words}: {done}")
+
+
 def test_wrong_usage():
     for words in (["--listen", "x"], ["--listen", "127.0.0.1"], ["--listen", "1.2.3.4:70000"], ["--key", "x"], ["--tokenz", "x"],
-                  ["word"], ["--host"]):
+                  ["word"], ["--host"], 9 * ["--host", "a"]):
         done = subprocess.run([SERVE, "--state", scratch(), *words], capture_output=True, encoding="utf-8", check=False)
         expect(done.returncode == 2 and done.stderr, f"{words}: {done.returncode} {done.stderr}")
     done = subprocess.run([SERVE, "--state", scratch() / "none"], capture_output=True, encoding="utf-8", check=False)
