@@ -15,7 +15,7 @@ const char *tl_control_right_name(tl_control_right right);
 /* False: there is no such right. */
 bool tl_control_right_of(const char *name, tl_control_right *right);
 
-/* "reload", "network", "inbox". */
+/* "reload", "network", "limited". */
 const char *tl_control_origin_name(tl_control_origin origin);
 
 /* "authorise", "validate", …; "idle". */
@@ -33,7 +33,7 @@ const char *tl_control_right_note(const char *right);
 /* Beside the exit codes of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
-/* What a program that has asked ends with: reload, push and the inbox alike. */
+/* What a program that has asked ends with: reload and push alike. */
 int tl_control_exit_code(tl_control_result result);
 
 #endif

@@ -98,7 +98,7 @@ FIRMWARE = {
     "firmware/serve": _firmware("door", "tls", "control", "supervise", "confine", "process", public=("http_request", "answer")),
     "firmware/push": _firmware("tls", "control", "process", public=("push_lines",)),
     # Who asks a run from outside.
-    "firmware/retune": _firmware("control", "process", public=("inbox", "talk", "talk_page")),
+    "firmware/retune": _firmware("control", public=("talk", "talk_page")),
     "firmware/verbs": _firmware("advice", "emulate", "retune", "tree", "live", "activate", "errand", "control", "run", "twin", "assembly", "show", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "process",
                                 "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),
