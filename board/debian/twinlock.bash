@@ -21,7 +21,7 @@ _twinlock_value() {
     case $2 in
         FILE | DEVICE | CONFIG*) compgen -f -- "$3" ;;
         DIR) compgen -d -- "$3" ;;
-        ROLE) compgen -W "read retune commission" -- "$3" ;;
+        RIGHT | ROLE) compgen -W "read retune commission" -- "$3" ;;
         TABLE) compgen -W "$(_twinlock_tables "$1")" -- "$3" ;;
     esac
 }
@@ -54,9 +54,7 @@ _twinlock() {
         mapfile -t COMPREPLY < <(compgen -W "add list revoke" -- "$word")
     else
         compopt -o filenames 2>/dev/null
-        if [[ $verb == inbox ]]; then
-            mapfile -t COMPREPLY < <(compgen -d -- "$word")
-        elif [[ $verb == show ]]; then
+        if [[ $verb == show ]]; then
             mapfile -t COMPREPLY < <(_twinlock_files .db "$word" | sort -u)
         else
             mapfile -t COMPREPLY < <(_twinlock_files .json "$word" | sort -u)

@@ -183,7 +183,7 @@ static void weigh(tl_activation *self) {
         tl_activation_turn_down(
             self, TL_CONTROL_FORBIDDEN,
             "it names a library, a file or an FMU that nobody on the box has named, or lets an FMU out: that is changed "
-            "on the box, by twinlock reload");
+            "on the box, by twinlock reload without --right");
     } else if (right_of(verdict) > self->request.right) {
         tl_activation_say_problems(self);
         tl_activation_turn_down(self, TL_CONTROL_FORBIDDEN,

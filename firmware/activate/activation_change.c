@@ -52,8 +52,8 @@ static tl_version_origin origin_of(const tl_activation *self) {
     if (self->request.origin == TL_CONTROL_BY_NETWORK) {
         return TL_VERSION_BY_NETWORK;
     }
-    if (self->request.origin == TL_CONTROL_BY_INBOX) {
-        return TL_VERSION_BY_INBOX;
+    if (self->request.origin == TL_CONTROL_BY_LIMITED) {
+        return TL_VERSION_BY_LIMITED;
     }
     return is_own_file(self) ? TL_VERSION_BY_RELOAD : TL_VERSION_BY_HAND;
 }

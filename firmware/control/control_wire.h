@@ -48,7 +48,7 @@ typedef enum tl_control_right {
 typedef enum tl_control_origin {
     TL_CONTROL_BY_RELOAD,  /* `twinlock reload`: a file on the box */
     TL_CONTROL_BY_NETWORK, /* twinlock-serve */
-    TL_CONTROL_BY_INBOX,   /* `twinlock inbox`: a file that somebody has put into a folder */
+    TL_CONTROL_BY_LIMITED, /* `twinlock reload --right`: the caller claims less than the rights of the box */
     TL_CONTROL_ORIGINS
 } tl_control_origin;
 
@@ -67,7 +67,7 @@ typedef enum tl_control_flag {
 typedef struct tl_control_request {
     uint32_t protocol;
     uint32_t verb;        /* tl_control_verb */
-    uint32_t right;       /* tl_control_right: what who asks was found to have; the peer's own user may have less */
+    uint32_t right;       /* tl_control_right that the caller has, or claims; the peer's own user may have less */
     uint32_t origin;      /* tl_control_origin */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
     uint32_t probation_s; /* 0: as usual */
@@ -145,7 +145,7 @@ typedef struct tl_control_version {
     uint32_t is_active;
     char hash[TL_SHA256_TEXT];
     char kind[16];   /* "in place", "new twin", "new sources", "restart" */
-    char origin[16]; /* "start", "reload", "inbox", … */
+    char origin[16]; /* "start", "reload", "limited", … */
     char right[16];  /* it was taken with */
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];

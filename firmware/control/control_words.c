@@ -9,7 +9,7 @@ static const char *const right_names[TL_CONTROL_RIGHTS] = {
     [TL_CONTROL_MAY_READ] = "read", [TL_CONTROL_MAY_RETUNE] = "retune", [TL_CONTROL_MAY_COMMISSION] = "commission"};
 
 static const char *const origin_names[TL_CONTROL_ORIGINS] = {
-    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network", [TL_CONTROL_BY_INBOX] = "inbox"};
+    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network", [TL_CONTROL_BY_LIMITED] = "limited"};
 
 static const char *const step_names[TL_CONTROL_STEPS] = {
     [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",

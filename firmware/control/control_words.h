@@ -15,7 +15,7 @@ const char *tl_control_right_name(tl_control_right right);
 /* False: there is no such right. */
 bool tl_control_right_of(const char *name, tl_control_right *right);
 
-/* "reload", "network", "inbox". */
+/* "reload", "network", "limited". */
 const char *tl_control_origin_name(tl_control_origin origin);
 
 /* "authorise", "validate", …; "idle". */
@@ -30,7 +30,7 @@ const char *tl_control_right_note(const char *right);
 /* Beside the exit codes of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
-/* The exit code of a program that has sent a request: reload and the inbox. */
+/* The exit code of a program that has sent a request, such as `twinlock reload`. */
 int tl_control_exit_code(tl_control_result result);
 
 #endif

@@ -59,7 +59,8 @@ static void add_barred(tl_verdict *verdict, const tl_config_barred *barred, cons
             "root add there the line: %s NAME",
             barred->found, list, barred->names == TL_NAMES_FILE ? "file" : "library");
     } else {
-        (void)snprintf(text, sizeof text, "found %s, expected nothing: it is changed on the box, by twinlock reload",
+        (void)snprintf(text, sizeof text,
+                       "found %s, expected nothing: it is changed on the box, by twinlock reload without --right",
                        barred->found);
     }
     add_problem(verdict, TL_BAD_DATA, barred->path, text);

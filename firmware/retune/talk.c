@@ -26,6 +26,9 @@ static const tl_time ANSWER = 5 * TL_SECOND;
 tl_status tl_talk_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error) {
     char copy[PATH_MAX];
     int length = 0;
+    if (given == NULL && strcmp(subject, TL_TALK_INPUT) == 0) {
+        return tl_fail(error, TL_BAD_USAGE, "standard input names no run (expected --control SOCKET)");
+    }
     if (given != NULL) {
         length = snprintf(path, PATH_MAX, "%s", given);
     } else {

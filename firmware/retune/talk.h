@@ -1,6 +1,6 @@
 /* A talk with a run: one request by its control socket, and all that comes of it, also if the run begins anew meanwhile.
  *
- * Purpose: what `twinlock reload` and the inbox do alike.
+ * Purpose: `twinlock reload`.
  * Follows: a change that takes an end and a new start of the run ends the connection. Who waits (TL_CONTROL_WAIT) asks the run that comes next how it is,
  *          until the change is kept or returned from: told as steps and an end like any others.
  * Errors:  TL_PLANT_DOWN: nobody is there, or is no more; TL_TRY_AGAIN: no answer; TL_BAD_DATA: what is none.
@@ -19,6 +19,9 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
+/* The subject that is standard input. */
+#define TL_TALK_INPUT "-"
+
 /* Told when the run hangs up before it has said what came of a change that is followed. */
 #define TL_TALK_WAITS "the run has hung up before it said what came of it: it is waited for, for 60 s at most"
 
@@ -28,7 +31,7 @@ typedef struct tl_talk_settings {
     void *context;
 } tl_talk_settings;
 
-/* Fields are private but for `ended`, `result` and `is_tried`. */
+/* Fields are private but for `ended` and `result`. */
 typedef struct tl_talk {
     bool ended;               /* TL_CONTROL_END was told: */
     tl_control_result result; /* of that */
@@ -43,7 +46,7 @@ typedef struct tl_talk {
     tl_time heard;             /* when something came last, or somebody was there */
 } tl_talk;
 
-/* Of the run whose configuration is called `subject` (/etc/twinlock/motor.json, or a folder of that name: TL_CONTROL_FOLDER/motor), unless one is given. */
+/* Of the run whose configuration is called `subject` (/etc/twinlock/motor.json: TL_CONTROL_FOLDER/motor), unless one is given. TL_BAD_USAGE: TL_TALK_INPUT has no name. */
 tl_status tl_talk_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error);
 
 /* Connects. What is open must be closed. */

@@ -41,39 +41,25 @@ static void print_change(const tl_control_reply *reply, FILE *output) {
     }
 }
 
-/* A line of what is wrong. */
-static void print_wrong(const tl_talk_page *page, const char *text) {
-    if (page->logs) {
-        tl_log(TL_LOG_ERROR, "%s", text);
-    } else {
-        (void)fprintf(page->output, "%s\n", text);
-    }
-}
-
 static void print_problem(const tl_talk_page *page, const tl_control_reply *reply) {
     const tl_control_problem *problem = &reply->as.problem;
     const char *separator = problem->path[0] == '\0' ? "" : ": ";
-    char text[TL_CONTROL_PATH + TL_CONTROL_TEXT + 512];
     char line[32] = "";
     if (problem->line != 0) {
         (void)snprintf(line, sizeof line, "line %u: ", problem->line);
     }
-    (void)snprintf(text, sizeof text, "%.255s: %s%s%s%s", page->subject, line, problem->path, separator, problem->text);
-    print_wrong(page, text);
+    tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", page->subject, line, problem->path, separator, problem->text);
     if (reply->more > 0) {
-        (void)snprintf(text, sizeof text, "%.255s: and %u more", page->subject, reply->more);
-        print_wrong(page, text);
+        tl_log(TL_LOG_ERROR, "%s: and %u more", page->subject, reply->more);
     }
 }
 
-static void print_end(const tl_talk_page *page, const tl_control_end *end) {
-    char text[TL_CONTROL_TEXT + 64];
+static void print_end(const tl_control_end *end, FILE *output) {
     tl_control_result result = (tl_control_result)end->result;
     if (result != TL_CONTROL_DONE && result != TL_CONTROL_SAME) {
-        (void)snprintf(text, sizeof text, "%s: %s", tl_control_result_name(result), end->text);
-        print_wrong(page, text);
+        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), end->text);
     } else if (end->text[0] != '\0') {
-        (void)fprintf(page->output, "%s\n", end->text);
+        (void)fprintf(output, "%s\n", end->text);
     }
 }
 
@@ -97,7 +83,7 @@ void tl_talk_page_print(const tl_talk_page *page, const tl_control_reply *reply)
                       reply->as.progress.text);
         break;
     case TL_CONTROL_END:
-        print_end(page, &reply->as.end);
+        print_end(&reply->as.end, output);
         break;
     case TL_CONTROL_CONFIGURATION:
     case TL_CONTROL_KINDS:

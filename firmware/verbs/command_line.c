@@ -17,7 +17,6 @@
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_CHECK] = tl_verb_check, [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,
     [TL_VERB_PLANT] = tl_verb_plant, [TL_VERB_SHOW] = tl_verb_show,     [TL_VERB_RELOAD] = tl_verb_reload,
-    [TL_VERB_INBOX] = tl_verb_inbox,
 };
 
 /* TL_VERB_COUNT if there is none. */

@@ -34,18 +34,12 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
          "adjusted variable and since when, events. Works while the run is going on."},
     [TL_VERB_RELOAD] =
         {"reload", "CONFIG", "configuration", "bring a changed configuration into a running plant's twin",
-         "Hands a changed configuration to the run that was started with it and with --control. It is read,\n"
-         "held against the one in force, and activated: tolerances, weights, bounds, penalties and budgets in\n"
-         "place; what takes another twin, or other sources, by a twin that runs beside the run's first, and\n"
-         "takes over between two ticks; all else by a restart of the run, with a gap, if --restart allows\n"
-         "that. It is on probation\n"
-         "then, and returned from by itself if deadlines are missed or the lock is lost."},
-    [TL_VERB_INBOX] =
-        {"inbox", "DIR", "folder", "take configurations that are put into a folder, for a running plant's twin",
-         "Waits for files DIR/NAME.json and hands each to the run, as `twinlock reload` does, with the right\n"
-         "to retune and no other. A file is taken once it was renamed to that name, as SFTP clients do: put it\n"
-         "there as NAME.json.part first. It becomes NAME.json.taken, and NAME.json.result.txt says what came\n"
-         "of it. Ends on SIGTERM or Ctrl-C."},
+         "Hands a changed configuration to the run that was started with it and with --control. CONFIG \"-\" is\n"
+         "standard input. At most 262144 bytes are read, held against the configuration in force, and\n"
+         "activated: tolerances, weights, bounds, penalties and budgets in place; what takes another twin, or\n"
+         "other sources, by a twin that runs beside the run's first, and takes over between two ticks; all\n"
+         "else by a restart of the run, with a gap, if --restart allows that. It is on probation then, and\n"
+         "returned from by itself if deadlines are missed or the lock is lost."},
 };
 
 enum {
@@ -55,7 +49,6 @@ enum {
     PLANT = 1 << TL_VERB_PLANT,
     SHOW = 1 << TL_VERB_SHOW,
     RELOAD = 1 << TL_VERB_RELOAD,
-    INBOX = 1 << TL_VERB_INBOX,
     EVERY = (1 << TL_VERB_COUNT) - 1
 };
 
@@ -125,9 +118,10 @@ const tl_option tl_option_rows[TL_OPTION_COUNT] = {
      .help =
          "with --control: names of files and libraries that a configuration from the\nnetwork may have, lines \"file NAME\", \"library NAME\"; default:\n/etc/twinlock/allowed"},
     {RELOAD, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
-     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file"},
-    {INBOX, "control", "SOCKET", TL_OPTION_TEXT, SETS(control),
-     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of DIR"},
+     .help = "of the run; default: /run/twinlock/NAME/control, NAME being that of the file;\nneeded with \"-\""},
+    {RELOAD, "right", "RIGHT", TL_OPTION_RIGHT, SETS(right),
+     .help = "ask with this right only: read, retune or commission; default: all that the box\nmay",
+     .expected = "read, retune or commission"},
     {RELOAD, "no-activate", NULL, TL_OPTION_SWITCH, SETS(only_check), .changes = true,
      .help = "all steps but the activation"},
     {RELOAD, "restart", NULL, TL_OPTION_SWITCH, SETS(restart), .changes = true,

@@ -34,7 +34,8 @@ typedef enum tl_option_kind {
     TL_OPTION_RUN,           /* a uint64_t, the number of a run, from 1 to INT64_MAX */
     TL_OPTION_RUN_OR_LAST,   /* the same, or "last", which is 0 */
     TL_OPTION_SINCE,         /* a tl_options_since */
-    TL_OPTION_TABLE          /* one of tl_option_tables; an int */
+    TL_OPTION_TABLE,         /* one of tl_option_tables; an int */
+    TL_OPTION_RIGHT          /* a tl_control_right as a uint32_t; given twice, the lesser one counts */
 } tl_option_kind;
 
 typedef struct tl_option {

@@ -17,7 +17,6 @@ typedef enum tl_verb {
     TL_VERB_PLANT,
     TL_VERB_SHOW,
     TL_VERB_RELOAD,
-    TL_VERB_INBOX,
     TL_VERB_COUNT
 } tl_verb;
 
@@ -73,6 +72,7 @@ typedef struct tl_options {
     bool versions;
     bool show;
     const char *why;
+    uint32_t right;     /* --right: a tl_control_right; TL_CONTROL_RIGHTS: not given, the rights of the box */
     double shadow_s;    /* whole; 0: as usual */
     double probation_s; /* whole; 0: as usual */
     double keep_lock;   /* --require-lock of reload: percent; below 0: as usual */

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "firmware/base/other_case.h"
+#include "firmware/control/control_words.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/text/utc.h"
 #include "firmware/verbs/option_table.h"
@@ -218,6 +219,15 @@ static bool read_table(const char *text, void *target) {
     return tl_option_tables[i] != NULL;
 }
 
+/* Given twice, the lesser one counts: words behind those of a command line that limits its caller raise nothing. */
+static bool read_right(const char *text, void *target) {
+    uint32_t *least = target;
+    tl_control_right right = TL_CONTROL_MAY_READ;
+    bool is_right = tl_control_right_of(text, &right);
+    *least = is_right && right < *least ? right : *least;
+    return is_right;
+}
+
 /* Each sets what a value means; false if it is not what was expected. */
 static bool (*const READ[])(const char *text, void *target) = {
     [TL_OPTION_SWITCH] = read_switch,
@@ -231,6 +241,7 @@ static bool (*const READ[])(const char *text, void *target) = {
     [TL_OPTION_RUN_OR_LAST] = read_run_or_last,
     [TL_OPTION_SINCE] = read_since,
     [TL_OPTION_TABLE] = read_table,
+    [TL_OPTION_RIGHT] = read_right,
 };
 
 /* ---- the command line -------------------------------------------------------------------------------------------- */
@@ -338,6 +349,7 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
         .watchdog_s = 30,
         .seed = 1,
         .table = TL_OPTIONS_NO_TABLE,
+        .right = TL_CONTROL_RIGHTS,
     };
     list_options(verb, list);
     optind = 0; /* GNU: begin anew */

@@ -18,6 +18,7 @@
 
 typedef struct reload {
     const tl_options *options;
+    bool is_input; /* the configuration is read from standard input */
     tl_talk_page page;
     tl_talk talk;
     char path[PATH_MAX]; /* of the socket */
@@ -28,22 +29,34 @@ typedef struct reload {
 
 /* ---- what is asked ---- */
 
-static tl_status read_file(reload *self, tl_error *error) {
-    const char *path = self->options->subject;
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
+/* Of an open file, or of standard input. */
+static tl_status read_text(reload *self, int file, tl_error *error) {
     ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, self->text, sizeof self->text);
-    int code = errno;
-    if (file >= 0) {
-        (void)close(file);
-    }
     if (size < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s", path, strerror(code));
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->page.subject, strerror(errno));
     }
     if (size == 0 || size > TL_CONTROL_MOST) {
-        return tl_fail(error, TL_BAD_DATA, "%s: a configuration has 1 to %d bytes", path, (int)TL_CONTROL_MOST);
+        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->page.subject,
+                       size == 0 ? "is empty" : "is too large", (int)TL_CONTROL_MOST);
     }
     self->size = (size_t)size;
     return TL_OK;
+}
+
+static tl_status read_subject(reload *self, tl_error *error) {
+    if (!self->is_input) {
+        int file = open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
+        tl_status status = read_text(self, file, error);
+        if (file >= 0) {
+            (void)close(file);
+        }
+        return status;
+    }
+    if (isatty(STDIN_FILENO) == 1) {
+        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
+                       self->page.subject);
+    }
+    return read_text(self, STDIN_FILENO, error);
 }
 
 static tl_control_verb verb_of(const tl_options *options) {
@@ -59,8 +72,10 @@ static void fill_request(reload *self) {
     tl_control_request *request = &self->request;
     memset(request, 0, sizeof *request);
     request->verb = (uint32_t)verb_of(options);
-    request->right = TL_CONTROL_MAY_COMMISSION;
-    request->origin = TL_CONTROL_BY_RELOAD;
+    /* A right that is claimed, whichever it is, is less than that of the box: see TL_CHANGE_ON_THE_BOX. */
+    bool is_limited = options->right < TL_CONTROL_RIGHTS;
+    request->right = is_limited ? options->right : TL_CONTROL_MAY_COMMISSION;
+    request->origin = is_limited ? TL_CONTROL_BY_LIMITED : TL_CONTROL_BY_RELOAD;
     request->flags = (options->only_check ? TL_CONTROL_ONLY_CHECK : 0U) |
                      (options->restart ? TL_CONTROL_MAY_RESTART : 0U) |
                      (options->accept_worse ? TL_CONTROL_EVEN_WORSE : 0U) |
@@ -106,12 +121,13 @@ static tl_status ask(reload *self, tl_error *error) {
 int tl_verb_reload(const tl_options *options) {
     static reload self; /* it is large */
     tl_error error;
-    self = (reload){.options = options};
-    self.page = (tl_talk_page){.output = tl_output_claim(), .subject = options->subject, .logs = true};
+    self = (reload){.options = options, .is_input = strcmp(options->subject, TL_TALK_INPUT) == 0};
+    self.page =
+        (tl_talk_page){.output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
     tl_status status = tl_talk_find(options->subject, options->control, self.path, &error);
     fill_request(&self);
     if (status == TL_OK && self.request.verb == TL_CONTROL_TAKE) {
-        status = read_file(&self, &error);
+        status = read_subject(&self, &error);
     }
     if (status == TL_OK) {
         status = ask(&self, &error);

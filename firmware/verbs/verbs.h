@@ -19,7 +19,6 @@ tl_status tl_verb_check_page(const tl_assembly *assembly, const tl_twin_job *job
 /* What the process with the FMUs does of what is above its room. */
 extern const tl_twin_role_tasks tl_verb_twin_tasks;
 
-int tl_verb_inbox(const tl_options *options);
 int tl_verb_plant(const tl_options *options);
 int tl_verb_reload(const tl_options *options);
 int tl_verb_replay(const tl_options *options);

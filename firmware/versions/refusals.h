@@ -16,7 +16,7 @@ enum { TL_REFUSALS_MOST = 20, TL_REFUSAL_WORD = 16 };
 typedef struct tl_refused {
     uint64_t number;              /* counts up from 1 */
     char hash[TL_SHA256_TEXT];    /* of its text */
-    char origin[TL_REFUSAL_WORD]; /* by which way it came: "reload", "inbox", … */
+    char origin[TL_REFUSAL_WORD]; /* by which way it came: "reload", "limited", … */
     char result[TL_REFUSAL_WORD]; /* "refused", "cancelled" */
     char who[TL_VERSION_WHO];
     char why[TL_VERSION_WHY];    /* somebody has sent it */

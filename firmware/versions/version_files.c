@@ -58,7 +58,7 @@ void tl_version_text_path(const tl_versions *versions, const char *hash, char pa
 
 static const char *const origins[TL_VERSION_ORIGINS] = {[TL_VERSION_BY_START] = "start",
                                                         [TL_VERSION_BY_RELOAD] = "reload",
-                                                        [TL_VERSION_BY_INBOX] = "inbox",
+                                                        [TL_VERSION_BY_LIMITED] = "limited",
                                                         [TL_VERSION_BY_NETWORK] = "network",
                                                         [TL_VERSION_BY_HAND] = "hand"};
 static const char *const results[TL_VERSION_RESULTS] = {

@@ -37,8 +37,8 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) 
 
 static bool is_commissioned(const tl_version *version) {
     bool is_good = version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE;
-    bool is_remote = version->origin == TL_VERSION_BY_NETWORK || version->origin == TL_VERSION_BY_INBOX;
-    return is_good && (!is_remote || version->right >= TL_CHANGE_BY_COMMISSION);
+    bool is_limited = version->origin == TL_VERSION_BY_NETWORK || version->origin == TL_VERSION_BY_LIMITED;
+    return is_good && (!is_limited || version->right >= TL_CHANGE_BY_COMMISSION);
 }
 
 const tl_version *tl_versions_commissioned(const tl_versions *versions) {

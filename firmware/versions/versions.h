@@ -38,9 +38,9 @@ enum {
 
 /* By which way a version came. */
 typedef enum tl_version_origin {
-    TL_VERSION_BY_START,  /* the file on the box, found changed at the start */
-    TL_VERSION_BY_RELOAD, /* the file on the box, at a reload */
-    TL_VERSION_BY_INBOX,
+    TL_VERSION_BY_START,   /* the file on the box, found changed at the start */
+    TL_VERSION_BY_RELOAD,  /* the file on the box, at a reload */
+    TL_VERSION_BY_LIMITED, /* `twinlock reload --right` */
     TL_VERSION_BY_NETWORK,
     TL_VERSION_BY_HAND, /* another file, by `twinlock reload` */
     TL_VERSION_ORIGINS
@@ -57,7 +57,7 @@ typedef enum tl_version_result {
     TL_VERSION_RESULTS
 } tl_version_result;
 
-/* "start", "reload", "inbox", "network", "hand". */
+/* "start", "reload", "limited", "network", "hand". */
 const char *tl_version_origin_name(tl_version_origin origin);
 
 /* "candidate", "active", "probation", "kept", "returned", "refused". */

@@ -96,7 +96,7 @@ FIRMWARE = {
     "firmware/door": _firmware("control"),
     "firmware/serve": _firmware("door", "control", "supervise", "confine", "process", public=("http_request", "answer")),
     # Who asks a run from outside.
-    "firmware/retune": _firmware("control", "process", public=("inbox", "talk", "talk_page")),
+    "firmware/retune": _firmware("control", public=("talk", "talk_page")),
     "firmware/verbs": _firmware("advice", "emulate", "retune", "tree", "live", "activate", "errand", "control", "run", "twin", "assembly", "show", "report", "diagnose", "plant", "record", "outbox", "fmu", "supervise", "process",
                                 "config", others=_TWIN, public=("command_line",)),
     "firmware": Room(("firmware/verbs", "firmware/process", "firmware/base")),

@@ -2,7 +2,10 @@
 """The configuration of a run is changed while it runs (`twinlock reload`): in place, by a restart, and back again; and nothing of it is lost when
 processes die."""
 import os
+import pty
+import shutil
 import signal
+import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,7 +13,7 @@ from live_test import Device, Program, children, member, number, query, title, w
 from retuned import Retuned, events, match, tolerance
 from supervised import end_orderly, wait_for_run
 from tree import OMEGA, expect_whole, read
-from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, NOT_LOCKED, PLANT_DOWN, at_most, expect, main
+from twinlock_test import HUNG_S, BAD_DATA, BAD_USAGE, FMUS, FORBIDDEN, NOT_LOCKED, PLANT_DOWN, at_most, expect, main, run
 
 PROBATION = "--probation", "2"
 
@@ -72,6 +75,93 @@ def test_what_is_wrong_changes_nothing():
         expect(live.active() == 1 and live.child() == twin, f"{live.versions()}")
         end_orderly(live)
         expect_one_run(live)
+
+
+def send(live, data, *options, **changes):
+    """`twinlock reload -` with these bytes: (exit code, standard output, standard error)"""
+    with tempfile.TemporaryFile() as file:
+        file.write(data)
+        file.seek(0)
+        return run(["reload", "-", "--control", live.socket, *options], **{"stdin": file, **changes})
+
+
+def test_standard_input():
+    """It is taken as a file is, relative names too; what cannot be a configuration is refused before the run is asked."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = send(live, live.edited(tolerance(0.5)).read_bytes())
+        expect(code == 0 and "version 2 " in out, f"{code}\n{out}{err}")
+        code, out, err = send(live, live.edited(lambda document: document.update(step_s=0)).read_bytes())
+        expect(code == BAD_DATA and "standard input: line " in err and "step_s" in err, f"{code}\n{out}{err}")
+        shutil.copy(FMUS / "motor.fmu", live.file.parent / "beside.fmu")
+        beside = live.edited(lambda document: document["components"]["motor"].update(fmu="beside.fmu")).read_bytes()
+        code, out, err = send(live, beside, "--no-activate", "--restart", "--shadow", "1", cwd="/")
+        expect(code == 0 and "it can be activated" in out, f"{code}\n{out}{err}")
+        for data, wanted in (b"", "is empty (expected a"), (b" " * (256 * 1024 + 1), "is too large (expected a"):
+            code, out, err = send(live, data)
+            expect(code == BAD_DATA and f"standard input: {wanted} configuration of 1 to 262144 bytes)" in err, f"{code}\n{out}{err}")
+        terminal, other = pty.openpty()
+        code, out, err = send(live, b"", stdin=other)
+        expect(code == BAD_USAGE and "standard input: is a terminal" in err, f"{code}\n{out}{err}")
+        os.close(terminal)
+        os.close(other)
+        code, out, err = run(["reload", "-"])
+        expect(code == BAD_USAGE and "--control SOCKET" in err, f"{code}\n{out}{err}")
+        code, out, _ = send(live, b"", "--state")
+        expect(code == 0 and "version 2" in out and live.active() == 2, out)
+        end_orderly(live)
+
+
+def test_less_than_the_rights_of_the_box():
+    """--right limits its caller to what a token of that role may; nothing that is added behind it raises that."""
+    def unconfined(document):
+        document["components"]["motor"]["unconfined"] = True
+
+    def library(document):
+        document["components"]["motor"]["libraries"] = ["libm.so.6"]
+
+    def host(document):
+        document["sources"]["inverter"]["modbus_tcp"]["host"] = "localhost"
+
+    def forbidden(change, *options):
+        code, out, err = live.reload(live.edited(change), "--no-activate", "--restart", *options)
+        expect(code == FORBIDDEN and live.active() == 1, f"{options}: {code}\n{out}{err}")
+        return out + err
+
+    def allowed(change, *options):
+        code, out, err = live.reload(live.edited(change), "--no-activate", "--restart", "--shadow", "1", *options)
+        expect(code == 0 and "it can be activated" in out, f"{options}: {code}\n{out}{err}")
+
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        for change in unconfined, library:
+            for right in "retune", "commission":
+                expect("by twinlock reload without --right" in forbidden(change, "--right", right), f"{change} {right}")
+            allowed(change)
+        for options in ("--right", "retune"), ("--right", "retune", "--right", "commission"), ("--right=commission", "--rig=retune"):
+            expect("the right to commission" in forbidden(host, *options), f"{options}")
+        allowed(host, "--right", "commission")
+        forbidden(tolerance(0.5), "--right", "read")
+        expect(live.reload(None, "--right", "read", "--confirm")[0] == FORBIDDEN, "to read confirms")
+        expect(live.reload(None, "--right", "read", "--rollback")[0] == FORBIDDEN, "to read returns")
+        expect(live.reload(None, "--right", "read", "--versions")[0] == 0, "to read shows no versions")
+        code, _, err = live.reload(None, "--right", "box")
+        expect(code == BAD_USAGE and "read, retune or commission" in err, err)
+        end_orderly(live)
+
+
+def test_no_step_by_step():
+    """What was kept with --right is not what the next change is measured from: 1 → 2.5 → 6 is refused as 1 → 6 is."""
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(tolerance(2.5)), "--right", "retune", "--wait", "--probation", "2", "--require-lock", "10")
+        expect(code == 0 and "version 2 is kept" in out, f"{code}\n{out}{err}")
+        code, out, err = live.reload(live.edited(tolerance(6)), "--right", "retune")
+        expect(code == FORBIDDEN and "commissioned last" in err and live.active() == 2, f"{code}\n{out}{err}")
+        expect(live.version_on_disk(2)["origin"] == "limited" and ", limited, in place" in live.reload(None, "--versions")[1], "its origin")
+        code, out, err = live.reload(live.edited(tolerance(6)), "--no-activate")
+        expect(code == 0, f"{code}\n{out}{err}")
+        end_orderly(live)
 
 
 def test_what_no_run_can_begin_with():

@@ -75,12 +75,13 @@ def test_owners_and_modes():
     """Whatever umask whoever makes it has."""
     for package in ("twinlock", "twinlock-serve"):
         for mode, owner, path, _ in debian.contents(debian.make(umask=0o077, name=package)):
-            wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(mode[0], "-rwxr-xr-x" if path.startswith("./usr/bin/") else "-rw-r--r--")
+            wanted = {"d": "drwxr-xr-x", "l": "lrwxrwxrwx"}.get(mode[0], "-rwxr-xr-x" if path.startswith(("./usr/bin/", "./usr/lib/twinlock/inbox")) else "-rw-r--r--")
             expect(mode == wanted and owner == "root/root", f"{mode} {owner} {path}")
 
 
 def test_only_places_that_are_ours():
-    ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock-inbox@.service", "./usr/lib/systemd/system/twinlock@.service",
+    ours = ("./etc/twinlock/", "./usr/bin/twinlock", "./usr/lib/systemd/system/twinlock-inbox@.path",
+            "./usr/lib/systemd/system/twinlock-inbox@.service", "./usr/lib/systemd/system/twinlock@.service",
             "./usr/lib/sysusers.d/twinlock.conf", "./usr/lib/tmpfiles.d/twinlock.conf", "./usr/lib/twinlock/", "./usr/share/bash-completion/completions/twinlock",
             "./usr/share/doc/twinlock/", "./usr/share/lintian/overrides/twinlock", "./usr/share/man/man1/twinlock.1.gz",
             "./usr/share/twinlock/")

@@ -137,6 +137,7 @@ def test_the_unit_with_the_drop_ins_of_the_examples():
 def test_the_units_of_those_who_change_something():
     at_most(exposure_of("twinlock-serve.service"), SERVE_SCORE, "exposure")
     at_most(exposure_of("twinlock-inbox@motor.service"), SERVE_SCORE, "exposure")
+    inside("systemd-analyze", "verify", "--man=no", "twinlock-inbox@motor.path")
     groups = set(inside("id", "-nG", "twinlock-serve").split())
     expect(groups == {"twinlock-serve", "twinlock-control"}, f"{groups}")
 
@@ -255,6 +256,37 @@ def check_what_is_wrong_for_ever(machine):
     inside("rm", "/etc/twinlock/bad.json")
 
 
+def check_a_change_by_a_folder(machine):
+    """As by SFTP: a member of the group puts files into the folder that the first start has made, and reads there what comes of them."""
+    folder, service = "/var/lib/twinlock-inbox/motor", "twinlock-inbox@motor.service"
+
+    def put(name, change):
+        document = json.loads(place("/etc/twinlock/motor.json").read_text(encoding="utf-8"))
+        change(document)
+        place("/tmp/new.json").write_text(json.dumps(document), encoding="utf-8")
+        machine.run_well("runuser", "-u", "carl", "--", "sh", "-c", f"cp /tmp/new.json {folder}/x.part && mv {folder}/x.part {folder}/{name}")
+
+    def wait_for(name, text):
+        command = "runuser", "-u", "carl", "--", "cat", f"{folder}/{name}.result.txt"
+        wait_until(lambda: text in machine.run(*command).stdout, text, lambda: machine.run(*command).stdout + machine.journal(service), every=0.5)
+
+    inside("useradd", "--groups", "twinlock-inbox", "carl")
+    machine.run_well("systemctl", "enable", "--now", "twinlock-inbox@motor.path")
+    wait_until(lambda: place(folder).exists() and machine.property(service, "ActiveState") == "inactive", "its folder", machine.log)
+    put("motor.json", lambda document: document["synchronise"]["match"]["motor.omega"].update(tolerance=1.5))
+    wait_for("motor.json", "probation ")
+    machine.run_well("twinlock", "reload", "motor.json", "--confirm")
+    wait_for("motor.json", "version 2 is kept")
+    expect("motor.json of carl" in machine.run_well("twinlock", "reload", "motor.json", "--versions"), "nobody knows who has sent it")
+    put("free.json", lambda document: document["components"]["motor"].update(unconfined=True))
+    wait_for("free.json", "forbidden: ")
+    wait_until(lambda: machine.property(service, "ActiveState") == "inactive", "its end", machine.log)
+    expect(machine.property(service, "Result") == "success", machine.journal(service))
+    machine.run_well("systemctl", "disable", "--now", "twinlock-inbox@motor.path")
+    inside("userdel", "carl")
+    inside("rm", "-r", "/var/lib/twinlock-inbox", "/tmp/new.json")
+
+
 def check_packages(machine):
     """An upgrade goes on with what ran, and starts nothing else; removal leaves nothing running."""
     before, _ = start_motor(machine)
@@ -343,6 +375,7 @@ def test_under_systemd():
         said = wait_until(lambda: machine.property("twinlock@motor", "StatusText"), "a word of how it is", machine.log)
         print(f"    {said}")
         check_confinement(machine, "twinlock@motor")
+        check_a_change_by_a_folder(machine)
         check_a_kill(machine)
         check_a_bite(machine)
         machine.run_well("systemctl", "stop", "twinlock@motor")

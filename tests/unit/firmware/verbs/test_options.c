@@ -4,6 +4,7 @@
 
 #include <unity.h>
 
+#include "firmware/control/control_wire.h"
 #include "firmware/show/show.h"
 #include "firmware/verbs/option_table.h"
 #include "firmware/verbs/options.h"
@@ -55,7 +56,8 @@ static void expect_wrong(tl_verb verb, const char *option, const char *value, co
 
 static void test_defaults(void) {
     for (tl_verb verb = 0; verb < TL_VERB_COUNT; verb++) {
-        const tl_options wanted = {.call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE};
+        const tl_options wanted = {
+            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_CONTROL_RIGHTS};
         TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(verb, "subject"));
         TEST_ASSERT_EQUAL_STRING("subject", options.subject);
         TEST_ASSERT_EQUAL_STRING("", said);
@@ -96,6 +98,15 @@ static void test_every_option_sets_its_own(void) {
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_CHECK, "c", "--variables", "--memory-limit", "2048"));
     TEST_ASSERT_EQUAL_UINT64(2048, options.memory_limit_mib);
     TEST_ASSERT_TRUE(options.variables);
+}
+
+static void test_the_lesser_right_counts(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "-", "--right", "retune", "--right", "commission"));
+    TEST_ASSERT_EQUAL_STRING("-", options.subject);
+    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_RETUNE, options.right);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "--right", "commission", "-", "--rig=read"));
+    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_READ, options.right);
+    expect_wrong(TL_VERB_RELOAD, "--right", "box", "read, retune or commission");
 }
 
 static void test_tables_and_runs_of_show(void) {
@@ -199,6 +210,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_defaults);
     RUN_TEST(test_every_option_sets_its_own);
+    RUN_TEST(test_the_lesser_right_counts);
     RUN_TEST(test_tables_and_runs_of_show);
     RUN_TEST(test_since);
     RUN_TEST(test_values_that_are_refused);

@@ -27,7 +27,7 @@ static tl_status add(const char *who, const char *reason) {
     tl_refused news;
     memset(&news, 0, sizeof news);
     tl_sha256(reason, strlen(reason), news.hash);
-    (void)snprintf(news.origin, sizeof news.origin, "inbox");
+    (void)snprintf(news.origin, sizeof news.origin, "limited");
     (void)snprintf(news.result, sizeof news.result, "refused");
     (void)snprintf(news.who, sizeof news.who, "%s", who);
     (void)snprintf(news.why, sizeof news.why, "a new seal");
@@ -45,7 +45,7 @@ static void test_one(void) {
         TEST_ASSERT_EQUAL_size_t(1, refusals.count);
         TEST_ASSERT_EQUAL_UINT64(1, refusals.list[0].number);
         TEST_ASSERT_EQUAL_size_t(TL_SHA256_TEXT - 1, strlen(refusals.list[0].hash));
-        TEST_ASSERT_EQUAL_STRING("inbox", refusals.list[0].origin);
+        TEST_ASSERT_EQUAL_STRING("limited", refusals.list[0].origin);
         TEST_ASSERT_EQUAL_STRING("refused", refusals.list[0].result);
         TEST_ASSERT_NULL(strchr(refusals.list[0].who, '\033'));
         TEST_ASSERT_EQUAL_STRING("a new seal", refusals.list[0].why);

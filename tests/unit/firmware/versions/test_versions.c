@@ -343,7 +343,7 @@ static void test_words_of_strangers(void) {
                                   2,
                                   "an\xFFna\x1b[31m",
                                   "\"why\"\n\xC2\x9B",
-                                  TL_VERSION_BY_INBOX,
+                                  TL_VERSION_BY_LIMITED,
                                   TL_CHANGE_BY_COMMISSION,
                                   TL_CHANGE_RESTART};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
@@ -351,7 +351,7 @@ static void test_words_of_strangers(void) {
     const tl_version *version = tl_versions_get(&versions, number);
     TEST_ASSERT_EQUAL_STRING("an\\xFFna\\x1B[31m", version->who);
     TEST_ASSERT_EQUAL_STRING("\"why\"\\x0A\\u{9B}", version->why);
-    TEST_ASSERT_EQUAL_STRING("inbox", tl_version_origin_name(version->origin));
+    TEST_ASSERT_EQUAL_STRING("limited", tl_version_origin_name(version->origin));
 }
 
 /* A reason that is no text, and one that is too long: what is written can be read. */
