@@ -36,7 +36,7 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
         {"reload", "CONFIG", "configuration", "bring a changed configuration into a running plant's twin",
          "Hands a changed configuration to the run that was started with it and with --control. It is read,\n"
          "held against the one in force, and activated: tolerances, weights, bounds, penalties and budgets in\n"
-         "place; what takes another twin, or other sources, by a twin that runs beside the run's first, and\n"
+         "place; what takes another twin by a twin that runs beside the run's first, and\n"
          "takes over between two ticks; all else by a restart of the run, with a gap, if --restart allows\n"
          "that. It is on probation\n"
          "then, and returned from by itself if deadlines are missed or the lock is lost."},

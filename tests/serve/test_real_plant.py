@@ -70,7 +70,7 @@ def test_what_is_refused():
 
         found = box.push(change=two_problems)
         expect_push(found, 65, "synchronise.match.motor.omega.tolerance: found -1", "step_s: found 0", "new.json:")
-        expect_push(box.push("--restart", change=another_host), 77, "sources.inverter.modbus_tcp.host", "(new sources, takes the right to commission)", "forbidden")
+        expect_push(box.push("--restart", change=another_host), 77, "sources.inverter.modbus_tcp.host", "(restart, takes the right to commission)", "forbidden")
         expect_push(box.push(change=horizon), 2, "needs a restart")
         expect_push(box.push("--no-activate", change=tolerance(0.5)), 0)
         expect_push(box.push("--confirm"), 69, "absent")
