@@ -58,11 +58,6 @@ static tl_version_origin origin_of(const tl_activation *self) {
     return is_own_file(self) ? TL_VERSION_BY_RELOAD : TL_VERSION_BY_HAND;
 }
 
-/* Its twin takes over, and the plant is read by other sources then. */
-static bool reads_anew(const tl_activation *self) {
-    return self->way == TL_ACTIVATION_BY_FLIP && !self->is_return && self->answer.other_plant != 0;
-}
-
 static tl_status put_version(tl_activation *self, tl_error *error) {
     const tl_probation_terms terms = terms_of(self);
     const tl_probation_snapshot now = tl_activation_view_now(self).figures;
@@ -82,9 +77,6 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
                            self->way == TL_ACTIVATION_IN_PLACE ? &now : NULL); /* another run counts from 0 */
         self->probation.account.yardstick = self->verdict.yardstick;
         (void)snprintf(self->probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
-        if (reads_anew(self)) {
-            tl_probation_let_settle(&self->probation);
-        }
         status = tl_versions_activate(tl_activation_versions(self), number, &self->probation.account, error);
     }
     return status;
@@ -114,12 +106,12 @@ static void begin_probation(tl_activation *self) {
     }
 }
 
-/* The twin before is in the other place now: of use only if it is what would be returned to, and the plant is read for it as well. */
+/* The twin before is in the other place now: of use only if it is what would be returned to. */
 static void end_flip(tl_activation *self) {
     const tl_versions *versions = tl_activation_versions(self);
     const tl_version *before = tl_versions_get(versions, versions->probation.return_to);
     self->rehearsal.is_begun = false; /* its twin is the run's */
-    if (self->is_return || reads_anew(self) || before == NULL || strcmp(before->hash, self->leaving) != 0) {
+    if (self->is_return || before == NULL || strcmp(before->hash, self->leaving) != 0) {
         tl_activation_end_shadow(self);
     }
 }
@@ -198,9 +190,7 @@ void tl_activation_activate(tl_activation *self) {
                                         [TL_ACTIVATION_BY_RESTART] = "by a restart"};
     tl_error error;
     self->step = TL_CONTROL_ACTIVATE;
-    tl_activation_say(self, TL_CONTROL_ACTIVATE,
-                      reads_anew(self) ? "between two ticks, by the other twin; the plant is read anew then"
-                                       : words[self->way]);
+    tl_activation_say(self, TL_CONTROL_ACTIVATE, words[self->way]);
     self->settings.host->in_force(self->settings.host->context, self->leaving);
     if (write_down(self, &error) != TL_OK) {
         tl_activation_fail(self, error.text);

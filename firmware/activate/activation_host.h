@@ -46,9 +46,7 @@ typedef struct tl_activation_needs {
     uint32_t match, adjust, components; /* components: without the plant */
     bool unconfined;                    /* FMUs may do what the user can */
     uint64_t fmu_bytes;                 /* of the FMU files */
-    uint32_t signals;                   /* of the plant, */
-    bool other_plant;                   /* which are not read as those of the run are, */
-    uint64_t mail_bytes;                /* and take so much of a mail (plant_mail.h) */
+    uint32_t signals;                   /* of the plant, second look-ups among them */
 } tl_activation_needs;
 
 /* A candidate whose twin shall run beside the run's. */
@@ -133,8 +131,7 @@ typedef struct tl_activation_host {
     /* There shall be none, from now on, or soon. */
     void (*end_shadow)(void *context);
 
-    /* Shadow and run change places between two ticks: the shadow goes on as a new run, and the run's twin as its shadow; but if the plant is read anew for
-     * that run, which has other sources, the run's twin ends. False: not yet, as above. */
+    /* Shadow and run change places between two ticks: the shadow goes on as a new run, and the run's twin as its shadow. False: not yet, as above. */
     bool (*flip)(void *context);
 
     /* What came of it: taken, or refused since there was no shadow, with the reason. From then on in_force() is of the new twin, and tunings are its. */

@@ -123,10 +123,6 @@ static void say_sight(const tl_activation *self) {
                        "probation",
                        gone * compared, compared);
         break;
-    case TL_COMPARISON_BLIND:
-        (void)snprintf(text, sizeof text,
-                       "its lock could not be judged: it does not see enough of the plant; probation does");
-        break;
     }
     tl_activation_say(self, TL_CONTROL_COMPARE, text);
 }
@@ -189,9 +185,6 @@ static void go_on_live(tl_activation *self, const tl_activation_shadow *shadow, 
     if (!rehearsal->is_compared && rehearsal->live >= lead_in_of(self)) {
         rehearsal->is_compared = true;
         tl_comparison_begin(&rehearsal->comparison, &rehearsal->before, shadow);
-        if (self->answer.unseen != 0) {
-            tl_comparison_limit_sight(&rehearsal->comparison, self->answer.lacks_input != 0);
-        }
     } else if (rehearsal->live >= length_of(self)) {
         rehearsal->live = length_of(self);
         say_live(self, shadow);
@@ -251,21 +244,6 @@ static bool go_on_with_probation(tl_activation *self, tl_time passed) {
     return result != TL_PROBATION_RETURN;
 }
 
-/* What it is compared without, and what follows from other sources. */
-static void say_blindness(const tl_activation *self) {
-    const tl_trial_answer *answer = &self->answer;
-    char text[TL_CONTROL_TEXT];
-    if (answer->unseen != 0) {
-        (void)snprintf(text, sizeof text, "it cannot see %s: the run does not read that; it is read once it is active",
-                       answer->blind);
-        tl_activation_say(self, TL_CONTROL_SHADOW, text);
-    }
-    if (answer->other_plant != 0) {
-        tl_activation_say(self, TL_CONTROL_SHADOW,
-                          "the plant is read anew once it is active; a way back is by a restart");
-    }
-}
-
 void tl_activation_begin_shadow(tl_activation *self) {
     self->step = TL_CONTROL_SHADOW;
     self->rehearsal = (tl_rehearsal){.before = tl_activation_view_now(self).figures};
@@ -275,7 +253,6 @@ void tl_activation_begin_shadow(tl_activation *self) {
         tl_activation_say_window(self, TL_CONTROL_SHADOW, length_of(self) - lead_in_of(self),
                                  third < LEAD_IN ? third : LEAD_IN, "--shadow");
     }
-    say_blindness(self);
     self->looked = tl_clock_now(NULL);
 }
 
@@ -312,9 +289,7 @@ static void order(tl_activation *self) {
                   .components = answer->components,
                   .unconfined = answer->unconfined != 0,
                   .fmu_bytes = answer->fmu_bytes,
-                  .signals = answer->signals,
-                  .other_plant = answer->other_plant != 0,
-                  .mail_bytes = answer->mail_bytes},
+                  .signals = answer->signals},
     };
     self->rehearsal.is_begun = host->begin_shadow(host->context, &candidate);
     if (self->rehearsal.is_begun && takes_place) {

@@ -52,11 +52,6 @@ void tl_comparison_begin(tl_comparison *comparison, const tl_probation_snapshot 
     *comparison = (tl_comparison){.before = *before, .shadow = now->work, .twin = now->beside};
 }
 
-void tl_comparison_limit_sight(tl_comparison *comparison, bool lacks_input) {
-    comparison->is_partial = true;
-    comparison->lacks_input = lacks_input;
-}
-
 void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now) {
     const tl_comparison begun = *comparison;
     comparison->shadow = now->work;
@@ -69,19 +64,6 @@ void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *no
 
 static uint64_t steps_judged(const tl_lock_tally *lock) {
     return tl_lock_tally_total(lock) - lock->steps[TL_LOCK_FREE];
-}
-
-static bool is_blind(const tl_comparison *comparison) {
-    return comparison->is_partial && (comparison->lacks_input || steps_judged(&comparison->shadow.figures.lock) == 0);
-}
-
-/* Percent; of one that does not see all of the plant as far as it can be seen. */
-static double in_lock_of(const tl_comparison *comparison, const tl_lock_tally *lock) {
-    if (!comparison->is_partial) {
-        return tl_lock_tally_percent(lock);
-    }
-    uint64_t in_lock = lock->steps[TL_LOCK_LOCKED] + lock->steps[TL_LOCK_TRACKING] + lock->steps[TL_LOCK_DEGRADED];
-    return 100.0 * (double)in_lock / (double)steps_judged(lock);
 }
 
 /* ---- words ---- */
@@ -208,9 +190,6 @@ tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, doub
     const tl_lock_tally *lock = &comparison->shadow.figures.lock;
     uint64_t judged = tl_lock_tally_total(lock);
     *gone = share((double)lock->steps[TL_LOCK_FREE], judged);
-    if (is_blind(comparison)) {
-        return TL_COMPARISON_BLIND;
-    }
     return judged == 0 ? TL_COMPARISON_UNJUDGED : *gone > MOST ? TL_COMPARISON_PLANT_GONE : TL_COMPARISON_SEEN;
 }
 
@@ -238,7 +217,7 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     if (tl_comparison_sight_of(comparison, &gone) != TL_COMPARISON_SEEN) {
         return TL_COMPARISON_GOOD;
     }
-    double in_lock = in_lock_of(comparison, &shadow->lock);
+    double in_lock = tl_lock_tally_percent(&shadow->lock);
     if (in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,
                        "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
@@ -285,7 +264,7 @@ static void write_worse(const tl_activation_output *now, const tl_activation_out
 static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_lock_tally *lock = &comparison->shadow.figures.lock_before;
     double in_lock_now = tl_lock_tally_percent(&comparison->twin.figures.lock);
-    double in_lock = steps_judged(lock) == 0 ? 100.0 : in_lock_of(comparison, lock);
+    double in_lock = steps_judged(lock) == 0 ? 100.0 : tl_lock_tally_percent(lock);
     double gone = 0.0;
     bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
     (void)snprintf(
@@ -298,7 +277,7 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
 
 bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_activation_work *twin = &comparison->twin;
-    for (size_t i = 0; i < twin->outputs && !is_blind(comparison); i++) {
+    for (size_t i = 0; i < twin->outputs; i++) {
         const tl_activation_output *now = &twin->output[i];
         const tl_activation_output *then = find_output(&comparison->shadow, now->name);
         if (then != NULL && is_comparable(now, then) && is_worse(now, then)) {

@@ -3,9 +3,7 @@
  * Purpose: what both have done from a moment on to another, in words, and whether the shadow may take over. Pure logic: figures are handed in.
  * Refused: the run's twin, beside it, misses deadlines or makes ticks up by probation's rule (probation.h), against what it did before; the shadow was in lock
  *          for less than is asked, and for less than the run's twin.
- * Unseen:  of a lock that was not judged, or only while the plant was there for a moment, nothing is asked: that is probation's. A shadow that does not see all of
- *          the plant (other sources) is in lock as far as can be seen. If it sees nothing of what it matches, or not all that feeds it, it is blind:
- *          neither its lock nor its outputs can be judged.
+ * Unseen:  of a lock that was not judged, or only while the plant was there for a moment, nothing is asked: that is probation's.
  * Worse:   an output that both match is off by more than the tolerance of the run, and by more than TL_COMPARISON_TIMES what the run's is, as root mean
  *          squares over TL_COMPARISON_PAIRS and more. The tolerance of the candidate does not count: whoever widens it is in lock, and may be nowhere near the
  *          plant. Noise of the plant is the same for both, and below the tolerance. Or the shadow was in lock for less than is asked, and for less than the run's twin, by the
@@ -26,8 +24,6 @@ enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 
 typedef struct tl_comparison {
     tl_probation_snapshot before;    /* the run's twin, before there was a shadow */
     tl_activation_work shadow, twin; /* as they were when it began; then what they have done in it */
-    bool is_partial;                 /* the shadow does not see all of the plant, */
-    bool lacks_input;                /* not even all that feeds it */
 } tl_comparison;
 
 typedef enum tl_comparison_result {
@@ -39,17 +35,13 @@ typedef enum tl_comparison_result {
 /* What can be said of the shadow's lock. */
 typedef enum tl_comparison_sight {
     TL_COMPARISON_SEEN,
-    TL_COMPARISON_UNJUDGED,   /* nothing has come yet that it is judged by: no stroke has ended (event horizon) */
-    TL_COMPARISON_PLANT_GONE, /* no matched signal was good for more than half of the time */
-    TL_COMPARISON_BLIND       /* it does not see enough of the plant */
+    TL_COMPARISON_UNJUDGED,  /* nothing has come yet that it is judged by: no stroke has ended (event horizon) */
+    TL_COMPARISON_PLANT_GONE /* no matched signal was good for more than half of the time */
 } tl_comparison_sight;
 
 /* `before`: the run's twin before there was a shadow. */
 void tl_comparison_begin(tl_comparison *comparison, const tl_probation_snapshot *before,
                          const tl_activation_shadow *now);
-
-/* After the above: there are signals that the shadow cannot see, and some that feed its inputs among them. */
-void tl_comparison_limit_sight(tl_comparison *comparison, bool lacks_input);
 
 void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
 

@@ -144,7 +144,7 @@ typedef struct tl_control_version {
     uint64_t parent;  /* 0: none */
     uint32_t is_active;
     char hash[TL_SHA256_TEXT];
-    char kind[16];   /* "in place", "new twin", "new sources", "restart" */
+    char kind[16];   /* "in place", "new twin", "restart" */
     char origin[16]; /* "start", "reload", "limited", … */
     char right[16];  /* it was taken with */
     char who[TL_CONTROL_NAME];

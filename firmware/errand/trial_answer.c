@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "firmware/outbox/run_types.h"
-#include "firmware/plant/plant_mail.h"
 #include "firmware/text/clean_text.h"
 #include "master/base/signal.h"
 
@@ -16,27 +15,20 @@ static void clean(const char *from, char *text, size_t size) {
     (void)tl_clean_text(copy, length, text, size);
 }
 
-static bool has_plant(const tl_trial_answer *answer) {
-    return tl_plant_mail_can_have(answer->signals, answer->mail_bytes) && answer->other_plant <= 1 &&
-           answer->lacks_input <= 1 && answer->unseen <= answer->signals &&
-           (answer->unseen == 0 || answer->other_plant == 1);
-}
-
 /* No box has as much. */
 static const uint64_t BYTES = (uint64_t)1 << 50;
 
 static bool has_room(const tl_trial_answer *answer) {
     return answer->match <= TL_MAX_MATCH && answer->adjust <= TL_MAX_ADJUST &&
-           answer->components < TL_RECORDER_COMPONENTS && answer->unconfined <= 1 && answer->fmu_bytes <= BYTES &&
-           answer->memory <= BYTES;
+           answer->components < TL_RECORDER_COMPONENTS && answer->unconfined <= 1 && answer->signals >= 1 &&
+           answer->signals <= TL_MAX_SIGNALS && answer->fmu_bytes <= BYTES && answer->memory <= BYTES;
 }
 
 bool tl_trial_answer_take(const tl_trial_answer *from, tl_trial_answer *answer) {
     uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
     memcpy(answer, from, sizeof *answer);
-    clean(answer->blind, answer->blind, sizeof answer->blind);
-    return is_there == 1 && has_room(answer) && has_plant(answer) && answer->step > 0 && answer->budget >= 0 &&
-           answer->least >= 0 && answer->worst >= 0;
+    return is_there == 1 && has_room(answer) && answer->step > 0 && answer->budget >= 0 && answer->least >= 0 &&
+           answer->worst >= 0;
 }
 
 bool tl_trial_states_take(const tl_trial_states *from, char why[TL_TRIAL_WHY]) {

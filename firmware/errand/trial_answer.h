@@ -12,19 +12,12 @@
 
 #include "master/base/simtime.h"
 
-enum { TL_TRIAL_BLIND = 128 };
-
 typedef struct tl_trial_answer {
     uint32_t is_there;                  /* 1: all of this is; the last to be written */
     uint32_t match, adjust, components; /* components: without the plant */
     uint32_t unconfined;                /* 1: FMUs may do what the user can */
     uint64_t fmu_bytes;                 /* of the FMU files */
-    uint32_t signals;                   /* of the plant, second look-ups among them, */
-    uint32_t other_plant;               /* 1: they are not read as the configuration in force does, */
-    uint32_t unseen;                    /* so many of them, */
-    uint32_t lacks_input;               /* 1: some that feed an input are among these; */
-    uint64_t mail_bytes;                /* of the plant's mail */
-    char blind[TL_TRIAL_BLIND];         /* which are not seen: "torque, flow"; cut */
+    uint32_t signals;                   /* of the plant, second look-ups among them */
     uint64_t memory;                    /* bytes that its twin will take, FMUs and all */
     tl_time step;                       /* ns: T_S, */
     tl_time budget;                     /* of a step's time by the configuration, */

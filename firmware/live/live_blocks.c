@@ -27,6 +27,5 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     if (config->record_resume != 0) {
         blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint, 0);
     }
-    blocks->shadow =
-        blocks->mail + outbox_with(config, 0) + sizeof(tl_live_twin_pulse) + blocks->checkpoints + blocks->past;
+    blocks->shadow = outbox_with(config, 0) + sizeof(tl_live_twin_pulse) + blocks->checkpoints + blocks->past;
 }

@@ -17,8 +17,7 @@ typedef struct tl_live_blocks {
     size_t outbox;      /* what waits for the recorder, and what the processes say of themselves */
     size_t checkpoints; /* saved twins, as many as there is room for at a time; 0: none are saved */
     size_t past;        /* what a new twin goes on from; at most, and only until it has begun. 0: it never does */
-    size_t
-        shadow; /* what another twin of this size has beside all that, while it runs as a shadow; at most: with a mail of its own */
+    size_t shadow;      /* what another twin of this size has beside all that, while it runs as a shadow; at most */
 } tl_live_blocks;
 
 /* Of a twin that is saved in so many bytes; 0: it is not. `config` is one whose second look-ups are signals. */

@@ -237,9 +237,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
                                                .components = candidate->needs.components,
                                                .unconfined = candidate->needs.unconfined ? 1 : 0,
                                                .fmu_bytes = candidate->needs.fmu_bytes,
-                                               .signals = candidate->needs.signals,
-                                               .other_plant = candidate->needs.other_plant ? 1 : 0,
-                                               .mail_bytes = candidate->needs.mail_bytes};
+                                               .signals = candidate->needs.signals};
     order(self, TL_LIVE_SHADOW);
     return true;
 }

@@ -32,11 +32,10 @@ typedef struct tl_live_job {
         place; /* of the twin, or of the twin whose outbox the recorder reads, or which is the run's as the activator begins */
     char hash[TL_LIVE_PLACES][TL_SHA256_TEXT]; /* of the activator: of the configuration in each place; "": none is */
     /* of the twin's start */
-    uint32_t number;  /* of this start, from 1 on */
-    bool is_shadow;   /* it is not the run's twin, until a flip makes it that, */
-    bool other_plant; /* and has other sources than the run: it reads the run's mail besides its own, */
-    tl_time start;    /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
-    int64_t started;  /* and UTC, ms */
+    uint32_t number; /* of this start, from 1 on */
+    bool is_shadow;  /* it is not the run's twin, until a flip makes it that, */
+    tl_time start;   /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
+    int64_t started; /* and UTC, ms */
     uint32_t
         flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
     bool again; /* after a failure */

@@ -172,6 +172,7 @@ static tl_status follow_recorder(const tl_live_past_settings *settings, tl_summa
             return TL_OK;
         }
         tell_answer(settings, &answer);
+        settings->memory->ended = answer.ended;
         refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
         if (refused) {
             status = follow_image(settings, (size_t)answer.size, summary, &refused, error);
@@ -242,7 +243,6 @@ tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const
         .heart = settings->heart,
         .start = start,
         .run = settings->run,
-        .same = settings->same,
         .fetch = fetch_samples,
         .show = show_samples,
         .context = &self,

@@ -27,6 +27,7 @@ typedef struct tl_live_memory {
     tl_live_twin_pulse *pulse; /* ours */
     uint32_t twin;             /* the number of this start, */
     uint32_t place;            /* and where */
+    tl_time ended;             /* of a run before that is not gone on with: when its last tick was; 0: not known */
 } tl_live_memory;
 
 /* Takes the descriptors. *taken is what the recorder has taken of the twin's outbox; `place` is set. Errors: TL_BAD_DATA. */
@@ -37,9 +38,8 @@ bool tl_live_memory_ask(const tl_live_memory *memory, uint32_t number, tl_heart 
 
 typedef struct tl_live_past_settings {
     tl_live_memory *memory;
-    const tl_config *run;        /* of a shadow: the configuration of the run beside which it begins, */
-    const tl_same_signals *same; /* and which of its signals are its own */
-    tl_assembly *assembly;       /* built; its twin may be built anew */
+    const tl_config *run;  /* of a shadow: the configuration of the run beside which it begins */
+    tl_assembly *assembly; /* built; its twin may be built anew */
     tl_fmu_thread *thread;
     tl_outbox *outbox; /* nothing was put yet */
     tl_journal *journal;

@@ -155,6 +155,15 @@ static void wait_for_readings(const live_twin *self) {
     }
 }
 
+/* A change by a restart, for example, leaves a gap between two runs. */
+static void tell_gap(live_twin *self) {
+    const tl_time gap = tl_clock_now(NULL) - self->shared.past.ended;
+    if (self->shared.past.ended != 0 && gap > 0) {
+        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
+                         tl_seconds(gap), (long long)(gap / self->config->step));
+    }
+}
+
 /* The supervisor changes the scheduling of the FMUs' thread when it is asked; here the main thread waits for it. */
 static void wish_realtime(live_twin *self, bool wished) {
     int wanted = wished ? SCHED_FIFO : SCHED_OTHER;
@@ -241,7 +250,6 @@ static tl_status lead(live_twin *self, tl_error *error) {
     const tl_live_past_settings past = {
         .memory = &self->shared.past,
         .run = &self->shared.run,
-        .same = &self->shared.same,
         .assembly = self->assembly,
         .thread = self->fmus,
         .outbox = &self->shared.outbox,
@@ -260,7 +268,6 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .assembly = self->assembly,
         .thread = self->fmus,
         .input = &self->shared.input,
-        .mail = &self->shared.change,
         .outbox = &self->shared.outbox,
         .journal = &self->journal,
         .beats = &self->shared.pulse->beats,
@@ -286,6 +293,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
     }
     if (!self->is_shadow) {
         wait_for_readings(self);
+        tell_gap(self);
     }
     if (self->config->realtime_lock_memory) {
         tl_realtime_lock_memory(&self->journal);
@@ -357,7 +365,6 @@ static tl_status look_on(live_twin *self, tl_error *error) {
         tl_heart_beat(self->heart);
         tl_fmu_thread_watch(self->fmus);
         tl_journal_drain(&self->journal);
-        tl_live_twin_memory_look(&self->shared);
         if (!tl_cycle_status_now(self->cycle, &status)) {
             continue;
         }

@@ -7,35 +7,6 @@
 
 /* ---- the plant ---- */
 
-/* Of a shadow: what of the run's plant is its own. */
-static tl_status compare_with_run(tl_live_twin_memory *self, const char *of_run, const tl_config *config,
-                                  tl_error *error) {
-    if (!self->job.is_shadow) {
-        return TL_OK;
-    }
-    tl_status status = tl_live_job_read(&self->job, config->path, of_run, &self->run, error);
-    if (status == TL_OK) {
-        status = tl_config_same_signals(&self->run, config, &self->same, error);
-    }
-    if (status == TL_OK && !self->job.other_plant && !self->same.is_each) {
-        status = tl_fail(error, TL_BAD_DATA, "its signals are not in the places of those of the run");
-    }
-    return status;
-}
-
-static tl_status take_mail_of_run(tl_live_twin_memory *self, tl_error *error) {
-    tl_mailbox mailboxes[TL_MAX_SIGNALS];
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(&self->run, &shape);
-    tl_status status =
-        tl_block_take(TL_LIVE_RUN_MAIL, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->run_mail, error);
-    if (status == TL_OK) {
-        tl_plant_mail_open(&shape, self->run_mail.bytes, mailboxes);
-        tl_mail_change_open(&self->change, &self->input, &self->same, mailboxes);
-    }
-    return status;
-}
-
 static tl_status take_mail(tl_live_twin_memory *self, const tl_config *config, tl_error *error) {
     tl_plant_mail_shape shape;
     tl_plant_mail_shape_of(config, &shape);
@@ -48,13 +19,7 @@ static tl_status take_mail(tl_live_twin_memory *self, const tl_config *config, t
             status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
         }
     }
-    return status == TL_OK && self->job.other_plant ? take_mail_of_run(self, error) : status;
-}
-
-void tl_live_twin_memory_look(tl_live_twin_memory *memory) {
-    if (memory->run_mail.size != 0 && tl_mail_change_is_over(&memory->change)) {
-        tl_block_close(&memory->run_mail);
-    }
+    return status;
 }
 
 /* ---- its own ---- */
@@ -102,7 +67,8 @@ tl_status tl_live_twin_memory_take(tl_live_twin_memory *memory, const tl_twin_jo
     tl_status status = tl_live_job_unpack(job->live, job->live_size, &memory->job, &of_run, error);
     if (status == TL_OK) {
         tl_live_job_apply(&memory->job, config);
-        status = compare_with_run(memory, of_run, config, error);
+        status =
+            memory->job.is_shadow ? tl_live_job_read(&memory->job, config->path, of_run, &memory->run, error) : TL_OK;
     }
     if (status == TL_OK) {
         status = take_mail(memory, config, error);

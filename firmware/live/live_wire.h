@@ -42,11 +42,10 @@ enum {
     TL_LIVE_STAGE = 12, /* the supervisor writes; all but io read */
     TL_LIVE_OTHER_PULSE =
         13, /* of the recorder and the activator: of the twin in the other place than that of their job, to read */
-    TL_LIVE_RUN_MAIL = 13,     /* of a shadow with another plant than the run's: io writes that of the run; it reads */
     TL_LIVE_OTHER_PAST = 14,   /* of the recorder, which writes it: for that twin */
     TL_LIVE_OTHER_TUNING = 14, /* of the activator, which writes it */
     TL_LIVE_CANDIDATE = 15,    /* of the activator, which writes it: tl_live_candidate */
-    TL_LIVE_MAIL_READ = 15     /* of the recorder: the mail of its place */
+    TL_LIVE_MAIL_READ = 15     /* of the recorder: the mail */
 };
 
 /* Which outbox is which, for the recorder. */
@@ -166,6 +165,7 @@ enum { TL_LIVE_PAST_WORDS = 8 };
 typedef struct tl_live_past_answer {
     tl_live_wish wish;
     uint64_t size;                               /* bytes in the block; 0: there is none (any more) */
+    tl_time ended;                               /* tl_past_history_ended() */
     tl_live_past_word words[TL_LIVE_PAST_WORDS]; /* to the first without a text */
 } tl_live_past_answer;
 
@@ -214,13 +214,8 @@ static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
     return tl_live_outbox_of_shape(&shape, config->step);
 }
 
-/* Of a block with a plant mail of so many bytes. */
-static inline size_t tl_live_mail_bytes_of(size_t plant_bytes) {
-    return tl_live_round(plant_bytes) + sizeof(tl_live_mail_end);
-}
-
 static inline size_t tl_live_mail_bytes(const tl_plant_mail_shape *shape) {
-    return tl_live_mail_bytes_of(tl_plant_mail_bytes(shape));
+    return tl_live_round(tl_plant_mail_bytes(shape)) + sizeof(tl_live_mail_end);
 }
 
 static inline tl_live_mail_end *tl_live_mail_end_of(const tl_plant_mail_shape *shape, void *mail) {

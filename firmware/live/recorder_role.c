@@ -240,6 +240,7 @@ static void answer(recorder *self, tl_live_wish wish) {
         tl_past_history_write(self->history, self->past.bytes);
     }
     given->size = found ? size : 0;
+    given->ended = tl_past_history_ended(self->history);
     self->answered = wish;
     __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
 }

@@ -31,6 +31,7 @@ struct tl_past_history {
     int64_t last;              /* its last tick that has a step */
     tl_time start;             /* its t_start on the clock of now */
     tl_time gap;               /* since `last` */
+    tl_time ended;             /* of a run that is not gone on with: when its last tick was; 0: not known */
     int64_t most;              /* ticks that can be followed */
     int looked;                /* checkpoints looked at, */
     int64_t before;            /* all of them of this tick or later */
@@ -142,12 +143,19 @@ static bool find_gap_by_utc(const tl_past_history *self, tl_time *gap) {
     return true;
 }
 
-/* t_start on our clock, and for how long nobody ran. */
-static bool find_time(tl_past_history *self) {
-    tl_time now = tl_clock_now(NULL);
+/* For how long nobody ran. False: that cannot be told. */
+static bool find_gap(tl_past_history *self, tl_time now) {
     if (strcmp(self->settings.boot, self->run->boot) == 0) {
         self->gap = now - tl_time_of_step(self->run->start, self->run->step, self->last);
-    } else if (!find_gap_by_utc(self, &self->gap)) {
+        return self->run->has_start;
+    }
+    return find_gap_by_utc(self, &self->gap);
+}
+
+/* And t_start on our clock. */
+static bool find_time(tl_past_history *self) {
+    tl_time now = tl_clock_now(NULL);
+    if (!find_gap(self, now)) {
         return tl_past_refuse(self->why, "run %" PRId64 " does not tell when it was", self->run->run);
     }
     if (!tl_past_is_recent(self->run->run, config_of(self), self->gap, self->why)) {
@@ -169,8 +177,12 @@ static tl_status find(tl_past_history *self, bool *found, tl_error *error) {
     if (status == TL_OK) {
         status = tl_history_tunings(self->history, run, &self->taken, &self->taken_count, error);
     }
-    *found = status == TL_OK && tl_past_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self) &&
-             find_time(self) &&
+    bool goes_on = status == TL_OK && tl_past_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self);
+    tl_time now = tl_clock_now(NULL);
+    if (status == TL_OK && !goes_on && find_gap(self, now) && self->gap >= 0) {
+        self->ended = now - self->gap;
+    }
+    *found = goes_on && find_time(self) &&
              tl_past_is_under_way(run->run, config_of(self), self->last, self->gap, run->lead, self->why);
     self->most =
         tl_past_most_followed(*found ? tl_history_execution_cost(self->history, run) : 0, self->settings.components);
@@ -379,6 +391,10 @@ bool tl_past_history_next(tl_past_history *history, size_t *size) {
         history->why[0] = '\0';
     }
     return found;
+}
+
+tl_time tl_past_history_ended(const tl_past_history *history) {
+    return history == NULL ? 0 : history->ended;
 }
 
 void tl_past_history_write(const tl_past_history *history, void *image) {

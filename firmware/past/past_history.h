@@ -41,6 +41,9 @@ void tl_past_history_close(tl_past_history *history);
  * was told. NULL is allowed. */
 bool tl_past_history_next(tl_past_history *history, size_t *size);
 
+/* If the newest run is not gone on with (another configuration, for example): when its last tick was, on the clock of now. 0: not known. NULL is allowed. */
+tl_time tl_past_history_ended(const tl_past_history *history);
+
 /* The image of the past that was found last. */
 void tl_past_history_write(const tl_past_history *history, void *image);
 

@@ -176,7 +176,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     source->period = tl_time_of_seconds(configured->period_s);
     source->repeats = repeats;
     for (size_t i = 0; i < config->signal_count; i++) {
-        if (config->signals[i].source == index && !config->signals[i].is_reading) {
+        if (config->signals[i].source == index && config->signals[i].of == i) {
             repeats[source->signal_count] = tl_config_repeats(config, &config->signals[i]);
             signals[source->signal_count++] = i;
         }

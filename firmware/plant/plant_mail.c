@@ -28,6 +28,7 @@ tl_time tl_plant_mail_kept(const tl_config *config) {
 void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape) {
     *shape = (tl_plant_mail_shape){.signals = config->signal_count};
     for (size_t i = 0; i < config->signal_count; i++) {
+        shape->of[i] = config->signals[i].of;
         tl_time readings = tl_plant_mail_kept(config) / period_of(config, &config->signals[i]) + 1;
         uint32_t depth = TL_PLANT_MAIL_LEAST;
         while (depth < readings && depth < TL_PLANT_MAIL_MOST) {
@@ -40,21 +41,19 @@ void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape)
 size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape) {
     size_t bytes = COUNTS;
     for (size_t i = 0; i < shape->signals; i++) {
-        bytes += shape->depth[i] * sizeof(tl_mailbox_slot);
+        bytes += shape->of[i] == i ? shape->depth[i] * sizeof(tl_mailbox_slot) : 0;
     }
     return bytes;
-}
-
-bool tl_plant_mail_can_have(size_t signals, uint64_t bytes) {
-    const size_t least = COUNTS + signals * TL_PLANT_MAIL_LEAST * sizeof(tl_mailbox_slot);
-    const size_t most = COUNTS + signals * TL_PLANT_MAIL_MOST * sizeof(tl_mailbox_slot);
-    return signals > 0 && signals <= TL_MAX_SIGNALS && bytes >= least && bytes <= most;
 }
 
 void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
     unsigned char *counts = memory;
     unsigned char *slots = counts + COUNTS;
     for (size_t i = 0; i < shape->signals; i++) {
+        if (shape->of[i] != i) {
+            mailboxes[i] = mailboxes[shape->of[i]];
+            continue;
+        }
         mailboxes[i] = (tl_mailbox){
             .slots = (tl_mailbox_slot *)(void *)slots,
             .count = (uint64_t *)(void *)(counts + i * LINE),
@@ -68,6 +67,7 @@ void *tl_plant_mail_make_least(size_t signals, tl_mailbox mailboxes[TL_MAX_SIGNA
     tl_plant_mail_shape shape = {.signals = signals};
     for (size_t i = 0; i < signals; i++) {
         shape.depth[i] = TL_PLANT_MAIL_LEAST;
+        shape.of[i] = i;
     }
     void *memory = calloc(1, tl_plant_mail_bytes(&shape));
     if (memory != NULL) {

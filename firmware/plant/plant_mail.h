@@ -4,6 +4,7 @@
  *          follows from the configuration alone, which both sides have; nothing of it is read from the memory.
  * Memory:  of the caller, zeroed at first, aligned to 8 bytes; better to a page, as a block is. The counts of all mailboxes come first, on a
  *          cache line each, then the slots of one signal after the other.
+ * Look-ups: a second look-up of a signal has no mailbox of its own: it reads that of the signal. So twins with different look-ups read the same mail.
  * Thread:  plain data; of the mailboxes see mailbox.h.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_MAIL_H
@@ -22,6 +23,7 @@ enum { TL_PLANT_MAIL_LEAST = 256, TL_PLANT_MAIL_MOST = 65536 }; /* readings of a
 typedef struct tl_plant_mail_shape {
     size_t signals;
     uint32_t depth[TL_MAX_SIGNALS]; /* powers of two */
+    size_t of[TL_MAX_SIGNALS];      /* whose mailbox each reads: its own, or that of an earlier signal */
 } tl_plant_mail_shape;
 
 /* Live: what a source reads in hang_s and 10 s is kept, as often as it polls: every period_s (CAN: 1 ms), but not less often than each step, and
@@ -33,9 +35,6 @@ tl_time tl_plant_mail_kept(const tl_config *config);
 
 /* Of the memory; never 0. */
 size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape);
-
-/* The mail of so many signals can have that size. */
-bool tl_plant_mail_can_have(size_t signals, uint64_t bytes);
 
 /* Handles on what is in the memory, for either side: whoever only reads may have mapped it read-only. */
 void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]);

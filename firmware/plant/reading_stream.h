@@ -4,7 +4,6 @@
  *          so a run that has missed ticks sees what it would have seen.
  * Again:   a reading with a stamp no later than the newest that was taken is that one again, and is passed over; one whose stamp is later than the
  *          instant waits for its time.
- * Change:  to another mailbox at any time (mail_change.h): what it has that is newer goes on from there.
  * Trust:   none in the mailbox; so many readings are taken at once as it is deep.
  * Memory:  the heap's, when made. Thread: the cycle's.
  */

@@ -94,13 +94,6 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
 }
 
-static void take_sample(const tl_cycle *cycle, int64_t tick, tl_time instant, tl_sample *sample) {
-    if (cycle->settings.mail != NULL) {
-        tl_mail_change_look(cycle->settings.mail, instant);
-    }
-    tl_plant_input_take(cycle->settings.input, tick, instant, sample);
-}
-
 /* In its first tick the twin begins, and its FMUs are proved. */
 static void note_beginning(tl_cycle *cycle) {
     if (!cycle->has_begun) {
@@ -117,7 +110,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     bool ready = false;
     tl_twin *twin = cycle->settings.assembly->twin;
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
-    take_sample(cycle, tick, instant, &sample);
+    tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
     tl_lock_rescue_sample(&cycle->rescue, &sample);
     tl_lock_judge_sample(&cycle->second, &sample);
@@ -199,7 +192,7 @@ static void finish(tl_cycle *cycle) {
     if (!is_stopped(cycle)) {
         tl_clock_sleep_until(instant);
     }
-    take_sample(cycle, cycle->next_tick, instant, &sample);
+    tl_plant_input_take(cycle->settings.input, cycle->next_tick, instant, &sample);
     if (tl_clock_now(NULL) < instant) {
         memset(sample.quality, TL_STALE, config->signal_count);
     }

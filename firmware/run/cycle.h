@@ -25,7 +25,6 @@
 #include "firmware/assembly/assembly.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/outbox/outbox.h"
-#include "firmware/plant/mail_change.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
@@ -51,8 +50,7 @@ typedef struct tl_cycle_settings {
     tl_assembly *assembly;
     tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
     const tl_plant_input *input;
-    tl_mail_change *mail; /* of a shadow with another plant: of that input; NULL: it never changes */
-    tl_outbox *outbox;    /* for whoever records it */
+    tl_outbox *outbox; /* for whoever records it */
     tl_journal *journal;
     tl_heartbeats *beats;          /* NULL: nobody listens */
     const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */

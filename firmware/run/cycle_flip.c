@@ -109,10 +109,6 @@ static void take_over(tl_cycle *cycle) {
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
     count_anew(cycle);
-    if (cycle->settings.mail != NULL) {
-        tl_mail_change_begin(cycle->settings.mail,
-                             tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, cycle->next_tick));
-    }
     tell_taken_over(cycle);
     say(cycle);
 }

@@ -2,8 +2,7 @@
  *
  * Purpose: another configuration than a running twin can take needs another twin. That one runs beside it first, over the same mail, as a *shadow*: it is
  *          seen by nobody but who compares it. At a flip the two change places between two ticks: the run's twin computes all ticks before `tick` and ends
- *          its run, the shadow all from `tick` on, as a new run. What was the run's is the shadow then, and a flip back is the same. But a twin
- *          whose plant is read by other sources than the run's ends then: nobody reads for it any more.
+ *          its run, the shadow all from `tick` on, as a new run. What was the run's is the shadow then, and a flip back is the same.
  * Order:   the activator orders (tl_live_order), with the candidate beside it; the supervisor begins the shadow, and announces flips on the stage; each
  *          twin looks at it at the start of a tick, and says in its pulse what it has done (tl_live_twin_pulse.flipped). Nobody sends, nobody waits.
  * Tick:    so far ahead that both see it before it has come, and the shadow finds a tick with time to spare in which it saves itself: its run begins with
@@ -81,9 +80,7 @@ typedef struct tl_live_needs {
     uint32_t match, adjust, components; /* components: without the plant */
     uint32_t unconfined;                /* 1: FMUs may do what the user can */
     uint64_t fmu_bytes;                 /* of the FMU files */
-    uint32_t signals;                   /* of the plant, */
-    uint32_t other_plant;               /* 1: they are not read as those of the run are: it needs a mail of its own, */
-    uint64_t mail_bytes;                /* of this size (tl_plant_mail_bytes()) */
+    uint32_t signals;                   /* of the plant, second look-ups among them */
 } tl_live_needs;
 
 /* A new one has a new number, written last. */

@@ -1,6 +1,8 @@
 /* The recorded part of a shadow's course: see recorded_course.h. */
 #include "firmware/shadow/recorded_course.h"
 
+#include <string.h>
+
 #include "firmware/base/clock.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/past/past_samples.h"
@@ -26,6 +28,7 @@ static const tl_time FIRST_PACE = 5 * TL_SECOND;
 
 typedef struct course_walk {
     const tl_recorded_course *course;
+    size_t recorded[TL_MAX_SIGNALS]; /* of each signal: its place among those of the run */
     tl_past_samples samples;
     int64_t next;
     bool has_begun;
@@ -35,6 +38,29 @@ typedef struct course_walk {
     tl_status status;
     tl_error *error;
 } course_walk;
+
+/* ---- signals ---- */
+
+/* Both configurations have the same signals in the same order (change_rules.h), but each its own second look-ups. One that the run does not have is taken as the
+ * signal itself was looked up. */
+static size_t find_recorded(const tl_config *run, const tl_config_signal *signal) {
+    for (size_t i = 0; i < run->signal_count; i++) {
+        if (strcmp(run->signals[i].plan.name, signal->plan.name) == 0) {
+            return i;
+        }
+    }
+    return signal->of;
+}
+
+static void sample_of(const course_walk *self, const tl_sample *of_run, tl_sample *sample) {
+    *sample = (tl_sample){.tick = of_run->tick, .instant = of_run->instant};
+    for (size_t i = 0; i < self->course->assembly->config.signal_count; i++) {
+        const size_t at = self->recorded[i];
+        sample->values[i] = of_run->values[at];
+        sample->stamps[i] = of_run->stamps[at];
+        sample->quality[i] = of_run->quality[at];
+    }
+}
 
 /* ---- in the thread of the FMUs ---- */
 
@@ -84,7 +110,7 @@ static void take_piece(void *context) {
     tl_sample sample;
     while (self->status == TL_OK && !is_enough(self, now - begun) &&
            tl_past_samples_at(&self->samples, self->next, step, &recorded)) {
-        tl_same_signals_sample(self->course->same, &recorded, &sample);
+        sample_of(self, &recorded, &sample);
         take_tick(self, &sample);
         now = tl_clock_now(NULL);
     }
@@ -177,15 +203,13 @@ static bool is_stale(const course_walk *self) {
     return is_old;
 }
 
-static bool sees_anything(const tl_recorded_course *course) {
-    return course->same->unseen < course->same->count;
-}
-
 tl_status tl_recorded_course_take(const tl_recorded_course *course, int64_t *next, tl_error *error) {
     course_walk self = {.course = course, .error = error};
     tl_status status = TL_OK;
-    while (status == TL_OK && sees_anything(course) && is_far(&self) && !is_asked_to_end() && fetch(&self) &&
-           !is_stale(&self)) {
+    for (size_t i = 0; i < course->assembly->config.signal_count; i++) {
+        self.recorded[i] = find_recorded(course->run, &course->assembly->config.signals[i]);
+    }
+    while (status == TL_OK && is_far(&self) && !is_asked_to_end() && fetch(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
             begin_at(&self, self.samples.first);
         }

@@ -2,7 +2,6 @@
  *
  * Purpose: a twin of another configuration shall have found its lock, and have learnt, before it is compared. It searches as it will live, with the same
  *          budget, over the samples of the last minute, and of what has been recorded meanwhile; then over the plant's ticks.
- * Plant:   of signals that the run does not read as this configuration does there is no reading. If that is all of them there is nothing to go over.
  * Room:    after each piece it sleeps as long as it has computed, so that it takes half a processor at most: the run's twin comes first.
  * Pace:    if it is not faster than 1.2 times the plant, it never gets there: then the box does not carry two twins.
  * Thread:  the main thread of the shadow's process; FMUs are called in theirs.
@@ -14,7 +13,6 @@
 #include <stdint.h>
 
 #include "firmware/assembly/assembly.h"
-#include "firmware/config/config_same_signals.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/run/journal.h"
@@ -37,10 +35,9 @@ typedef struct tl_recorded_course {
     tl_assembly *assembly; /* its twin is built, and has not begun */
     tl_fmu_thread *thread;
     tl_journal *journal;
-    tl_heart *heart;             /* of the caller */
-    tl_time start;               /* t_start of the run, */
-    const tl_config *run;        /* and its configuration: what is recorded is of its signals. */
-    const tl_same_signals *same; /* What of it is the assembly's; all that it sees */
+    tl_heart *heart;      /* of the caller */
+    tl_time start;        /* t_start of the run, */
+    const tl_config *run; /* and its configuration: what is recorded is of its signals */
     /* An image of samples (past_samples.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
      * none (any more). */
     size_t (*fetch)(void *context, int64_t from, const void **image);

@@ -55,9 +55,8 @@ static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
 /* A restart loop writes one line in this time. */
 static const tl_time QUIET = 60 * TL_SECOND;
 
-/* The same, of io that makes room for another one, or ends: nothing of it is kept. */
-static const tl_time GRACE_OF_IO = TL_SECOND / 2;
-static const tl_time GRACE_OF_LAST_IO = TL_SECOND;
+/* The same, of io: nothing of it is kept. */
+static const tl_time GRACE_OF_IO = TL_SECOND;
 
 /* Signals that come within this time, from a terminal and who watches over us, ask once. */
 static const tl_time AGAIN = TL_SECOND;
@@ -404,10 +403,9 @@ static void note_end_of_shadow(supervisor *self) {
     ended->state = ABSENT;
 }
 
-/* It has done all that it was there for, and makes room for another one. Of io nothing is left that could be done. */
-static bool is_changed(tl_member which, const member *ended) {
-    bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
-    return ended->is_changed && (which == TL_MEMBER_IO || is_orderly);
+/* It has done all that it was there for, and makes room for another one. */
+static bool is_changed(const member *ended) {
+    return ended->is_changed && tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
 }
 
 /* What the twin announces is in memory that its FMUs can write, too. */
@@ -427,7 +425,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     tl_child_describe(&ended->child, reason);
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
-    if (is_changed(which, ended)) {
+    if (is_changed(ended)) {
         tl_child_bury(&ended->child);
         rest(ended, now, 0);
         return;
@@ -546,7 +544,7 @@ static tl_time grace_of(supervisor *self, tl_member which) {
         return GRACE_AGAIN;
     }
     if (which == TL_MEMBER_IO) {
-        return self->members[which]->is_changed ? GRACE_OF_IO : GRACE_OF_LAST_IO;
+        return GRACE_OF_IO;
     }
     tl_time left = GRACE_OF_ALL - (self->ending - self->members[which]->child.asking);
     left = left < GRACE ? left : GRACE;
@@ -708,17 +706,6 @@ static void change_recorder(supervisor *self, tl_time now) {
     }
 }
 
-static void change_io(supervisor *self, tl_time now) {
-    member *io = self->members[TL_MEMBER_IO];
-    if (io->state == LIVING && !io->child.asked) {
-        io->is_changed = true;
-        tl_child_ask(&io->child, SIGTERM);
-    } else if (io->state == RESTING) {
-        io->failures = 0;
-        rest(io, now, 0);
-    }
-}
-
 static void look_for_orders(supervisor *self, tl_time now) {
     tl_orders orders = {.end = false};
     self->settings->look(self->settings->context, self->is_ending, &orders);
@@ -735,9 +722,6 @@ static void look_for_orders(supervisor *self, tl_time now) {
     see_to_shadow(self, orders.shadow, now);
     if (orders.recorder) {
         change_recorder(self, now);
-    }
-    if (orders.io && !self->is_ending) {
-        change_io(self, now);
     }
 }
 

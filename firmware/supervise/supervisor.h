@@ -37,8 +37,6 @@
  *          is dead there is none, and it is not begun again.
  * Anew:    on order the recorder is asked to end, and another one is begun: an orderly change, without a failure, a line or an event. Also after the end of
  *          all, if the one that has ended left something for another one.
- *          io the same, since the plant is to be read by other sources; however it ends then, nothing of it is kept. It is killed after 0.5 s: no device is
- *          worth waiting for while signals are stale. One that rests is begun at once.
  * Rest:    a recorder that fails in the end, or cannot be started then, is followed by another one, which writes the rest: at most twice, once if it
  *          had to be killed.
  */
@@ -79,7 +77,6 @@ typedef struct tl_orders {
     bool kill_twin; /* it does not do its part in a swap, and shall not be waited for */
     bool swap;      /* not once all end */
     bool recorder;  /* another one shall be begun */
-    bool io;        /* the same */
     bool soon;      /* something is about to happen: the next look is in 2 ms */
 } tl_orders;
 

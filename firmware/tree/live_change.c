@@ -83,11 +83,8 @@ static bool has_lost_patience(tl_live_change *self, uint32_t number, tl_time now
 static void let_in(tl_live_change *self, uint32_t number, const tl_live_needs *needs) {
     const tl_live_place *run = place_of_run(self);
     tl_live_place *place = place_of_shadow(self);
-    const tl_live_arrival arrival = {.candidate = self->settings.candidate,
-                                     .needs = *needs,
-                                     .run = run,
-                                     .step = self->settings.step,
-                                     .mails = self->settings.mails};
+    const tl_live_arrival arrival = {
+        .candidate = self->settings.candidate, .needs = *needs, .step = self->settings.step};
     tl_error error = {0};
     tl_status status = tl_live_place_move_in_candidate(place, &arrival, &error);
     if (status != TL_OK) {
@@ -179,26 +176,18 @@ static void flip(tl_live_change *self, uint32_t number, tl_time now) {
     obey(self, number);
 }
 
-/* Why the run's twin is no shadow after the flip; NULL: it is. */
-static const char *find_end_of_former(const tl_live_change *self) {
-    const tl_live_place *before = place_of_run(self);
-    if (before->pid == 0) {
-        return "it had died before another twin took over";
-    }
-    return before->mail != place_of_shadow(self)->mail ? "its sources are not read any more" : NULL;
-}
-
 /* Both are who they are to be now. */
 static void swap(tl_live_change *self, tl_orders *orders) {
     tl_live_stage *stage = self->settings.stage;
     tl_live_place *before = place_of_run(self);
-    const char *end = find_end_of_former(self);
+    bool is_dead = before->pid == 0;
     before->start = place_of_shadow(self)->start;
     before->started = place_of_shadow(self)->started;
     self->done = stage->flips;
-    self->wants_shadow = end == NULL;
+    self->wants_shadow = !is_dead;
     stage->shadow_pid = (uint32_t)before->pid;
-    show_shadow(self, end == NULL ? TL_LIVE_SHADOW_LIVES : TL_LIVE_SHADOW_ENDED, end == NULL ? "" : end);
+    show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
+                is_dead ? "it had died before another twin took over" : "");
     __atomic_store_n(&stage->place, other(stage->place), __ATOMIC_RELEASE);
     orders->swap = true;
 }

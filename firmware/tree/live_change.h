@@ -7,7 +7,6 @@
  * Hold:    in safe hold there is no shadow, and no flip.
  * Flip:    announced for a tick far enough ahead; done once the run's twin has said that it has done its part, or is dead. One that has not said it as long
  *          after that tick as it was announced before is killed. If all end before that tick, there is no flip.
- * Plant:   after a flip to a twin with another mail the one before is not kept: io reads for the new one.
  * Recorder: is behind a flip until it has written all that came by the outbox before; then another one is begun for the other outbox. It may be two flips
  *          behind.
  * Trust:   orders and pulses are other processes' words: numbers are bounded, and nothing is read twice.
@@ -26,8 +25,7 @@
 
 typedef struct tl_live_change_settings {
     tl_live_stage *stage;
-    tl_live_place *places; /* TL_LIVE_PLACES; the run's own configuration has moved into the first */
-    tl_live_mails *mails;
+    tl_live_place *places;                 /* TL_LIVE_PLACES; the run's own configuration has moved into the first */
     const tl_live_activator_pulse *orders; /* */
     const tl_block *candidate;
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */

@@ -79,22 +79,14 @@ static tl_status copy_text(tl_live_place *place, const tl_block *candidate, tl_e
     return TL_OK;
 }
 
-/* A plant that is the run's has as many signals. */
-static bool has_plant(const tl_live_arrival *arrival) {
-    const tl_live_needs *needs = &arrival->needs;
-    return needs->other_plant == 0 ? needs->signals == arrival->run->outbox_settings.shape.plant
-                                   : tl_plant_mail_can_have(needs->signals, needs->mail_bytes);
-}
-
-static tl_status check_needs(const tl_live_arrival *arrival, tl_error *error) {
-    const tl_live_needs *needs = &arrival->needs;
+static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
     bool fits = needs->match <= TL_MAX_MATCH && needs->adjust <= TL_MAX_ADJUST &&
-                needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->other_plant <= 1 &&
-                has_plant(arrival);
+                needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->signals >= 1 &&
+                needs->signals <= TL_MAX_SIGNALS;
     return fits ? TL_OK
-                : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u, %llu",
+                : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u",
                           (unsigned)needs->match, (unsigned)needs->adjust, (unsigned)needs->components,
-                          (unsigned)needs->signals, (unsigned long long)needs->mail_bytes);
+                          (unsigned)needs->signals);
 }
 
 /* Its number goes on: by that answers are told apart. */
@@ -105,16 +97,6 @@ static void clear_pulse(tl_live_place *place) {
     place->pulse->first = number + 1;
 }
 
-/* Nobody reads or writes the mail that is not the run's any more. */
-static tl_status take_mail(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error) {
-    place->mail = arrival->run->mail;
-    if (arrival->needs.other_plant == 0) {
-        return TL_OK;
-    }
-    place->mail = 1 - arrival->run->mail;
-    return tl_live_mails_make(arrival->mails, place->mail, (size_t)arrival->needs.mail_bytes, error);
-}
-
 tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error) {
     const tl_live_needs *needs = &arrival->needs;
     const tl_recorder_shape shape = {.plant = needs->signals,
@@ -122,12 +104,9 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
                                      .adjust = needs->adjust,
                                      .components = (size_t)needs->components + 1};
     move_out(place);
-    tl_status status = check_needs(arrival, error);
+    tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
         status = copy_text(place, arrival->candidate, error);
-    }
-    if (status == TL_OK) {
-        status = take_mail(place, arrival, error);
     }
     if (status == TL_OK) {
         const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, arrival->step);

@@ -4,7 +4,6 @@
  *          where no twin is now. What is in the memory outlives each twin's process: its successor goes on with it.
  * Memory:  pulse, tuning and past are there for as long as the run is. The outbox has the size of the configuration, and is made when that moves in. All but
  *          the pulse takes memory only as far as it is used.
- * Mail:    two places of one plant share one (live_mails.h). Who comes with another plant gets the other one, made anew.
  * Trust:   a candidate is copied, and its text is that of its digest; it is not read. Its numbers are another process's, and bounded here: what is wrong in
  *          them its own twin finds, since its memory does not fit.
  * Thread:  the supervisor's.
@@ -14,7 +13,6 @@
 
 #include "firmware/live/live_wire.h"
 #include "firmware/process/block.h"
-#include "firmware/tree/live_mails.h"
 #include "firmware/twin/twin_process.h"
 
 /* A zeroed one is none. `start`, `started`, `twin` and `pid` are its user's. */
@@ -25,7 +23,6 @@ typedef struct tl_live_place {
     tl_block past;   /* none if nothing is recorded */
     tl_block outbox; /* none before a configuration has moved in */
     tl_outbox_settings outbox_settings;
-    uint32_t mail;    /* which one is its */
     const char *text; /* of the configuration; NULL: none */
     char hash[TL_SHA256_TEXT];
     tl_twin_fmus fmus;
@@ -40,16 +37,14 @@ typedef struct tl_live_place {
 /* What does not depend on a configuration. Errors: TL_TRY_AGAIN; then it can be closed. */
 tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error);
 
-/* The run's own configuration, which was read here and stays; with the first mail, which was made. Errors: TL_TRY_AGAIN. */
+/* The run's own configuration, which was read here and stays. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error);
 
 /* Who moves in beside the run. */
 typedef struct tl_live_arrival {
     const tl_block *candidate; /* tl_live_candidate */
     tl_live_needs needs;
-    const tl_live_place *run; /* where the run's twin is */
-    tl_time step;             /* of the run, which does not change */
-    tl_live_mails *mails;
+    tl_time step; /* of the run, which does not change */
 } tl_live_arrival;
 
 /* A candidate, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the one before is left in the pulse but its

@@ -46,7 +46,7 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
     tl_tree_memory *made = &self->memory;
     tl_config_use_lookups(&begun); /* and of which the twin has all signals */
     tl_plant_mail_shape_of(&self->config, &shape);
-    tl_status status = tl_live_mails_make(&made->mails, 0, tl_plant_mail_bytes(&shape), error);
+    tl_status status = tl_block_make_sparse("twinlock mail", tl_live_mail_bytes(&shape), &made->mail, error);
     if (status == TL_OK) {
         status = tl_block_make("twinlock io", tl_live_io_bytes(), TL_BLOCK_THEY_WRITE, &made->io_pulse, error);
     }
@@ -66,12 +66,11 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
 }
 
 static void free_memory(tl_tree_memory *made) {
-    tl_block *const blocks[] = {&made->io_pulse, &made->recorder_pulse, &made->supervisor, &made->stage,
-                                &made->candidate};
+    tl_block *const blocks[] = {&made->mail,       &made->io_pulse, &made->recorder_pulse,
+                                &made->supervisor, &made->stage,    &made->candidate};
     for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
         tl_block_close(blocks[i]);
     }
-    tl_live_mails_close(&made->mails);
 }
 
 /* ---- events ---- */
@@ -208,7 +207,6 @@ static void look(void *context, bool ends, tl_orders *orders) {
     if (ends) {
         tl_saved_states_stop(&self->states);
     }
-    orders->io = self->io_mail != self->memory.mails.mail[tl_tree_place_of_run(self)->mail].number;
     const tl_live_activator_host host = {.context = self, .begin = tl_tree_begin_activator, .tell = tell_of_activator};
     look_at_priority(self);
     bool again = tl_live_activator_look(&self->activator, &host, ends);
@@ -274,7 +272,6 @@ static void open_change(tl_tree *self) {
     self->change =
         (tl_live_change){.settings = {.stage = tl_tree_stage(self),
                                       .places = self->places,
-                                      .mails = &self->memory.mails,
                                       .orders = self->activator.pulse.bytes,
                                       .candidate = &self->memory.candidate,
                                       .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,

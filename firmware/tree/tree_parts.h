@@ -13,7 +13,6 @@
 #include "firmware/supervise/supervisor.h"
 #include "firmware/tree/live_activator.h"
 #include "firmware/tree/live_change.h"
-#include "firmware/tree/live_mails.h"
 #include "firmware/tree/live_place.h"
 #include "firmware/tree/saved_states.h"
 #include "firmware/tree/tree.h"
@@ -21,7 +20,7 @@
 
 /* All shared memory of the run. It outlives each process that writes it. */
 typedef struct tl_tree_memory {
-    tl_live_mails mails;
+    tl_block mail; /* in which io posts what it reads of the plant (plant_mail.h) */
     tl_block io_pulse;
     tl_block recorder_pulse;
     tl_block supervisor; /* an outbox of ours */
@@ -37,7 +36,6 @@ typedef struct tl_tree {
     tl_live_place places[TL_LIVE_PLACES];
     tl_live_change change;
     uint32_t twins_place; /* the place of the supervisor's twin; that of the run is on the stage */
-    uint32_t io_mail;     /* number of the mail that io was begun with (live_mails.h) */
     tl_live_activator activator;
     tl_saved_states states; /* of the FMUs with which the run begins, */
     bool told_states;       /* and that they are of no use */

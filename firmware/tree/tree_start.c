@@ -101,16 +101,12 @@ static pid_t start_plain(tl_tree *self, const char *kind, unsigned ear, uint32_t
     return role.pid;
 }
 
-/* Of the plant that the run's twin has. */
 static pid_t start_io(tl_tree *self, tl_error *error) {
     gift made = no_gift();
-    const uint32_t number = tl_tree_stage(self)->place;
-    const tl_live_mail *mail = &self->memory.mails.mail[self->places[number].mail];
-    self->io_mail = mail->number;
-    give(&made, TL_LIVE_MAIL, &mail->block);
+    give(&made, TL_LIVE_MAIL, &self->memory.mail);
     give(&made, TL_LIVE_OWN_PULSE, &self->memory.io_pulse);
     give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
-    pid_t pid = start_plain(self, TL_LIVE_IO, 0, number, &made, error);
+    pid_t pid = start_plain(self, TL_LIVE_IO, 0, tl_tree_stage(self)->place, &made, error);
     take_back(&made);
     return pid;
 }
@@ -133,7 +129,7 @@ static pid_t start_recorder(tl_tree *self, tl_error *error) {
     give_to_read(&made, TL_LIVE_SUPERVISOR_READ, &self->memory.supervisor);
     give_to_read(&made, TL_LIVE_ACTIVATOR_READ, &self->activator.pulse);
     give_to_read(&made, TL_LIVE_TUNING, &place->tuning);
-    give_to_read(&made, TL_LIVE_MAIL_READ, &self->memory.mails.mail[place->mail].block);
+    give_to_read(&made, TL_LIVE_MAIL_READ, &self->memory.mail);
     pid_t pid = start_plain(self, TL_LIVE_RECORDER, 1, number, &made, error);
     take_back(&made);
     return pid;
@@ -194,7 +190,6 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.number = place->pulse->number;
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
-    job.other_plant = is_shadow && place->mail != self->places[1 - job.place].mail;
     job.start = start_of(self, place, is_shadow, start);
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
@@ -210,12 +205,8 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     return job;
 }
 
-static void give_to_twin(tl_tree *self, const tl_live_place *place, const tl_live_job *job, gift *made) {
-    give_to_read(made, TL_LIVE_MAIL, &self->memory.mails.mail[place->mail].block);
-    if (job->other_plant) {
-        const tl_live_place *run = &self->places[1 - job->place];
-        give_to_read(made, TL_LIVE_RUN_MAIL, &self->memory.mails.mail[run->mail].block);
-    }
+static void give_to_twin(const tl_tree *self, const tl_live_place *place, gift *made) {
+    give_to_read(made, TL_LIVE_MAIL, &self->memory.mail);
     give_to_read(made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
     give_to_read(made, TL_LIVE_STAGE, &self->memory.stage);
     give_to_read(made, TL_LIVE_PAST, &place->past);
@@ -229,7 +220,7 @@ static const char *kind_of_twin(bool is_shadow, const tl_start *start) {
     return start->hold ? held : is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN;
 }
 
-/* A shadow reads the plant of the run, as far as that is its own as well: so it is told what that is. */
+/* A shadow is told the run's configuration: it reads the samples that the run has recorded. */
 static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     gift made = no_gift();
@@ -239,7 +230,7 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
     if (status != TL_OK) {
         return status;
     }
-    give_to_twin(self, place, job, &made);
+    give_to_twin(self, place, &made);
     const tl_twin_job twin_job = {
         .task = TL_TASK_LIVE,
         .holds = job->holds,

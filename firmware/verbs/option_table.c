@@ -36,10 +36,10 @@ const tl_verb_row tl_verb_rows[TL_VERB_COUNT] = {
         {"reload", "CONFIG", "configuration", "bring a changed configuration into a running plant's twin",
          "Hands a changed configuration to the run that was started with it and with --control. CONFIG \"-\" is\n"
          "standard input. At most 262144 bytes are read, held against the configuration in force, and\n"
-         "activated: tolerances, weights, bounds, penalties and budgets in place; what takes another twin, or\n"
-         "other sources, by a twin that runs beside the run's first, and takes over between two ticks; all\n"
-         "else by a restart of the run, with a gap, if --restart allows that. It is on probation then, and\n"
-         "returned from by itself if deadlines are missed or the lock is lost."},
+         "activated: tolerances, weights, bounds, penalties and budgets in place; what takes another twin by a\n"
+         "twin that runs beside the run's first, and takes over between two ticks; all else by a restart of\n"
+         "the run, with a gap, if --restart allows that. It is on probation then, and returned from by itself\n"
+         "if deadlines are missed or the lock is lost."},
 };
 
 enum {

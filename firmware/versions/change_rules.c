@@ -88,6 +88,23 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     }
 }
 
+static bool has_sibling(const tl_json_value *before, const tl_json_value *after, const char *key) {
+    return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
+}
+
+/* Which Modbus polls repeat a reading is decided where they are read: tl_config_repeats(). */
+static void judge_polls(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (has_sibling(before, after, "modbus")) {
+        needs->kind = TL_CHANGE_RESTART;
+    }
+}
+
+static void judge_stale(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (has_sibling(before, after, "every_s")) {
+        judge_polls(before, after, needs);
+    }
+}
+
 /* ---- the table ---- */
 
 #define IN_PLACE                                                                                                       \
@@ -98,10 +115,6 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
 #define NEW_TWIN_ON_THE_BOX                                                                                            \
     { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
-#define NEW_SOURCES                                                                                                    \
-    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
-#define NEW_SOURCES_COMMISSIONED                                                                                       \
-    { TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
 #define RESTART_ON_THE_BOX                                                                                             \
     { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
 #define RESTART                                                                                                        \
@@ -134,77 +147,77 @@ static const tl_change_rule rules[] = {
     {"components.*.read[]", NEW_TWIN_COMMISSIONED, judge_file},
     {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
-    /* where live signals come from */
-    {"sources", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.host", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.port", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.any_unit_id", NEW_SOURCES, NULL},
-    {"sources.*.modbus_tcp.period_s", NEW_SOURCES, NULL},
-    {"sources.*.modbus_tcp.timeout_s", NEW_SOURCES, NULL},
-    {"sources.*.modbus_rtu", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.device", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.baud", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.parity", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.stop_bits", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.rs485", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.period_s", NEW_SOURCES, NULL},
-    {"sources.*.modbus_rtu.timeout_s", NEW_SOURCES, NULL},
-    {"sources.*.gpio", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.gpio.chip", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.gpio.period_s", NEW_SOURCES, NULL},
-    {"sources.*.csv", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.csv.file", NEW_SOURCES_COMMISSIONED, judge_file},
-    {"sources.*.csv.time_column", NEW_SOURCES, NULL},
-    {"sources.*.csv.period_s", NEW_SOURCES, NULL},
-    {"sources.*.can", NEW_SOURCES_COMMISSIONED, NULL},
-    {"sources.*.can.interface", NEW_SOURCES_COMMISSIONED, NULL},
+    /* where live signals come from: the process that reads them takes another one only with another run */
+    {"sources", RESTART_COMMISSIONED, NULL},
+    {"sources.*", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.host", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.port", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.any_unit_id", RESTART, NULL},
+    {"sources.*.modbus_tcp.period_s", RESTART, NULL},
+    {"sources.*.modbus_tcp.timeout_s", RESTART, NULL},
+    {"sources.*.modbus_rtu", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.device", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.baud", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.parity", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.stop_bits", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.rs485", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.period_s", RESTART, NULL},
+    {"sources.*.modbus_rtu.timeout_s", RESTART, NULL},
+    {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.period_s", RESTART, NULL},
+    {"sources.*.csv", RESTART_COMMISSIONED, NULL},
+    {"sources.*.csv.file", RESTART_COMMISSIONED, judge_file},
+    {"sources.*.csv.time_column", RESTART, NULL},
+    {"sources.*.csv.period_s", RESTART, NULL},
+    {"sources.*.can", RESTART_COMMISSIONED, NULL},
+    {"sources.*.can.interface", RESTART_COMMISSIONED, NULL},
     /* signals: what is measured is what the twin is judged by */
-    {"plant", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.type", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.unit", NEW_SOURCES, NULL},
-    {"plant.*.min", NEW_SOURCES_COMMISSIONED, NULL}, /* what is out of range is not compared */
-    {"plant.*.max", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.stale_s", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant", RESTART_COMMISSIONED, NULL},
+    {"plant.*", RESTART_COMMISSIONED, NULL},
+    {"plant.*.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.unit", NEW_TWIN, NULL},
+    {"plant.*.min", NEW_TWIN_COMMISSIONED, NULL}, /* what is out of range is not compared */
+    {"plant.*.max", NEW_TWIN_COMMISSIONED, NULL},
+    {"plant.*.stale_s", NEW_TWIN_COMMISSIONED, judge_stale},
     {"plant.*.between", NEW_TWIN, NULL},
-    {"plant.*.every_s", NEW_SOURCES, NULL},
-    {"plant.*.initial", NEW_SOURCES, NULL},
-    {"plant.*.csv", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.csv.column", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.csv.source", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.source", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.unit_id", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.table", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.address", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.type", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.words", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.bytes", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.scale", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.modbus.offset", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.source", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.id", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.extended", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.bytes", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.fd", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.start", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.length", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.order", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.type", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.scale", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.offset", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.multiplex", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.can.multiplex.**", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.source", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.line", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.offset", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.bias", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.active_low", NEW_SOURCES_COMMISSIONED, NULL},
-    {"plant.*.gpio.debounce_s", NEW_SOURCES_COMMISSIONED, NULL},
+    {"plant.*.every_s", NEW_TWIN, judge_polls},
+    {"plant.*.initial", NEW_TWIN, NULL},
+    {"plant.*.csv", RESTART_COMMISSIONED, NULL},
+    {"plant.*.csv.column", RESTART_COMMISSIONED, NULL},
+    {"plant.*.csv.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.unit_id", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.table", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.address", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.words", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.bytes", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.scale", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.id", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.extended", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.bytes", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.fd", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.start", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.length", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.order", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.scale", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.multiplex", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.multiplex.**", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.line", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.bias", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.active_low", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.debounce_s", RESTART_COMMISSIONED, NULL},
     {"recording", RESTART, NULL},
     {"recording.file", RESTART_COMMISSIONED, NULL},
     {"recording.time_column", RESTART, NULL},
@@ -354,7 +367,7 @@ static tl_change_needs needs_of_order(const tl_change_rule *rule) {
         tl_change_kind kind;
     } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
                  {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
-                 {"plant", TL_CHANGE_NEW_SOURCES}};
+                 {"plant", TL_CHANGE_RESTART}};
     tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
     for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
         needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
@@ -381,7 +394,6 @@ const char *tl_change_kind_name(tl_change_kind kind) {
     static const char *const names[TL_CHANGE_KINDS] = {[TL_CHANGE_NONE] = "none",
                                                        [TL_CHANGE_IN_PLACE] = "in place",
                                                        [TL_CHANGE_NEW_TWIN] = "new twin",
-                                                       [TL_CHANGE_NEW_SOURCES] = "new sources",
                                                        [TL_CHANGE_RESTART] = "restart"};
     return names[kind];
 }

@@ -1,6 +1,6 @@
 /* What a change of each key of a configuration needs: the table, and nothing else.
  *
- * Purpose: the one place in which it is decided what is changed in place, what takes a new twin, new sources or a new start, and who may do it. A test holds it
+ * Purpose: the one place in which it is decided what is changed in place, what takes a new twin or a new start, and who may do it. A test holds it
  *          against config/schema/twinlock-1.json, so that a new key has to be decided; until it is, a change of it is a restart and commissioning.
  * Patterns: keys from the root with dots between them; "*" is any key of an object of named entries, "[]" any element of an array, "**" at the end
  *          whatever is below.
@@ -18,8 +18,7 @@ typedef enum tl_change_kind {
     TL_CHANGE_NONE,     /* the same values */
     TL_CHANGE_IN_PLACE, /* the twin takes it at the beginning of a tick, and keeps its state and all it has learned */
     TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections, another search: a twin of another build, over the same samples */
-    TL_CHANGE_NEW_SOURCES, /* the plant is read by other sources, or other signals of it: such a twin, and with it another reading of the plant */
-    TL_CHANGE_RESTART /* the rest: another cycle, another database */
+    TL_CHANGE_RESTART /* the rest: other sources or signals, another cycle, another database */
 } tl_change_kind;
 
 enum { TL_CHANGE_KINDS = TL_CHANGE_RESTART + 1 };
@@ -65,7 +64,7 @@ const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
  * their places. */
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
 
-/* "none", "in place", "new twin", "new sources", "restart". */
+/* "none", "in place", "new twin", "restart". */
 const char *tl_change_kind_name(tl_change_kind kind);
 
 /* "retune", "commission", "on the box". */

@@ -41,11 +41,6 @@ void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms
     enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
 }
 
-void tl_probation_let_settle(tl_probation *probation) {
-    probation->settling = probation->grace;
-    probation->reads_anew = true;
-}
-
 void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
     *probation = (tl_probation){.account = *account};
     probation->account.terms = possible_terms(&account->terms);
@@ -71,23 +66,13 @@ static void count(tl_probation *probation, const tl_probation_snapshot *now) {
     account->steps += grown(last->steps, now->steps);
     account->misses += grown(last->deadline_misses, now->deadline_misses);
     account->skipped += grown(last->skipped, now->skipped);
-    bool is_judged = !now->plant_is_shut && probation->settling == 0;
+    bool is_judged = !now->plant_is_shut;
     const tl_lock_tally *before = lock_before_of(probation, last);
     const tl_lock_tally *before_now = lock_before_of(probation, now);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         account->lock[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
         account->lock_before[i] += is_judged ? grown(before->steps[i], before_now->steps[i]) : 0;
     }
-}
-
-/* Nothing that is matched is good: of a device that does not answer, for example. */
-static void measure_sight(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
-    bool is_expected = probation->reads_anew && probation->account.terms.require_lock > 0.0;
-    bool is_seen = now->pairs != probation->last.pairs;
-    uint64_t steps = grown(probation->last.steps, now->steps);
-    probation->unseen = is_expected && !is_seen ? probation->unseen + passed : 0;
-    probation->unseen_steps = is_expected && !is_seen ? probation->unseen_steps + steps : 0;
-    probation->shut = now->twin_alive && now->plant_is_shut ? probation->shut + passed : 0;
 }
 
 static bool is_lost(const tl_probation_snapshot *snapshot, const tl_lock_tally *lock) {
@@ -102,9 +87,9 @@ static void measure(tl_probation *probation, tl_time passed, const tl_probation_
     bool stays_lost_before =
         is_lost(last, lock_before_of(probation, last)) && is_lost(now, lock_before_of(probation, now));
     probation->grace -= excused;
-    probation->settling -= least(passed, probation->settling);
     probation->lost = stays_lost ? probation->lost + passed - excused : 0;
     probation->lost_before = stays_lost_before ? probation->lost_before + passed - excused : 0;
+    probation->shut = now->twin_alive && now->plant_is_shut ? probation->shut + passed : 0;
     probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
 }
 
@@ -162,10 +147,6 @@ static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now)
     } else if (probation->shut >= TL_PROBATION_SHUT) {
         (void)snprintf(why, TL_PROBATION_WHY, "the plant was not read for %.0f s: its sources could not be opened",
                        tl_seconds(probation->shut));
-    } else if (probation->unseen >= TL_PROBATION_SHUT && probation->unseen_steps >= TL_PROBATION_UNSEEN) {
-        (void)snprintf(why, TL_PROBATION_WHY,
-                       "the plant was read anew, and nothing of what is matched was good for %.0f s",
-                       tl_seconds(probation->unseen));
     } else if (probation->down >= TL_PROBATION_START) {
         (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
     }
@@ -214,6 +195,10 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
         (void)snprintf(why, TL_PROBATION_WHY, "its time has passed without a failure");
         return end(probation, TL_PROBATION_KEPT);
     }
+    if (is_unjudged(probation) && now->pairs == 0 && now->steps > 0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "no matched signal was good: its lock could not be judged");
+        return end(probation, TL_PROBATION_RETURN);
+    }
     if (is_unjudged(probation) && probation->account.steps > probation->account.skipped) {
         (void)snprintf(why, TL_PROBATION_WHY,
                        "its time has passed without a failure; nothing came that its lock is judged by");
@@ -241,7 +226,6 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
     passed = passed > 0 ? least(passed, probation->left) : 0;
     count(probation, now);
     measure(probation, passed, now);
-    measure_sight(probation, passed, now);
     probation->left -= passed;
     probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
     if (is_broken(probation, now)) {

@@ -9,13 +9,12 @@
  *          - the lock is lost for TL_PROBATION_LOST without a break. In the first TL_PROBATION_GRACE, or half of its time if that is
  *            less, that does not count; nor again after it was resumed, since a twin may just have begun.
  *          - the lock is lost for as long by the yardstick before, and nobody must confirm it;
- *          - the plant's sources could not be opened for TL_PROBATION_SHUT; or, if it is read anew, for as long, and TL_PROBATION_UNSEEN steps, nothing of what
- *            is matched was good.
+ *          - the plant's sources could not be opened for TL_PROBATION_SHUT.
  * Lock:    steps do not count as long as the plant's sources are not opened.
  * Yardstick: the lock is judged by the tolerances and weights of the new version, and by those of the version that is returned to (lock_before). So a wider
  *          tolerance does not decide on itself.
  * When the time is over: kept if nobody must confirm it, the twin runs, and the asked share of the probation's steps was in lock by both yardsticks, and the lock is not lost by the one before; else returned from. If it has computed steps and none of them was judged (event
- *          horizon: no stroke has ended), its lock is not asked.
+ *          horizon: no stroke has ended), its lock is not asked, if a matched signal was good at least once.
  * Confirmed: kept at once.
  * Time:    the time that was handed in; a box may come up in 1970.
  * Thread:  plain data.
@@ -33,7 +32,6 @@ enum {
     TL_PROBATION_WHY = 256,
     TL_PROBATION_WIDENED = 128,
     TL_PROBATION_FAILURE = 128,
-    TL_PROBATION_UNSEEN = 10, /* steps */
     TL_PROBATION_MISSES = 3,
     TL_PROBATION_MISS_PERCENT = 1,
     TL_PROBATION_MISS_TIMES = 3,
@@ -92,21 +90,13 @@ typedef struct tl_probation {
     tl_probation_snapshot last;
     tl_time left, grace, lost, down; /* ns */
     tl_time lost_before;             /* as `lost`, by the yardstick before */
-    tl_time settling;                /* the lock does not count for so long */
-    bool reads_anew;
     tl_time shut;
-    tl_time unseen;        /* since there was a pair, */
-    uint64_t unseen_steps; /* and so many steps */
 } tl_probation;
 
 /* `before`: the configuration before, as it was at the end, or is. `now`: what counts from here on begins with; NULL: a run that has
  * not begun yet, all counts at 0. */
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
                         const tl_probation_snapshot *now);
-
-/* After the above: the plant is read anew, by other sources, and the lock has to be found by what comes then. In the first TL_PROBATION_GRACE, or half of its time if that is
- * less, steps do not count for the lock. */
-void tl_probation_let_settle(tl_probation *probation);
 
 /* After a new start of whoever keeps it, or of the box: what was kept is taken as far as it can be true. What has happened meanwhile is not known: counting
  * goes on with the first snapshot. */

@@ -115,6 +115,7 @@ static void begin(void) {
     for (size_t i = 0; i < shape.signals; i++) {
         unsigned how = tl_fuzz_take();
         shape.depth[i] = (uint32_t)1 << how % (DEEPEST + 1);
+        shape.of[i] = i;
         input.limits[i] = (tl_plant_limits){.minimum = -1000,
                                             .maximum = 1000,
                                             .stale = how % 3 * TL_SECOND,

@@ -3,8 +3,10 @@
 processes die."""
 import os
 import pty
+import re
 import shutil
 import signal
+import socket
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -218,6 +220,63 @@ def test_by_restart():
     expect(query(live.database, "SELECT prediction, ended_reason FROM runs ORDER BY run") ==
            [(1, "another configuration: the run begins anew"), (3, "SIGTERM")], f"{query(live.database, 'SELECT * FROM v_runs')}")
     expect(events(live.database, "version 2 is of %, by hand: a longer look") == 1, "nobody knows who has brought it")
+
+
+def port(number_):
+    return lambda document: document["sources"]["inverter"]["modbus_tcp"].update(port=number_)
+
+
+def told_gaps(database, run):
+    return [float(re.search(r"no twin ran for ([0-9.]+) s", text).group(1)) for (text,) in
+            query(database, "SELECT text FROM events WHERE run = ? AND source = 'resume' AND text LIKE 'no twin ran for %'", run)]
+
+
+def gap(database, run):
+    """Seconds from the last step of the run before to the first tick of this one."""
+    (start,), = query(database, "SELECT start_ns FROM beginnings WHERE run = ?", run)
+    (end,), = query(database, "SELECT start_ns + step_ns * (SELECT max(step) + lead FROM steps s WHERE s.run = r.run) FROM runs r JOIN beginnings USING (run)"
+                    " WHERE run = ?", run - 1)
+    return (start - end) / 1e9
+
+
+def expect_each_run_whole(database):
+    for (run,) in query(database, "SELECT run FROM runs"):
+        ticks = [tick for (tick,) in query(database, "SELECT DISTINCT tick FROM samples WHERE run = ? ORDER BY tick", run)]
+        expect(ticks and ticks == list(range(len(ticks))), f"run {run}: {len(ticks)} ticks up to {ticks and max(ticks)}")
+
+
+def test_another_device():
+    """Only a restart reads another device, if it is allowed. Every tick of each run is recorded, and the gap between them is told."""
+    with Device(OMEGA) as device, Device(OMEGA) as other, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        candidate = live.edited(port(other.port))
+        code, out, err = live.reload(candidate)
+        expect(code == BAD_USAGE and "can take sources.inverter.modbus_tcp.port: with --restart" in err, f"{code}\n{out}{err}")
+        expect(live.active() == 1 and not other.functions, f"{live.versions()}")
+        code, out, err = live.reload(candidate, "--restart", "--wait", *PROBATION)
+        expect(code == 0 and "(restart" in out and "version 2 is kept" in out, f"{code}\n{out}{err}{live.log()}")
+        expect(other.functions, "the other device is not asked")
+        end_orderly(live)
+        expect_each_run_whole(live.database)
+        told = told_gaps(live.database, 2)
+        expect(len(told) == 1 and 0 < told[0] <= gap(live.database, 2) + 0.02, f"{told}, and it was {gap(live.database, 2)}")
+        expect(f"no twin ran for {told[0]:.2f} s" in live.log(), live.log())
+
+
+def test_a_device_that_does_not_answer():
+    """It is returned from, by a restart; the runs before, between and after are recorded."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        nobody = free.getsockname()[1]
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        code, out, err = live.reload(live.edited(port(nobody)), "--restart", "--wait", "--probation", "5")
+        expect(code == NOT_LOCKED and "undone: in lock for 0 % of the steps" in err, f"{code}\n{out}{err}{live.log()}")
+        wait_for_run(live, live.database, 3)
+        expect(live.active() == 1, f"{live.versions()}")
+        end_orderly(live)
+        expect_each_run_whole(live.database)
+        expect([len(told_gaps(live.database, run)) for run in (1, 2, 3)] == [0, 1, 1], live.log())
 
 
 def test_returned_from_by_restart():

@@ -304,6 +304,27 @@ def test_the_first_twin_dies_on_probation():
         end_orderly(live)
 
 
+def test_limits_and_look_ups():
+    """Another twin judges and looks up the readings in another way. The plant is read on by the same process, and the way back has no gap."""
+    def change(document):
+        document["plant"]["omega"].update(stale_s=0.5, max=400)
+        match(document).update(condition={"low_pass_s": 0.02})
+
+    with Device(OMEGA) as device, Retuned(device.port) as live:
+        wait_for_run(live, live.database, 1)
+        before = live.child(role="io")
+        code, out, err = live.reload(live.edited(change), *LONG, timeout=HUNG_S)
+        expect(code == 0 and "plant.omega.max: 500 → 400 (new twin" in out, f"{code}\n{out}{err}{live.log()}")
+        expect(live.child(role="io") == before and len(twins(live)) == 2, f"{[title(pid) for pid in children(live.pid)]}")
+        code, out, err = live.reload(None, "--rollback")
+        expect(code == 0 and "by a flip" in out, f"{code}\n{out}{err}{live.log()}")
+        expect(live.child(role="io") == before, "the plant is read by another process")
+        end_orderly(live)
+        expect_flips(live.database, 1, 1, 1)
+        signals = query(live.database, "SELECT run, count(*) FROM signals WHERE kind = 'plant' GROUP BY run ORDER BY run")
+        expect([count for _, count in signals] == [2, 3, 2], f"{signals}")
+
+
 def test_in_place_after_a_flip():
     """The new run takes tunings as the first one did."""
     with Device(OMEGA) as device, Retuned(device.port) as live, moving(device):

@@ -367,6 +367,9 @@ def expect_anew(prepare, *words, record=None):
 
 
 def test_why_it_begins_anew():
+    """If the run before is another one, also how long no twin ran."""
+    gap = "no twin ran for "
+
     def other_tolerance(config, _):
         document = json.loads(config.read_text())
         document["synchronise"]["match"]["motor.omega"]["tolerance"] = 1.1
@@ -377,12 +380,12 @@ def test_why_it_begins_anew():
             for statement in statements:
                 execute(database, statement)
         return change
-    expect_anew(other_tolerance, "begins anew: the configuration is not that of run 1")
-    expect_anew(sql("UPDATE beginnings SET fmus = 'x'"), "begins anew: the FMUs are not those of run 1")
+    expect_anew(other_tolerance, "begins anew: the configuration is not that of run 1", gap)
+    expect_anew(sql("UPDATE beginnings SET fmus = 'x'"), "begins anew: the FMUs are not those of run 1", gap)
     expect_anew(sql("UPDATE beginnings SET start_ns = start_ns - 120000000000"), "more than record.resume_s")
-    expect_anew(sql("UPDATE beginnings SET boot = ''"), "does not tell what it takes")
+    expect_anew(sql("UPDATE beginnings SET boot = ''"), "does not tell what it takes", gap)
     expect_anew(sql("UPDATE runs SET ended = committed, ended_reason = 'drive: fmi2DoStep failed'"),
-                "run 1 ended: drive: fmi2DoStep failed")
+                "run 1 ended: drive: fmi2DoStep failed", gap)
     expect_anew(sql("DELETE FROM checkpoints", "DELETE FROM steps WHERE step = 20"), "has a hole")
     expect_anew(lambda *_: None, record={"resume_s": 0})
 

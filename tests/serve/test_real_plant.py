@@ -87,7 +87,7 @@ def test_what_is_refused():
         expect_end(answer, "invalid", "synchronise.match.motor.omega.tolerance: found -1", "step_s: found 0")
         expect(answer.status == 422, f"{answer.status}")
         answer = box.change(another_host, "?restart=1")
-        expect_end(answer, "forbidden", "sources.inverter.modbus_tcp.host: ", "(new sources)", "commission")
+        expect_end(answer, "forbidden", "sources.inverter.modbus_tcp.host: ", "(restart", "commission")
         expect_end(box.change(horizon), "needs a restart")
         expect_end(box.change(tolerance(0.5), "?check=1"), "done")
         expect_end(box.post("confirm"), "absent")

@@ -184,10 +184,6 @@ static int answer_trial(void) {
                                                   .adjust = 2,
                                                   .components = 3,
                                                   .signals = 1,
-                                                  .other_plant = (uint32_t)number_of("TRIAL_UNSEEN", 0),
-                                                  .unseen = (uint32_t)number_of("TRIAL_UNSEEN", 0),
-                                                  .mail_bytes = 1 << 20,
-                                                  .blind = "omega",
                                                   .memory = (uint64_t)number_of("TRIAL_MEMORY", 1 << 20),
                                                   .step = TL_SECOND / 100,
                                                   .least = number_of("TRIAL_LEAST", TL_SECOND / 1000)};
@@ -401,7 +397,6 @@ void tl_played_set(void) {
     (void)unsetenv("TRIAL_ANSWERS");
     (void)unsetenv("TRIAL_MEMORY");
     (void)unsetenv("TRIAL_LEAST");
-    (void)unsetenv("TRIAL_UNSEEN");
     take_first();
     tl_played_begin();
     run->ends = 0;

@@ -59,26 +59,6 @@ static void test_a_flip(void) {
     TEST_ASSERT_EQUAL_STRING("", run->other);
 }
 
-/* It is said what it cannot see. The twin before is not kept: the plant is not read for it; so the way back is a restart. */
-static void test_a_flip_to_other_sources(void) {
-    TEST_ASSERT_EQUAL_INT(0, setenv("TRIAL_UNSEEN", "1", 1));
-    run->each.lock.steps[TL_LOCK_LOCKED] = 0; /* nothing is judged */
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
-    TEST_ASSERT_TRUE(run->needs.other_plant);
-    TEST_ASSERT_EQUAL_UINT32(1, run->needs.signals);
-    TEST_ASSERT_EQUAL_UINT64(1 << 20, run->needs.mail_bytes);
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "it cannot see omega"));
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "a way back is by a restart"));
-    TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "its lock could not be judged"));
-    TEST_ASSERT_EQUAL_INT(1, run->flips);
-    TEST_ASSERT_EQUAL_STRING("", run->other);
-    TEST_ASSERT_TRUE(run->activation.probation.reads_anew);
-    tl_played_fail();
-    TEST_ASSERT_EQUAL_INT(1, run->flips);
-    TEST_ASSERT_TRUE(run->has_restarted);
-    TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
-}
-
 /* What the run did before the flip is nothing that its probation counts. */
 static void test_figures_after_a_flip(void) {
     run->view.figures.ticks = run->view.figures.steps = 1000;
@@ -269,7 +249,6 @@ int main(int argc, char **argv) {
     run = tl_played_open(TL_BINARY_DIR, "test_activation_flip");
     UNITY_BEGIN();
     RUN_TEST(test_a_flip);
-    RUN_TEST(test_a_flip_to_other_sources);
     RUN_TEST(test_figures_after_a_flip);
     RUN_TEST(test_an_fmu_that_was_replaced);
     RUN_TEST(test_a_flip_that_takes_long);

@@ -187,36 +187,6 @@ static void test_the_lock_by_the_tolerances_before(void) {
                              why);
 }
 
-/* All steps of the shadow in one state. */
-static void lock_shadow(tl_lock_state state) {
-    memset(now.work.figures.lock.steps, 0, sizeof now.work.figures.lock.steps);
-    now.work.figures.lock.steps[state] = 1000;
-}
-
-/* What it cannot see it cannot be in lock with. */
-static void test_a_shadow_that_does_not_see_all(void) {
-    double gone = 0.0;
-    lock_shadow(TL_LOCK_DEGRADED);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
-    setUp();
-    tl_comparison_limit_sight(&comparison, false);
-    lock_shadow(TL_LOCK_DEGRADED);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    setUp();
-    tl_comparison_limit_sight(&comparison, false);
-    lock_shadow(TL_LOCK_LOST);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
-    setUp();
-    tl_comparison_limit_sight(&comparison, false);
-    lock_shadow(TL_LOCK_FREE);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    setUp();
-    tl_comparison_limit_sight(&comparison, true);
-    lock_shadow(TL_LOCK_LOST);
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
-    TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BLIND, tl_comparison_sight_of(&comparison, &gone));
-}
-
 static void test_no_step(void) {
     now.work.figures = (tl_probation_snapshot){.ticks = 0};
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
@@ -349,7 +319,6 @@ int main(void) {
     RUN_TEST(test_few_misses_are_none);
     RUN_TEST(test_the_lock);
     RUN_TEST(test_the_lock_by_the_tolerances_before);
-    RUN_TEST(test_a_shadow_that_does_not_see_all);
     RUN_TEST(test_no_step);
     RUN_TEST(test_another_twin_of_the_run);
     RUN_TEST(test_a_lock_that_was_not_judged);

@@ -76,17 +76,12 @@ static tl_lock_yardstick yardstick_in(size_t place) {
 
 static bool begin(const char *text, const char *of) {
     const tl_lock_yardstick yardstick = {.match[1] = {0.5, 2.0}};
-    const tl_activation_candidate given = {.text = text,
-                                           .size = strlen(text),
-                                           .hash = of,
-                                           .yardstick = &yardstick,
-                                           .needs = {.match = 3,
-                                                     .adjust = 2,
-                                                     .components = 4,
-                                                     .fmu_bytes = 99,
-                                                     .signals = 7,
-                                                     .other_plant = true,
-                                                     .mail_bytes = 4711}};
+    const tl_activation_candidate given = {
+        .text = text,
+        .size = strlen(text),
+        .hash = of,
+        .yardstick = &yardstick,
+        .needs = {.match = 3, .adjust = 2, .components = 4, .fmu_bytes = 99, .signals = 7}};
     return functions.begin_shadow(functions.context, &given);
 }
 
@@ -128,8 +123,6 @@ static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);
     TEST_ASSERT_EQUAL_UINT64(99, pulse.order.needs.fmu_bytes);
     TEST_ASSERT_EQUAL_UINT32(7, pulse.order.needs.signals);
-    TEST_ASSERT_EQUAL_UINT32(1, pulse.order.needs.other_plant);
-    TEST_ASSERT_EQUAL_UINT64(4711, pulse.order.needs.mail_bytes);
     TEST_ASSERT_EQUAL_UINT32(10, candidate.size);
     TEST_ASSERT_EQUAL_STRING("{ \"a\": 1 }", candidate.text);
     TEST_ASSERT_EQUAL_STRING(OTHER, candidate.hash);

@@ -345,6 +345,19 @@ static void test_why_there_is_none(void) {
     expect_none("", TL_EVENT_INFO, "begins anew: the duration of run 1 is over");
 }
 
+/* So that a user is told how long the gap was. */
+static void test_when_another_run_ended(void) {
+    make(TL_LAG);
+    tl_sql_execute(path, "UPDATE runs SET ended_reason = 'another configuration: the run begins anew'");
+    open_history(INT64_MAX);
+    TEST_ASSERT_EQUAL_INT64(0, tl_past_history_ended(history));
+    TEST_ASSERT_FALSE(next());
+    const int64_t last = tl_sql_integer(path, "SELECT max(step) + lead FROM steps, runs");
+    TEST_ASSERT_EQUAL_INT64(course.start + last * course.assembly.config.step, tl_past_history_ended(history));
+    close_history();
+    TEST_ASSERT_EQUAL_INT64(0, tl_past_history_ended(NULL));
+}
+
 static void test_nothing_to_say(void) {
     make(TL_LAG);
     open_history(1);
@@ -401,6 +414,7 @@ int main(void) {
     RUN_TEST(test_checkpoints_of_no_use);
     RUN_TEST(test_inputs_that_an_fmu_cannot_bear);
     RUN_TEST(test_why_there_is_none);
+    RUN_TEST(test_when_another_run_ended);
     RUN_TEST(test_nothing_to_say);
     RUN_TEST(test_no_database);
     RUN_TEST(test_runs_that_got_nowhere);

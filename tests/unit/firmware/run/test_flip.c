@@ -48,11 +48,6 @@ static tl_live_stage stage;
 static tl_mailbox_slot slots[1024];
 static uint64_t posts;
 static tl_plant_input input;
-static tl_mailbox_slot own_slots[1024]; /* of the second place, if it has another plant */
-static uint64_t own_posts;
-static tl_plant_input own_input;
-static tl_mail_change mail_change;
-static bool has_own;
 static tl_measurements measurements;
 static bool can_save;
 static tl_scratch scratch;
@@ -64,11 +59,6 @@ void setUp(void) {
     posts = 0;
     input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 1024}}, .count = 1};
     input.limits[0] = (tl_plant_limits){.minimum = -1e9, .maximum = 1e9, .type = TL_REAL};
-    memset(own_slots, 0, sizeof own_slots);
-    own_posts = 0;
-    own_input = input;
-    own_input.mailboxes[0] = (tl_mailbox){.slots = own_slots, .count = &own_posts, .depth = 1024};
-    has_own = false;
     measurements = TL_LAG;
     can_save = true;
 }
@@ -138,8 +128,7 @@ static void start(place *self, tl_time step, bool is_shadow, int64_t tick, tl_ti
     }
     const tl_cycle_settings settings = {.assembly = &self->twin.assembly,
                                         .thread = self->thread,
-                                        .input = has_own && is_shadow ? &own_input : &input,
-                                        .mail = has_own && is_shadow ? &mail_change : NULL,
+                                        .input = &input,
                                         .outbox = &self->box.outbox,
                                         .journal = &self->journal,
                                         .tuning = &self->tuning,
@@ -381,30 +370,6 @@ static void test_there_and_back_in_mode_ahead(void) {
     flip_in_mode(TL_AHEAD);
 }
 
-/* Before the flip and a little longer it sees the plant of the run, then its own, which is read from the flip on. */
-static void test_another_plant(void) {
-    const tl_same_signals same = {.count = 1, .of = {0}};
-    const tl_reading reading = {.value = 50.0, .stamp = 0, .quality = TL_GOOD};
-    char sql[256];
-    has_own = true;
-    tl_mail_change_open(&mail_change, &own_input, &same, input.mailboxes);
-    tl_plant_input_post(&(tl_plant_input){.mailboxes = {{.slots = own_slots, .count = &own_posts, .depth = 1024}}}, 0,
-                        &reading);
-    begin_both(4 * MILLISECOND);
-    int64_t there = flip_to(1, 25);
-    live_until_tick(&places[1], there + 20);
-    TEST_ASSERT_TRUE(tl_mail_change_is_over(&mail_change));
-    end(&places[0]);
-    end(&places[1]);
-    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM samples WHERE value = 50.0 AND tick < %lld",
-                   (long long)there);
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(places[1].database, sql));
-    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM samples WHERE value <> 50.0 AND tick >= %lld",
-                   (long long)there);
-    TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(places[1].database, sql));
-    expect_whole(&places[1], 1, there, number(&places[1], "max(tick) FROM samples", 1));
-}
-
 /* It says so, and its run has no checkpoint. */
 static void test_a_twin_that_cannot_be_saved(void) {
     can_save = false;
@@ -523,7 +488,6 @@ int main(void) {
     RUN_TEST(test_there_and_back_in_mode_lag);
     RUN_TEST(test_there_and_back_in_mode_hold);
     RUN_TEST(test_there_and_back_in_mode_ahead);
-    RUN_TEST(test_another_plant);
     RUN_TEST(test_a_twin_that_cannot_be_saved);
     RUN_TEST(test_the_runs_is_dead);
     RUN_TEST(test_a_flip_in_the_past);

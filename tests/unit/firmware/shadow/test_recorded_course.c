@@ -33,7 +33,6 @@ static int fetched;
 static void (*at_fetch)(void);
 static unsigned char image[1 << 20];
 static tl_recorded_figures figures; /* as shown last */
-static tl_same_signals same;        /* of the one signal */
 static tl_error error;
 
 static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real size, fmi2Boolean final) {
@@ -64,7 +63,6 @@ void setUp(void) {
     room = sizeof image;
     fetched = 0;
     at_fetch = NULL;
-    same = (tl_same_signals){.count = 1, .is_each = true};
     memset(&figures, 0, sizeof figures);
     memset(&beats, 0, sizeof beats);
     tl_journal_init(&journal, NULL);
@@ -128,7 +126,6 @@ static tl_status take(int64_t *next) {
         .heart = heart,
         .start = start,
         .run = &twin.assembly.config,
-        .same = &same,
         .fetch = fetch,
         .show = show,
         .context = &scratch,
@@ -220,18 +217,6 @@ static void test_what_is_recorded_is_old(void) {
     expect_ready_for(next);
 }
 
-/* The run reads all by other sources: there is nothing to go over. */
-static void test_nothing_can_be_seen(void) {
-    int64_t next = 0;
-    same = (tl_same_signals){.count = 1, .of = {TL_NO_SUCH_SIGNAL}, .unseen = 1};
-    record_to(600, TL_SECOND);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(&next), error.text);
-    TEST_ASSERT_EQUAL_INT(0, fetched);
-    TEST_ASSERT_EQUAL_INT64(0, figures.ticks);
-    TEST_ASSERT_TRUE(next > 600);
-    expect_ready_for(next);
-}
-
 static void test_nothing_is_recorded(void) {
     int64_t next = 0;
     start = tl_clock_now(NULL) - 100 * STEP;
@@ -279,7 +264,6 @@ int main(void) {
     RUN_TEST(test_until_it_is_near);
     RUN_TEST(test_what_is_recorded_ends_too_soon);
     RUN_TEST(test_what_is_recorded_is_old);
-    RUN_TEST(test_nothing_can_be_seen);
     RUN_TEST(test_nothing_is_recorded);
     RUN_TEST(test_samples_that_are_of_no_use);
     RUN_TEST(test_an_fmu_that_fails);

@@ -108,66 +108,6 @@ static void test_another_recorder_writes_what_is_left_in_the_end(void) {
     tl_stage_expect_silence();
 }
 
-/* ---- another io ---- */
-
-static void change_io(bool ends, tl_orders *orders) {
-    (void)ends;
-    orders->io = stage->parts[TL_MEMBER_IO].starts == 1 && tl_stage_is_ready(TL_MEMBER_IO);
-}
-
-static void test_another_io_is_begun(void) {
-    tl_stage_cast(TL_MEMBER_IO, "ww");
-    stage->play_on = change_io;
-    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
-    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
-    tl_stage_expect_silence();
-}
-
-static void change_io_at_once(bool ends, tl_orders *orders) {
-    (void)ends;
-    orders->io = stage->parts[TL_MEMBER_IO].starts == 1 && !tl_stage_has_died(TL_MEMBER_IO);
-}
-
-/* There is nothing of it that could be lost. */
-static void test_an_io_that_dies_of_it(void) {
-    tl_stage_cast(TL_MEMBER_IO, "dw");
-    stage->play_on = change_io_at_once;
-    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 700));
-    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
-    tl_stage_expect_silence();
-}
-
-/* Signals are stale meanwhile. */
-static void test_an_io_that_does_not_make_room(void) {
-    tl_stage_cast(TL_MEMBER_IO, "bw");
-    stage->play_on = change_io;
-    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 1500));
-    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_IO].starts);
-    tl_stage_expect_silence();
-}
-
-static tl_time rested; /* from the order to the next one */
-
-static void change_io_that_rests(bool ends, tl_orders *orders) {
-    (void)ends;
-    bool is_resting = stage->parts[TL_MEMBER_IO].starts == 4 && stage->parts[TL_MEMBER_IO].told == 4;
-    bool is_back = stage->parts[TL_MEMBER_IO].starts == 5 && tl_stage_is_ready(TL_MEMBER_IO);
-    stage->at = is_resting && stage->at == 0 ? tl_clock_now(NULL) : stage->at;
-    orders->io = is_resting;
-    orders->end = is_back;
-    rested = is_back && rested == 0 ? tl_clock_now(NULL) - stage->at : rested;
-}
-
-/* After the fourth failure it would rest for a second; another one may find what this one did not. */
-static void test_another_io_after_some_that_could_not_begin(void) {
-    tl_stage_cast(TL_MEMBER_IO, "kkkkw");
-    rested = 0;
-    stage->play_on = change_io_that_rests;
-    tl_stage_expect_code("w", 0);
-    TEST_ASSERT_EQUAL_INT(5, stage->parts[TL_MEMBER_IO].starts);
-    TEST_ASSERT_TRUE(rested > 0 && rested < TL_SECOND * 9 / 10);
-}
-
 /* ---- the first twin waits ---- */
 
 static tl_wait wait_for_the_others(void *context) {
@@ -234,10 +174,6 @@ int main(void) {
     RUN_TEST(test_another_recorder_is_begun);
     RUN_TEST(test_a_recorder_that_crashes_when_it_makes_room);
     RUN_TEST(test_another_recorder_writes_what_is_left_in_the_end);
-    RUN_TEST(test_another_io_is_begun);
-    RUN_TEST(test_an_io_that_dies_of_it);
-    RUN_TEST(test_an_io_that_does_not_make_room);
-    RUN_TEST(test_another_io_after_some_that_could_not_begin);
     RUN_TEST(test_the_others_are_begun_before);
     RUN_TEST(test_a_twin_holds_until_the_first_may_begin);
     RUN_TEST(test_told_to_end_before_there_is_a_twin);

@@ -17,7 +17,6 @@ enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };
 static tl_config config;
 static tl_live_stage stage;
 static tl_live_place places[TL_LIVE_PLACES];
-static tl_live_mails mails;
 static tl_live_activator_pulse activator;
 static tl_live_recorder_pulse recorder;
 static tl_block candidate_block;
@@ -40,12 +39,6 @@ static void play_ready(tl_live_place *place, pid_t pid, tl_time start) {
     place->pulse->started = 77;
 }
 
-static size_t mail_bytes(void) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(&config, &shape);
-    return tl_plant_mail_bytes(&shape);
-}
-
 void setUp(void) {
     tl_report report = {0};
     tl_error error = {TL_OK, ""};
@@ -58,15 +51,12 @@ void setUp(void) {
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_place_make(true, &places[i], &error));
     }
-    memset(&mails, 0, sizeof mails);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_mails_make(&mails, 0, mail_bytes(), &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_place_move_in(&places[0], &config, false, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
     candidate = candidate_block.bytes;
     change = (tl_live_change){.settings = {.stage = &stage,
                                            .places = places,
-                                           .mails = &mails,
                                            .orders = &activator,
                                            .candidate = &candidate_block,
                                            .recorder = &recorder,
@@ -80,7 +70,6 @@ void tearDown(void) {
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         tl_live_place_close(&places[i]);
     }
-    tl_live_mails_close(&mails);
     tl_block_close(&candidate_block);
     tl_config_free(&config);
 }
@@ -189,10 +178,10 @@ static void test_candidates_that_are_none(void) {
     refuse_candidate("a candidate came with a text of 0 bytes, expected 1 … 262144");
     write_candidate();
     activator.order.needs.match = TL_MAX_MATCH + 1;
-    refuse_candidate("a candidate came with numbers that cannot be: 17, 1, 3, 2, 0");
+    refuse_candidate("a candidate came with numbers that cannot be: 17, 1, 3, 2");
     write_candidate();
     activator.order.needs.components = TL_RECORDER_COMPONENTS;
-    refuse_candidate("a candidate came with numbers that cannot be: 2, 1, 64, 2, 0");
+    refuse_candidate("a candidate came with numbers that cannot be: 2, 1, 64, 2");
 }
 
 static void test_nobody_is_less_confined_than_the_run(void) {
@@ -423,94 +412,28 @@ static void test_a_twin_that_says_what_cannot_be(void) {
     expect_refused("the run's ticks are not to be believed");
 }
 
-/* ---- another plant ---- */
+/* ---- signals ---- */
 
-static void begin_other_plant(pid_t pid, uint32_t signals) {
-    write_candidate();
-    activator.order.needs.signals = signals;
-    activator.order.needs.other_plant = 1;
-    activator.order.needs.mail_bytes = mail_bytes() / config.signal_count * signals;
-    order(TL_LIVE_SHADOW);
-    expect_obeyed(true);
-    TEST_ASSERT_EQUAL_STRING("", stage.why);
-    tl_live_place *place = &places[1 - stage.place];
-    tl_live_change_note_shadow(&change, pid);
-    play_ready(place, pid, place->start);
-    look();
-}
-
-static void test_a_plant_of_its_own(void) {
+/* Its own second look-ups are among them. */
+static void test_a_candidate_with_more_look_ups(void) {
     const uint32_t more = (uint32_t)config.signal_count + 3;
-    begin_other_plant(SHADOW, more);
-    TEST_ASSERT_EQUAL_UINT32(0, places[0].mail);
-    TEST_ASSERT_EQUAL_UINT32(1, places[1].mail);
-    TEST_ASSERT_EQUAL_UINT32(2, mails.mail[1].number);
-    TEST_ASSERT_EQUAL_size_t(more, places[1].outbox_settings.shape.plant);
-    TEST_ASSERT_EQUAL_size_t(tl_live_mail_bytes_of((size_t)activator.order.needs.mail_bytes), mails.mail[1].block.size);
-}
-
-static void test_the_plant_of_the_run(void) {
-    begin_shadow(SHADOW);
-    TEST_ASSERT_EQUAL_UINT32(0, places[1].mail);
-    TEST_ASSERT_EQUAL_UINT32(1, mails.made);
-}
-
-/* Nobody reads for it any more: so the way back is none of its. */
-static void test_the_twin_before_ends_with_its_plant(void) {
-    begin_other_plant(SHADOW, 2);
-    flip(1);
-    TEST_ASSERT_FALSE(orders.shadow);
-    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
-    TEST_ASSERT_EQUAL_STRING("its sources are not read any more", stage.why);
-    order(TL_LIVE_FLIP);
-    expect_refused("there is no shadow");
-}
-
-/* From there on others share its mail, and one more has the first one made anew. */
-static void test_plants_one_after_the_other(void) {
-    begin_other_plant(SHADOW, 3);
-    flip(1);
-    tl_live_change_begin_recorder(&change);
-    recorder.drained = 1;
-    look();
-    TEST_ASSERT_TRUE(orders.recorder);
-    tl_live_change_begin_recorder(&change);
-    end_twin(&places[0]);
     write_candidate();
-    activator.order.needs.signals = 3;
+    activator.order.needs.signals = more;
     order(TL_LIVE_SHADOW);
     expect_obeyed(true);
-    TEST_ASSERT_EQUAL_UINT32(1, places[0].mail);
-    TEST_ASSERT_EQUAL_UINT32(2, mails.made);
-    order(TL_LIVE_NO_SHADOW);
-    begin_other_plant(NEXT, 4);
-    TEST_ASSERT_EQUAL_UINT32(0, places[0].mail);
-    TEST_ASSERT_EQUAL_UINT32(3, mails.mail[0].number);
-    TEST_ASSERT_EQUAL_UINT32(2, mails.mail[1].number);
+    TEST_ASSERT_EQUAL_size_t(more, places[1].outbox_settings.shape.plant);
 }
 
-static void test_plants_that_cannot_be(void) {
-    static const struct {
-        uint32_t signals, other_plant;
-        uint64_t mail_bytes;
-        const char *why;
-    } cases[] = {
-        {1, 0, 0, "a candidate came with numbers that cannot be: 2, 1, 3, 1, 0"},
-        {2, 2, 1 << 20, "a candidate came with numbers that cannot be: 2, 1, 3, 2, 1048576"},
-        {0, 1, 1 << 20, "a candidate came with numbers that cannot be: 2, 1, 3, 0, 1048576"},
-        {65, 1, 1 << 22, "a candidate came with numbers that cannot be: 2, 1, 3, 65, 4194304"},
-        {2, 1, 4096, "a candidate came with numbers that cannot be: 2, 1, 3, 2, 4096"},
-        {2, 1, 1 << 30, "a candidate came with numbers that cannot be: 2, 1, 3, 2, 1073741824"},
-    };
-    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+static void test_numbers_of_signals_that_cannot_be(void) {
+    static const uint32_t signals[] = {0, TL_MAX_SIGNALS + 1};
+    for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++) {
+        char why[96];
+        (void)snprintf(why, sizeof why, "a candidate came with numbers that cannot be: 2, 1, 3, %u",
+                       (unsigned)signals[i]);
         write_candidate();
-        activator.order.needs.signals = cases[i].signals;
-        activator.order.needs.other_plant = cases[i].other_plant;
-        activator.order.needs.mail_bytes = cases[i].mail_bytes;
-        refuse_candidate(cases[i].why);
+        activator.order.needs.signals = signals[i];
+        refuse_candidate(why);
     }
-    TEST_ASSERT_EQUAL_UINT32(1, mails.made);
 }
 
 /* ---- the recorder ---- */
@@ -633,11 +556,8 @@ int main(void) {
     RUN_TEST(test_flips_that_cannot_be);
     RUN_TEST(test_a_twin_that_is_ahead);
     RUN_TEST(test_a_twin_that_says_what_cannot_be);
-    RUN_TEST(test_a_plant_of_its_own);
-    RUN_TEST(test_the_plant_of_the_run);
-    RUN_TEST(test_the_twin_before_ends_with_its_plant);
-    RUN_TEST(test_plants_one_after_the_other);
-    RUN_TEST(test_plants_that_cannot_be);
+    RUN_TEST(test_a_candidate_with_more_look_ups);
+    RUN_TEST(test_numbers_of_signals_that_cannot_be);
     RUN_TEST(test_the_recorder_follows);
     RUN_TEST(test_a_recorder_two_flips_behind);
     RUN_TEST(test_a_recorder_follows_when_all_end);

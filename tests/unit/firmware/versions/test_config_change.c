@@ -187,25 +187,51 @@ static void test_what_takes_a_new_twin(void) {
     }
 }
 
-static void test_what_takes_new_sources(void) {
+/* The process that reads the plant takes other sources only with another run. */
+static void test_what_is_read_otherwise_takes_a_restart(void) {
     static const one changes[] = {
-        {"\"stale_s\": 0.5", "\"stale_s\": 1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
-         "plant.omega.stale_s: 0.5 → 1 (new sources, needs the right to commission)"},
-        {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_NEW_SOURCES,
+        {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_RESTART,
          TL_CHANGE_BY_COMMISSION,
-         "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (new sources, needs the right to commission)"},
-        {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_NEW_SOURCES,
+         "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (restart, needs the right to commission)"},
+        {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_RESTART,
          TL_CHANGE_BY_COMMISSION,
-         "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (new sources, needs the right to commission)"},
-        {"10.0.0.5", "10.0.0.6", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
-         "sources.inverter.modbus_tcp.host: \"10.0.0.5\" → \"10.0.0.6\" (new sources, needs the right to commission)"},
-        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_COMMISSION,
-         "sources.lines: {\"gpio\":{}} is added (new sources, needs the right to commission)"},
-        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE,
-         "sources.inverter.modbus_tcp.period_s: 0.01 → 0.1 (new sources)"},
+         "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (restart, needs the right to commission)"},
+        {"10.0.0.5", "10.0.0.6", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+         "sources.inverter.modbus_tcp.host: \"10.0.0.5\" → \"10.0.0.6\" (restart, needs the right to commission)"},
+        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+         "sources.lines: {\"gpio\":{}} is added (restart, needs the right to commission)"},
+        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
+         "sources.inverter.modbus_tcp.period_s: 0.01 → 0.1 (restart)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
         expect_one(&changes[i]);
+    }
+}
+
+/* How a reading is judged is another twin's affair; which Modbus polls are readings is not. */
+static void test_how_a_reading_is_judged(void) {
+    static const struct {
+        const char *before, *after;
+        tl_change_kind kind;
+        tl_change_right right;
+    } cases[] = {
+        {"\"modbus\": {}, \"stale_s\": 1", "\"modbus\": {}, \"stale_s\": 2", TL_CHANGE_NEW_TWIN,
+         TL_CHANGE_BY_COMMISSION},
+        {"\"modbus\": {}, \"max\": 1", "\"modbus\": {}", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION},
+        {"\"modbus\": {}", "\"modbus\": {}, \"initial\": 1", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE},
+        {"\"can\": {}, \"every_s\": 1", "\"can\": {}, \"every_s\": 2", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE},
+        {"\"can\": {}, \"every_s\": 1, \"stale_s\": 1", "\"can\": {}, \"every_s\": 1", TL_CHANGE_NEW_TWIN,
+         TL_CHANGE_BY_COMMISSION},
+        {"\"modbus\": {}, \"every_s\": 1", "\"modbus\": {}", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE},
+        {"\"modbus\": {}, \"every_s\": 1", "\"modbus\": {}, \"every_s\": 1, \"stale_s\": 1", TL_CHANGE_RESTART,
+         TL_CHANGE_BY_COMMISSION},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char text[2][128];
+        (void)snprintf(text[0], sizeof text[0], "{\"plant\": {\"x\": {%s}}}", cases[i].before);
+        (void)snprintf(text[1], sizeof text[1], "{\"plant\": {\"x\": {%s}}}", cases[i].after);
+        find(text[0], text[1]);
+        expect_needs(cases[i].kind, cases[i].right, 1, cases[i].after);
     }
 }
 
@@ -249,7 +275,7 @@ static void test_order(void) {
          "{\"synchronise\": {\"adjust\": {\"a.v\": {\"step\": 1}, \"a.u\": {\"step\": 1}}}}");
     expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 1, "");
     find("{\"plant\": {\"x\": {}, \"y\": {}}}", "{\"plant\": {\"y\": {}, \"x\": {}}}");
-    expect_needs(TL_CHANGE_NEW_SOURCES, TL_CHANGE_BY_RETUNE, 1, "");
+    expect_needs(TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE, 1, "");
     find("{\"sources\": {\"x\": {}, \"y\": {}}}", "{\"sources\": {\"y\": {}, \"x\": {}}}");
     expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
 }
@@ -497,7 +523,7 @@ static size_t count_places(const cJSON *root, tl_change_kind *kind) {
     int matched = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(synchronise, "match"));
     int adjusted = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(synchronise, "adjust"));
     int signals = cJSON_GetArraySize(cJSON_GetObjectItemCaseSensitive(root, "plant"));
-    *kind = signals > 1 ? TL_CHANGE_NEW_SOURCES : matched > 1 || adjusted > 1 ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE;
+    *kind = signals > 1 ? TL_CHANGE_RESTART : matched > 1 || adjusted > 1 ? TL_CHANGE_NEW_TWIN : TL_CHANGE_NONE;
     return (matched > 1 ? 1U : 0U) + (adjusted > 1 ? 1U : 0U) + (signals > 1 ? 1U : 0U);
 }
 
@@ -544,7 +570,8 @@ int main(void) {
     RUN_TEST(test_values_of_these_keys_that_are_not);
     RUN_TEST(test_evaluations);
     RUN_TEST(test_what_takes_a_new_twin);
-    RUN_TEST(test_what_takes_new_sources);
+    RUN_TEST(test_what_is_read_otherwise_takes_a_restart);
+    RUN_TEST(test_how_a_reading_is_judged);
     RUN_TEST(test_what_takes_a_restart);
     RUN_TEST(test_the_same);
     RUN_TEST(test_order);
