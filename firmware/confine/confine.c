@@ -10,8 +10,8 @@
 
 #include "firmware/confine/filter.h"
 #include "firmware/confine/landlock.h"
-#include "firmware/confine/limits.h"
 #include "firmware/confine/privileges.h"
+#include "firmware/confine/process_limits.h"
 
 /* ---- what there is ---- */
 
@@ -25,7 +25,7 @@ void tl_confine_probe(tl_confine_facts *facts) {
         .filter = tl_filter_is_offered(),
         .notifies = tl_filter_can_notify(),
         .landlock = tl_landlock_version(),
-        .memory = tl_limits_hold_memory(),
+        .memory = tl_process_limits_hold_memory(),
         .user = tl_privileges_may_change_user(),
     };
 }
@@ -91,7 +91,7 @@ static tl_status confine_calls(const tl_confine_settings *settings, int version,
         *facts = (tl_confine_facts){.filter = filters,
                                     .notifies = told >= 0,
                                     .landlock = version,
-                                    .memory = settings->memory != 0 && tl_limits_hold_memory(),
+                                    .memory = settings->memory != 0 && tl_process_limits_hold_memory(),
                                     .user = settings->user != 0};
     }
     if (listener != NULL) {
@@ -108,7 +108,7 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
     }
     tl_status status = enter(settings->folder, error);
     status = status != TL_OK ? status : give_up_privileges(settings, error);
-    status = status != TL_OK ? status : tl_limits_set(settings->memory, settings->file_bytes, error);
+    status = status != TL_OK ? status : tl_process_limits_set(settings->memory, settings->file_bytes, error);
     status = status != TL_OK ? status : restrict_files(settings, version, error);
     return status == TL_OK ? confine_calls(settings, version, facts, listener, error) : status;
 }

@@ -3,7 +3,7 @@
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
  *          FMU in it does. There is no way back.
- * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (limits.h), a
+ * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (process_limits.h), a
  *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.
@@ -26,19 +26,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/confine/filter.h"
 #include "master/base/status.h"
 
 enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
-
-/* Drivers of a plant, by what they open. */
-enum {
-    TL_CONFINE_CSV = 1, /* files only */
-    TL_CONFINE_TCP = 2,
-    TL_CONFINE_NAMES = 4, /* looks names of hosts up: UDP to any address, TCP to port 53 */
-    TL_CONFINE_CAN = 8,
-    TL_CONFINE_SERIAL = 16,
-    TL_CONFINE_GPIO = 32
-};
 
 /* All texts live during the call only. */
 typedef struct tl_confine_settings {

@@ -6,7 +6,7 @@
  *              (A file descriptor of our own would drop SQLite's POSIX locks when it is closed.)
  * Making:      under a name that nobody has, then renamed, so that a power cut leaves a whole database or none, and
  *              the header is always in the file itself, not in its write-ahead log. The renaming replaces nothing.
- * Formats:     user_version as SQL sees it counts: an upgrade may still be in the write-ahead log.
+ * Formats:     only one is read. SQL reads user_version again: another program's may still be in the write-ahead log.
  */
 #include "firmware/database/database.h"
 
@@ -34,13 +34,14 @@ static uint32_t big_endian(const unsigned char *bytes) {
 }
 
 static tl_status check_version(const char *path, int64_t version, tl_error *error) {
-    if (version < 1 || version > TL_DATABASE_VERSION) {
-        return tl_database_refuse(
-            TL_DATABASE_OTHER, error, TL_BAD_DATA,
-            "%s: was written by another version of twinlock (format %lld, this program knows 1 to %d)", path,
-            (long long)version, TL_DATABASE_VERSION);
+    if (version == TL_DATABASE_VERSION) {
+        return TL_OK;
     }
-    return TL_OK;
+    return tl_database_refuse(
+        TL_DATABASE_OTHER, error, TL_BAD_DATA,
+        "%s: the database has format %lld (this program reads and writes format %d only): use the "
+        "version of twinlock that wrote it, or move the file away",
+        path, (long long)version, TL_DATABASE_VERSION);
 }
 
 static tl_status judge_header(const unsigned char header[HEADER], int64_t size, const char *path, tl_error *error) {
@@ -146,54 +147,17 @@ static tl_status first_read(const char *path, bool write, sqlite3 **database, tl
     return code == SQLITE_OK ? TL_OK : tl_database_fail(*database, code, error);
 }
 
-static tl_status execute_all(sqlite3 *database, const char *const *statements, tl_error *error) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; statements[i] != NULL && status == TL_OK; i++) {
-        status = tl_database_execute(database, statements[i], error);
-    }
-    return status;
-}
-
-static tl_status ask_version(sqlite3 *database, int64_t *version, tl_error *error) {
+/* The format as SQL sees it. */
+static tl_status check_current_version(sqlite3 *database, const char *path, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(database, "PRAGMA user_version", &statement, error);
     if (status == TL_OK) {
         int code = sqlite3_step(statement);
-        *version = sqlite3_column_int64(statement, 0);
-        status = code == SQLITE_ROW ? TL_OK : tl_database_fail(database, code, error);
+        status = code == SQLITE_ROW ? check_version(path, sqlite3_column_int64(statement, 0), error)
+                                    : tl_database_fail(database, code, error);
     }
     (void)sqlite3_finalize(statement);
     return status;
-}
-
-/* All of it or nothing. */
-static tl_status upgrade(sqlite3 *database, int64_t version, tl_error *error) {
-    char sql[64];
-    (void)snprintf(sql, sizeof sql, "PRAGMA user_version = %d; COMMIT", TL_DATABASE_VERSION);
-    tl_status status = tl_database_execute(database, "BEGIN IMMEDIATE", error);
-    for (int64_t from = version; from < TL_DATABASE_VERSION && status == TL_OK; from++) {
-        status = execute_all(database, tl_database_upgrades[from], error);
-    }
-    if (status == TL_OK) {
-        status = tl_database_execute(database, sql, error);
-    }
-    if (status != TL_OK) {
-        (void)sqlite3_exec(database, "ROLLBACK", NULL, NULL, NULL);
-    }
-    return status;
-}
-
-/* The format that the rest of the program knows. */
-static tl_status adapt(sqlite3 *database, const char *path, bool write, tl_error *error) {
-    int64_t version = 0;
-    tl_status status = ask_version(database, &version, error);
-    if (status == TL_OK) {
-        status = check_version(path, version, error);
-    }
-    if (status != TL_OK || version == TL_DATABASE_VERSION) {
-        return status;
-    }
-    return write ? upgrade(database, version, error) : execute_all(database, tl_database_bridges[version], error);
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
@@ -230,10 +194,10 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = tl_database_execute(*database, both, error);
     }
     if (status == TL_OK) {
-        status = tl_database_check_schema(*database, error);
+        status = check_current_version(*database, path, error);
     }
     if (status == TL_OK) {
-        status = adapt(*database, path, write, error);
+        status = tl_database_check_schema(*database, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);
@@ -241,6 +205,14 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     if (status != TL_OK) {
         (void)sqlite3_close(*database);
         *database = NULL;
+    }
+    return status;
+}
+
+static tl_status execute_all(sqlite3 *database, const char *const *statements, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; statements[i] != NULL && status == TL_OK; i++) {
+        status = tl_database_execute(database, statements[i], error);
     }
     return status;
 }

@@ -4,7 +4,7 @@
  * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
  * Mode:    a new one is 0640 less the umask, and what SQLite puts beside it the same: what a plant does is not everybody's.
  * Trust:   none: every connection is guarded (database_guard.h).
- * Errors:  TL_BAD_DATA for a file that is not ours, newer than us, or damaged; TL_TRY_AGAIN for everything the
+ * Errors:  TL_BAD_DATA for a file that is not ours, has another format, or is damaged; TL_TRY_AGAIN for everything the
  *          system refuses (no room, no permission, locked).
  * Thread:  a connection belongs to one thread at a time.
  */
@@ -17,9 +17,8 @@
 
 #include "master/base/status.h"
 
-/* The file must exist. An older format is brought up to date where it is to be written, and only then: read, it looks as
- * if it were. Reading does not create, recover or change anything but SQLite's own -wal and -shm files, and
- * works on a read-only medium. */
+/* The file must exist and have the format of this program. Reading does not create, recover or change anything
+ * but SQLite's own -wal and -shm files, and works on a read-only medium. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
 /* Is the file of this connection still one of ours, by its header as it is on the disk? */

@@ -13,7 +13,7 @@ typedef enum tl_database_fault {
     TL_DATABASE_TAKEN,   /* another twinlock writes it */
     TL_DATABASE_DENIED,  /* it, or what it is on, may not be read or not be written */
     TL_DATABASE_DAMAGED, /* it is ours, and its pages are not what they were */
-    TL_DATABASE_OTHER,   /* it is of another version of twinlock, which knows more */
+    TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
     TL_DATABASE_FOREIGN  /* it is not ours, or somebody has worked on it, or somebody's file is in its way */
 } tl_database_fault;
 

@@ -31,8 +31,7 @@ static int count_turns(void *context) {
 
 void tl_database_guard(sqlite3 *database) {
     static const int off[] = {SQLITE_DBCONFIG_TRUSTED_SCHEMA, SQLITE_DBCONFIG_ENABLE_TRIGGER,
-                              SQLITE_DBCONFIG_ENABLE_VIEW, /* those of a connection's own memory work */
-                              SQLITE_DBCONFIG_ENABLE_LOAD_EXTENSION};
+                              SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_ENABLE_LOAD_EXTENSION};
     static const struct {
         int what;
         int most;
@@ -127,8 +126,8 @@ static tl_status check_key(sqlite3 *database, sqlite3_stmt *statement, const tl_
 /* Is it there at all? Not what is only called so, such as a view. */
 static tl_status find_table(sqlite3 *database, const char *name, bool *found, tl_error *error) {
     sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(database, "SELECT type = 'table' FROM main.sqlite_schema WHERE name = ?1",
-                                           &statement, error);
+    tl_status status =
+        tl_database_prepare(database, "SELECT type = 'table' FROM sqlite_schema WHERE name = ?1", &statement, error);
     if (status != TL_OK) {
         return status;
     }
@@ -145,7 +144,7 @@ static tl_status find_table(sqlite3 *database, const char *name, bool *found, tl
 }
 
 tl_status tl_database_check_schema(sqlite3 *database, tl_error *error) {
-    static const char sql[] = "SELECT name FROM pragma_table_xinfo(?1, 'main') WHERE pk > 0 ORDER BY pk";
+    static const char sql[] = "SELECT name FROM pragma_table_xinfo(?1) WHERE pk > 0 ORDER BY pk";
     sqlite3_stmt *statement = NULL;
     tl_status status = check_code(database, error);
     if (status == TL_OK) {

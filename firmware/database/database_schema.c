@@ -7,87 +7,13 @@
 
 #include <stddef.h>
 
-/* What format 2 has that format 1 has not; for new databases and for those that are brought up to date. */
-#define CREATE_FLAGS "CREATE TABLE flags (bit INTEGER PRIMARY KEY, name TEXT NOT NULL)"
-
-#define CREATE_COMPONENTS                                                                                              \
-    "CREATE TABLE components ("                                                                                        \
-    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
-    "  component INTEGER NOT NULL,"                                                                                    \
-    "  name TEXT NOT NULL,"                                                                                            \
-    "  plain INTEGER NOT NULL DEFAULT 0,"                                                                              \
-    "  predicted INTEGER NOT NULL DEFAULT 0,"                                                                          \
-    "  executions INTEGER NOT NULL DEFAULT 0,"                                                                         \
-    "  caught_up INTEGER NOT NULL DEFAULT 0,"                                                                          \
-    "  unstored INTEGER NOT NULL DEFAULT 0,"                                                                           \
-    "  PRIMARY KEY (run, component)) WITHOUT ROWID"
-
-/* What format 3 has that format 2 has not: what it takes to go on with a run after a restart. */
-#define CREATE_BEGINNINGS                                                                                              \
-    "CREATE TABLE beginnings ("                                                                                        \
-    "  run INTEGER PRIMARY KEY REFERENCES runs (run),"                                                                 \
-    "  fmus TEXT NOT NULL," /* SHA-256 over those of the files */                                                      \
-    "  boot TEXT NOT NULL," /* of the system; start_ns is of its clock */                                              \
-    "  start_ns INTEGER,"                                                                                              \
-    "  resumed_run INTEGER,"                                                                                           \
-    "  resumed_tick INTEGER,"                                                                                          \
-    "  resumed_from TEXT)"
-
-#define CREATE_CHECKPOINTS                                                                                             \
-    "CREATE TABLE checkpoints ("                                                                                       \
-    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
-    "  tick INTEGER NOT NULL,"                                                                                         \
-    "  format TEXT NOT NULL,"                                                                                          \
-    "  sha256 TEXT NOT NULL,"                                                                                          \
-    "  bytes BLOB NOT NULL,"                                                                                           \
-    "  PRIMARY KEY (run, tick))"
-
-/* What format 4 has that format 3 has not: what a run took of other configurations while it ran. */
-#define CREATE_TUNINGS                                                                                                 \
-    "CREATE TABLE tunings ("                                                                                           \
-    "  run INTEGER NOT NULL REFERENCES runs (run),"                                                                    \
-    "  tick INTEGER NOT NULL," /* the first with it */                                                                 \
-    "  configuration TEXT NOT NULL REFERENCES configurations (hash),"                                                  \
-    "  at TEXT NOT NULL,"                                                                                              \
-    "  who TEXT NOT NULL,"                                                                                             \
-    "  origin TEXT NOT NULL,"                                                                                          \
-    "  why TEXT NOT NULL,"                                                                                             \
-    "  PRIMARY KEY (run, tick)) WITHOUT ROWID"
-
-#define CREATE_V_TUNINGS                                                                                               \
-    "CREATE VIEW v_tunings AS SELECT t.run, t.tick, t.tick * r.step_ns / 1e9 AS time_s, t.at,"                         \
-    "  substr(t.configuration, 1, 12) AS configuration, t.who, t.origin, t.why"                                        \
-    "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick"
-
-/* Bits as names; NULL where none is set. */
-#define CREATE_V_STEPS                                                                                                 \
-    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"                                             \
-    "  CASE r.verb WHEN 'run' THEN"                                                                                    \
-    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"                   \
-    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"                    \
-    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"                                          \
-    "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"                               \
-    "  (SELECT group_concat(n.name, ', ') FROM signals n"                                                              \
-    "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"                              \
-    "  FROM steps s JOIN runs r USING (run)"                                                                           \
-    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop"
-
-#define CREATE_V_LEDGER                                                                                                \
-    "CREATE VIEW v_ledger AS SELECT c.run, c.name AS component, c.plain, c.predicted, c.executions,"                   \
-    "  c.plain - c.executions AS saved, c.caught_up, c.unstored,"                                                      \
-    "  c.executions - c.caught_up - c.predicted AS difference"                                                         \
-    "  FROM components c ORDER BY c.run, c.component"
-
-/* The tick of a step minus the step, before it was recorded. */
-#define LEAD "CASE measurements WHEN 'ahead' THEN 0 WHEN 'hold' THEN 1 ELSE prediction END"
-
 const char *const tl_database_schema[] = {
     /* Codes and their names; filled from the program's own names each time it opens the database for writing. */
     "CREATE TABLE outcomes (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE stops (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE qualities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE severities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
-    CREATE_FLAGS,
+    "CREATE TABLE flags (bit INTEGER PRIMARY KEY, name TEXT NOT NULL)",
 
     "CREATE TABLE configurations ("
     "  hash TEXT PRIMARY KEY NOT NULL," /* SHA-256 of the text */
@@ -143,7 +69,7 @@ const char *const tl_database_schema[] = {
     "  evaluations INTEGER NOT NULL,"
     "  executions INTEGER NOT NULL,"
     "  used_ns INTEGER NOT NULL,"
-    "  predicted INTEGER," /* these three: NULL in the runs of an older program */
+    "  predicted INTEGER," /* the recorder always writes these three, too */
     "  flags INTEGER,"
     "  held INTEGER,"
     "  PRIMARY KEY (run, step)) WITHOUT ROWID",
@@ -156,7 +82,7 @@ const char *const tl_database_schema[] = {
     "  y_hat,"
     "  quality INTEGER NOT NULL,"
     "  delta AS (y - y_hat),"
-    "  readings INTEGER," /* these three: NULL in the runs of an older program */
+    "  readings INTEGER," /* the recorder always writes readings and rejected, too; squares is NULL if not finite */
     "  squares,"
     "  rejected INTEGER,"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
@@ -170,13 +96,45 @@ const char *const tl_database_schema[] = {
     "  delta AS (u - u_hat),"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
 
-    CREATE_COMPONENTS,
+    "CREATE TABLE components ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  component INTEGER NOT NULL,"
+    "  name TEXT NOT NULL,"
+    "  plain INTEGER NOT NULL DEFAULT 0,"
+    "  predicted INTEGER NOT NULL DEFAULT 0,"
+    "  executions INTEGER NOT NULL DEFAULT 0,"
+    "  caught_up INTEGER NOT NULL DEFAULT 0,"
+    "  unstored INTEGER NOT NULL DEFAULT 0,"
+    "  PRIMARY KEY (run, component)) WITHOUT ROWID",
 
-    CREATE_BEGINNINGS,
+    /* What a restart needs to resume a run. */
+    "CREATE TABLE beginnings ("
+    "  run INTEGER PRIMARY KEY REFERENCES runs (run),"
+    "  fmus TEXT NOT NULL," /* SHA-256 over those of the files */
+    "  boot TEXT NOT NULL," /* of the system; start_ns is of its clock */
+    "  start_ns INTEGER,"
+    "  resumed_run INTEGER,"
+    "  resumed_tick INTEGER,"
+    "  resumed_from TEXT)",
 
-    CREATE_CHECKPOINTS,
+    "CREATE TABLE checkpoints ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  tick INTEGER NOT NULL,"
+    "  format TEXT NOT NULL,"
+    "  sha256 TEXT NOT NULL,"
+    "  bytes BLOB NOT NULL,"
+    "  PRIMARY KEY (run, tick))",
 
-    CREATE_TUNINGS,
+    /* Configurations that a run took while it ran. */
+    "CREATE TABLE tunings ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  tick INTEGER NOT NULL," /* the first with it */
+    "  configuration TEXT NOT NULL REFERENCES configurations (hash),"
+    "  at TEXT NOT NULL,"
+    "  who TEXT NOT NULL,"
+    "  origin TEXT NOT NULL,"
+    "  why TEXT NOT NULL,"
+    "  PRIMARY KEY (run, tick)) WITHOUT ROWID",
 
     "CREATE TABLE events ("
     "  event INTEGER PRIMARY KEY,"
@@ -203,7 +161,17 @@ const char *const tl_database_schema[] = {
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
     "  LEFT JOIN qualities q ON q.code = s.quality",
 
-    CREATE_V_STEPS,
+    /* Bits as names; NULL if no bit is set. */
+    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"
+    "  CASE r.verb WHEN 'run' THEN"
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"
+    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"
+    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"
+    "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"
+    "  (SELECT group_concat(n.name, ', ') FROM signals n"
+    "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"
+    "  FROM steps s JOIN runs r USING (run)"
+    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop",
 
     "CREATE VIEW v_outputs AS SELECT s.run, s.step, (s.step + 1) * r.step_ns / 1e9 AS time_s,"
     "  CASE r.verb WHEN 'run' THEN"
@@ -224,9 +192,14 @@ const char *const tl_database_schema[] = {
     "CREATE VIEW v_events AS SELECT e.run, e.at, e.tick, coalesce(v.name, e.severity) AS severity, e.source, e.text"
     "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
 
-    CREATE_V_LEDGER,
+    "CREATE VIEW v_ledger AS SELECT c.run, c.name AS component, c.plain, c.predicted, c.executions,"
+    "  c.plain - c.executions AS saved, c.caught_up, c.unstored,"
+    "  c.executions - c.caught_up - c.predicted AS difference"
+    "  FROM components c ORDER BY c.run, c.component",
 
-    CREATE_V_TUNINGS,
+    "CREATE VIEW v_tunings AS SELECT t.run, t.tick, t.tick * r.step_ns / 1e9 AS time_s, t.at,"
+    "  substr(t.configuration, 1, 12) AS configuration, t.who, t.origin, t.why"
+    "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick",
     NULL,
 };
 
@@ -246,61 +219,3 @@ const tl_database_key tl_database_keys[] = {
     {"severities", "code"},
     {NULL, NULL},
 };
-
-static const char *const upgrade_1[] = {
-    CREATE_FLAGS,
-    CREATE_COMPONENTS,
-    "ALTER TABLE runs ADD COLUMN lead INTEGER NOT NULL DEFAULT 0",
-    "UPDATE runs SET lead = " LEAD,
-    "ALTER TABLE steps ADD COLUMN predicted INTEGER",
-    "ALTER TABLE steps ADD COLUMN flags INTEGER",
-    "ALTER TABLE steps ADD COLUMN held INTEGER",
-    "DROP VIEW v_steps",
-    CREATE_V_STEPS,
-    CREATE_V_LEDGER,
-    NULL,
-};
-
-static const char *const upgrade_2[] = {CREATE_BEGINNINGS, CREATE_CHECKPOINTS, NULL};
-
-static const char *const upgrade_3[] = {CREATE_TUNINGS, CREATE_V_TUNINGS, NULL};
-
-/* What format 5 has that format 4 has not: the twin at the plant's readings. */
-static const char *const upgrade_4[] = {
-    "ALTER TABLE outputs ADD COLUMN readings INTEGER",
-    "ALTER TABLE outputs ADD COLUMN squares",
-    "ALTER TABLE outputs ADD COLUMN rejected INTEGER",
-    NULL,
-};
-
-#define BRIDGE_4                                                                                                       \
-    "CREATE TEMP VIEW outputs AS SELECT *, NULL AS readings, NULL AS squares, NULL AS rejected FROM main.outputs"
-
-/* An older program's run kept what it was begun with. */
-#define BRIDGE_3                                                                                                       \
-    "CREATE TEMP VIEW tunings AS SELECT 0 AS run, 0 AS tick, '' AS configuration, '' AS at, '' AS who, '' AS origin,"  \
-    "  '' AS why WHERE 0",                                                                                             \
-        BRIDGE_4
-
-/* Nobody can go on with a run of an older program. */
-#define BRIDGE_2                                                                                                        \
-    "CREATE TEMP VIEW beginnings AS SELECT 0 AS run, '' AS fmus, '' AS boot, 0 AS start_ns, 0 AS resumed_run,"          \
-    "  0 AS resumed_tick, '' AS resumed_from WHERE 0",                                                                  \
-        "CREATE TEMP VIEW checkpoints AS SELECT 0 AS run, 0 AS tick, '' AS format, '' AS sha256, x'' AS bytes WHERE 0", \
-        BRIDGE_3
-
-static const char *const bridge_1[] = {
-    "CREATE TEMP VIEW runs AS SELECT *, " LEAD " AS lead FROM main.runs",
-    "CREATE TEMP VIEW steps AS SELECT *, NULL AS predicted, NULL AS flags, NULL AS held FROM main.steps",
-    "CREATE TEMP VIEW components AS SELECT 0 AS run, 0 AS component, '' AS name, 0 AS plain, 0 AS predicted,"
-    "  0 AS executions, 0 AS caught_up, 0 AS unstored WHERE 0",
-    BRIDGE_2,
-    NULL,
-};
-
-static const char *const bridge_2[] = {BRIDGE_2, NULL};
-static const char *const bridge_3[] = {BRIDGE_3, NULL};
-static const char *const bridge_4[] = {BRIDGE_4, NULL};
-
-const char *const *const tl_database_upgrades[] = {NULL, upgrade_1, upgrade_2, upgrade_3, upgrade_4};
-const char *const *const tl_database_bridges[] = {NULL, bridge_1, bridge_2, bridge_3, bridge_4};

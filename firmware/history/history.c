@@ -166,17 +166,14 @@ static void read_counts(tl_row *row, tl_history_run *run) {
     run->removed_before = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
 }
 
-/* Of an older program's run all of it is NULL. */
 static void read_resumption(tl_history *history, tl_row *row, tl_history_run *run) {
-    run->fmus = take_text_or_null(history, row, TL_ROW_NAME);
-    run->boot = take_text_or_null(history, row, TL_ROW_NAME);
+    run->fmus = take_text(history, row, TL_ROW_NAME);
+    run->boot = take_text(history, row, TL_ROW_NAME);
     run->has_start = !tl_row_is_null(row);
     run->start = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
     run->resumption.run = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
     run->resumption.tick = tl_row_integer_or(row, 0, tl_history_last_possible(run), 0);
     const char *from = tl_row_text_or_null(row, TL_ROW_NAME);
-    run->fmus = run->fmus == NULL ? "" : run->fmus;
-    run->boot = run->boot == NULL ? "" : run->boot;
     run->resumption.from = tl_resumed_from_named(from);
     row->right = row->right && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
@@ -605,11 +602,10 @@ tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run,
                                      &begun->samples, error);
     }
     if (status == TL_OK) {
-        status = tl_database_prepare(
-            history->database,
-            "SELECT step, 0, outcome, stop, evaluations, executions, flags, J_nominal IS NULL FROM steps"
-            " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
-            &begun->steps, error);
+        status = tl_database_prepare(history->database,
+                                     "SELECT step, 0, outcome, stop, evaluations, executions, flags FROM steps"
+                                     " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
+                                     &begun->steps, error);
     }
     if (status == TL_OK) {
         status = tl_database_prepare(history->database,
@@ -709,15 +705,6 @@ static bool add_sample(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
     return true;
 }
 
-/* An older program did not say its flags: nominal was not evaluated if time ended the step and nothing is known of it. */
-static uint32_t take_flags(tl_row *row, const tl_history_tick *tick) {
-    bool said = !tl_row_is_null(row);
-    uint32_t flags = (uint32_t)tl_row_integer_or(row, 0, UINT32_MAX, 0);
-    bool unknown = tl_row_integer(row, 0, 1) == 1;
-    bool without = !said && unknown && tick->stop == TL_STOP_TIME && tick->outcome == TL_NOMINAL;
-    return without ? TL_FLAG_WITHOUT_NOMINAL : flags;
-}
-
 /* One row: one step. */
 static bool add_step(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
     tl_history_tick unwanted = {0};
@@ -730,7 +717,7 @@ static bool add_step(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
     tick->stop = (tl_stop)tl_row_integer(row, TL_STOP_NONE, TL_STOP_TIME);
     tick->evaluations = (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
     tick->executions = (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
-    tick->flags = take_flags(row, tick);
+    tick->flags = (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
     return row->right;
 }
 

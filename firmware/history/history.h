@@ -42,7 +42,7 @@ typedef struct tl_history_run {
     bool has_start;                        /* t_start is known on the clock of that boot, */
     tl_time start;                         /* ns */
     const char *boot;
-    const char *fmus;       /* SHA-256 over those of the FMUs; all three "" of an older program's run */
+    const char *fmus;       /* SHA-256 over those of the FMUs */
     int64_t removed_before; /* retention has removed the ticks and steps before this one; 0: none */
 } tl_history_run;
 

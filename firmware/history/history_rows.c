@@ -21,7 +21,7 @@ static int64_t take_count(tl_row *row) {
 }
 
 static uint32_t take_bits(tl_row *row) {
-    return (uint32_t)tl_row_integer_or(row, 0, UINT32_MAX, 0);
+    return (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
 }
 
 static bool give_sample(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor) {
@@ -44,7 +44,7 @@ static bool give_step(tl_row *row, const tl_history_key *key, const tl_history_v
     step.evaluations = take_count(row);
     step.executions = take_count(row);
     step.used = take_count(row);
-    step.predicted = tl_row_integer_or(row, 0, TL_ROW_LARGEST, -1);
+    step.predicted = take_count(row);
     step.flags = take_bits(row);
     step.held = take_bits(row);
     if (row->right) {
@@ -58,10 +58,9 @@ static bool give_output(tl_row *row, const tl_history_key *key, const tl_history
     output.y = tl_row_number(row);
     output.y_hat = tl_row_number(row);
     output.quality = take_count(row);
-    output.readings = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
-    double squares = tl_row_number(row);
-    output.squares = output.readings == 0 ? 0.0 : squares;
-    output.rejected = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    output.readings = take_count(row);
+    output.squares = tl_row_number(row);
+    output.rejected = take_count(row);
     if (row->right) {
         visitor->output(visitor->context, &output);
     }

@@ -36,9 +36,9 @@ typedef struct tl_history_step {
     int64_t evaluations;
     int64_t executions;
     tl_time used;
-    int64_t predicted; /* −1: an older program did not say, */
-    uint32_t flags;    /* 0 then */
-    uint32_t held;     /* 0 then */
+    int64_t predicted;
+    uint32_t flags;
+    uint32_t held;
 } tl_history_step;
 
 /* One matched output after one step. */
@@ -48,7 +48,7 @@ typedef struct tl_history_output {
     double y;
     double y_hat;
     int64_t quality;  /* tl_quality, of y_hat */
-    int64_t readings; /* of the plant within the step, 0 of an older program; */
+    int64_t readings; /* of the plant within the step; */
     double squares;   /* Σ(y − ŷ)² at them; NaN if that was not finite; */
     int64_t rejected; /* and those that were rejected */
 } tl_history_output;

@@ -2,6 +2,7 @@
  *
  * Nothing that it calls waits. A request is answered at once, or its connection is suspended until the plant has said enough. */
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/clock.h"
@@ -9,7 +10,7 @@
 #include "firmware/serve/answer.h"
 #include "firmware/serve/server_parts.h"
 
-enum { PIECE = 16 * 1024, CONNECTION_MEMORY = 16 * 1024, LENGTH = 32 };
+enum { PIECE = 16 * 1024, CONNECTION_MEMORY = 16 * 1024, LENGTH = 32, LARGE_BODY = 1024 * 1024 };
 
 /* TLS 1.3, and TLS 1.2 with AEAD ciphers and ECDHE. */
 static const char PRIORITIES[] =
@@ -98,21 +99,26 @@ static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
 
 /* ---- the request ---- */
 
-/* What it says before its body. A refusal of one with a body is said before that; it is not read. */
+static bool has_large_body(struct MHD_Connection *connection) {
+    const char *length = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH);
+    return (length != NULL && strtoull(length, NULL, 10) > LARGE_BODY) ||
+           MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
+}
+
+/* Judges the request by its head. The body of a refused request is read and dropped before the answer: closing a
+ * connection with unread bytes resets it, and the client may lose the answer. Before a large body the server answers
+ * at once and closes. A refused request gets no more time. */
 static enum MHD_Result take_head(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
                                  const char *method, const char *protocol) {
-    bool has_body = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH) != NULL ||
-                    MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
     tl_dialogue_close(&visit->dialogue);
     visit->connection = connection;
     visit->token[0] = '\0';
     visit->has_begun = tl_visit_judge(server, visit, connection, method, protocol) != TL_HTTP_OK;
-    visit->leaves_body = visit->has_begun && has_body;
-    if (visit->leaves_body) {
-        return answer(server, visit);
+    if (!visit->has_begun) {
+        tl_visit_allow(server, visit, TL_VISIT_UPLOAD);
+        return MHD_YES;
     }
-    tl_visit_allow(server, visit, TL_VISIT_UPLOAD);
-    return MHD_YES;
+    return has_large_body(connection) ? answer(server, visit) : MHD_YES;
 }
 
 static void ask(tl_server *server, tl_visit *visit) {
@@ -186,9 +192,6 @@ static void come_or_go(void *context, struct MHD_Connection *connection, void **
     }
     tl_visit *visit = *place;
     (void)connection;
-    if (visit->leaves_body) {
-        tl_lingerers_add(&server->lingerers, visit->socket, tl_clock_now(NULL));
-    }
     tl_dialogue_close(&visit->dialogue);
     tl_guests_leave(&server->guests, visit->place);
 }

@@ -174,7 +174,6 @@ void tl_server_turn(tl_server *server, tl_time most) {
     follow_all(server);
     end_overdue(server);
     (void)MHD_run(server->daemon);
-    tl_lingerers_look(&server->lingerers, tl_clock_now(NULL));
 }
 
 /* ---- beginning and end ---- */
@@ -204,7 +203,6 @@ void tl_server_close(tl_server *server) {
         }
     }
     MHD_stop_daemon(server->daemon);
-    tl_lingerers_look(&server->lingerers, INT64_MAX);
     tl_log_limiter_end(&server->says);
     free(server);
 }

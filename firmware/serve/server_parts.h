@@ -8,7 +8,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/door/guests.h"
-#include "firmware/door/lingerers.h"
 #include "firmware/door/token_delays.h"
 #include "firmware/door/tokens.h"
 #include "firmware/serve/dialogue.h"
@@ -27,7 +26,6 @@ typedef struct tl_visit {
     char token[TL_TOKEN_NAME];       /* whose it is; "": not seen yet */
     bool has_begun;                  /* the request was judged, and asked if it was good */
     bool is_suspended;               /* until there is something to answer with */
-    bool leaves_body;                /* it is answered before its body was read */
     tl_dialogue dialogue;
 } tl_visit;
 
@@ -37,7 +35,6 @@ struct tl_server {
     tl_guests guests;
     tl_visit visits[TL_GUESTS];
     int arriving; /* the place of the connection that is being added */
-    tl_lingerers lingerers;
     tl_token_delays token_delays;
     tl_tokens tokens;
     struct stat tokens_seen; /* of the file when it was read */

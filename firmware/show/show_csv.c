@@ -189,7 +189,7 @@ static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *erro
 
 /* ---- Lines of one row -------------------------------------------------------------------------------------------- */
 
-/* The names of set bits; nothing where there is none, or an older program did not say. */
+/* The names of the set bits. */
 static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
@@ -229,11 +229,8 @@ static void take_step(void *context, const tl_history_step *step) {
                                                                          : tl_stop_name((tl_stop)step->stop));
     put_number(line, step->objective);
     put_number(line, step->objective_nominal);
-    (void)fprintf(line->file, ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->evaluations, step->executions, step->used);
-    if (step->predicted >= 0) {
-        (void)fprintf(line->file, "%" PRId64, step->predicted);
-    }
-    (void)fputc(',', line->file);
+    (void)fprintf(line->file, ",%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->evaluations, step->executions,
+                  step->used, step->predicted);
     put_flags(line->file, step->flags);
     (void)fputc(',', line->file);
     put_held(line, step->held);

@@ -9,7 +9,7 @@
 #include "firmware/base/c_locale.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/confine/limits.h"
+#include "firmware/confine/process_limits.h"
 #include "firmware/fmu/fmu_host.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
@@ -232,9 +232,9 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
  * this process. */
 static void permit_real_time(const role *self) {
     enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
-    tl_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
-    tl_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
-    tl_limits_permit(RLIMIT_NICE, NICE_0);
+    tl_process_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
+    tl_process_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
+    tl_process_limits_permit(RLIMIT_NICE, NICE_0);
 }
 
 static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {

@@ -36,7 +36,7 @@ OWNERS = {
     "landlock.h": ("firmware/confine",),
     "dlfcn.h": ("firmware/fmu", "firmware/copies/own_copies.c", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
     "sd-daemon.h": ("firmware/supervise",),
-    "watchdog.h": ("board/watchdog", "firmware/confine/filter_drivers.c"),
+    "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),
     "gnutls.h": ("firmware/serve/certificate.c",),
     "x509.h": ("firmware/serve/certificate.c",),

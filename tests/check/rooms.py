@@ -54,7 +54,7 @@ FIRMWARE = {
     "firmware/text": Room(("firmware/base", "master/base")),
     "firmware/process": _firmware(),
     "firmware/control": _firmware("process", public=("control_wire", "control_words", "control_client", "control_server", "last_word")),
-    "firmware/confine": _firmware("process", public=("confine", "refusal", "bounds", "limits", "fmu_refusals")),
+    "firmware/confine": _firmware("process", public=("confine", "refusal", "bounds", "process_limits", "fmu_refusals")),
     "firmware/json": _firmware(),
     "firmware/config": _firmware("json", others=(*_TWIN, *_DRIVERS), public=("config", "measurements", "problems")),
     "firmware/copies": _firmware(public=("own_copies",)),

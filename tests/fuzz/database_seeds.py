@@ -11,12 +11,6 @@ from pathlib import Path
 SOURCE = Path(__file__).resolve().parents[2]
 SEEDS = SOURCE / "tests" / "fuzz" / "seeds" / "database"
 
-# The columns of format 1; its runs have no ledger, no beginning and no checkpoint.
-OLDER = """DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; DROP TABLE components; DROP TABLE flags;
-ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted; ALTER TABLE steps DROP COLUMN flags;
-ALTER TABLE steps DROP COLUMN held; ALTER TABLE outputs DROP COLUMN readings; ALTER TABLE outputs DROP COLUMN squares;
-ALTER TABLE outputs DROP COLUMN rejected; PRAGMA user_version = 1;"""
-
 
 def record(folder):
     config = json.loads((SOURCE / "config" / "motor" / "lock.json").read_text(encoding="utf-8"))
@@ -56,7 +50,6 @@ def main():
         database = record(Path(folder))
         shrink(database, SEEDS / "small_pages.db", 512)
         shrink(database, SEEDS / "live.db", 512, "UPDATE runs SET verb = 'run', ended = NULL, ended_reason = NULL;")
-        shrink(database, SEEDS / "older.db", 512, OLDER)
 
 
 if __name__ == "__main__":

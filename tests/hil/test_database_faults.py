@@ -213,7 +213,7 @@ def test_a_foreign_file_at_the_start():
 
 def test_a_newer_file_at_the_start():
     check_left_alone(lambda path: execute(path, "PRAGMA user_version = 99", "PRAGMA wal_checkpoint(TRUNCATE)"),
-                     "was written by another version of twinlock (format 99")
+                     "the database has format 99")
 
 
 def start_plain(mode, why):
@@ -506,7 +506,7 @@ def test_a_newer_schema_while_written():
         live.kill_the_recorder()
     for supervised in WAYS:
         _, path, told, log = change_while_written(act, supervised, beside)
-        check_said(log, beside(path), f"is recorded into instead: {path}: was written by another version")
+        check_said(log, beside(path), f"is recorded into instead: {path}: the database has format 99")
         check_rest(told, beside(path), log)
 
 

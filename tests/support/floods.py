@@ -100,10 +100,15 @@ def half_requests(box):
 
 
 @contextlib.contextmanager
-def drips(box, count=20):
+def drips(box, head=b"", count=20, addresses=("127.0.0.1",)):
     """A byte every now and then: never silent, never done."""
     stop = threading.Event()
-    with lines(box, count, lambda line: _context().wrap_socket(line)) as held:
+
+    def begin(line):
+        secure = _context().wrap_socket(line)
+        secure.sendall(head)
+        return secure
+    with lines(box, count, begin, addresses) as held:
         def drip():
             while not stop.wait(0.2):
                 for line in list(held):
@@ -116,6 +121,15 @@ def drips(box, count=20):
         finally:
             stop.set()
             thread.join()
+
+
+def dripping_bodies(box):
+    """Of refused requests, from as many addresses as fill all places."""
+    return drips(box, _put(1000000), 64, [f"127.0.1.{i}" for i in range(1, 9)])
+
+
+def _put(length):
+    return f"PUT {MOTOR}/configuration HTTP/1.1\r\nHost: localhost\r\nContent-Length: {length}\r\n\r\n".encode("ascii")
 
 
 def _ask(box, target, token):
@@ -205,8 +219,7 @@ def _endless(box, clients, head, more):
 
 def large_bodies(box, clients=4):
     """Without a token, and as much as anybody takes."""
-    head = b"PUT /api/v1/plants/motor/configuration HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100000000\r\n\r\n"
-    return _endless(box, clients, head, 65536 * b"x")
+    return _endless(box, clients, _put(100000000), 65536 * b"x")
 
 
 def long_heads(box, clients=4):
@@ -214,8 +227,8 @@ def long_heads(box, clients=4):
     return _endless(box, clients, b"GET / HTTP/1.1\r\n", b"X-Long: " + 1000 * b"x" + b"\r\n")
 
 
-ATTACKS = (silent, from_everywhere, half_handshakes, whole_hellos, half_requests, drips, slow_readers, wrong_tokens, large_bodies,
-           long_heads)
+ATTACKS = (silent, from_everywhere, half_handshakes, whole_hellos, half_requests, drips, dripping_bodies, slow_readers, wrong_tokens,
+           large_bodies, long_heads)
 
 
 def longest_wait(box, attack, seconds=2.0):

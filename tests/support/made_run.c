@@ -6,8 +6,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "tests/support/sql.h"
-
 static const tl_recorder_signal plant[TL_MADE_PLANT] = {
     {.name = "plant.torque", .unit = "N.m", .type = TL_REAL},
     {.name = "plant.omega", .unit = "rad/s", .type = TL_REAL},
@@ -159,13 +157,4 @@ bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
         has_room = tl_outbox_put_step(outbox, &record, ledger) && has_room;
     }
     return has_room;
-}
-
-void tl_made_older(const char *path) {
-    tl_sql_execute(path, TL_MADE_FORMAT_4
-                   "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints;"
-                   "DROP VIEW v_steps; DROP VIEW v_ledger; DROP TABLE components; DROP TABLE flags;"
-                   "ALTER TABLE runs DROP COLUMN lead; ALTER TABLE steps DROP COLUMN predicted;"
-                   "ALTER TABLE steps DROP COLUMN flags; ALTER TABLE steps DROP COLUMN held;"
-                   "CREATE VIEW v_steps AS SELECT run, step FROM steps; PRAGMA user_version = 1");
 }

@@ -32,12 +32,4 @@ void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks);
 void tl_made_beginning(tl_time start, tl_outbox_start *beginning);
 bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks);
 
-/* Makes format 4 of format 5. */
-#define TL_MADE_FORMAT_4                                                                                               \
-    "ALTER TABLE outputs DROP COLUMN readings; ALTER TABLE outputs DROP COLUMN squares;"                               \
-    "ALTER TABLE outputs DROP COLUMN rejected; PRAGMA user_version = 4;"
-
-/* Makes format 1 of a database: what the first program to write one left behind. Nobody may have it open. */
-void tl_made_older(const char *path);
-
 #endif

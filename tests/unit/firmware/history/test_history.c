@@ -235,66 +235,6 @@ static void test_the_lead_is_the_recorded_one(void) {
     expect_ticks_with_steps(200, 70);
 }
 
-/* A file of format 1 names neither the lead nor flags: it had the lead by rule, and only a search that time ended could be
- * without nominal. */
-static void test_an_older_file(void) {
-    static const char *const modes[] = {"lag", "hold", "ahead"};
-    static const uint32_t leads[] = {TL_MADE_PREDICTION, 1, 0};
-    const tl_run_component *components = NULL;
-    tl_history_tick tick;
-    size_t count = 9;
-    bool end = false;
-    record_run(100);
-    tl_made_older(bench.path);
-    tl_sql_execute(bench.path, "UPDATE steps SET outcome = 4, stop = 4, J_nominal = NULL WHERE step = 5;"
-                               "UPDATE steps SET outcome = 4, stop = 4, J_nominal = 3 WHERE step = 6;"
-                               "UPDATE steps SET outcome = 4, stop = 2, J_nominal = NULL WHERE step = 7");
-    for (size_t i = 0; i < 3; i++) {
-        char sql[64];
-        (void)snprintf(sql, sizeof sql, "UPDATE runs SET measurements = '%s'", modes[i]);
-        tl_sql_execute(bench.path, sql);
-        open_history();
-        begin_ticks(0);
-        TEST_ASSERT_EQUAL_UINT32(leads[i], run->lead);
-        for (int64_t number = 0; number < 90; number++) {
-            expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
-            expect_tick(&tick, number);
-            TEST_ASSERT_EQUAL_INT(number >= leads[i], tick.has_step);
-            TEST_ASSERT_EQUAL_INT64(number >= leads[i] ? number - leads[i] : 0, tick.step);
-            if (tick.step >= 5 && tick.step <= 7) {
-                TEST_ASSERT_EQUAL_HEX32(tick.step == 5 ? TL_FLAG_WITHOUT_NOMINAL : 0, tick.flags);
-            }
-        }
-        expect_ok(tl_history_ledger(history, run, &components, &count, &bench.error));
-        TEST_ASSERT_EQUAL_size_t(0, count);
-        close_history();
-    }
-    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "PRAGMA user_version"));
-    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
-}
-
-/* The recorder of a newer program comes while an older file is being read. */
-static void test_an_older_file_is_brought_up_to_date_meanwhile(void) {
-    tl_history_tick tick;
-    bool end = false;
-    record_run(300);
-    tl_made_older(bench.path);
-    open_history();
-    begin_ticks(0);
-    for (int64_t number = 0; number < 300; number++) {
-        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
-        expect_tick(&tick, number);
-        if (number >= TL_MADE_PREDICTION) {
-            TEST_ASSERT_EQUAL_INT64(number - TL_MADE_PREDICTION, tick.step);
-        }
-        if (number == 70) {
-            record_run(50);
-        }
-    }
-    expect_ok(tl_history_find(history, 2, &run, &bench.error));
-    TEST_ASSERT_EQUAL_UINT32(TL_MADE_PREDICTION, run->lead);
-}
-
 static void test_the_ledger(void) {
     const tl_run_component *components = NULL;
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
@@ -738,8 +678,6 @@ int main(void) {
     RUN_TEST(test_ahead_the_step_is_the_ticks_own);
     RUN_TEST(test_hold_the_step_is_of_the_tick_before);
     RUN_TEST(test_the_lead_is_the_recorded_one);
-    RUN_TEST(test_an_older_file);
-    RUN_TEST(test_an_older_file_is_brought_up_to_date_meanwhile);
     RUN_TEST(test_the_ledger);
     RUN_TEST(test_two_walks_at_once);
     RUN_TEST(test_gaps);

@@ -202,52 +202,6 @@ static void test_removed_with_the_run(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_sql_integer(path, "SELECT count(*) FROM beginnings WHERE run = 1"));
 }
 
-/* ---- older files ---- */
-
-static void make_format_2(void) {
-    begin_run(0);
-    put(0, 10);
-    close_writer();
-    tl_sql_execute(
-        path, TL_MADE_FORMAT_4
-        "DROP VIEW v_tunings; DROP TABLE tunings; DROP TABLE beginnings; DROP TABLE checkpoints; PRAGMA user_version = 2");
-}
-
-static void expect_nothing_known(void) {
-    open_history(1);
-    TEST_ASSERT_EQUAL_STRING("", run->fmus);
-    TEST_ASSERT_EQUAL_STRING("", run->boot);
-    TEST_ASSERT_FALSE(run->has_start);
-    TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, run->resumption.from);
-    TEST_ASSERT_NULL(checkpoint_before(INT64_MAX));
-}
-
-static void test_a_file_of_format_2_is_read_as_it_is(void) {
-    make_format_2();
-    expect_nothing_known();
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "PRAGMA user_version"));
-}
-
-static void test_a_file_of_format_2_is_brought_up_to_date(void) {
-    make_format_2();
-    begin_run(0);
-    put(0, 10);
-    close_writer();
-    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(path, "PRAGMA user_version"));
-    expect_nothing_known();
-    open_history(2);
-    TEST_ASSERT_EQUAL_STRING("digest", run->fmus);
-    TEST_ASSERT_TRUE(run->has_start);
-}
-
-static void test_a_file_of_format_1_is_read_as_it_is(void) {
-    begin_run(0);
-    put(0, 10);
-    close_writer();
-    tl_made_older(path);
-    expect_nothing_known();
-}
-
 int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_recorder_checkpoint");
     UNITY_BEGIN();
@@ -256,8 +210,5 @@ int main(void) {
     RUN_TEST(test_damage_shows);
     RUN_TEST(test_the_bound_holds);
     RUN_TEST(test_removed_with_the_run);
-    RUN_TEST(test_a_file_of_format_2_is_read_as_it_is);
-    RUN_TEST(test_a_file_of_format_2_is_brought_up_to_date);
-    RUN_TEST(test_a_file_of_format_1_is_read_as_it_is);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -227,12 +227,17 @@ static void test_what_was_never_ours(void) {
     expect_left_alone("of another program");
 }
 
-static void test_a_newer_file(void) {
+static void expect_format_refused(const char *sql, const char *why) {
     tl_writer_bench_record(&bench, 10);
-    tl_sql_execute(bench.path, "PRAGMA user_version = 6");
+    tl_sql_execute(bench.path, sql);
     tl_writer_bench_forget(&bench);
-    expect_refused(TL_BAD_DATA, "format 6");
-    expect_left_alone("format 6");
+    expect_refused(TL_BAD_DATA, why);
+    expect_left_alone(why);
+}
+
+static void test_another_format(void) {
+    expect_format_refused("PRAGMA user_version = 4", "format 4");
+    expect_format_refused("PRAGMA user_version = 6", "format 6");
 }
 
 static void test_a_file_without_our_tables(void) {
@@ -775,7 +780,7 @@ int main(void) {
     RUN_TEST(test_damage_that_a_successor_finds);
     RUN_TEST(test_the_tenth_damaged_file_stays);
     RUN_TEST(test_what_was_never_ours);
-    RUN_TEST(test_a_newer_file);
+    RUN_TEST(test_another_format);
     RUN_TEST(test_a_file_without_our_tables);
     RUN_TEST(test_what_is_no_file);
     RUN_TEST(test_the_next_name);

@@ -259,7 +259,7 @@ static void what_is_removed_takes_its_tunings_along(void) {
     expect_text(hashes[0], FIRST);
 }
 
-/* ---- older files, damaged files ---- */
+/* ---- damaged files ---- */
 
 static void record_one(void) {
     open_writer(0);
@@ -268,29 +268,6 @@ static void record_one(void) {
     take(5, 2, hashes[0]);
     put(5, 5);
     close_writer();
-}
-
-static void make_format_3(void) {
-    record_one();
-    tl_sql_execute(path, TL_MADE_FORMAT_4 "DROP VIEW v_tunings; DROP TABLE tunings; PRAGMA user_version = 3");
-}
-
-static void a_file_of_format_3_is_read_as_it_is(void) {
-    make_format_3();
-    expect_ok(read_tunings(1));
-    TEST_ASSERT_EQUAL_size_t(0, count);
-    TEST_ASSERT_EQUAL_INT64(3, tl_sql_integer(path, "PRAGMA user_version"));
-}
-
-static void a_file_of_format_3_is_brought_up_to_date(void) {
-    make_format_3();
-    record_one();
-    TEST_ASSERT_EQUAL_INT64(TL_DATABASE_VERSION, tl_sql_integer(path, "PRAGMA user_version"));
-    expect_ok(read_tunings(1));
-    TEST_ASSERT_EQUAL_size_t(0, count);
-    expect_ok(read_tunings(2));
-    TEST_ASSERT_EQUAL_size_t(1, count);
-    TEST_ASSERT_EQUAL_INT64(2, tl_sql_integer(path, "SELECT count(*) FROM v_tunings") + 1);
 }
 
 static void damage_shows(void) {
@@ -331,8 +308,6 @@ int main(void) {
     RUN_TEST(a_tick_that_cannot_be_is_lost);
     RUN_TEST(a_run_may_be_begun_with_another_configuration);
     RUN_TEST(what_is_removed_takes_its_tunings_along);
-    RUN_TEST(a_file_of_format_3_is_read_as_it_is);
-    RUN_TEST(a_file_of_format_3_is_brought_up_to_date);
     RUN_TEST(damage_shows);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/confine/limits.h"
+#include "firmware/confine/process_limits.h"
 
 enum { SOFT = 20, BETWEEN = 30 };
 
@@ -27,25 +27,25 @@ static struct rlimit now(void) {
 }
 
 static void test_as_much_as_is_wanted(void) {
-    tl_limits_permit(RLIMIT_NOFILE, BETWEEN);
+    tl_process_limits_permit(RLIMIT_NOFILE, BETWEEN);
     TEST_ASSERT_EQUAL_UINT64(BETWEEN, now().rlim_cur);
     TEST_ASSERT_EQUAL_UINT64(before.rlim_max, now().rlim_max);
 }
 
 static void test_never_less(void) {
-    tl_limits_permit(RLIMIT_NOFILE, SOFT - 1);
+    tl_process_limits_permit(RLIMIT_NOFILE, SOFT - 1);
     TEST_ASSERT_EQUAL_UINT64(SOFT, now().rlim_cur);
 }
 
 /* More than the kernel gives to anybody. */
 static void test_as_much_as_there_is(void) {
-    tl_limits_permit(RLIMIT_NOFILE, RLIM_INFINITY);
+    tl_process_limits_permit(RLIMIT_NOFILE, RLIM_INFINITY);
     TEST_ASSERT_EQUAL_UINT64(before.rlim_max, now().rlim_cur);
     TEST_ASSERT_EQUAL_UINT64(before.rlim_max, now().rlim_max);
 }
 
 static void test_what_is_no_resource(void) {
-    tl_limits_permit(10000, 1);
+    tl_process_limits_permit(10000, 1);
     TEST_ASSERT_EQUAL_UINT64(SOFT, now().rlim_cur);
 }
 
