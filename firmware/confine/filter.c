@@ -173,6 +173,7 @@ enum {
     CLOSE_APART = 1U << 1, /* CLOSE_RANGE_UNSHARE */
     ACCESS_MODES = 3,
     MAP_KINDS = 0x0f,
+    MAP_DROPPABLE_KIND = 8, /* MAP_DROPPABLE, Linux 6.11 */
     QUERY = -1,
     NO_NAME = O_TMPFILE & ~O_DIRECTORY
 };
@@ -220,8 +221,10 @@ static int add_forks(scmp_filter_ctx context) {
     return failure != 0 ? failure : allow_one(context, "prctl", IS(0, PR_SET_PDEATHSIG));
 }
 
-/* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit. */
+/* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit.
+ * The C library from 2.41 on tries droppable memory for getrandom(). Like an older kernel, the filter refuses it silently. */
 static int allow_memory(scmp_filter_ctx context) {
+    const struct scmp_arg_cmp droppable = MASKED(3, MAP_ANONYMOUS | MAP_KINDS, MAP_ANONYMOUS | MAP_DROPPABLE_KIND);
     static const char *const calls[] = {"mmap", "mmap2"};
     int failure = 0;
     for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
@@ -230,6 +233,7 @@ static int allow_memory(scmp_filter_ctx context) {
                       ? failure
                       : allow_one(context, calls[i],
                                   MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN | MAP_KINDS, MAP_ANONYMOUS | MAP_PRIVATE));
+        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ERRNO(EINVAL), calls[i], &droppable, 1);
     }
     return failure != 0 ? failure : allow_all(context, "mprotect pkey_mprotect");
 }

@@ -18,6 +18,11 @@
 #include "firmware/description/model_draft.h"
 #include "firmware/description/xml_value.h"
 
+#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* which lacks what 2.9 asks for */
+#define XML_GetCurrentLineNumber64 XML_GetCurrentLineNumber
+#define XML_GetCurrentColumnNumber64 XML_GetCurrentColumnNumber
+#endif
+
 typedef enum element {
     DOCUMENT,
     DESCRIPTION,
@@ -72,7 +77,7 @@ static void fail_at(description_parser *parser, unsigned long line, const char *
 }
 
 static unsigned long current_line(const description_parser *parser) {
-    return (unsigned long)XML_GetCurrentLineNumber(parser->expat);
+    return (unsigned long)XML_GetCurrentLineNumber64(parser->expat);
 }
 
 static void fail_memory(description_parser *parser) {
@@ -590,7 +595,7 @@ static void parse(description_parser *parser, const char *xml, size_t size) {
             fail_memory(parser);
         } else {
             fail_at(parser, current_line(parser), "no well-formed XML, column %lu: %s",
-                    (unsigned long)XML_GetCurrentColumnNumber(parser->expat) + 1, XML_ErrorString(code));
+                    (unsigned long)XML_GetCurrentColumnNumber64(parser->expat) + 1, XML_ErrorString(code));
         }
         return;
     }

@@ -69,7 +69,7 @@ static bool measure(const tl_free_twin *twin, const tl_record *record, const dou
 
 /* The same of the outputs as they stand. */
 static void measure_now(const tl_free_twin *twin, const tl_record *record, double *errors) {
-    double y[TL_MAX_MATCH];
+    double y[TL_MAX_MATCH] = {0.0};
     for (size_t i = 0; i < twin->objective->term_count; i++) {
         y[i] = tl_objective_y(twin->objective, i);
     }

@@ -264,7 +264,8 @@ static bool map_memory(void *context) {
            TL_EXPECT(!maps(MAP_SHARED | MAP_ANONYMOUS, 0) && errno == EPERM) &&
            TL_EXPECT(!maps(MAP_SHARED_VALIDATE | MAP_ANONYMOUS, 0) && errno == EPERM) &&
            TL_EXPECT(!maps(MAP_PRIVATE | MAP_GROWSDOWN, own) && errno == EPERM) &&
-           TL_EXPECT(!maps(MAP_PRIVATE | MAP_ANONYMOUS | MAP_GROWSDOWN, 0) && errno == EPERM);
+           TL_EXPECT(!maps(MAP_PRIVATE | MAP_ANONYMOUS | MAP_GROWSDOWN, 0) && errno == EPERM) &&
+           TL_EXPECT(!maps(8 | MAP_ANONYMOUS, 0) && errno == EINVAL); /* MAP_DROPPABLE, which glibc 2.41 tries */
 }
 
 static void memory_is_private_or_has_a_file(void) {
