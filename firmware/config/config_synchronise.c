@@ -53,7 +53,6 @@ static void read_duration(tl_config_object *object, const char *key, const char 
 static void read_tolerance(tl_config_object *entry, double general, tl_plan_match *match) {
     static const tl_config_number weight = {.maximum = HUGE_VAL, .example = "1"};
     tl_config_number tolerance = {.above = true, .maximum = HUGE_VAL, .example = "0.5"};
-    match->weight = 1;
     (void)tl_config_get_number(entry, "weight", &weight, &match->weight);
     if (general > 0 && tl_config_get(entry, "tolerance", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
         tl_config_wrong(entry, "tolerance", "a tolerance beside synchronise.epsilon",
@@ -124,9 +123,9 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     tl_plan_match *match = &list->config->match[index];
     tl_config_object entry;
     begin_variable(map, item, list->example, &entry);
+    *match = tl_plan_match_defaults(item->string, NULL, 1);
+    match->weight = list->weighted ? match->weight : 0;
     match->where = tl_config_keep(map->reader, entry.path);
-    match->variable = item->string;
-    match->tolerance = 1;
     read_target(&entry, match);
     list->config->matched_between[index] = read_between(&entry);
     if (list->weighted) {
@@ -172,8 +171,6 @@ static void read_nominal(tl_config_object *entry, tl_plan_adjust *adjust) {
 
 static void read_bounds(tl_config_object *entry, tl_plan_adjust *adjust) {
     static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0"};
-    adjust->lower = -HUGE_VAL;
-    adjust->upper = HUGE_VAL;
     bool low = tl_config_get_number(entry, "min", &any, &adjust->lower);
     bool high = tl_config_get_number(entry, "max", &any, &adjust->upper);
     if (low && high && adjust->lower >= adjust->upper) {
@@ -208,8 +205,8 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
     tl_plan_adjust *adjust = &config->adjust[index];
     tl_config_object entry;
     begin_variable(map, item, "{\"step\": 0.05}", &entry);
+    *adjust = tl_plan_adjust_defaults(item->string, 0);
     adjust->where = tl_config_keep(map->reader, entry.path);
-    adjust->variable = item->string;
     read_adjusted(&entry, adjust);
 }
 
@@ -279,13 +276,13 @@ static void read_solvers(tl_config_object *object, tl_config *config) {
     config->stagnation = (uint32_t)stagnation;
 }
 
-static void read_saving(tl_config_object *object, tl_config *config) {
+static void read_saving(tl_config_object *object, const tl_plan *defaults, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 1000000, .example = "4096"};
     static const tl_config_number megabytes = {.whole = true, .minimum = 1, .maximum = 1000000, .example = "128"};
     tl_config_object saving;
     double nodes = 0;
-    double memory = 128;
-    config->saving = (tl_plan_saving){.structure = true, .sequences = true};
+    double memory = (double)(defaults->state_bytes >> 20);
+    config->saving = defaults->saving;
     (void)tl_config_member(object, "saving", TL_CONFIG_OPTIONAL, "{\"nodes\": 4096}", &saving);
     (void)tl_config_get_boolean(&saving, "structure", &config->saving.structure);
     (void)tl_config_get_boolean(&saving, "sequences", &config->saving.sequences);
@@ -298,9 +295,10 @@ static void read_saving(tl_config_object *object, tl_config *config) {
 
 static void read_budget(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 100000, .example = "60"};
+    const tl_budget defaults = tl_budget_defaults(config->step);
     tl_config_object budget;
-    double evaluations = 60;
-    config->budget_time = config->step * 6 / 10;
+    double evaluations = defaults.evaluations;
+    config->budget_time = defaults.time;
     (void)tl_config_member(object, "budget", TL_CONFIG_OPTIONAL, "{\"evaluations\": 60}", &budget);
     (void)tl_config_get_number(&budget, "evaluations", &rule, &evaluations);
     config->budget_evaluations = (uint32_t)evaluations;
@@ -332,10 +330,11 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number margin = {.maximum = 1, .below = true, .example = "0.01"};
     static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
     static const tl_config_number verify_every = {.whole = true, .maximum = 1e9, .example = "400"};
-    double every = 400;
+    const tl_plan defaults = tl_plan_defaults(config->step);
+    double every = defaults.verify_every;
     tl_config_object object;
-    config->margin = 0.01;
-    config->noise_floor = 1e-3;
+    config->margin = defaults.margin;
+    config->noise_floor = defaults.noise_floor;
     config->synchronise = tl_config_member(
         root, "synchronise", TL_CONFIG_OPTIONAL,
         "{\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
@@ -359,7 +358,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_number(&object, "verify_every", &verify_every, &every);
     config->verify_every = (uint32_t)every;
     read_free_twin(&object, config);
-    read_saving(&object, config);
+    read_saving(&object, &defaults, config);
     read_budget(&object, config);
     tl_config_done(&object);
 }

@@ -26,7 +26,7 @@ void tl_report_add(tl_report *report, tl_status status, const char *where, const
     }
     report->count++;
     if (report->add != NULL) {
-        report->add(report->context, status, where, text);
+        report->add(report->context, status, where != NULL ? where : "", text);
     }
 }
 

@@ -40,7 +40,7 @@ typedef struct tl_error {
 tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL_PRINTF(3, 4);
 
 /* Collects every problem of one configuration. `add` is called once per problem; `where` is the JSON path of
- * the offending item ("connect[2][0]"), or "" where there is none. Both texts live only during the call. */
+ * the offending item ("connect[2][0]"), or "" if there is none. Both texts live only during the call. */
 typedef struct tl_report {
     void (*add)(void *context, tl_status status, const char *where, const char *text);
     void *context;
@@ -48,6 +48,7 @@ typedef struct tl_report {
     tl_status worst; /* status of the first problem, TL_OK where there is none */
 } tl_report;
 
+/* `where` NULL: "". */
 void tl_report_add(tl_report *report, tl_status status, const char *where, const char *format, ...) TL_PRINTF(4, 5);
 
 /* The process exit code for a status: 0 done, 2 usage, 3 not in lock, 65 data, 69 plant I/O, 70 FMU, 75 try again. */

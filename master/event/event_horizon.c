@@ -89,7 +89,8 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
                                              .lower = adjusted->lower,
                                              .upper = adjusted->upper,
                                              .stagnation = plan->stagnation,
-                                             .evaluations = plan->evaluations != 0 ? plan->evaluations : 60};
+                                             .evaluations =
+                                                 plan->evaluations != 0 ? plan->evaluations : TL_PLAN_EVALUATIONS};
     bool placed = tl_stroke_init(&self->stroke, arena, &stroke) && tl_event_search_init(&self->search, arena, &search);
     return placed ? self : NULL;
 }

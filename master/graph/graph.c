@@ -104,13 +104,9 @@ static const tl_port *use_signal(tl_graph *graph, size_t signal) {
 
 /* The unit of a port; a plant signal's is looked up by name among those the other side's FMU knows. */
 static tl_unit signal_unit(const tl_plan_signal *signal, const tl_model *peer) {
-    const tl_unit *known = tl_model_unit(peer, signal->unit);
-    if (known != NULL) {
-        return *known;
-    }
-    tl_unit unit = {0};
-    unit.name = signal->unit;
-    return unit;
+    const char *name = signal->unit != NULL ? signal->unit : "";
+    const tl_unit *known = tl_model_unit(peer, name);
+    return known != NULL ? *known : (tl_unit){.name = name};
 }
 
 static void report_units(tl_report *report, const char *where, const char *from, const char *from_unit, const char *to,

@@ -5,6 +5,26 @@
 
 #include "master/base/status.h"
 
+tl_plan tl_plan_defaults(tl_time step) {
+    return (tl_plan){
+        .step = step,
+        .margin = 0.01,
+        .noise_floor = 1e-3,
+        .evaluations = TL_PLAN_EVALUATIONS,
+        .saving = {.structure = true, .sequences = true},
+        .verify_every = 400,
+        .state_bytes = UINT64_C(128) << 20,
+    };
+}
+
+tl_plan_adjust tl_plan_adjust_defaults(const char *variable, double step) {
+    return (tl_plan_adjust){.variable = variable, .step = step, .lower = -HUGE_VAL, .upper = HUGE_VAL};
+}
+
+tl_plan_match tl_plan_match_defaults(const char *variable, const char *to, double tolerance) {
+    return (tl_plan_match){.variable = variable, .to = to, .tolerance = tolerance, .weight = 1.0};
+}
+
 /* NaN is in no range. */
 static bool is_positive(double value) {
     return value > 0.0 && isfinite(value);

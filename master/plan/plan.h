@@ -5,7 +5,9 @@
  * Owner:   the caller; everything a plan points to must outlive the twin (models, functions, texts).
  * Names:   "component.variable" for a variable of an FMU, "plant.signal" for a signal of the plant.
  * Where:   each item carries `where`, its JSON path ("synchronise.adjust.motor.d"), so that a problem can be reported
- *          where the user wrote it; "" is allowed.
+ *          where the user wrote it; NULL stands for "".
+ * Default: 0 or NULL, unless the comment names another value, or "required". tl_plan_defaults(), tl_plan_adjust_defaults() and
+ *          tl_plan_match_defaults() fill in every default; a caller starts with them and sets what differs.
  */
 #ifndef TL_MASTER_PLAN_PLAN_H
 #define TL_MASTER_PLAN_PLAN_H
@@ -37,11 +39,11 @@ typedef enum tl_keep {
 
 typedef struct tl_plan_component {
     const char *where;
-    const char *name; /* unique; not "plant" */
-    const tl_model *model;
-    const tl_fmi2 *functions;
-    const fmi2CallbackFunctions *callbacks;
-    const char *resources; /* file:/// URI of the unpacked resources folder */
+    const char *name;                       /* required; unique; not "plant" */
+    const tl_model *model;                  /* required */
+    const tl_fmi2 *functions;               /* required */
+    const fmi2CallbackFunctions *callbacks; /* required */
+    const char *resources;                  /* file:/// URI of the unpacked resources folder; NULL: none */
     const tl_plan_set *set;
     size_t set_count;
     tl_keep keep;
@@ -51,9 +53,9 @@ typedef struct tl_plan_component {
 /* A signal of the plant: an output of the component "plant". */
 typedef struct tl_plan_signal {
     const char *where;
-    const char *name;
+    const char *name; /* required */
     tl_type type;     /* TL_REAL, TL_INTEGER or TL_BOOLEAN */
-    const char *unit; /* "" where none is given */
+    const char *unit; /* NULL or "": none is given */
     bool has_initial;
     double initial; /* delivered until there is a first good reading; else the start value of what it drives */
 } tl_plan_signal;
@@ -68,12 +70,12 @@ typedef struct tl_plan_connection {
  * penalties are not used. */
 typedef struct tl_plan_adjust {
     const char *where;
-    const char *variable;
+    const char *variable; /* required */
     bool has_nominal;
     double nominal;           /* used where no connection delivers û; default: the start value; Boolean: 0 or 1 */
-    double step;              /* first step of the search, in the variable's unit; > 0 for a Real, 0: not given */
-    double lower;             /* −infinity: none; the variable's declared minimum holds as well */
-    double upper;             /* +infinity: none */
+    double step;              /* first step of the search, in the variable's unit; > 0; required for a Real */
+    double lower;             /* default: −infinity, no bound; the variable's declared minimum holds as well */
+    double upper;             /* default: +infinity, no bound; the variable's declared maximum holds as well */
     double deviation_penalty; /* ≥ 0: J grows by this times ((u − û)/step)² at each unknown */
     double rate_penalty;      /* ≥ 0: J grows by this times ((u − the u before it)/step)² */
     tl_time dwell;            /* Boolean: after it has changed it stays for at least this long; ns, 0: no limit */
@@ -82,11 +84,11 @@ typedef struct tl_plan_adjust {
 /* A simulated output and the plant signal it is compared with. */
 typedef struct tl_plan_match {
     const char *where;
-    const char *variable; /* "component.variable" */
-    const char *to;       /* "plant.signal" */
+    const char *variable; /* required; "component.variable" */
+    const char *to;       /* required; "plant.signal" */
     const char *reading;  /* the signal that shows its readings as they come; NULL: that is `to`; "": none does */
-    double tolerance;     /* > 0, in the variable's unit; may be 1 where weight is 0 */
-    double weight;        /* 0: compared and reported, not matched */
+    double tolerance;     /* required; > 0, in the variable's unit; may be 1 if weight is 0 */
+    double weight;        /* default: 1; 0: compared and reported, not matched */
     double huber;         /* > 0: differences beyond this many tolerances count linearly; 0: all quadratically */
 } tl_plan_match;
 
@@ -111,8 +113,8 @@ typedef enum tl_shape {
 
 /* Which executions are saved. None of it changes a result by a bit. All zero: none. */
 typedef struct tl_plan_saving {
-    bool structure; /* approach 1: no execution that can no longer reach a matched output (Γ_k, eq. 4.5) */
-    bool sequences; /* approach 2: no execution whose input prefix is known */
+    bool structure; /* approach 1: no execution that cannot reach a matched output (Γ_k, eq. 4.5); default: true */
+    bool sequences; /* approach 2: no execution whose input prefix is known; default: true */
     uint32_t nodes; /* most prefixes kept per component; 0: as many as the horizon and the budget can need, ≤ 4096 */
 } tl_plan_saving;
 
@@ -144,8 +146,11 @@ typedef struct tl_plan_measure {
     tl_time look_back; /* of the samples of matched signals */
 } tl_plan_measure;
 
+/* The default of `evaluations`, also of a budget's. */
+enum { TL_PLAN_EVALUATIONS = 60 };
+
 typedef struct tl_plan {
-    tl_time step; /* T_S, ns, > 0 */
+    tl_time step; /* required; T_S, ns, > 0 */
     const tl_plan_component *components;
     size_t component_count;
     const tl_plan_signal *signals;
@@ -166,26 +171,32 @@ typedef struct tl_plan {
     tl_plan_measure measure;
     int32_t output_ticks;     /* and the ŷ of t_j in that of tick j + this (Δo), */
     tl_time output_look_back; /* which shows what was seen so long before its own instant */
-    const char *algorithm;    /* see tl_twin_solver_names() */
-    const char *fallback;     /* takes over where the first one fails or stagnates; NULL: none */
-    uint32_t stagnation;      /* evaluations without progress that end a solver; 0: never */
-    double margin;            /* a correction must lower J to at most (1 − margin) of the nominal's, [0, 1) */
-    double noise_floor;       /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not
-                              identifiable and held at nominal for the step; 0: never */
-    uint32_t
-        evaluations; /* the most a step's budget will allow, ≥ 1: sizes caches and ledger, for at least 60; 0: 60 */
+    /* See tl_twin_solver_names(). NULL: "secant"; "boolean" for Booleans; "nelder-mead" with an event horizon. */
+    const char *algorithm;
+    const char *fallback; /* takes over where the first one fails or stagnates; NULL: none */
+    uint32_t stagnation;  /* evaluations without progress that end a solver; 0: never */
+    /* A correction must lower J to at most (1 − margin) of the nominal's, [0, 1). Default: 0.01. */
+    double margin;
+    /* ≥ 0: a variable whose `step` moves no matched output by this many tolerances is not identifiable and held at nominal for
+     * the step; 0: never. Default: 0.001. */
+    double noise_floor;
+    uint32_t evaluations; /* the most a step's budget will allow: sizes caches and ledger, for at least 60; 0: 60 */
     tl_plan_saving saving;
-    uint32_t
-        verify_every; /* committed steps from one look whether FMUs still come back to where they were to the next (sync/verifier.h); 0: none */
+    uint32_t verify_every; /* committed steps from one check by tl_twin_verify() to the next; 0: none; default: 400 */
     uint32_t
         free_twin; /* a twin that is left alone is led beside (sync/free_twin.h): steps until a prediction has outrun what its beginning has used; 0: there is none. Not with an event
                            horizon */
-    uint64_t state_bytes; /* that the states of all FMUs that are saved by sequences may take; 0: there is no bound */
+    uint64_t state_bytes; /* memory for states saved by sequences, of all FMUs; 0: no bound; default: 128 MiB */
     size_t (*heap)(void); /* bytes allocated in this process, to see how large states are; NULL: nobody knows */
     tl_time (*now)(
         void *
             clock); /* ns, of a clock that never goes back: two exact ways to lead an FMU back are timed by it at the start; NULL: none is */
 } tl_plan;
+
+/* Settings with all defaults. The arguments are what is required. */
+tl_plan tl_plan_defaults(tl_time step);
+tl_plan_adjust tl_plan_adjust_defaults(const char *variable, double step);
+tl_plan_match tl_plan_match_defaults(const char *variable, const char *to, double tolerance);
 
 /* Reports numbers that are out of their ranges. false: there is more of something than a twin has room for, and
  * nothing may be built from the plan. */

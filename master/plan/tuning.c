@@ -11,7 +11,7 @@ void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning) {
         .adjusts = (uint32_t)plan->adjust_count,
         .margin = plan->margin,
         .noise_floor = plan->noise_floor,
-        .evaluations = plan->evaluations != 0 ? plan->evaluations : TL_TUNING_ROOM,
+        .evaluations = plan->evaluations != 0 ? plan->evaluations : TL_PLAN_EVALUATIONS,
     };
     for (size_t i = 0; i < plan->match_count; i++) {
         const tl_plan_match *match = &plan->match[i];

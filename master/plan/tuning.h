@@ -17,7 +17,7 @@
 #include "master/plan/plan.h"
 
 /* The most evaluations of a step, in any plan; and those that every twin has room for, however few it is built with. */
-enum { TL_TUNING_EVALUATIONS = 100000, TL_TUNING_ROOM = 60 };
+enum { TL_TUNING_EVALUATIONS = 100000, TL_TUNING_ROOM = TL_PLAN_EVALUATIONS };
 
 /* As in tl_plan_match. */
 typedef struct tl_tuning_match {

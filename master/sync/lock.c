@@ -101,7 +101,7 @@ static void take_settings(tl_lock *lock, const tl_plan *plan, const tl_lock_sett
 }
 
 bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan, const tl_lock_settings *settings) {
-    uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : 60;
+    uint32_t evaluations = plan->evaluations != 0 ? plan->evaluations : TL_PLAN_EVALUATIONS;
     const tl_objective_settings objective = {
         .exchange = settings->exchange,
         .horizon = &lock->horizon,

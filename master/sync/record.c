@@ -3,6 +3,12 @@
 
 #include <math.h>
 
+#include "master/plan/plan.h"
+
+tl_budget tl_budget_defaults(tl_time step) {
+    return (tl_budget){.evaluations = TL_PLAN_EVALUATIONS, .time = step * 6 / 10};
+}
+
 void tl_record_begin(tl_record *record, int64_t step) {
     record->step = step;
     record->stop = TL_STOP_NONE;

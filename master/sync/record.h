@@ -14,8 +14,8 @@
 
 /* How much one step may spend on its search. */
 typedef struct tl_budget {
-    uint32_t evaluations;          /* objective values per step, the nominal one included; ≥ 1 */
-    tl_time time;                  /* ns since `now` read `started`; ignored where now is NULL */
+    uint32_t evaluations;          /* default: 60; objective values per step, the nominal one included; ≥ 1 */
+    tl_time time;                  /* default: 6/10 of T_S; ns since `now` read `started`; ignored if now is NULL */
     tl_time started;               /* what `now` read when this tick began */
     tl_time (*now)(void *context); /* a monotonic clock; NULL in a replay, so that it is repeatable */
     void *context;
@@ -23,6 +23,9 @@ typedef struct tl_budget {
     bool without_nominal; /* and nominal's was not among them; else false */
     uint64_t executions;  /* of such a step, where it is one of an event horizon's search */
 } tl_budget;
+
+/* The default budget for macro steps of `step` ns, without a clock. */
+tl_budget tl_budget_defaults(tl_time step);
 
 /* How a step came about. */
 typedef enum tl_outcome {

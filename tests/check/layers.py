@@ -34,7 +34,7 @@ OWNERS = {
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/confine",),
     "landlock.h": ("firmware/confine",),
-    "dlfcn.h": ("firmware/fmu", "firmware/copies/own_copies.c", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
+    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/copies/own_copies.c", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
     "sd-daemon.h": ("firmware/supervise",),
     "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),

@@ -26,6 +26,7 @@ MASTER = {
                           "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
     "master/twin": Room(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
                          "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_read_back", "twin_timing")),
+    "master/example": Room(("master/twin",)),
 }
 
 # Drivers know the contract and what they share, never each other.

@@ -2,7 +2,6 @@
 #include "tests/support/test_plan.h"
 
 #include <assert.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 #include <unity.h>
@@ -86,11 +85,8 @@ tl_plan_adjust *tl_test_plan_adjust(tl_test_plan *plan, const char *variable, do
     size_t number = plan->plan.adjust_count++;
     assert(number < sizeof plan->adjust / sizeof plan->adjust[0]);
     tl_plan_adjust *adjust = &plan->adjust[number];
-    *adjust = (tl_plan_adjust){.where = where_of(plan, "adjust", variable),
-                               .variable = variable,
-                               .step = step,
-                               .lower = -HUGE_VAL,
-                               .upper = HUGE_VAL};
+    *adjust = tl_plan_adjust_defaults(variable, step);
+    adjust->where = where_of(plan, "adjust", variable);
     return adjust;
 }
 
@@ -98,11 +94,8 @@ tl_plan_match *tl_test_plan_match(tl_test_plan *plan, const char *variable, cons
     size_t number = plan->plan.match_count++;
     assert(number < sizeof plan->match / sizeof plan->match[0]);
     tl_plan_match *match = &plan->match[number];
-    *match = (tl_plan_match){.where = where_of(plan, "match", variable),
-                             .variable = variable,
-                             .to = to,
-                             .tolerance = tolerance,
-                             .weight = 1.0};
+    *match = tl_plan_match_defaults(variable, to, tolerance);
+    match->where = where_of(plan, "match", variable);
     return match;
 }
 

@@ -52,7 +52,8 @@ static void a_report_takes_every_problem_and_remembers_the_first_status(void) {
     tl_report_add(&report, TL_BAD_DATA, "connect[2][0]", "found %s", "\"x\"");
     TEST_ASSERT_EQUAL_STRING("connect[2][0]", last.where);
     TEST_ASSERT_EQUAL_STRING("found \"x\"", last.text);
-    tl_report_add(&report, TL_TRY_AGAIN, "", "no memory");
+    tl_report_add(&report, TL_TRY_AGAIN, NULL, "no memory");
+    TEST_ASSERT_EQUAL_STRING("", last.where);
     TEST_ASSERT_EQUAL_UINT64(2, last.count);
     TEST_ASSERT_EQUAL_UINT64(2, report.count);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, last.status);

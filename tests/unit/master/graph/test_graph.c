@@ -218,6 +218,10 @@ static void a_unit_that_the_fmu_does_not_know_must_have_the_same_name(void) {
     assert_refused("connect[0]", "units do not fit: plant.cmd is in \"C\", motor.u0 in \"K\"");
     plan.signals[0].unit = "K";
     assert_accepted();
+    fmus[0].model.units = &kelvin;
+    fmus[0].model.unit_count = 1;
+    plan.signals[0].unit = NULL; /* none is given */
+    assert_accepted();
 }
 
 static void units_that_convert_are_accepted(void) {
