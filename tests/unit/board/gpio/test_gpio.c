@@ -239,7 +239,7 @@ static void test_an_edge_is_posted_when_it_comes(void) {
         tl_probe_poll(&probe);
         TEST_ASSERT_TRUE(tl_test_now() - begin >= 990 * MS); /* it waited to its end all the same */
         (void)pthread_join(thread, NULL);
-    } while (edge_stamp - begin > 500 * MS);
+    } while (edge_stamp - begin > 800 * MS);
     TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
     TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
     tl_probe_expect(&probe, 0, 1, TL_GOOD);
@@ -271,13 +271,13 @@ static void test_a_bounce(void) {
         pthread_t thread;
         tearDown();
         setUp();
-        channels[0].debounce_s = 0.1;
-        open_driver(1, 0.5);
+        channels[0].debounce_s = 0.3;
+        open_driver(1, 1);
         TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, bounce_soon, NULL));
         begin = tl_test_now();
         tl_probe_poll(&probe);
         (void)pthread_join(thread, NULL);
-    } while (longest_gap > 50 * MS || edge_stamp - begin > 200 * MS);
+    } while (longest_gap > 250 * MS || edge_stamp - begin > 600 * MS);
     poll_until_value(1);
     TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
     TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
@@ -327,7 +327,7 @@ static void test_a_burst_does_not_pass_for_stillness(void) {
             longest_gap = gap > longest_gap ? gap : longest_gap;
             last += gap;
         }
-    } while (longest_gap > 200 * MS);
+    } while (longest_gap > 400 * MS);
     TEST_ASSERT_EQUAL_size_t(before, probe.posts[0]);
     poll_until_value(1);
 }
