@@ -14,7 +14,7 @@ import time
 from live_test import (GOOD, NO_LINK, NOT_A_NUMBER, STALE, Program, check_free_run, check_replay,
                        check_summary, end_well, expect_events, expect_in_order, last_step, qualities,
                        wait_for_lock, wait_for_quality, wait_for_steps, wait_until)
-from twinlock_test import PLAIN_LIVE, SOURCE, edited_config, expect, finish, main, start
+from twinlock_test import NOT_LOCKED, PLAIN_LIVE, SOURCE, edited_config, expect, finish, main, start
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 
@@ -191,7 +191,7 @@ def test_status_on_a_terminal():
     os.close(terminal.end)
     terminal.join(5)
     lines = [part.split("\r\n")[0] for part in terminal.shown.decode().split("\r\033[K") if " s  \u0394motor.d " in part]
-    expect(code == 0 and len(lines) > 3, f"{code}: {terminal.shown}")
+    expect(code in (0, NOT_LOCKED) and len(lines) > 3, f"{code}: {terminal.shown}")  # a busy machine has one step before the "x"
     begun = [part for part in terminal.shown.split(b"twinlock: ")[:-1] if part]
     expect(b"not a number" in terminal.shown and all(part.endswith((b"\n", b"\r\033[K")) for part in begun),
            f"an event does not begin its line: {begun}")

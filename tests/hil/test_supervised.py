@@ -146,12 +146,16 @@ class hangs(Fmi2Slave):
         super().__init__(**kwargs)
         self.u = 0.0
         self.y = 0.0
+        self.first = None
         self.register_variable(Real("u", causality=Fmi2Causality.input))
         self.register_variable(Real("y", causality=Fmi2Causality.output))
 
     def do_step(self, current_time, step_size):
         self.y = self.u
-        while current_time > 0.3 and os.path.exists({path!r}):
+        if self.first is None:
+            self.first = time.monotonic()
+        # 2 s after its first step, since a twin has 120 s for its first tick, not hang_s.
+        while time.monotonic() > self.first + 2 and os.path.exists({path!r}):
             time.sleep(0.01)
         return True
 """

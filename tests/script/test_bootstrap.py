@@ -16,7 +16,8 @@ from contextlib import contextmanager
 from twinlock_test import SOURCE, Skip, at_most, expect, main, scratch
 
 DEPS = SOURCE / ".deps"
-ONLY_TESTS = {"git", "clang", "chromium", "cppcheck", "shellcheck", "mmdebstrap", "man-db", "locales", "python3-venv", "libpython3.11"}
+ONLY_TESTS = {"git", "shellcheck", "locales", "python3-venv", "libpython3.11"}
+ONLY_ALL = {"clang", "clang-format", "clang-tidy", "chromium", "cppcheck", "mmdebstrap", "man-db"}  # script/test --all
 PROGRAMS = {
     # Says that everything is installed but what TL_MISSING names.
     "dpkg-query": """#!/bin/sh
@@ -172,19 +173,23 @@ def test_what_building_needs():
     machine = Machine("all", programs=NO_ROOT)
     less = asked_for(machine.run("--build")[2], "apt-get update && apt-get install")
     more = asked_for(machine.run()[2], "apt-get update && apt-get install")
-    expect(less < more and ONLY_TESTS <= more - less, f"{sorted(less & ONLY_TESTS)} to build, {sorted(ONLY_TESTS - more)} missing")
+    most = asked_for(machine.run("--all")[2], "apt-get update && apt-get install")
+    expect(less < more < most, f"{sorted(less)}, {sorted(more)}, {sorted(most)}")
+    expect(ONLY_TESTS <= more - less, f"{sorted(less & ONLY_TESTS)} to build, {sorted(ONLY_TESTS - more)} missing")
+    expect(ONLY_ALL <= most - more, f"{sorted(more & ONLY_ALL)} without --all, {sorted(ONLY_ALL - most)} missing")
+    expect(machine.run("--all", "--build")[0] == 2, "--all and --build together")
     expect({"gcc", "cmake", "ninja-build", "libnlopt-dev", "libjs-dygraphs", "dpkg-dev"} <= less, f"{sorted(less)}")
 
 
 def test_without_root():
-    for options in ([], ["--cross"], ["--build"], ["--build", "--cross"]):
+    for options in ([], ["--cross"], ["--all"], ["--all", "--cross"], ["--build"], ["--build", "--cross"]):
         found = Machine("gcc", programs=NO_ROOT).run(*options)
         again = " ".join(["script/bootstrap", *options])
         expect_failure(found, "this needs root", "as root run\n  apt-get update && ", f"then, as yourself,\n  {again}\n")
         packages = asked_for(found[2], "apt-get update && apt-get install")
         expect(("gcc-aarch64-linux-gnu" in packages) == ("--cross" in options), f"{options}: {sorted(packages)}")
-        expect(("qemu-user-static" in packages) == (options == ["--cross"]), f"{options}: {sorted(packages)}")
-        expect(("chromium" in packages) == ("--build" not in options), f"{options}: {sorted(packages)}")
+        expect(("qemu-user-static" in packages) == ("--cross" in options and "--build" not in options), f"{options}: {sorted(packages)}")
+        expect(("chromium" in packages) == ("--all" in options), f"{options}: {sorted(packages)}")
 
 
 def test_what_dbc2json_needs():

@@ -5,7 +5,7 @@ import os
 import shutil
 import subprocess
 
-from twinlock_test import SOURCE, expect, main, scratch
+from twinlock_test import SOURCE, Skip, expect, main, scratch
 
 DEPS = SOURCE / ".deps"
 PROGRAMS = {
@@ -56,6 +56,18 @@ def test_with_tests_once_they_are_wanted():
         (root / ".deps" / name).symlink_to(DEPS / name)
     expect("--build" not in build(root), "what tests need is not kept up to date")
     expect("test_arena" in targets(root), "no tests are built")
+
+
+def test_fmus_for_all_machines_once_there_are_compilers():
+    """As script/test --all installs them, in a checkout in which script/test has built FMUs for this machine."""
+    if not (DEPS / "sysroot" / "arm64" / ".complete").exists():
+        raise Skip("there is no sysroot for arm64: script/bootstrap --cross installs it")
+    root = copy()
+    build(root)
+    expect("aarch64-linux/motor.so" not in targets(root), "FMUs are built for an ARM without its libraries")
+    (root / ".deps" / "sysroot").symlink_to(DEPS / "sysroot")
+    build(root)
+    expect("binaries/aarch64-linux/motor.so" in targets(root), "FMUs are still built for this machine only")
 
 
 def test_by_hand_without_bootstrap():

@@ -37,7 +37,7 @@ def test_a_room_that_is_no_pattern():
 
 
 def test_wrong_usage():
-    for arguments in (["--room"], ["--room", ""], ["--room", "/"], ["--fast", "--room", "sync"], ["-k"], ["--quick"], ["sync"]):
+    for arguments in (["--room"], ["--room", ""], ["--room", "/"], ["--fast", "--room", "sync"], ["--all", "--fast"], ["--all", "--room", "sync"], ["-k"], ["--quick"], ["sync"]):
         code, output = run(*arguments)
         expect(code == 2 and "usage: script/test" in output, f"{arguments}: {code}: {output}")
 

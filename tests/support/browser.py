@@ -26,7 +26,7 @@ def find_browser():
     for name in NAMES:
         if shutil.which(name):
             return shutil.which(name)
-    why = "there is no Chromium: script/bootstrap installs it"
+    why = "there is no Chromium: script/bootstrap --all installs it"
     expect(os.environ.get("CI") != "true", f"{why} (CI=true does not allow to skip it)")
     raise Skip(why)
 

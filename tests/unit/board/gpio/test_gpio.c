@@ -158,6 +158,15 @@ static void open_driver(size_t count, double period_s) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_gpio_open(&settings, &probe.io, &probe.error));
 }
 
+/* Also on a busy machine, on which a poll may be over before the driver has looked a second time. */
+static void poll_until_value(double value) {
+    for (tl_time end = tl_test_now() + 60 * TL_SECOND; tl_probe_newest(&probe, 0)->value != value;) {
+        TEST_ASSERT_TRUE(tl_test_now() < end);
+        tl_probe_poll(&probe);
+    }
+    tl_probe_expect(&probe, 0, value, TL_GOOD);
+}
+
 void setUp(void) {
     static const char *const names[] = {"A", "B", NULL};
     memset(lines, 0, sizeof lines);
@@ -201,49 +210,77 @@ static void test_levels_and_edges(void) {
 
 static tl_time edge_stamp;
 
+/* The level before the edges is posted first. */
+static void wait_for_level(void) {
+    while (__atomic_load_n(&probe.posts[0], __ATOMIC_ACQUIRE) == 0) {
+        tl_test_pause_ms(1);
+    }
+}
+
 static void *edge_soon(void *context) {
     (void)context;
+    wait_for_level();
     tl_test_pause_ms(50);
     edge_stamp = tl_test_now();
     put_edge(0, true, edge_stamp);
     return NULL;
 }
 
-/* Not at the end of its period. */
+/* Not at the end of its period. Repeated if the machine was so busy that the edge came later than that. */
 static void test_an_edge_is_posted_when_it_comes(void) {
-    pthread_t thread;
-    open_driver(1, 1);
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, edge_soon, NULL));
-    tl_time begin = tl_test_now();
-    tl_probe_poll(&probe);
-    TEST_ASSERT_TRUE(tl_test_now() - begin >= 990 * MS); /* it waited to its end all the same */
-    (void)pthread_join(thread, NULL);
+    tl_time begin;
+    do {
+        pthread_t thread;
+        tearDown();
+        setUp();
+        open_driver(1, 1);
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, edge_soon, NULL));
+        begin = tl_test_now();
+        tl_probe_poll(&probe);
+        TEST_ASSERT_TRUE(tl_test_now() - begin >= 990 * MS); /* it waited to its end all the same */
+        (void)pthread_join(thread, NULL);
+    } while (edge_stamp - begin > 800 * MS);
     TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
     TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
     tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
+static tl_time longest_gap; /* between two edges */
+
 static void *bounce_soon(void *context) {
     (void)context;
+    wait_for_level();
     tl_test_pause_ms(20);
+    longest_gap = 0;
     for (int i = 0; i < 7; i++) {
+        tl_time before = edge_stamp;
         edge_stamp = tl_test_now();
         put_edge(0, i % 2 == 0, edge_stamp);
+        if (i > 0 && edge_stamp - before > longest_gap) {
+            longest_gap = edge_stamp - before;
+        }
         tl_test_pause_ms(1);
     }
     return NULL;
 }
 
+/* Repeated if the machine was so busy that the line stood still between two edges, or moved too late. */
 static void test_a_bounce(void) {
-    pthread_t thread;
-    channels[0].debounce_s = 0.1;
-    open_driver(1, 0.5);
-    TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, bounce_soon, NULL));
-    tl_probe_poll(&probe);
-    (void)pthread_join(thread, NULL);
+    tl_time begin;
+    do {
+        pthread_t thread;
+        tearDown();
+        setUp();
+        channels[0].debounce_s = 0.3;
+        open_driver(1, 1);
+        TEST_ASSERT_EQUAL_INT(0, pthread_create(&thread, NULL, bounce_soon, NULL));
+        begin = tl_test_now();
+        tl_probe_poll(&probe);
+        (void)pthread_join(thread, NULL);
+    } while (longest_gap > 250 * MS || edge_stamp - begin > 600 * MS);
+    poll_until_value(1);
     TEST_ASSERT_EQUAL_size_t(2, probe.posts[0]);
     TEST_ASSERT_EQUAL_INT64(edge_stamp, tl_probe_newest(&probe, 0)->stamp);
-    tl_probe_expect(&probe, 0, 1, TL_GOOD);
 }
 
 static void test_a_burst_is_bounded_and_the_newest_wins(void) {
@@ -270,33 +307,36 @@ static void test_a_burst_is_bounded_and_the_newest_wins(void) {
     tl_probe_expect(&probe, 1, 0, TL_GOOD);
 }
 
-/* What a debounced line did beyond the budget is not known: it must stand still after that. */
+/* What a debounced line did beyond the budget is not known: it must stand still after that. Repeated if the machine was so busy that it stood still between two bursts. */
 static void test_a_burst_does_not_pass_for_stillness(void) {
-    channels[0].debounce_s = 0.05;
-    open_driver(1, 0.01);
-    tl_probe_poll(&probe);
-    tl_time end = tl_test_now() + 500 * MS;
-    size_t before = probe.posts[0];
-    for (int i = 0; tl_test_now() < end; i++) {
-        for (int k = 0; k < 200; k++) {
-            put_edge(0, k % 2 == 0, tl_test_now());
+    size_t before;
+    do {
+        tearDown();
+        setUp();
+        channels[0].debounce_s = 0.5;
+        open_driver(1, 0.01);
+        tl_probe_poll(&probe);
+        before = probe.posts[0];
+        longest_gap = 0;
+        for (tl_time end = tl_test_now() + TL_SECOND, last = tl_test_now(); last < end;) {
+            for (int k = 0; k < 201; k++) {
+                put_edge(0, k % 2 == 0, tl_test_now());
+            }
+            tl_probe_poll(&probe);
+            tl_time gap = tl_test_now() - last;
+            longest_gap = gap > longest_gap ? gap : longest_gap;
+            last += gap;
         }
-        put_edge(0, true, tl_test_now());
-        tl_probe_poll(&probe);
-    }
+    } while (longest_gap > 400 * MS);
     TEST_ASSERT_EQUAL_size_t(before, probe.posts[0]);
-    for (end = tl_test_now() + 60 * TL_SECOND; probe.posts[0] == before && tl_test_now() < end;) {
-        tl_probe_poll(&probe);
-    }
-    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    poll_until_value(1);
 }
 
 static void test_an_edge_that_never_comes(void) {
     open_driver(1, 0.02);
     tl_probe_poll(&probe);
     set_level(0, true);
-    tl_probe_poll(&probe);
-    tl_probe_expect(&probe, 0, 1, TL_GOOD);
+    poll_until_value(1);
     tl_probe_expect_link(
         &probe, true, "GPIO line A: edges come faster than they are read: at least 1 missed; the newest level counts");
 }
@@ -354,6 +394,7 @@ static void test_two_channels_of_one_line(void) {
 /* ---- lines that are not there ---- */
 
 static void expect_refused_then_there(const char *text) {
+    tl_time begin = tl_test_now();
     open_driver(1, 0.005);
     tl_probe_poll(&probe);
     tl_probe_expect(&probe, 0, 0, TL_NO_LINK);
@@ -362,7 +403,8 @@ static void expect_refused_then_there(const char *text) {
         tl_probe_poll(&probe);
     }
     TEST_ASSERT_EQUAL_size_t(1, probe.links); /* once */
-    TEST_ASSERT_TRUE(lines[0].requests <= 3);
+    TEST_ASSERT_TRUE((tl_time)lines[0].requests <=
+                     3 + (tl_test_now() - begin) / (200 * MS)); /* after 0.1 s, 0.2 s, 0.4 s, … */
     lines[0].trouble = NULL;
     lines[0].request_failure = 0;
     lines[0].state = (tl_gpio_line_state){.used = false};
