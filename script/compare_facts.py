@@ -47,7 +47,7 @@ CHECK_TIMES = (
 )
 WARNED_BY_TIME = re.compile(r"\S+ ms here\b")
 NEEDS_HEAD = "  component "
-SIZED = re.compile(r"  (memory|mail|outbox|checkpoint|past) ")
+SIZED = re.compile(r"  (memory|mail|outbox|checkpoint|past|shadow) ")
 
 # Columns of the database that are of the time of day or of the version, by table.
 LEFT_OUT = {"runs": {"started", "ended", "committed", "version"}, "events": {"at"}, "beginnings": {"boot", "start_ns"}}
