@@ -164,10 +164,12 @@ static void hear_refusal(void *context, const char *text) {
     tl_journal_event(&way->journal, -1, TL_EVENT_WARNING, "twin", "%s", text);
 }
 
-/* What has happened to it belongs to the run's events; on the log it is already, or will be. */
-static void note_child(const tl_verb_job *job, const tl_replay *replay, event_way *way, const tl_error *error) {
+/* Records refused calls, and the failure of a process that has ended. A process may also have ended after a run without one. */
+static void note_child(const tl_verb_job *job, const tl_replay *replay, event_way *way, tl_status status,
+                       const tl_error *error) {
     tl_twin_child_tell(job->child, hear_refusal, way);
-    if (tl_twin_child_is_gone(job->child) && replay->recorder != NULL) {
+    bool failed = status != TL_OK && status != TL_INTERRUPTED && tl_twin_child_is_gone(job->child);
+    if (failed && replay->recorder != NULL) {
         tl_recorder_event(replay->recorder, -1, TL_EVENT_ERROR, "twin", error->text);
     }
 }
@@ -194,7 +196,7 @@ static tl_status replay_into(const tl_verb_job *job, const char *recording, even
     tl_status status = open_outputs(job, recording, way, replay, error);
     if (status == TL_OK) {
         status = run(job, replay, account, &summary, error);
-        note_child(job, replay, way, error);
+        note_child(job, replay, way, status, error);
         if (status == TL_OK || status == TL_INTERRUPTED) {
             status = tell(job, replay, &summary, status, error);
         }
