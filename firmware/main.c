@@ -1,9 +1,9 @@
 /* twinlock: the program, from its beginning to its end. */
 #include "firmware/base/c_locale.h"
+#include "firmware/cli/command_line.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/verbs/command_line.h"
 
 int main(int argc, char **argv) {
     const char *title = tl_role_begin(argv);

@@ -16,7 +16,7 @@
 #include "firmware/base/shortage.h"
 #include "firmware/config/config_parts.h"
 #include "firmware/config/config_reader.h"
-#include "firmware/json/json_document.h"
+#include "firmware/config/json_document.h"
 
 struct tl_config_memory {
     tl_arena arena;

@@ -4,8 +4,8 @@
 
 #include "firmware/config/config_names.h"
 #include "firmware/config/config_parts.h"
+#include "firmware/config/json_document.h"
 #include "firmware/config/measurements.h"
-#include "firmware/json/json_document.h"
 
 /* "plant.signal", or "not plant.signal" for the instant at which it becomes false. */
 static void read_edge(tl_config_object *object, const char *key, const char *example, tl_plan_edge *edge) {

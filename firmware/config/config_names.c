@@ -4,8 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/json/json_document.h"
-#include "firmware/text/json_text.h"
+#include "firmware/base/json_text.h"
+#include "firmware/config/json_document.h"
 #include "master/base/nearest.h"
 #include "master/base/signal.h"
 

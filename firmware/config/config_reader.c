@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/text/json_text.h"
+#include "firmware/base/json_text.h"
 #include "master/base/nearest.h"
 
 enum { FOUND = 128, EXPECTED = 320 };

@@ -15,7 +15,7 @@
 
 #include <cjson/cJSON.h>
 
-#include "firmware/json/json_document.h"
+#include "firmware/config/json_document.h"
 #include "master/base/arena.h"
 #include "master/base/status.h"
 

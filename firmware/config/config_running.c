@@ -4,8 +4,8 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "firmware/base/json_text.h"
 #include "firmware/config/config_names.h"
-#include "firmware/text/json_text.h"
 
 enum { BYTES_PER_MB = 1000000 };
 

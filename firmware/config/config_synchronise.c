@@ -6,8 +6,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/json_text.h"
 #include "firmware/config/config_names.h"
-#include "firmware/text/json_text.h"
 #include "master/twin/twin.h"
 
 static const tl_config_map MATCH = {.need = TL_CONFIG_REQUIRED,

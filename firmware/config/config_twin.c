@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/json_text.h"
 #include "firmware/config/config_names.h"
-#include "firmware/text/json_text.h"
 
 enum { MOST_COMPONENTS = 62 };
 

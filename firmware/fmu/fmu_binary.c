@@ -15,7 +15,7 @@
 #include <unistd.h>
 
 #include "firmware/base/shortage.h"
-#include "firmware/copies/own_copies.h"
+#include "firmware/fmu/own_copies.h"
 
 /* ---- This machine -------------------------------------------------------------------------------------- */
 

@@ -5,9 +5,9 @@
 #include <stdio.h>
 
 #include "firmware/base/c_locale.h"
-#include "firmware/description/model_description.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/fmu_guard.h"
+#include "firmware/fmu/model_description.h"
 #include "master/base/arena.h"
 
 tl_status tl_fmu_host_load(const char *folder, const char *label, tl_forked_fmu *fmu, tl_error *error) {

@@ -10,9 +10,9 @@
 #include <unistd.h>
 
 #include "firmware/base/shortage.h"
-#include "firmware/description/model_description.h"
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
+#include "firmware/fmu/model_description.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
 #include "firmware/rollback/fmu_allocation.h"

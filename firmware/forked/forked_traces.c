@@ -8,7 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "firmware/text/clean_text.h"
+#include "firmware/base/clean_text.h"
 
 enum { TASKS_OF_ONE = 3 }; /* links of a folder with one folder in it */
 

@@ -2,7 +2,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/activate/activator.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_host.h"
 #include "firmware/live/live_job.h"
@@ -10,8 +9,9 @@
 #include "firmware/live/live_wire.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
-#include "firmware/run/journal.h"
-#include "firmware/run/live_tuning.h"
+#include "firmware/retune/activator.h"
+#include "firmware/twin/journal.h"
+#include "firmware/twin/live_tuning.h"
 
 /* A worn-out memory card takes its time for one version. */
 static const tl_time PATIENCE = 60 * TL_SECOND;

@@ -20,7 +20,7 @@
 #include "firmware/live/live_wire.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/run/journal.h"
+#include "firmware/twin/journal.h"
 
 enum { LOOK_MS = 50, KINDS = TL_SOURCE_CSV + 1 };
 

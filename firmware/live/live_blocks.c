@@ -2,7 +2,7 @@
 #include "firmware/live/live_blocks.h"
 
 #include "firmware/live/live_wire.h"
-#include "firmware/run/checkpointer.h"
+#include "firmware/twin/checkpointer.h"
 
 static size_t outbox_with(const tl_config *config, size_t checkpoint) {
     tl_outbox_settings settings = tl_live_twin_outbox(config);

@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/clean_text.h"
 #include "firmware/base/identity.h"
 #include "firmware/config/problems.h"
-#include "firmware/text/clean_text.h"
 
 /* ---- places ---- */
 

@@ -10,10 +10,10 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_HOST_H
 #define TL_FIRMWARE_LIVE_LIVE_HOST_H
 
-#include "firmware/activate/activation_host.h"
 #include "firmware/live/live_wire.h"
-#include "firmware/run/journal.h"
-#include "firmware/run/live_tuning.h"
+#include "firmware/retune/activation_host.h"
+#include "firmware/twin/journal.h"
+#include "firmware/twin/live_tuning.h"
 
 /* Set by its user, but for the private ones. */
 typedef struct tl_live_host {

@@ -13,9 +13,9 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/live/restarts.h"
 #include "firmware/process/block.h"
-#include "firmware/run/live_stage.h"
-#include "firmware/supervise/restarts.h"
+#include "firmware/twin/live_stage.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/past/past_follow.h"
-#include "firmware/past/past_outbox.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/twin/past_follow.h"
+#include "firmware/twin/past_outbox.h"
 
 static const tl_time LOOK = TL_SECOND / 1000;
 

@@ -10,13 +10,13 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_PAST_H
 #define TL_FIRMWARE_LIVE_LIVE_PAST_H
 
-#include "firmware/assembly/assembly.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_wire.h"
+#include "firmware/live/recorded_course.h"
 #include "firmware/process/block.h"
 #include "firmware/report/summary.h"
-#include "firmware/run/journal.h"
-#include "firmware/shadow/recorded_course.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/journal.h"
 
 #define TL_LIVE_PAST_PATIENCE (10 * TL_SECOND)
 

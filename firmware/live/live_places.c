@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/confine/confine.h"
+#include "firmware/process/confine.h"
 
 /* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
 static const char *const common[] = {"/proc/sys/kernel/random/boot_id",

@@ -7,9 +7,9 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
 #define TL_FIRMWARE_LIVE_LIVE_ROLE_H
 
-#include "firmware/outbox/outbox.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/run/journal.h"
+#include "firmware/store/outbox.h"
+#include "firmware/twin/journal.h"
 
 /* Titles begin with these. */
 #define TL_LIVE_IO "io"

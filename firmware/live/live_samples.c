@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/past/past_samples.h"
+#include "firmware/twin/past_samples.h"
 
 static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
     tl_live_past_answer *given = self->answer;

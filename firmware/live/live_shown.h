@@ -8,8 +8,8 @@
 #include "firmware/base/latest.h"
 #include "firmware/config/config.h"
 #include "firmware/live/live_wire.h"
-#include "firmware/run/cycle.h"
-#include "firmware/shadow/recorded_course.h"
+#include "firmware/live/recorded_course.h"
+#include "firmware/twin/cycle.h"
 #include "master/twin/account.h"
 
 typedef struct tl_live_shown {

@@ -8,7 +8,6 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
@@ -20,11 +19,12 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/run/cycle.h"
-#include "firmware/run/journal.h"
-#include "firmware/run/realtime.h"
-#include "firmware/run/safe_hold.h"
-#include "firmware/run/status_line.h"
+#include "firmware/twin/cycle.h"
+#include "firmware/twin/journal.h"
+#include "firmware/twin/realtime.h"
+#include "firmware/twin/safe_hold.h"
+#include "firmware/twin/status_line.h"
+#include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal, and for its priority. */
 static const tl_time FIRST_READING = 2 * TL_SECOND;

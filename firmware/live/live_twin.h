@@ -12,8 +12,8 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_TWIN_H
 #define TL_FIRMWARE_LIVE_LIVE_TWIN_H
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/confine/confine.h"
+#include "firmware/process/confine.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_job.h"
 
 /* For tl_twin_role_tasks: what its process does once it is confined. An exit code, which was announced. */

@@ -6,7 +6,6 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
@@ -15,10 +14,11 @@
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_samples.h"
 #include "firmware/live/live_wire.h"
-#include "firmware/past/past_history.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/record/recorder_writer.h"
+#include "firmware/store/recorder_writer.h"
+#include "firmware/twin/past_history.h"
+#include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */
 static const tl_time LOOK_SOON = TL_SECOND / 500;

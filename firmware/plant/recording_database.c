@@ -7,10 +7,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/history/history.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/plant/plant_mail.h"
+#include "firmware/store/history.h"
 
 struct tl_recording_database {
     char path[PATH_MAX]; /* for messages */

@@ -9,8 +9,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/history/history.h"
-#include "firmware/outbox/run_types.h"
+#include "firmware/store/history.h"
+#include "firmware/store/run_types.h"
 #include "master/base/signal.h"
 
 /* One tick of a recording. */

@@ -6,9 +6,9 @@
 #ifndef TL_FIRMWARE_REPORT_FIGURES_JSON_H
 #define TL_FIRMWARE_REPORT_FIGURES_JSON_H
 
-#include "firmware/diagnose/lock_tally.h"
+#include "firmware/base/json_writer.h"
+#include "firmware/monitor/lock_tally.h"
 #include "firmware/report/run_figures.h"
-#include "firmware/text/json_writer.h"
 
 /* "outcomes" */
 void tl_figures_json_add_outcomes(tl_json_writer *json, const tl_run_figures *figures);

@@ -1,9 +1,9 @@
 /* The curves of a report as the JSON that page.js draws. */
 #include <inttypes.h>
 
+#include "firmware/base/show_text.h"
 #include "firmware/report/html_report_parts.h"
 #include "firmware/report/html_text.h"
-#include "firmware/text/show_text.h"
 
 /* One value per bucket while nothing is thinned, else two. */
 static void put_channel(const tl_html_report *report, const char *key, size_t channel, FILE *file) {

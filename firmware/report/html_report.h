@@ -16,9 +16,9 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/outbox/run_types.h"
+#include "firmware/base/utc.h"
 #include "firmware/report/run_figures.h"
-#include "firmware/text/utc.h"
+#include "firmware/store/run_types.h"
 #include "master/plan/plan.h"
 #include "master/twin/twin.h"
 

@@ -4,9 +4,9 @@
 #include <math.h>
 #include <string.h>
 
+#include "firmware/base/show_text.h"
 #include "firmware/report/html_report_parts.h"
 #include "firmware/report/html_text.h"
-#include "firmware/text/show_text.h"
 
 enum { TEXT = 64 };
 

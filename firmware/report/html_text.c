@@ -5,8 +5,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "firmware/base/clean_text.h"
 #include "firmware/base/sha256.h"
-#include "firmware/text/clean_text.h"
 #include "master/base/utf8.h"
 
 enum { SHOWN = 16, LONGEST = 4 };

@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/outbox/run_types.h"
+#include "firmware/store/run_types.h"
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
 

@@ -7,9 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/json_writer.h"
+#include "firmware/base/show_text.h"
 #include "firmware/report/figures_json.h"
-#include "firmware/text/json_writer.h"
-#include "firmware/text/show_text.h"
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
     const tl_run_step step = {

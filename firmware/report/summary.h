@@ -11,7 +11,7 @@
 #include <stdio.h>
 
 #include "firmware/config/config.h"
-#include "firmware/diagnose/lock_tally.h"
+#include "firmware/monitor/lock_tally.h"
 #include "firmware/report/run_figures.h"
 #include "master/twin/account.h"
 

@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/control/control_client.h"
+#include "firmware/retune/control_client.h"
 
 /* An activator has to be begun first, perhaps, on a loaded box; and a disk may be slow. */
 static const tl_time PATIENCE = 200 * TL_SECOND;

@@ -15,7 +15,7 @@
 #include <stddef.h>
 #include <sys/types.h>
 
-#include "firmware/control/control_wire.h"
+#include "firmware/retune/control_wire.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -2,7 +2,7 @@
 #include "firmware/retune/talk_page.h"
 
 #include "firmware/base/log.h"
-#include "firmware/control/control_words.h"
+#include "firmware/retune/control_words.h"
 
 static void print_state(const tl_control_state *state, FILE *output) {
     (void)fprintf(output, "%s: %s\n", state->plant, state->lock[0] == '\0' ? "no twin runs" : state->lock);

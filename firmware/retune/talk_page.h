@@ -7,7 +7,7 @@
 
 #include <stdio.h>
 
-#include "firmware/control/control_wire.h"
+#include "firmware/retune/control_wire.h"
 
 typedef struct tl_talk_page {
     FILE *output;        /* problems, and an end that is none, go to the log instead */

@@ -15,10 +15,10 @@
 
 #include <fenv.h>
 
-#include "firmware/pages/fmu_pages.h"
-#include "firmware/pages/fmu_places.h"
 #include "firmware/rollback/fmu_allocation.h"
 #include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_pages.h"
+#include "firmware/rollback/fmu_places.h"
 #include "firmware/rollback/fmu_traces.h"
 
 /* Calls after which it is looked for what the FMU has left, from its first one on. */

@@ -11,7 +11,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/control/control_wire.h"
+#include "firmware/retune/control_wire.h"
 #include "firmware/serve/http_request.h"
 
 /* Each byte of a text may take six, as \u0007 does, or four as \x07 whose backslash is escaped. */

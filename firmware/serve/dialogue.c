@@ -10,11 +10,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/control/control_client.h"
-#include "firmware/control/control_words.h"
-#include "firmware/door/plain_name.h"
+#include "firmware/base/json_writer.h"
+#include "firmware/retune/control_client.h"
+#include "firmware/retune/control_words.h"
 #include "firmware/serve/answer.h"
-#include "firmware/text/json_writer.h"
+#include "firmware/serve/plain_name.h"
 
 enum { PLANTS = 256 };
 

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/text/json_text.h"
+#include "firmware/base/json_text.h"
 
 enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY, LONGEST_PROBATION = 604800, LONGEST_SHADOW = 3600 };
 

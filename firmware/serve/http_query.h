@@ -7,7 +7,7 @@
 
 #include <stdbool.h>
 
-#include "firmware/control/control_wire.h"
+#include "firmware/retune/control_wire.h"
 
 enum { TL_HTTP_QUERY_FAULT = 128 };
 

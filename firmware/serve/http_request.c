@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/door/plain_name.h"
 #include "firmware/serve/http_query.h"
+#include "firmware/serve/plain_name.h"
 
 static const char ROOT[] = "/api/v1/plants";
 static const uint64_t MOST_VERSION = UINT64_C(1) << 53;

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/control/control_wire.h"
+#include "firmware/retune/control_wire.h"
 
 enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/control/control_client.h"
+#include "firmware/retune/control_client.h"
 #include "firmware/serve/answer.h"
 #include "firmware/serve/server_parts.h"
 

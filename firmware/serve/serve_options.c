@@ -4,10 +4,10 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/control/control_client.h"
-#include "firmware/control/control_words.h"
-#include "firmware/door/plain_name.h"
-#include "firmware/door/tokens.h"
+#include "firmware/retune/control_client.h"
+#include "firmware/retune/control_words.h"
+#include "firmware/serve/plain_name.h"
+#include "firmware/serve/tokens.h"
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 #define SETS(type, member) .offset = offsetof(type, member)

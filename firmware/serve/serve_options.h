@@ -7,8 +7,8 @@
 
 #include <stdbool.h>
 
-#include "firmware/control/control_wire.h"
-#include "firmware/text/program_options.h"
+#include "firmware/base/program_options.h"
+#include "firmware/retune/control_wire.h"
 
 /* Texts are those of the command line. */
 typedef struct tl_serve_options {

@@ -12,11 +12,11 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/confine/confine.h"
-#include "firmware/door/address.h"
+#include "firmware/process/confine.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/process/service.h"
+#include "firmware/serve/address.h"
 #include "firmware/serve/server.h"
-#include "firmware/supervise/service.h"
 
 enum { BACKLOG = 128, MEMORY = 64 * 1024 * 1024 };
 

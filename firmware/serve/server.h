@@ -10,8 +10,8 @@
 #ifndef TL_FIRMWARE_SERVE_SERVER_H
 #define TL_FIRMWARE_SERVE_SERVER_H
 
-#include "firmware/door/host_names.h"
 #include "firmware/serve/certificate.h"
+#include "firmware/serve/host_names.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -7,11 +7,11 @@
 #include <microhttpd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/door/guests.h"
-#include "firmware/door/token_delays.h"
-#include "firmware/door/tokens.h"
 #include "firmware/serve/dialogue.h"
+#include "firmware/serve/guests.h"
 #include "firmware/serve/server.h"
+#include "firmware/serve/token_delays.h"
+#include "firmware/serve/tokens.h"
 
 /* The connection of a guest, who has the same place in `guests`. */
 typedef struct tl_visit {

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/control/control_words.h"
-#include "firmware/door/tokens.h"
-#include "firmware/text/utc.h"
+#include "firmware/base/utc.h"
+#include "firmware/retune/control_words.h"
+#include "firmware/serve/tokens.h"
 
 static tl_status add(const tl_token_options *options, tl_tokens *tokens, tl_error *error) {
     char secret[TL_TOKEN_SECRET];

@@ -1,7 +1,7 @@
 /* The audit: see server_parts.h. One line for each request that may change something, once its end is known. */
 #include <stdio.h>
 
-#include "firmware/control/control_words.h"
+#include "firmware/retune/control_words.h"
 #include "firmware/serve/server_parts.h"
 
 static const char *verb_of(const tl_control_request *control) {

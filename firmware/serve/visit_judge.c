@@ -5,7 +5,7 @@
 #include <strings.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/control/control_words.h"
+#include "firmware/retune/control_words.h"
 #include "firmware/serve/server_parts.h"
 
 static const char SCHEME[] = "Bearer ";

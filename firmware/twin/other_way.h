@@ -12,8 +12,8 @@
 
 #include <stdbool.h>
 
-#include "firmware/assembly/twin_ways.h"
 #include "firmware/twin/twin_child.h"
+#include "firmware/twin/twin_ways.h"
 
 typedef enum tl_other_way_kind {
     TL_OTHER_WAY_NOT_SOUGHT, /* there is nothing to tell of it */

@@ -8,8 +8,8 @@
 #ifndef TL_FIRMWARE_TWIN_PAIR_VERDICT_H
 #define TL_FIRMWARE_TWIN_PAIR_VERDICT_H
 
-#include "firmware/assembly/twin_pair.h"
 #include "firmware/twin/twin_child.h"
+#include "firmware/twin/twin_pair.h"
 
 typedef enum tl_pair_kind {
     TL_PAIR_UNKNOWN, /* the FMUs cannot step, or the machine cannot have two twins: `text` says so */

@@ -12,8 +12,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/outbox/run_types.h"
+#include "firmware/store/run_types.h"
+#include "firmware/twin/assembly.h"
 
 enum {
     TL_READ_BACK_BYTES = 64 << 20, /* of the block, whose memory is there as far as it is used */

@@ -5,11 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/clean_text.h"
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/text/clean_text.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_wire.h"

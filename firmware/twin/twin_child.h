@@ -15,14 +15,14 @@
 #include <stdbool.h>
 #include <stdio.h>
 
-#include "firmware/assembly/twin_pair.h"
-#include "firmware/assembly/twin_step.h"
-#include "firmware/assembly/twin_ways.h"
 #include "firmware/config/config.h"
-#include "firmware/confine/fmu_refusals.h"
 #include "firmware/process/channel.h"
+#include "firmware/process/fmu_refusals.h"
 #include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_pair.h"
 #include "firmware/twin/twin_role.h"
+#include "firmware/twin/twin_step.h"
+#include "firmware/twin/twin_ways.h"
 #include "master/twin/account.h"
 
 enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */

@@ -11,8 +11,8 @@
 
 #include <stdbool.h>
 
-#include "firmware/assembly/twin_step.h"
 #include "firmware/twin/twin_child.h"
+#include "firmware/twin/twin_step.h"
 #include "master/twin/account.h"
 
 typedef struct tl_twin_feed tl_twin_feed;

@@ -12,9 +12,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/assembly/twin_step.h"
-#include "firmware/outbox/run_types.h"
 #include "firmware/process/block.h"
+#include "firmware/store/run_types.h"
+#include "firmware/twin/twin_step.h"
 
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */

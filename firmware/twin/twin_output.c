@@ -11,8 +11,8 @@
 
 #include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/relay.h"
 #include "firmware/base/side_thread.h"
-#include "firmware/text/relay.h"
 
 enum { STACK = 256 * 1024 /* the supervisor locks it */, KINDS = 2 };
 

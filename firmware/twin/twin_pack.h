@@ -10,7 +10,7 @@
 
 #include <stddef.h>
 
-#include "firmware/assembly/twin_step.h"
+#include "firmware/twin/twin_step.h"
 
 /* Bytes that any of the two takes at most. */
 enum { TL_TWIN_PACKED = 8192 };

@@ -10,7 +10,7 @@
 
 #include <stddef.h>
 
-#include "firmware/assembly/assembly.h"
+#include "firmware/twin/assembly.h"
 
 enum { TL_TWIN_PLACES = 256 }; /* further ones are left out */
 

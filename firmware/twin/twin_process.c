@@ -9,8 +9,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/confine/confine.h"
 #include "firmware/fmu/fmu_archive.h"
+#include "firmware/process/confine.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"

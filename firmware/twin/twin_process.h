@@ -15,9 +15,9 @@
 #include <sys/types.h>
 
 #include "firmware/config/config.h"
-#include "firmware/confine/fmu_refusals.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
+#include "firmware/process/fmu_refusals.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_role.h"

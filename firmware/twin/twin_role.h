@@ -14,8 +14,8 @@
 
 #include <stdio.h>
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/confine/confine.h"
+#include "firmware/process/confine.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_job.h"
 

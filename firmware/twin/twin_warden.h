@@ -14,10 +14,10 @@
 #include <stdio.h>
 #include <sys/types.h>
 
-#include "firmware/confine/bounds.h"
-#include "firmware/confine/fmu_refusals.h"
+#include "firmware/process/bounds.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
+#include "firmware/process/fmu_refusals.h"
 #include "firmware/process/role.h"
 #include "master/base/simtime.h"
 

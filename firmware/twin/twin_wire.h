@@ -8,12 +8,12 @@
 
 #include <stdint.h>
 
-#include "firmware/assembly/twin_pair.h"
-#include "firmware/assembly/twin_ways.h"
-#include "firmware/confine/confine.h"
 #include "firmware/process/channel.h"
+#include "firmware/process/confine.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/twin/twin_pack.h"
+#include "firmware/twin/twin_pair.h"
+#include "firmware/twin/twin_ways.h"
 #include "master/twin/account.h"
 
 /* Descriptors of the process with the FMUs. The first three, the job and the start socket are those of every such process. */

@@ -8,7 +8,7 @@
 #include <stdio.h>
 
 #include "firmware/base/c_locale.h"
-#include "firmware/run/replay.h"
+#include "firmware/twin/replay.h"
 #include "tests/support/read_assembly.h"
 
 static int run(tl_assembly *assembly, const char *recording) {

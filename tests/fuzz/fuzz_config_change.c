@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/versions/config_change.h"
+#include "firmware/config/config_change.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -9,11 +9,11 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/control/control_client.h"
-#include "firmware/control/control_packet.h"
-#include "firmware/control/control_server.h"
-#include "firmware/errand/verdict.h"
-#include "firmware/versions/change_rules.h"
+#include "firmware/config/change_rules.h"
+#include "firmware/retune/control_client.h"
+#include "firmware/retune/control_packet.h"
+#include "firmware/retune/control_server.h"
+#include "firmware/retune/verdict.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -6,10 +6,10 @@
 
 #include "firmware/base/log.h"
 #include "firmware/config/config.h"
-#include "firmware/database/database.h"
-#include "firmware/history/history.h"
 #include "firmware/plant/recording.h"
-#include "firmware/show/show.h"
+#include "firmware/report/show.h"
+#include "firmware/store/database.h"
+#include "firmware/store/history.h"
 #include "tests/fuzz/harness.h"
 
 enum { MOST_TICKS = 500 };

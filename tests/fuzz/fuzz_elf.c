@@ -2,8 +2,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/copies/elf_file.h"
-#include "firmware/copies/elf_names.h"
+#include "firmware/fmu/elf_file.h"
+#include "firmware/fmu/elf_names.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -4,10 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/door/host_names.h"
-#include "firmware/door/plain_name.h"
+#include "firmware/base/json_text.h"
+#include "firmware/serve/host_names.h"
 #include "firmware/serve/http_request.h"
-#include "firmware/text/json_text.h"
+#include "firmware/serve/plain_name.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

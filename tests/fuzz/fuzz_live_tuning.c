@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/run/live_tuning.h"
+#include "firmware/twin/live_tuning.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/description/model_description.h"
+#include "firmware/fmu/model_description.h"
 #include "tests/fuzz/harness.h"
 
 /* What the twin relies on. */

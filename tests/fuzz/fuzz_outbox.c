@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/outbox/outbox_parts.h"
-#include "firmware/outbox/outbox_reader.h"
+#include "firmware/store/outbox_parts.h"
+#include "firmware/store/outbox_reader.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

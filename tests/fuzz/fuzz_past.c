@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/past/past.h"
+#include "firmware/twin/past.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "firmware/base/sha256.h"
-#include "firmware/past/past_samples.h"
+#include "firmware/twin/past_samples.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -5,7 +5,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/text/relay.h"
+#include "firmware/base/relay.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -6,8 +6,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "firmware/base/json_reader.h"
 #include "firmware/serve/dialogue.h"
-#include "firmware/text/json_reader.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

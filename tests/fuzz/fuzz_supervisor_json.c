@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/supervise/restarts.h"
+#include "firmware/live/restarts.h"
 #include "tests/fuzz/harness.h"
 
 static void write_account(const uint8_t *data, size_t size) {

@@ -9,10 +9,10 @@
 
 #include <cjson/cJSON.h>
 
-#include "firmware/assembly/twin_recorder.h"
 #include "firmware/report/summary.h"
 #include "firmware/report/trajectory.h"
 #include "firmware/twin/twin_pack.h"
+#include "firmware/twin/twin_recorder.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

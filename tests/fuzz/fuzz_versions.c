@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/versions/versions.h"
+#include "firmware/retune/versions.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

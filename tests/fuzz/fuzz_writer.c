@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/history/history.h"
-#include "firmware/record/recorder_writer.h"
+#include "firmware/store/history.h"
+#include "firmware/store/recorder_writer.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <time.h>
 
-#include "firmware/supervise/restarts.h"
+#include "firmware/live/restarts.h"
 
 int main(int argc, char **argv) {
     const struct timespec pause = {.tv_sec = 0, .tv_nsec = 50000000};

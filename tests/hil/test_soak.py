@@ -113,7 +113,7 @@ def test_counts():
 
 
 def expect_forgiven(faults):
-    """As firmware/supervise/restarts.c counts, each twin having lived from failure to failure."""
+    """As firmware/live/restarts.c counts, each twin having lived from failure to failure."""
     failures, last = 0, 0.0
     for at, kind in faults:
         if kind in TWIN:

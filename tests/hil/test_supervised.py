@@ -294,7 +294,7 @@ def test_an_fmu_that_says_that_the_run_is_over():
 
 
 def test_told_to_end_while_an_fmu_hangs():
-    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/supervise/test_supervisor_end.c's."""
+    """For longer than anybody wants to wait. The twin gives it up; what does not is tests/unit/firmware/live/test_supervisor_end.c's."""
     with Device(OMEGA) as device, kills.Unruly(device, kills.Pace(hang_s=60)) as unruly:
         live = unruly.live
         unruly.wait_for_tick(1)

@@ -11,8 +11,8 @@
 #include <string.h>
 
 #include "board/can/can_map.h"
+#include "firmware/cli/plant_bus.h"
 #include "firmware/config/config.h"
-#include "firmware/emulate/plant_bus.h"
 #include "tests/replay/probe.h"
 
 static tl_config config;

@@ -12,7 +12,7 @@
 #include <time.h>
 
 #include "board/modbus/modbus.h"
-#include "firmware/emulate/plant_server.h"
+#include "firmware/cli/plant_server.h"
 #include "tests/replay/probe.h"
 
 enum { CHANNELS = 4096, FIELDS = 9, POLLS = 200 };

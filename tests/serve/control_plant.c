@@ -9,8 +9,8 @@
 #include <string.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/control/control_server.h"
 #include "firmware/process/interrupt.h"
+#include "firmware/retune/control_server.h"
 
 enum { VERSIONS = 8, TURN_MS = 20 };
 

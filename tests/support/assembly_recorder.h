@@ -2,8 +2,8 @@
 #ifndef TL_TESTS_SUPPORT_ASSEMBLY_RECORDER_H
 #define TL_TESTS_SUPPORT_ASSEMBLY_RECORDER_H
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/assembly/twin_recorder.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_recorder.h"
 
 /* As a run would open it, waiting when it is full. Texts of the account live until the next call. */
 static inline tl_status tl_test_record(const tl_assembly *assembly, const char *verb, const char *path,

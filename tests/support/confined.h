@@ -10,8 +10,8 @@
 #include <stddef.h>
 #include <sys/types.h>
 
-#include "firmware/confine/confine.h"
-#include "firmware/confine/refusal.h"
+#include "firmware/process/confine.h"
+#include "firmware/process/refusal.h"
 
 enum { TL_CONFINED_REFUSALS = 256 };
 

@@ -7,8 +7,8 @@
 
 #include <unity.h>
 
-#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/clock.h"
+#include "firmware/twin/twin_recorder.h"
 #include "tests/support/config_text.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/read_assembly.h"

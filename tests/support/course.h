@@ -13,8 +13,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/outbox/outbox.h"
+#include "firmware/store/outbox.h"
+#include "firmware/twin/assembly.h"
 
 enum { TL_COURSE_TICKS = 240 };
 

@@ -10,8 +10,8 @@
 #include <limits.h>
 #include <stdint.h>
 
-#include "firmware/assembly/twin_recorder.h"
 #include "firmware/base/identity.h"
+#include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"
 #include "tests/support/test_outbox.h"
 

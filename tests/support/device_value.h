@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/emulate/plant_server.h"
+#include "firmware/cli/plant_server.h"
 
 /* In one thread at a time. A channel that the device does not have is ignored. */
 static inline void tl_test_set_value(tl_plant_server *device, size_t channel, double value) {

@@ -10,8 +10,8 @@
 #ifndef TL_TESTS_SUPPORT_FOLLOWER_H
 #define TL_TESTS_SUPPORT_FOLLOWER_H
 
-#include "firmware/assembly/assembly.h"
-#include "firmware/record/recorder.h"
+#include "firmware/store/recorder.h"
+#include "firmware/twin/assembly.h"
 #include "tests/support/test_fmu.h"
 #include "tests/support/test_plan.h"
 

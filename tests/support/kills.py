@@ -1,7 +1,7 @@
 """A supervised twin whose process is killed, or whose FMU hangs, again and again, with everything on one processor; and what that
 costs: the time until the next tick, the supervisor's own processor time, and the longest pause between two strokes of its watchdog.
 
-The strokes are those that systemd hears: a watchdog is stroked in the same moments (firmware/supervise/supervisor.c). Before each fault somebody
+The strokes are those that systemd hears: a watchdog is stroked in the same moments (firmware/live/supervisor.c). Before each fault somebody
 reads about all threads of the process in /proc, as every monitor of a box does: so the kernel has something to forget when the
 process dies, which is what a supervisor of real-time priority once had to wait for in vain.
 """

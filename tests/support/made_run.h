@@ -9,8 +9,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/outbox/outbox.h"
-#include "firmware/record/recorder.h"
+#include "firmware/store/outbox.h"
+#include "firmware/store/recorder.h"
 
 enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONENTS = 3, TL_MADE_PREDICTION = 2 };
 

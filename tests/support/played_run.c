@@ -10,8 +10,8 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/errand/trial.h"
-#include "firmware/errand/validator.h"
+#include "firmware/retune/trial.h"
+#include "firmware/retune/validator.h"
 
 static tl_played the_run;
 static tl_played *const run = &the_run;

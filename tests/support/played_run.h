@@ -14,7 +14,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/activate/activation.h"
+#include "firmware/retune/activation.h"
 #include "tests/support/scratch.h"
 
 enum { TL_PLAYED_SAID = 64, TL_PLAYED_TEXT = 2048 };

@@ -2,8 +2,8 @@
 #ifndef TL_TESTS_SUPPORT_READ_ASSEMBLY_H
 #define TL_TESTS_SUPPORT_READ_ASSEMBLY_H
 
-#include "firmware/assembly/assembly.h"
 #include "firmware/config/config.h"
+#include "firmware/twin/assembly.h"
 
 /* Its configuration alone: a test may change something in it before tl_assembly_build(). The assembly must be freed, after a failure too, whose
  * problems were said on the log. */

@@ -9,7 +9,7 @@
 
 #include <limits.h>
 
-#include "firmware/record/recorder.h"
+#include "firmware/store/recorder.h"
 #include "tests/support/scratch.h"
 
 typedef struct tl_recorder_bench {

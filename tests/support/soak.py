@@ -27,7 +27,7 @@ NETWORK = "silence", "storm", "garbage"  # tests/support/faulty_device.py
 TWIN = "crash", "hang", "twin killed"
 ELSEWHERE = (*NETWORK, "disk full", "io killed", "recorder killed")
 
-FORGIVEN_S = 120  # firmware/supervise/restarts.h
+FORGIVEN_S = 120  # firmware/live/restarts.h
 MOST_FAILURES = 4  # with the fifth it is a restart loop
 SURE_S = 15  # a new twin does not live at once
 

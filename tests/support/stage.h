@@ -21,8 +21,8 @@
 #include <stdbool.h>
 #include <sys/types.h>
 
+#include "firmware/live/supervisor.h"
 #include "firmware/process/heartbeat.h"
-#include "firmware/supervise/supervisor.h"
 #include "tests/support/scratch.h"
 
 enum { TL_STAGE_STARTS = 32 };

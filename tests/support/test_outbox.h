@@ -5,8 +5,8 @@
 #ifndef TL_TESTS_SUPPORT_TEST_OUTBOX_H
 #define TL_TESTS_SUPPORT_TEST_OUTBOX_H
 
-#include "firmware/outbox/outbox.h"
-#include "firmware/record/recorder_writer.h"
+#include "firmware/store/outbox.h"
+#include "firmware/store/recorder_writer.h"
 
 /* Zeroed: none. */
 typedef struct tl_test_outbox {

@@ -32,8 +32,8 @@ BAD_USAGE = 2
 NOT_LOCKED = 3
 BAD_DATA = 65
 PLANT_DOWN = 69
-FORBIDDEN = 77  # of reload: firmware/control/control_words.h
-EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75, FORBIDDEN)  # firmware/verbs/option_table.c
+FORBIDDEN = 77  # of reload: firmware/retune/control_words.h
+EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75, FORBIDDEN)  # firmware/cli/option_table.c
 SKIPPED = 77
 
 
@@ -123,7 +123,7 @@ def finish(process, timeout=HUNG_S):
     return process.returncode, out, without_confinement(err)
 
 
-# What is not held of a process with FMUs (firmware/confine/confine.c), in the words of tl_confine_describe().
+# What is not held of a process with FMUs (firmware/process/confine.c), in the words of tl_confine_describe().
 NOT_HELD = re.compile(r"^twinlock: notice: (?:(?:; )?(?:FMUs can [^;\n]*|what FMUs are refused is not told:[^;\n]*"
                       r"|the memory of FMUs has no limit))+\n", re.M)
 

@@ -12,7 +12,7 @@
 #include <stddef.h>
 #include <sys/types.h>
 
-#include "firmware/record/recorder_writer.h"
+#include "firmware/store/recorder_writer.h"
 #include "tests/support/scratch.h"
 
 enum { TL_BENCH_TWIN, TL_BENCH_IO, TL_BENCH_OTHER, TL_BENCH_OUTBOXES };

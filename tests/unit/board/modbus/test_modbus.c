@@ -20,7 +20,7 @@
 #include <unity.h>
 
 #include "board/modbus/modbus.h"
-#include "firmware/emulate/plant_server.h"
+#include "firmware/cli/plant_server.h"
 #include "tests/support/device_value.h"
 #include "tests/support/driver_probe.h"
 #include "tests/support/modbus_peer.h"

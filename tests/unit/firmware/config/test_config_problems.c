@@ -6,8 +6,8 @@
 
 #include <unity.h>
 
-#include "firmware/json/json_document.h"
-#include "firmware/text/json_text.h"
+#include "firmware/base/json_text.h"
+#include "firmware/config/json_document.h"
 #include "master/solve/optimiser.h"
 #include "tests/support/config_text.h"
 

@@ -13,11 +13,11 @@
 
 #include <unity.h>
 
-#include "firmware/confine/confine.h"
 #include "firmware/fmu/fmu_host.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
+#include "firmware/process/confine.h"
 #include "tests/support/stderr_capture.h"
 
 enum { SKIPPED = 77, STATES = 8, SNAPSHOTS = 12, BESIDE = 16 };

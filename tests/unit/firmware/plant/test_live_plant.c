@@ -8,7 +8,7 @@
 #include <unity.h>
 
 #include "firmware/base/clock.h"
-#include "firmware/emulate/plant_server.h"
+#include "firmware/cli/plant_server.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/plant_mail.h"
 #include "tests/support/config_text.h"

@@ -11,8 +11,8 @@
 
 #include <unity.h>
 
-#include "firmware/confine/sanitizer.h"
 #include "firmware/plant/mailbox.h"
+#include "firmware/process/sanitizer.h"
 #include "tests/support/random_numbers.h"
 
 enum { DEPTH = 256, KILLS = 3000, FEW_KILLS = 300, LONGEST_NS = 200000, LONGEST_SLOW_NS = 5000000, LOOKS = 500 };

@@ -7,7 +7,7 @@
 #include <unity.h>
 
 #include "firmware/plant/recording.h"
-#include "firmware/record/recorder.h"
+#include "firmware/store/recorder.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"

@@ -7,8 +7,8 @@
 
 #include <unity.h>
 
-#include "firmware/assembly/assembly.h"
 #include "firmware/report/summary.h"
+#include "firmware/twin/assembly.h"
 #include "tests/support/read_assembly.h"
 
 static tl_assembly assembly;

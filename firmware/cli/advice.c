@@ -1,0 +1,408 @@
+/* Advice: see advice.h. */
+#include "firmware/cli/advice.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdarg.h>
+#include <string.h>
+
+#include "firmware/base/wrapped.h"
+#include "firmware/config/measurements.h"
+#include "master/plan/plan.h"
+
+enum { INDENT = 4, TEXT = 512 };
+
+static const double LONG_LEAD_S = 60;
+static const double LEAST_STEP = 1e-150; /* its square is a number still, and one over it too */
+static const double LEAST_SHARE = 1e-12; /* of the nominal: some digits are left to move in */
+
+typedef struct advice {
+    FILE *file;
+    size_t count;
+} advice;
+
+static void warn(advice *given, const char *where, const char *format, ...) TL_PRINTF(3, 4);
+
+static void warn(advice *given, const char *where, const char *format, ...) {
+    char text[TEXT];
+    va_list arguments;
+    int length = snprintf(text, sizeof text, "%.200s: ", where);
+    va_start(arguments, format);
+    (void)vsnprintf(text + length, sizeof text - (size_t)length, format, arguments);
+    va_end(arguments);
+    (void)fputs(given->count == 0 ? "warnings\n" : "", given->file);
+    tl_wrapped_print(given->file, text, INDENT - 2, INDENT);
+    given->count++;
+}
+
+static void check_step(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
+    if (prognosis->steps == 0) {
+        const char *why = prognosis->error.text;
+        warn(
+            given, "plant",
+            "the FMUs cannot step with its initial values%s%s%s, and until there is a good measurement there is nothing "
+            "else: give its signals an \"initial\"",
+            why[0] != '\0' ? " (" : "", why, why[0] != '\0' ? ")" : "");
+    }
+    if (prognosis->step_time >= config->step) {
+        warn(given, "step_s",
+             "a free step takes %.3g ms here, and the period is %g ms: `run` cannot keep up on this machine",
+             tl_seconds(prognosis->step_time) * 1e3, tl_seconds(config->step) * 1e3);
+    }
+}
+
+/* The guess, each unknown once, and nominal; of a lone Boolean, which is nominal or its negation, nothing is left after two. */
+static size_t fewest_evaluations(const tl_twin *twin) {
+    size_t unknowns = tl_twin_get_facts(twin).unknowns;
+    return unknowns == 1 && !tl_twin_get_adjusted(twin, 0).is_real ? 2 : unknowns + 2;
+}
+
+static void check_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis, const tl_twin *twin) {
+    size_t unknowns = tl_twin_get_facts(twin).unknowns;
+    if (config->budget_time >= config->step) {
+        warn(given, "synchronise.budget.time_s",
+             "%g s is not less than step_s, %g s: a search that uses it up makes the next tick late; the default is "
+             "0.6 of step_s",
+             tl_seconds(config->budget_time), tl_seconds(config->step));
+    }
+    if (prognosis->worst_time > config->budget_time) {
+        warn(given, "synchronise.budget",
+             "%" PRIu32 " evaluations can take %.3g ms here, and the time is %.3g ms: it cuts such a search short, "
+             "after about %" PRIu32 " of them; shorten the horizon, or give more time",
+             config->budget_evaluations, tl_seconds(prognosis->worst_time) * 1e3, tl_seconds(config->budget_time) * 1e3,
+             prognosis->fitting);
+    }
+    if (config->stagnation != 0 && config->stagnation < unknowns + 2) {
+        warn(given, "synchronise.stagnation",
+             "%" PRIu32
+             " evaluations without progress end a solver before it has tried each of %zu unknowns once: give "
+             "more",
+             config->stagnation, unknowns);
+    }
+    if (config->budget_evaluations < fewest_evaluations(twin)) {
+        warn(given, "synchronise.budget.evaluations",
+             "%" PRIu32 " are not enough to try each of %zu unknowns once, beside the guess and nominal: give more, or "
+             "make the horizon shorter or static",
+             config->budget_evaluations, unknowns);
+    }
+}
+
+/* J of a candidate that is wrong in all of the window. */
+static void check_stroke_tolerance(advice *given, const tl_config *config) {
+    tl_time half = config->event.window / config->step / 2;
+    double samples = 2.0 * (double)half + 1.0;
+    double most = 0.0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        bool is_event = strcmp(match->to, config->event.end.signal) == 0;
+        most += is_event ? samples * match->weight / (match->tolerance * match->tolerance) : 0.0;
+    }
+    if (most < 1.0) {
+        warn(
+            given, "synchronise.horizon.event",
+            "J of a stroke that is wrong in all of the window is %.3g, and below 1 nothing is searched: a tolerance of 1 "
+            "makes J the number of wrong samples",
+            most);
+    }
+}
+
+/* An event horizon goes on from cycle to cycle; but it has to get on. */
+static void check_stroke_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
+    if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
+        warn(
+            given, "synchronise.budget.time_s",
+            "%g s has room for the step of a cycle (%.3g ms here), and for no step of a candidate beside it: no stroke "
+            "can be searched",
+            tl_seconds(config->budget_time), tl_seconds(prognosis->step_time) * 1e3);
+    }
+}
+
+static void check_saving(advice *given, const tl_config *config) {
+    if (!config->saving.structure) {
+        warn(given, "synchronise.saving.structure",
+             "off: executions that can reach no matched output any more are done all the same; it changes no result");
+    }
+    if (!config->saving.sequences) {
+        warn(given, "synchronise.saving.sequences",
+             "off: what is known from an earlier execution is executed again; it changes no result");
+    }
+    for (size_t i = 0; i < config->component_count && config->saving.sequences; i++) {
+        if (config->components[i].keep == TL_KEEP_OUTPUTS) {
+            warn(given, config->components[i].where,
+                 "keep \"outputs\": executions are repeated to get back to a state, beyond those predicted; worth it "
+                 "only where saving a state takes longer than a step");
+        }
+    }
+}
+
+/* What waits longer than that is no picture of the plant as it is. */
+static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
+    double seconds = tl_seconds(config->step) * lead;
+    bool beyond_end = config->duration != 0 && seconds > tl_seconds(config->duration);
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        if (config->conditions[i].low_pass > 0 && (beyond_end || seconds > LONG_LEAD_S)) {
+            warn(given, match->where,
+                 "its low-pass makes the measurement %g s late, and a step is computed %g s after its instant%s",
+                 tl_seconds(config->conditions[i].low_pass), seconds,
+                 beyond_end ? ", which is longer than duration_s" : "");
+        }
+    }
+}
+
+/* Of all components, the one that lacks most by `lack`; a zeroed entry if none lacks anything. */
+static tl_twin_ledger find_worst(const tl_config *config, const tl_twin *twin,
+                                 uint64_t (*lack)(const tl_twin_ledger *entry)) {
+    tl_twin_ledger worst = {0};
+    for (size_t i = 0; i < config->component_count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        if (lack(&entry) > lack(&worst)) {
+            worst = entry;
+        }
+    }
+    return worst;
+}
+
+static uint64_t lack_of_nodes(const tl_twin_ledger *entry) {
+    return entry->nodes < entry->nodes_worst ? entry->nodes_worst : 0;
+}
+
+static uint64_t lack_of_states(const tl_twin_ledger *entry) {
+    return entry->states < entry->nodes ? entry->state_size : 0;
+}
+
+static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_nodes);
+    if (worst.nodes_worst != 0) {
+        warn(given, "synchronise.saving.nodes",
+             "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
+             ": what finds no room may be executed again; give more, or fewer evaluations, or a shorter horizon",
+             worst.nodes, worst.name, worst.nodes_worst);
+    }
+}
+
+static void check_states(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger worst = find_worst(config, twin, lack_of_states);
+    if (worst.state_size != 0) {
+        warn(given, "synchronise.saving.memory_mb",
+             "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
+             " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter "
+             "horizon",
+             worst.states, worst.name, (double)worst.state_size / 1024.0, worst.nodes);
+    }
+}
+
+/* The search squares what it divides by its step. */
+static bool is_lost_step(const tl_twin_adjusted *adjusted) {
+    double size = adjusted->is_fed ? 0.0 : fabs(adjusted->nominal);
+    return adjusted->step < LEAST_STEP || adjusted->step < size * LEAST_SHARE;
+}
+
+static void check_adjusted(advice *given, const tl_config *config, const tl_twin *twin) {
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, i);
+        const char *where = config->adjust[i].where;
+        if (!adjusted.is_real) {
+            continue;
+        }
+        if (!adjusted.is_fed && (adjusted.nominal < adjusted.lower || adjusted.nominal > adjusted.upper)) {
+            warn(given, where,
+                 "its nominal, %g, is outside its bounds, %g to %g; it is used all the same where no correction is "
+                 "better",
+                 adjusted.nominal, adjusted.lower, adjusted.upper);
+        }
+        if (is_lost_step(&adjusted)) {
+            warn(given, where, "its step, %g, is so small that a first move by it is lost in rounding", adjusted.step);
+        }
+        if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {
+            warn(given, where, "its step, %g, is larger than all there is to search, %g to %g", adjusted.step,
+                 adjusted.lower, adjusted.upper);
+        }
+    }
+}
+
+static void check_free_twin(advice *given, const tl_config *config, const tl_prognosis *prognosis,
+                            const tl_twin *twin) {
+    if (config->free_twin && prognosis->steps != 0 && !tl_twin_get_facts(twin).has_free_twin) {
+        warn(given, "synchronise.free_twin",
+             "there is none, since an FMU is rolled back by replay, and that leads to one instant only: u never rests");
+    }
+}
+
+static void check_sources(advice *given, const tl_config *config) {
+    for (size_t i = 0; i < config->source_count; i++) {
+        bool used = false;
+        for (size_t k = 0; k < config->signal_count; k++) {
+            used = used || config->signals[k].source == i;
+        }
+        if (!used) {
+            warn(given, config->sources[i].where, "no signal of the plant comes from it");
+        }
+    }
+    for (size_t k = 0; k < config->signal_count; k++) {
+        const tl_config_signal *signal = &config->signals[k];
+        bool by_can = signal->source != SIZE_MAX && config->sources[signal->source].kind == TL_SOURCE_CAN;
+        if (by_can && signal->stale_s == 0 && signal->of == k) {
+            warn(given, signal->plan.where,
+                 "a sender on a CAN bus that falls silent is noticed by nothing but the age of its values, and it has "
+                 "no stale_s: its last value would be taken for good for ever");
+        }
+    }
+}
+
+/* In the other modes a step waits until its measurement has come through. */
+static void check_conditions(advice *given, const tl_config *config) {
+    for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
+        tl_time lag = tl_config_condition_lag(config, i);
+        if (lag > 0) {
+            warn(given, config->match[i].where,
+                 "its condition makes a measurement come up to %g s late, and in mode ahead no step waits for it: the "
+                 "newest there is stands for it",
+                 tl_seconds(lag));
+        }
+    }
+}
+
+static void warn_of_between(advice *given, const tl_config *config, const char *where) {
+    warn(given, where,
+         "in mode %s no step waits for the next reading, and the last one stands: \"between\" does nothing",
+         tl_measurements_name(config->measurements));
+}
+
+/* Only in mode lag a step waits for a next reading. */
+static void check_between(advice *given, const tl_config *config) {
+    if (config->measurements == TL_LAG) {
+        return;
+    }
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        if (signal->as_input != TL_BETWEEN_LAST && signal->of == i) {
+            warn_of_between(given, config, signal->plan.where);
+        }
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        bool is_smoothed =
+            config->measurements != TL_AHEAD && config->conditions[i].low_pass > 0; /* on a line all the same */
+        if (config->matched_between[i] != TL_BETWEEN_LAST && !is_smoothed) {
+            warn_of_between(given, config, config->match[i].where);
+        }
+    }
+}
+
+/* Of the look-ups of a signal; 0: none has one. */
+static uint32_t median_of(const tl_config *config, size_t signal) {
+    uint32_t median = 0;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *look = &config->signals[i];
+        median = look->of == signal && look->condition.median > median ? look->condition.median : median;
+    }
+    return median;
+}
+
+/* How old a value may be before the next one has come, and through a median, of which half of the readings come later. */
+static tl_time oldest_of(const tl_config *config, const tl_config_signal *signal, uint32_t median) {
+    tl_time readings = 1 + (median > 1 ? (tl_time)(median - 1) / 2 : 0);
+    bool is_polled = tl_config_is_polled(config, signal);
+    tl_time poll = is_polled ? tl_time_of_seconds(config->sources[signal->source].period_s) : 0;
+    return readings * signal->every + poll;
+}
+
+/* What every_s says of a signal, or does not. */
+static void check_every(advice *given, const tl_config *config) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        uint32_t median = median_of(config, i);
+        tl_time oldest = oldest_of(config, signal, median);
+        if (median > 1 && signal->every == 0 && tl_config_is_polled(config, signal)) {
+            warn(given, signal->plan.where,
+                 "its median counts polls, so a bad value that is read several times is not in the minority: say in "
+                 "every_s how often its device writes it, and each value counts once");
+        }
+        if (signal->of == i && signal->every > 0 && signal->stale_s > 0.0 &&
+            oldest > tl_time_of_seconds(signal->stale_s)) {
+            warn(given, signal->plan.where,
+                 "by every_s a value may be %g s old before the next one is there%s, and it is stale after %g s",
+                 tl_seconds(oldest), median > 1 ? " and through the median" : "", signal->stale_s);
+        }
+    }
+}
+
+/* In mode ahead no step waits for what delays ask for. */
+static void check_delays(advice *given, const tl_config *config) {
+    const tl_config_delays *delays = config->delays;
+    if (delays != NULL && delays->measure && config->adjust_count != 0) {
+        warn(given, "delays.measure",
+             "only steps that are not corrected tell a delay, and where it is not known yet what moves is corrected: "
+             "measure with \"compare\" first, and give chains that say what was found");
+    }
+    if (delays == NULL || config->measurements != TL_AHEAD) {
+        return;
+    }
+    int32_t inputs = config->input_lookup.ticks;
+    int32_t outputs = config->output_lookup.ticks;
+    if (inputs > 0 || outputs > 0) {
+        int32_t longest = inputs > outputs ? inputs : outputs;
+        warn(given, "delays",
+             "what belongs to an instant comes up to %" PRId32
+             " step%s later, and in mode ahead no step waits for it: the "
+             "newest there is stands for it",
+             longest, longest == 1 ? "" : "s");
+    }
+}
+
+/* What is told begins with the component's name. */
+static void check_rollback(advice *given, const tl_far_look *look) {
+    char where[64];
+    if (look->news.found) {
+        (void)snprintf(where, sizeof where, "components.%.*s.rollback", (int)strcspn(look->news.text, " "),
+                       look->news.text);
+        warn(given, where, "%s", look->news.text);
+    }
+}
+
+/* Of a state that is not read back exactly, if the FMU is exact by its states otherwise. */
+static void check_saved_states(advice *given, const tl_config *config, const tl_read_back_report *states) {
+    for (size_t i = 0; i < states->count && states->is_tried; i++) {
+        const tl_read_back_component *found = &states->of[i];
+        char where[64];
+        (void)snprintf(where, sizeof where, "components.%.40s", config->components[i].name);
+        const char *words = tl_read_back_words(found->finding);
+        if (tl_read_back_is_useless(found->finding)) {
+            warn(
+                given, where,
+                "a saved state of it %s (%.300s): `run --supervise --state DIR` finds that out, too, and saves none; any "
+                "other saves it, and loads it unless \"record.resume_s\" is 0",
+                words, found->text);
+        } else if (found->finding == TL_READ_BACK_UNKNOWN) {
+            warn(given, where, "a saved state of it %s (%.300s)", words, found->text);
+        }
+    }
+}
+
+size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
+                       const tl_read_back_report *states, FILE *file) {
+    const tl_config *config = &assembly->config;
+    advice given = {.file = file};
+    check_step(&given, config, prognosis);
+    check_rollback(&given, look);
+    check_saved_states(&given, config, states);
+    if (config->event.start.signal != NULL) {
+        check_stroke_budget(&given, config, prognosis);
+        check_stroke_tolerance(&given, config);
+        check_adjusted(&given, config, assembly->twin);
+    } else if (config->adjust_count != 0) {
+        check_budget(&given, config, prognosis, assembly->twin);
+        check_saving(&given, config);
+        check_nodes(&given, config, assembly->twin);
+        check_states(&given, config, assembly->twin);
+        check_adjusted(&given, config, assembly->twin);
+        check_conditions(&given, config);
+        check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);
+        check_free_twin(&given, config, prognosis, assembly->twin);
+    }
+    check_between(&given, config);
+    check_every(&given, config);
+    check_delays(&given, config);
+    check_sources(&given, config);
+    return given.count;
+}

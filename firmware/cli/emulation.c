@@ -1,0 +1,190 @@
+/* An emulated plant: see emulation.h. */
+#include "firmware/cli/emulation.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "board/csv/csv.h"
+#include "firmware/cli/noise.h"
+#include "firmware/plant/recording.h"
+
+struct tl_emulation {
+    size_t column_count;
+    const char *columns[TL_MAX_SIGNALS];
+    /* from a recording */
+    tl_csv_reader *reader;
+    tl_time first; /* time of its first row */
+    bool begun;
+    /* from FMUs */
+    const tl_config *config;
+    tl_recording *driving;
+    tl_twin_feed *feed;
+    tl_recording_tick tick;         /* the newest that was stepped, */
+    double outputs[TL_MAX_SIGNALS]; /* and what came of it */
+    tl_noise noise;
+    tl_time next_message;
+};
+
+/* ---- from a recording ---- */
+
+tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
+                                      tl_error *error) {
+    tl_emulation *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    opened->column_count = config->signal_count;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        opened->columns[i] = config->signals[i].column;
+    }
+    const tl_csv_settings settings = {
+        .path = path,
+        .time_column = config->recording_time_column,
+        .columns = opened->columns,
+        .column_count = opened->column_count,
+    };
+    tl_status status = tl_csv_open(&settings, &opened->reader, error);
+    if (status != TL_OK) {
+        free(opened);
+        return status;
+    }
+    *emulation = opened;
+    return TL_OK;
+}
+
+static tl_status next_recorded(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error) {
+    tl_csv_row read;
+    tl_status status = tl_csv_next(emulation->reader, &read, end, error);
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    if (!emulation->begun) {
+        emulation->begun = true;
+        emulation->first = read.time;
+    }
+    row->time = read.time - emulation->first;
+    for (size_t i = 0; i < emulation->column_count; i++) {
+        row->values[i] = read.values[i];
+        row->present[i] = read.present[i] && read.quality[i] == TL_GOOD;
+    }
+    return TL_OK;
+}
+
+/* ---- from FMUs ---- */
+
+tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *driving, uint64_t seed,
+                                  tl_emulation **emulation, tl_error *error) {
+    const tl_config *config = model->config;
+    tl_emulation *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the emulated plant");
+    }
+    tl_status status = tl_recording_open(driving, config, &opened->driving, error);
+    if (status == TL_OK) {
+        const tl_twin_feed_settings settings = {
+            .config = config,
+            .account = model->account,
+            .recording = opened->driving,
+            .child = model->child,
+            .assembly = model->assembly,
+            .tells = TL_TELLS_OUTPUTS,
+            .plant = true,
+        };
+        status = tl_twin_feed_open(&settings, &opened->feed, error);
+    }
+    if (status != TL_OK) {
+        tl_emulation_close(opened);
+        return status;
+    }
+    opened->config = config;
+    opened->noise.state = seed;
+    opened->tick.sample.tick = -1;
+    opened->column_count = config->emulated_count;
+    for (size_t i = 0; i < config->emulated_count; i++) {
+        opened->columns[i] = config->emulated[i].column;
+    }
+    *emulation = opened;
+    return TL_OK;
+}
+
+/* Steps the plant until the newest tick at or before `time`. */
+static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_error *error) {
+    const tl_config *config = emulation->config;
+    int64_t wanted = time / config->step;
+    *end = config->duration != 0 && time > config->duration;
+    while (!*end && emulation->tick.sample.tick < wanted) {
+        tl_twin_fed fed = {0};
+        tl_status status = tl_twin_feed_next(emulation->feed, &fed, end, error);
+        if (status != TL_OK) {
+            return status;
+        }
+        if (fed.result != NULL) {
+            emulation->tick = *fed.tick;
+            memcpy(emulation->outputs, fed.result->besides.outputs, config->emulated_count * sizeof(double));
+        }
+    }
+    return TL_OK;
+}
+
+/* The plan's outputs are the emulated variables in order, but those that are signals of the plant. */
+static double read_column(const tl_emulation *emulation, size_t column, size_t *output) {
+    const tl_config *config = emulation->config;
+    const char *from = config->emulated[column].from;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        if (strncmp(from, "plant.", 6) == 0 && strcmp(from + 6, config->signals[i].plan.name) == 0) {
+            return emulation->tick.sample.values[i];
+        }
+    }
+    return emulation->outputs[(*output)++];
+}
+
+static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error) {
+    const tl_config *config = emulation->config;
+    tl_status status = advance(emulation, emulation->next_message, end, error);
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    size_t output = 0;
+    row->time = emulation->next_message;
+    for (size_t i = 0; i < emulation->column_count; i++) {
+        row->values[i] = read_column(emulation, i, &output);
+        if (config->emulated[i].noise > 0.0) {
+            row->values[i] += config->emulated[i].noise * tl_noise_normal(&emulation->noise);
+        }
+        row->present[i] = true;
+    }
+    double interval = tl_seconds(config->step);
+    if (config->message_max_s > 0.0) {
+        double spread = config->message_max_s - config->message_min_s;
+        /* Whole microseconds: what a recording shows of a time is all of it. */
+        interval = floor((config->message_min_s + spread * tl_noise_uniform(&emulation->noise)) * 1e6) / 1e6;
+    }
+    emulation->next_message += tl_time_of_seconds(interval);
+    return TL_OK;
+}
+
+/* ---- both ---- */
+
+size_t tl_emulation_column_count(const tl_emulation *emulation) {
+    return emulation->column_count;
+}
+
+const char *tl_emulation_column(const tl_emulation *emulation, size_t column) {
+    return emulation->columns[column];
+}
+
+tl_status tl_emulation_next(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error) {
+    return emulation->reader != NULL ? next_recorded(emulation, row, end, error)
+                                     : next_modelled(emulation, row, end, error);
+}
+
+void tl_emulation_close(tl_emulation *emulation) {
+    if (emulation == NULL) {
+        return;
+    }
+    tl_csv_close(emulation->reader);
+    tl_twin_feed_close(emulation->feed);
+    tl_recording_close(emulation->driving);
+    free(emulation);
+}

@@ -1,0 +1,437 @@
+/* The emulated Modbus device: one thread, poll(2), a buffer per client.
+ *
+ * Nothing here waits for a single client: sockets do not block, a request is answered once all of it is there, and
+ * who does not take the answer is disconnected.
+ */
+#include "firmware/cli/plant_server.h"
+
+#include <errno.h>
+#include <netdb.h>
+#include <netinet/in.h>
+#include <netinet/tcp.h>
+#include <poll.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "board/io/wake.h"
+#include "firmware/base/c_locale.h"
+#include "firmware/base/side_thread.h"
+#include "firmware/process/crash.h"
+
+enum {
+    PREFIX = 6,               /* transaction, protocol, length */
+    HEADER = 7,               /* and the unit id; the length counts from there */
+    FRAME = HEADER + 253,     /* the longest */
+    READ_REQUEST = HEADER + 5 /* function, address, count */
+};
+
+enum { ILLEGAL_FUNCTION = 1, ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3, NO_SUCH_UNIT = 11 };
+enum { MAX_BITS = 2000, MAX_REGISTERS = 125 };
+
+/* One table of one unit. */
+typedef struct region {
+    uint8_t unit_id;
+    tl_modbus_table table;
+    size_t first; /* address */
+    size_t count;
+    uint16_t *words; /* registers, or bits as 0 and 1 */
+} region;
+
+typedef struct client {
+    int socket;
+    size_t used;
+    uint8_t frame[FRAME];
+} client;
+
+struct tl_plant_server {
+    int listener;
+    tl_wake wake; /* called: stop */
+    uint16_t port;
+    pthread_t thread;
+    tl_modbus_channel *channels;
+    size_t channel_count;
+    region *regions;
+    size_t region_count;
+    client clients[TL_PLANT_SERVER_CLIENTS]; /* of the thread; the first client_count are connected */
+    pthread_mutex_t lock;                    /* of what follows, and of the words */
+    size_t client_count;
+    uint64_t requests;
+    uint64_t refused_writes;
+};
+
+/* ---- the registers ---- */
+
+static region *find_region(const tl_plant_server *server, uint8_t unit_id, int table) {
+    for (size_t i = 0; i < server->region_count; i++) {
+        if (server->regions[i].unit_id == unit_id && (int)server->regions[i].table == table) {
+            return &server->regions[i];
+        }
+    }
+    return NULL;
+}
+
+static bool has_unit(const tl_plant_server *server, uint8_t unit_id) {
+    for (size_t i = 0; i < server->region_count; i++) {
+        if (server->regions[i].unit_id == unit_id) {
+            return true;
+        }
+    }
+    return false;
+}
+
+static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
+    if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT ||
+        tl_modbus_is_bit_table(channel->table) != (channel->type == TL_MODBUS_BIT) ||
+        channel->address + tl_modbus_registers(channel->type) > 65536) {
+        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: channel %zu does not fit into its table", index);
+    }
+    return TL_OK;
+}
+
+/* Makes room in its region for one channel; `words` come later. */
+static void grow(tl_plant_server *server, const tl_modbus_channel *channel) {
+    size_t end = channel->address + tl_modbus_registers(channel->type);
+    region *own = find_region(server, channel->unit_id, (int)channel->table);
+    if (own == NULL) {
+        own = &server->regions[server->region_count];
+        server->region_count++;
+        own->unit_id = channel->unit_id;
+        own->table = channel->table;
+        own->first = channel->address;
+    }
+    size_t old_end = own->first + own->count;
+    own->first = channel->address < own->first ? channel->address : own->first;
+    own->count = (end > old_end ? end : old_end) - own->first;
+}
+
+static tl_status make_regions(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {
+    size_t room = settings->channel_count > 0 ? settings->channel_count : 1;
+    server->channels = calloc(room, sizeof *server->channels);
+    server->regions = calloc(room, sizeof *server->regions);
+    bool complete = server->channels != NULL && server->regions != NULL;
+    for (size_t i = 0; complete && i < settings->channel_count; i++) {
+        if (check_channel(&settings->channels[i], i, error) != TL_OK) {
+            return TL_BAD_DATA;
+        }
+        server->channels[i] = settings->channels[i];
+        server->channel_count++;
+        grow(server, &settings->channels[i]);
+    }
+    for (size_t i = 0; complete && i < server->region_count; i++) {
+        server->regions[i].words = calloc(server->regions[i].count + 1, sizeof(uint16_t));
+        complete = server->regions[i].words != NULL;
+    }
+    return complete ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
+}
+
+static void store(tl_plant_server *server, size_t index, double value) {
+    const tl_modbus_channel *channel = &server->channels[index];
+    const region *own = find_region(server, channel->unit_id, (int)channel->table);
+    tl_modbus_encode(channel, value, own->words + (channel->address - own->first));
+}
+
+void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present) {
+    (void)pthread_mutex_lock(&server->lock);
+    for (size_t i = 0; i < server->channel_count; i++) {
+        if (present == NULL || present[i]) {
+            store(server, i, values[i]);
+        }
+    }
+    (void)pthread_mutex_unlock(&server->lock);
+}
+
+/* ---- one request ---- */
+
+static unsigned word_at(const uint8_t *bytes) {
+    return (unsigned)bytes[0] << 8 | bytes[1];
+}
+
+static void put_word(uint8_t *bytes, unsigned word) {
+    bytes[0] = (uint8_t)(word >> 8);
+    bytes[1] = (uint8_t)(word & 0xFF);
+}
+
+static bool is_write(uint8_t function) {
+    return function == 5 || function == 6 || function == 15 || function == 16 || function == 22 || function == 23;
+}
+
+/* The data of a read reply, from its byte count on. Returns its size. */
+static size_t put_values(const region *own, size_t first, size_t count, uint8_t *data) {
+    const uint16_t *words = own->words + (first - own->first);
+    size_t bytes = tl_modbus_is_bit_table(own->table) ? (count + 7) / 8 : 2 * count;
+    memset(data, 0, bytes + 1);
+    data[0] = (uint8_t)bytes;
+    for (size_t i = 0; i < count; i++) {
+        if (tl_modbus_is_bit_table(own->table)) {
+            data[1 + i / 8] = (uint8_t)(data[1 + i / 8] | words[i] << i % 8);
+        } else {
+            put_word(data + 1 + 2 * i, words[i]);
+        }
+    }
+    return bytes + 1;
+}
+
+/* What a request may not be: an exception code, or 0. */
+static uint8_t objection(const tl_plant_server *server, const uint8_t *request, size_t size) {
+    uint8_t unit_id = request[HEADER - 1];
+    uint8_t function = request[HEADER];
+    if (!has_unit(server, unit_id)) {
+        return NO_SUCH_UNIT;
+    }
+    if (function < TL_MODBUS_COIL || function > TL_MODBUS_INPUT) {
+        return ILLEGAL_FUNCTION;
+    }
+    if (size != READ_REQUEST) {
+        return ILLEGAL_VALUE;
+    }
+    size_t first = word_at(request + HEADER + 1);
+    size_t count = word_at(request + HEADER + 3);
+    if (count < 1 || count > (tl_modbus_is_bit_table((tl_modbus_table)function) ? MAX_BITS : MAX_REGISTERS)) {
+        return ILLEGAL_VALUE;
+    }
+    const region *own = find_region(server, unit_id, function);
+    if (own == NULL || first < own->first || first + count > own->first + own->count) {
+        return ILLEGAL_ADDRESS;
+    }
+    return 0;
+}
+
+/* Answers a whole request; returns the size of the reply. */
+static size_t answer(tl_plant_server *server, const uint8_t *request, size_t size, uint8_t *reply) {
+    uint8_t function = request[HEADER];
+    size_t end = HEADER + 1;
+    (void)pthread_mutex_lock(&server->lock);
+    uint8_t exception = objection(server, request, size);
+    memcpy(reply, request, HEADER + 1);
+    if (exception != 0) {
+        reply[HEADER] = (uint8_t)(function | 0x80);
+        reply[end] = exception;
+        end++;
+    } else {
+        const region *own = find_region(server, request[HEADER - 1], function);
+        end += put_values(own, word_at(request + HEADER + 1), word_at(request + HEADER + 3), reply + end);
+    }
+    server->requests++;
+    server->refused_writes += is_write(function) ? 1 : 0;
+    (void)pthread_mutex_unlock(&server->lock);
+    put_word(reply + 4, (unsigned)(end - PREFIX));
+    return end;
+}
+
+/* The size of the request that a frame begins with, 0 where more of it must come first. *sound: can it be one? */
+static size_t measure(const client *from, bool *sound) {
+    *sound = true;
+    if (from->used < PREFIX) {
+        return 0;
+    }
+    size_t size = PREFIX + word_at(from->frame + 4);
+    *sound = word_at(from->frame + 2) == 0 && size > HEADER && size <= FRAME;
+    return *sound && from->used >= size ? size : 0;
+}
+
+/* Reads what has come and answers what is whole. false: this client is done with. */
+static bool serve(tl_plant_server *server, client *from) {
+    ssize_t count = recv(from->socket, from->frame + from->used, FRAME - from->used, 0);
+    if (count <= 0) {
+        return count < 0 && (errno == EAGAIN || errno == EINTR);
+    }
+    from->used += (size_t)count;
+    bool sound = true;
+    for (size_t size = measure(from, &sound); size > 0; size = measure(from, &sound)) {
+        uint8_t reply[FRAME];
+        size_t length = answer(server, from->frame, size, reply);
+        if (send(from->socket, reply, length, MSG_NOSIGNAL) != (ssize_t)length) {
+            return false;
+        }
+        from->used -= size;
+        memmove(from->frame, from->frame + size, from->used);
+    }
+    return sound;
+}
+
+/* ---- the thread ---- */
+
+static void set_client_count(tl_plant_server *server, size_t count) {
+    (void)pthread_mutex_lock(&server->lock);
+    server->client_count = count;
+    (void)pthread_mutex_unlock(&server->lock);
+}
+
+static void welcome(tl_plant_server *server) {
+    int one = 1;
+    int guest = accept4(server->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
+    if (guest < 0) {
+        (void)poll(NULL, 0, 10); /* perhaps out of descriptors: it stays readable, and we would spin */
+        return;
+    }
+    if (server->client_count == TL_PLANT_SERVER_CLIENTS) {
+        (void)close(guest);
+        return;
+    }
+    (void)setsockopt(guest, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
+    server->clients[server->client_count].socket = guest;
+    server->clients[server->client_count].used = 0;
+    set_client_count(server, server->client_count + 1);
+}
+
+static void dismiss(tl_plant_server *server, size_t index) {
+    (void)close(server->clients[index].socket);
+    server->clients[index] = server->clients[server->client_count - 1];
+    set_client_count(server, server->client_count - 1);
+}
+
+static void *run(void *context) {
+    tl_plant_server *server = context;
+    tl_locale_use();
+    tl_crash_enter(TL_CRASH_OURS);
+    for (;;) {
+        struct pollfd ready[2 + TL_PLANT_SERVER_CLIENTS] = {{.fd = server->wake.descriptor, .events = POLLIN},
+                                                            {.fd = server->listener, .events = POLLIN}};
+        for (size_t i = 0; i < server->client_count; i++) {
+            ready[2 + i].fd = server->clients[i].socket;
+            ready[2 + i].events = POLLIN;
+        }
+        if (poll(ready, (nfds_t)(2 + server->client_count), -1) < 0) {
+            continue; /* EINTR, or memory that will be there again */
+        }
+        if (ready[0].revents != 0) {
+            return NULL;
+        }
+        /* From the last on: whoever leaves is replaced by one that has been seen to already. */
+        for (size_t i = server->client_count; i-- > 0;) {
+            if (ready[2 + i].revents != 0 && !serve(server, &server->clients[i])) {
+                dismiss(server, i);
+            }
+        }
+        if (ready[1].revents != 0) {
+            welcome(server);
+        }
+    }
+}
+
+/* ---- start and stop ---- */
+
+/* A socket that listens at one address, or −1. */
+static int listen_at(const struct addrinfo *address) {
+    int one = 1;
+    int listener =
+        socket(address->ai_family, address->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, address->ai_protocol);
+    if (listener < 0) {
+        return -1;
+    }
+    (void)setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
+    if (bind(listener, address->ai_addr, address->ai_addrlen) != 0 || listen(listener, TL_PLANT_SERVER_CLIENTS) != 0) {
+        int failure = errno;
+        (void)close(listener);
+        errno = failure;
+        return -1;
+    }
+    return listener;
+}
+
+static uint16_t port_of(int listener) {
+    struct sockaddr_storage own;
+    memset(&own, 0, sizeof own);
+    socklen_t size = sizeof own;
+    (void)getsockname(listener, (struct sockaddr *)&own, &size);
+    char service[8] = "0";
+    (void)getnameinfo((struct sockaddr *)&own, size, NULL, 0, service, sizeof service, NI_NUMERICSERV);
+    return (uint16_t)strtoul(service, NULL, 10);
+}
+
+static tl_status open_listener(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {
+    struct addrinfo hints = {
+        .ai_family = AF_UNSPEC, .ai_socktype = SOCK_STREAM, .ai_flags = AI_PASSIVE | AI_NUMERICSERV};
+    struct addrinfo *addresses = NULL;
+    char service[8];
+    (void)snprintf(service, sizeof service, "%u", (unsigned)settings->port);
+    int resolved = getaddrinfo(settings->host, service, &hints, &addresses);
+    if (resolved != 0) {
+        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: %s is no address to listen at: %s", settings->host,
+                       gai_strerror(resolved));
+    }
+    server->listener = listen_at(addresses);
+    int failure = errno;
+    freeaddrinfo(addresses);
+    if (server->listener < 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: cannot listen at %s port %u: %s%s", settings->host,
+                       (unsigned)settings->port, strerror(failure),
+                       failure == EACCES ? "; ports below 1024 are for root" : "");
+    }
+    server->port = port_of(server->listener);
+    return TL_OK;
+}
+
+static tl_status start_thread(tl_plant_server *server, tl_error *error) {
+    int failure = tl_wake_make(&server->wake) ? 0 : errno;
+    if (failure == 0) {
+        failure = tl_side_thread_start(&server->thread, 0, run, server);
+    }
+    if (failure != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: no thread: %s", strerror(failure));
+    }
+    (void)pthread_setname_np(server->thread, "modbus device");
+    return TL_OK;
+}
+
+static void release(tl_plant_server *server) {
+    for (size_t i = 0; i < server->client_count; i++) {
+        (void)close(server->clients[i].socket);
+    }
+    if (server->listener >= 0) {
+        (void)close(server->listener);
+    }
+    tl_wake_release(&server->wake);
+    for (size_t i = 0; i < server->region_count; i++) {
+        free(server->regions[i].words);
+    }
+    (void)pthread_mutex_destroy(&server->lock);
+    free(server->regions);
+    free(server->channels);
+    free(server);
+}
+
+tl_status tl_plant_server_start(const tl_plant_server_settings *settings, tl_plant_server **server, tl_error *error) {
+    tl_plant_server *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
+    }
+    made->listener = -1;
+    made->wake.descriptor = -1;
+    (void)pthread_mutex_init(&made->lock, NULL);
+    tl_status status = make_regions(made, settings, error);
+    if (status == TL_OK) {
+        status = open_listener(made, settings, error);
+    }
+    if (status == TL_OK) {
+        status = start_thread(made, error);
+    }
+    if (status != TL_OK) {
+        release(made);
+        return status;
+    }
+    *server = made;
+    return TL_OK;
+}
+
+uint16_t tl_plant_server_port(const tl_plant_server *server) {
+    return server->port;
+}
+
+tl_plant_server_counts tl_plant_server_count(tl_plant_server *server) {
+    (void)pthread_mutex_lock(&server->lock);
+    tl_plant_server_counts counts = {
+        .requests = server->requests, .refused_writes = server->refused_writes, .clients = server->client_count};
+    (void)pthread_mutex_unlock(&server->lock);
+    return counts;
+}
+
+void tl_plant_server_stop(tl_plant_server *server) {
+    tl_wake_call(&server->wake);
+    (void)pthread_join(server->thread, NULL);
+    release(server);
+}

@@ -1,0 +1,82 @@
+/* A verb that needs FMUs: see verb_job.h. */
+#include "firmware/cli/verb_job.h"
+
+#include "firmware/base/log.h"
+#include "firmware/base/output.h"
+#include "firmware/cli/verbs.h"
+#include "firmware/process/interrupt.h"
+
+bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config) {
+    bool unconfined = options->unconfined;
+    for (size_t i = 0; i < config->component_count; i++) {
+        unconfined = unconfined || config->components[i].unconfined;
+    }
+    return unconfined;
+}
+
+tl_status tl_verb_job_read(tl_verb_job *job) {
+    const tl_options *options = job->options;
+    tl_problems problems;
+    tl_interrupt_install();
+    tl_problems_init(&problems, options->subject);
+    tl_status status = tl_config_read(options->subject, &job->config, &problems.report);
+    if (job->counts_problems && problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
+    }
+    if (status == TL_OK) {
+        tl_config_use_lookups(&job->config);
+        job->order.path = options->subject;
+        job->order.text = job->config.text;
+        job->order.unconfined = tl_verb_is_unconfined(options, &job->config);
+    }
+    return status;
+}
+
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_config *config, FILE *page) {
+    return (tl_twin_child_settings){
+        .job = &job->order,
+        .config = config,
+        .page = page,
+        .print_page = tl_verb_check_page,
+        .call_limit = tl_time_of_seconds(job->options->call_limit_s),
+        .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,
+    };
+}
+
+tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error) {
+    const tl_twin_child_settings settings = tl_verb_job_settings(job, config, page);
+    return tl_twin_child_start(&settings, &job->child, error);
+}
+
+tl_status tl_verb_job_end_child(tl_verb_job *job, tl_error *error) {
+    tl_status status = tl_twin_child_wait(job->child, error);
+    if (status == TL_OK) {
+        tl_twin_child_close(job->child);
+        job->child = NULL;
+    }
+    return status;
+}
+
+/* A failure that comes of FMUs, as they are or as they were let. */
+static bool is_of_fmus(tl_status status) {
+    return status == TL_FMU_FAILED || status == TL_FMU_FATAL || status == TL_BAD_DATA;
+}
+
+int tl_verb_job_end(tl_verb_job *job, tl_status status) {
+    tl_error error;
+    if (job->child != NULL && tl_twin_child_wait(job->child, &error) != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;
+    }
+    if (job->child != NULL && is_of_fmus(status) && !job->counts_problems && !tl_log_has_said_error()) {
+        tl_log(TL_LOG_ERROR, "the process of the FMUs has failed, and does not say why");
+    }
+    if (job->child != NULL && is_of_fmus(status) && tl_twin_child_was_refused(job->child)) {
+        tl_log(TL_LOG_NOTICE,
+               "if the FMU needs what it was refused, and is trusted, --unconfined permits it, or \"unconfined\": true "
+               "in its component");
+    }
+    tl_twin_child_close(job->child);
+    tl_config_free(&job->config);
+    return tl_exit_code(job->output != NULL ? tl_output_finish(job->output, status) : status);
+}

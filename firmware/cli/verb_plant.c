@@ -1,0 +1,374 @@
+/* twinlock plant: a recording or a plant model, played as a real plant. */
+#include <inttypes.h>
+#include <limits.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/base/progress.h"
+#include "firmware/cli/emulation.h"
+#include "firmware/cli/plant_bus.h"
+#include "firmware/cli/plant_server.h"
+#include "firmware/cli/plant_stream.h"
+#include "firmware/cli/verb_job.h"
+#include "firmware/cli/verbs.h"
+#include "firmware/process/interrupt.h"
+
+/* One Modbus server or CAN bus, and which row column feeds each of its channels. */
+typedef struct served_source {
+    tl_plant_server *server; /* NULL: a bus */
+    tl_plant_bus *bus;
+    size_t columns[TL_MAX_SIGNALS];
+    size_t channel_count;
+} served_source;
+
+typedef struct player {
+    const tl_options *options;
+    tl_verb_job *job;
+    tl_config listener; /* whose signals are served, with --for */
+    tl_config model;    /* of the FMUs: the plant's, without its delays */
+    tl_account account;
+    tl_emulation *emulation;
+    tl_plant_stream *stream;
+    served_source served[TL_MAX_SIGNALS];
+    size_t served_count;
+} player;
+
+/* The process with the plant's FMUs, and the twin built there. */
+static tl_status build_model(player *self, tl_error *error) {
+    tl_verb_job *job = self->job;
+    tl_problems problems;
+    tl_problems_init(&problems, job->config.path);
+    tl_status status = tl_config_read_text(job->config.path, job->config.text, strlen(job->config.text), &self->model,
+                                           &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s: not enough memory", job->config.path);
+    }
+    tl_config_forget_delays(&self->model);
+    tl_config_use_lookups(&self->model);
+    job->order.task = TL_TASK_STEP;
+    job->order.tells = TL_TELLS_OUTPUTS;
+    job->order.without_delays = true;
+    status = tl_verb_job_start(job, &self->model, NULL, error);
+    if (status == TL_OK) {
+        status = tl_twin_child_build(job->child, &self->account, error);
+        if (status != TL_OK && error->text[0] == '\0') {
+            return tl_fail(error, status, "%s: the plant's model could not be built", job->config.path);
+        }
+    }
+    return status;
+}
+
+/* The rows: from FMUs if the configuration has `emulate`, else from its recording. */
+static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
+    char path[PATH_MAX];
+    tl_status status = tl_options_find_recording(self->options, config, path, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (config->emulated_count == 0) {
+        return tl_emulation_open_recording(path, config, &self->emulation, error);
+    }
+    status = build_model(self, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const tl_emulation_model model = {.config = &self->model, .account = &self->account, .child = self->job->child};
+    return tl_emulation_open_model(&model, path, self->options->seed, &self->emulation, error);
+}
+
+static size_t find_column(const tl_emulation *emulation, const char *name) {
+    for (size_t i = 0; i < tl_emulation_column_count(emulation); i++) {
+        if (strcmp(tl_emulation_column(emulation, i), name) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+/* The signals of one source, and the columns that feed them. */
+static tl_status find_signals(const player *self, const tl_config *listener, size_t index, served_source *served,
+                              size_t *signals, tl_error *error) {
+    served->channel_count = 0;
+    for (size_t i = 0; i < listener->signal_count; i++) {
+        const tl_config_signal *signal = &listener->signals[i];
+        if (signal->source != index) {
+            continue;
+        }
+        size_t column = find_column(self->emulation, signal->column);
+        if (column == SIZE_MAX) {
+            return tl_fail(error, TL_BAD_DATA, "plant.%s is read from column \"%s\", which this plant does not have",
+                           signal->plan.name, signal->column);
+        }
+        served->columns[served->channel_count] = column;
+        signals[served->channel_count++] = i;
+    }
+    return TL_OK;
+}
+
+static tl_status serve_modbus(const tl_config *listener, const tl_config_source *source, const size_t *signals,
+                              served_source *served, tl_error *error) {
+    tl_modbus_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].modbus;
+    }
+    const tl_plant_server_settings settings = {
+        .host = source->host,
+        .port = source->port,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_server_start(&settings, &served->server, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
+               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", source->host,
+               (unsigned)tl_plant_server_port(served->server));
+    }
+    return status;
+}
+
+static tl_status serve_can(const player *self, const tl_config *listener, const tl_config_source *source,
+                           const size_t *signals, served_source *served, tl_error *error) {
+    tl_can_channel channels[TL_MAX_SIGNALS];
+    for (size_t i = 0; i < served->channel_count; i++) {
+        channels[i] = listener->signals[signals[i]].can;
+    }
+    const tl_plant_bus_settings settings = {
+        .interface = source->interface,
+        .real = self->options->real_bus,
+        .channels = channels,
+        .channel_count = served->channel_count,
+    };
+    tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name,
+               served->channel_count, served->channel_count == 1 ? "" : "s", source->interface);
+    }
+    return status;
+}
+
+/* A serial line has its units at the other end, and a GPIO line is pulled by somebody: nothing here can be either. */
+static bool can_be_served(const tl_config_source *source) {
+    if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
+        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name,
+               source->kind == TL_SOURCE_GPIO ? "of GPIO lines" : "by Modbus RTU");
+    }
+    return source->kind == TL_SOURCE_MODBUS_TCP || source->kind == TL_SOURCE_CAN;
+}
+
+/* Serves one source of the listener; one without signals is left out. */
+static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
+    const tl_config_source *source = &listener->sources[index];
+    served_source *served = &self->served[self->served_count];
+    size_t signals[TL_MAX_SIGNALS];
+    if (!can_be_served(source)) {
+        return TL_OK;
+    }
+    tl_status status = find_signals(self, listener, index, served, signals, error);
+    if (status != TL_OK || served->channel_count == 0) {
+        return status;
+    }
+    status = source->kind == TL_SOURCE_CAN ? serve_can(self, listener, source, signals, served, error)
+                                           : serve_modbus(listener, source, signals, served, error);
+    self->served_count += status == TL_OK ? 1 : 0;
+    return status;
+}
+
+static tl_status open_servers(player *self, const tl_config *listener, tl_error *error) {
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < listener->source_count && status == TL_OK; i++) {
+        status = serve_source(self, listener, i, error);
+    }
+    if (status == TL_OK && self->served_count == 0) {
+        return tl_fail(
+            error, TL_BAD_USAGE,
+            "%s reads nothing by Modbus TCP or CAN: name a configuration that does with --for, or use --fifo or --record",
+            listener->path);
+    }
+    return status;
+}
+
+static tl_status open_stream(player *self, const tl_config *listener, tl_error *error) {
+    const char *columns[TL_MAX_SIGNALS];
+    size_t count = tl_emulation_column_count(self->emulation);
+    for (size_t i = 0; i < count; i++) {
+        columns[i] = tl_emulation_column(self->emulation, i);
+    }
+    const tl_plant_stream_settings settings = {
+        .path = self->options->fifo != NULL ? self->options->fifo : self->options->record,
+        .make_fifo = self->options->fifo != NULL,
+        .time_column = listener->recording_time_column,
+        .columns = columns,
+        .column_count = count,
+    };
+    return tl_plant_stream_open(&settings, &self->stream, error);
+}
+
+static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *error) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        served_source *served = &self->served[i];
+        double values[TL_MAX_SIGNALS];
+        bool present[TL_MAX_SIGNALS];
+        for (size_t k = 0; k < served->channel_count; k++) {
+            values[k] = row->values[served->columns[k]];
+            present[k] = row->present[served->columns[k]];
+        }
+        if (served->bus != NULL) {
+            tl_plant_bus_row(served->bus, values, present);
+        } else {
+            tl_plant_server_set_all(served->server, values, present);
+        }
+    }
+    if (self->stream == NULL) {
+        return TL_OK;
+    }
+    (void)tl_plant_stream_row(self->stream, row->time, row->values, row->present);
+    return tl_plant_stream_check(self->stream, error);
+}
+
+/* Until someone listens, the first row stands. Nobody can be heard listening on a bus. */
+static void wait_for_listener(player *self) {
+    while (self->served_count != 0 && tl_interrupt_requested() == NULL) {
+        for (size_t i = 0; i < self->served_count; i++) {
+            const served_source *served = &self->served[i];
+            if (served->bus != NULL || tl_plant_server_count(served->server).requests != 0) {
+                return;
+            }
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 1000);
+    }
+}
+
+/* The first row comes at once; a file is written as fast as it can be. */
+static void pace(const player *self, uint64_t rows, tl_time instant) {
+    if (self->options->record == NULL && rows != 0) {
+        tl_clock_sleep_until(instant);
+    }
+}
+
+static tl_status play(player *self, tl_error *error) {
+    bool end = false;
+    uint64_t rows = 0;
+    tl_emulation_row row;
+    tl_progress progress;
+    tl_status status = tl_emulation_next(self->emulation, &row, &end, error);
+    tl_time started = tl_clock_now(NULL);
+    tl_progress_begin(&progress, "row", 0);
+    while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
+        pace(self, rows, started + row.time);
+        if (tl_interrupt_requested() != NULL) {
+            break;
+        }
+        status = show_row(self, &row, error);
+        if (rows++ == 0) {
+            wait_for_listener(self);
+            started = tl_clock_now(NULL);
+        }
+        tl_progress_update(&progress, (int64_t)rows);
+        if (status == TL_OK) {
+            status = tl_emulation_next(self->emulation, &row, &end, error);
+        }
+    }
+    tl_progress_end(&progress);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s after %" PRIu64 " rows",
+               end && tl_interrupt_requested() == NULL ? "played to the end" : "stopped", rows);
+    }
+    return status;
+}
+
+static void close_bus(tl_plant_bus *bus) {
+    tl_plant_bus_counts counts = tl_plant_bus_count(bus);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " frames sent, %" PRIu64 " that the interface did not take", counts.sent,
+           counts.dropped);
+    tl_plant_bus_close(bus);
+}
+
+static void close_server(tl_plant_server *server) {
+    tl_plant_server_counts counts = tl_plant_server_count(server);
+    tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
+           counts.refused_writes);
+    tl_plant_server_stop(server);
+}
+
+static void close_all(player *self) {
+    for (size_t i = 0; i < self->served_count; i++) {
+        if (self->served[i].bus != NULL) {
+            close_bus(self->served[i].bus);
+        } else {
+            close_server(self->served[i].server);
+        }
+    }
+    if (self->stream != NULL) {
+        tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
+        if (self->options->fifo != NULL) {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
+                   counts.dropped);
+        } else {
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written", counts.written);
+        }
+        tl_plant_stream_close(self->stream);
+    }
+    tl_emulation_close(self->emulation);
+    tl_config_free(&self->model);
+}
+
+static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
+    tl_status status = open_emulation(self, config, error);
+    if (status == TL_OK) {
+        status = self->options->fifo != NULL || self->options->record != NULL ? open_stream(self, listener, error)
+                                                                              : open_servers(self, listener, error);
+    }
+    return status == TL_OK ? play(self, error) : status;
+}
+
+/* Reads the listener's configuration where it is another one, then plays. */
+static tl_status run_for_listener(player *self, const tl_config *config, tl_error *error) {
+    if (self->options->listener == NULL) {
+        return run(self, config, config, error);
+    }
+    tl_problems problems;
+    tl_problems_init(&problems, self->options->listener);
+    tl_status status = tl_config_read(self->options->listener, &self->listener, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s cannot be used with --for", self->options->listener);
+    }
+    status = run(self, config, &self->listener, error);
+    tl_config_free(&self->listener);
+    return status;
+}
+
+static tl_status be_plant(tl_verb_job *job) {
+    tl_error error = {TL_OK, ""};
+    player *self = calloc(1, sizeof *self);
+    if (self == NULL) {
+        tl_log(TL_LOG_ERROR, "not enough memory");
+        return TL_TRY_AGAIN;
+    }
+    self->options = job->options;
+    self->job = job;
+    tl_status status = run_for_listener(self, &job->config, &error);
+    if (job->child != NULL && !tl_twin_child_is_gone(job->child)) {
+        tl_error later;
+        tl_status ended = tl_twin_child_end(job->child, NULL, &later);
+        if (status == TL_OK && ended != TL_OK) {
+            error = later;
+            status = ended;
+        }
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    close_all(self);
+    free(self);
+    return status;
+}
+
+int tl_verb_plant(const tl_options *options) {
+    tl_verb_job job = {.options = options};
+    tl_status status = tl_verb_job_read(&job);
+    return tl_verb_job_end(&job, status == TL_OK ? be_plant(&job) : status);
+}

@@ -1,0 +1,140 @@
+/* twinlock reload: a changed configuration for a running plant's twin, by its control socket. */
+#include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/clean_text.h"
+#include "firmware/base/file_bytes.h"
+#include "firmware/base/log.h"
+#include "firmware/base/output.h"
+#include "firmware/cli/verbs.h"
+#include "firmware/retune/control_words.h"
+#include "firmware/retune/last_word.h"
+#include "firmware/retune/talk.h"
+#include "firmware/retune/talk_page.h"
+
+typedef struct reload {
+    const tl_options *options;
+    bool is_input; /* the configuration is read from standard input */
+    tl_talk_page page;
+    tl_talk talk;
+    char path[PATH_MAX]; /* of the socket */
+    char text[TL_CONTROL_MOST + 1];
+    size_t size;
+    tl_control_request request;
+} reload;
+
+/* ---- what is asked ---- */
+
+/* Of an open file, or of standard input. */
+static tl_status read_text(reload *self, int file, tl_error *error) {
+    ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, self->text, sizeof self->text);
+    if (size < 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->page.subject, strerror(errno));
+    }
+    if (size == 0 || size > TL_CONTROL_MOST) {
+        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->page.subject,
+                       size == 0 ? "is empty" : "is too large", (int)TL_CONTROL_MOST);
+    }
+    self->size = (size_t)size;
+    return TL_OK;
+}
+
+static tl_status read_subject(reload *self, tl_error *error) {
+    if (!self->is_input) {
+        int file = open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
+        tl_status status = read_text(self, file, error);
+        if (file >= 0) {
+            (void)close(file);
+        }
+        return status;
+    }
+    if (isatty(STDIN_FILENO) == 1) {
+        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
+                       self->page.subject);
+    }
+    return read_text(self, STDIN_FILENO, error);
+}
+
+static tl_control_verb verb_of(const tl_options *options) {
+    return options->confirm    ? TL_CONTROL_CONFIRM
+           : options->rollback ? TL_CONTROL_RETURN
+           : options->versions ? TL_CONTROL_VERSIONS
+           : options->show     ? TL_CONTROL_SHOW
+                               : TL_CONTROL_TAKE;
+}
+
+static void fill_request(reload *self) {
+    const tl_options *options = self->options;
+    tl_control_request *request = &self->request;
+    memset(request, 0, sizeof *request);
+    request->verb = (uint32_t)verb_of(options);
+    /* A right that is claimed, whichever it is, is less than that of the box: see TL_CHANGE_ON_THE_BOX. */
+    bool is_limited = options->right < TL_CONTROL_RIGHTS;
+    request->right = is_limited ? options->right : TL_CONTROL_MAY_COMMISSION;
+    request->origin = is_limited ? TL_CONTROL_BY_LIMITED : TL_CONTROL_BY_RELOAD;
+    request->flags = (options->only_check ? TL_CONTROL_ONLY_CHECK : 0U) |
+                     (options->restart ? TL_CONTROL_MAY_RESTART : 0U) |
+                     (options->accept_worse ? TL_CONTROL_EVEN_WORSE : 0U) |
+                     (options->until_confirmed ? TL_CONTROL_BY_PERSON : 0U) | (options->wait ? TL_CONTROL_WAIT : 0U);
+    request->shadow_s = (uint32_t)options->shadow_s;
+    request->probation_s = (uint32_t)options->probation_s;
+    request->require_lock = options->keep_lock > 0.0 ? options->keep_lock : -1.0;
+    request->version = options->version;
+    tl_talk_name(geteuid(), request->who);
+    if (options->why != NULL) {
+        (void)tl_clean_text(options->why, strlen(options->why), request->why, sizeof request->why);
+    }
+}
+
+/* ---- what is answered ---- */
+
+static void hear(void *context, const tl_control_reply *reply) {
+    const reload *self = context;
+    tl_talk_page_print(&self->page, reply);
+}
+
+static tl_status ask(reload *self, tl_error *error) {
+    bool takes = self->request.verb == TL_CONTROL_TAKE;
+    const tl_talk_settings settings = {.path = self->path, .hear = hear, .context = self};
+    tl_status status = tl_talk_open(&self->talk, &settings, error);
+    if (status == TL_OK) {
+        status = tl_talk_ask(&self->talk, &self->request, takes ? self->text : NULL, self->size, error);
+    }
+    bool changes = takes || self->request.verb == TL_CONTROL_RETURN;
+    if (status == TL_OK && changes) {
+        tl_last_word_set(
+            "the change goes on in the run: `twinlock reload --state` shows how it is, and `twinlock reload "
+            "--rollback` cancels it, or returns from it");
+    }
+    while (status == TL_OK && !self->talk.ended) {
+        status = tl_talk_look(&self->talk, TL_SECOND, error);
+    }
+    tl_last_word_set(NULL);
+    tl_talk_close(&self->talk);
+    return status;
+}
+
+int tl_verb_reload(const tl_options *options) {
+    static reload self; /* it is large */
+    tl_error error;
+    self = (reload){.options = options, .is_input = strcmp(options->subject, TL_TALK_INPUT) == 0};
+    self.page =
+        (tl_talk_page){.output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
+    tl_status status = tl_talk_find(options->subject, options->control, self.path, &error);
+    fill_request(&self);
+    if (status == TL_OK && self.request.verb == TL_CONTROL_TAKE) {
+        status = read_subject(&self, &error);
+    }
+    if (status == TL_OK) {
+        status = ask(&self, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    status = tl_output_finish(self.page.output, status);
+    return status == TL_OK ? tl_control_exit_code(self.talk.result) : tl_exit_code(status);
+}

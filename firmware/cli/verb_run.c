@@ -1,0 +1,82 @@
+/* twinlock run: the tree of processes that keep a twin locked to the live plant. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/log.h"
+#include "firmware/cli/command_line.h"
+#include "firmware/cli/verb_job.h"
+#include "firmware/cli/verbs.h"
+#include "firmware/live/tree.h"
+#include "firmware/process/role.h"
+#include "firmware/retune/version_start.h"
+
+/* What main() does in a process of the run that cannot be executed anew. */
+static int be(const char *title, void *context) {
+    (void)context;
+    return tl_command_line_be(title);
+}
+
+/* The file, or the version of it that is active. */
+static tl_status read_config(const tl_options *options, const tl_version_start *start, tl_config *config) {
+    tl_problems problems;
+    tl_error error;
+    char *text = NULL;
+    size_t size = 0;
+    tl_problems_init(&problems, options->subject);
+    if (options->control == NULL) {
+        return tl_config_read(options->subject, config, &problems.report);
+    }
+    tl_status status = tl_version_start_choose(start, &text, &size, &error);
+    if (status != TL_OK) {
+        *config = (tl_config){.path = NULL};
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return status;
+    }
+    status = tl_config_read_text(options->subject, text, size, config, &problems.report);
+    free(text);
+    return status;
+}
+
+static int run(const tl_options *options, const tl_config *config, tl_tree_end *end) {
+    const tl_tree_settings settings = {
+        .config = config,
+        .database = options->database,
+        .duration = tl_time_of_seconds(options->duration_s),
+        .json = options->json,
+        .status = options->status,
+        .unconfined = tl_verb_is_unconfined(options, config),
+        .memory_limit = options->memory_limit_mib * 1024 * 1024,
+        .require_lock = options->require_lock,
+        .supervised = options->supervise,
+        .call_limit = tl_time_of_seconds(options->call_limit_s),
+        .state = options->state,
+        .control = options->control,
+        .allowed = options->allowed != NULL ? options->allowed : "/etc/twinlock/allowed",
+        .watchdog = options->watchdog,
+        .watchdog_s = (int)options->watchdog_s,
+        .tasks = &tl_verb_twin_tasks,
+        .be = be,
+    };
+    return tl_tree_run(&settings, end);
+}
+
+int tl_verb_run(const tl_options *options) {
+    const tl_version_start start = {.state = options->state, .path = options->subject, .be = be};
+    tl_config config;
+    tl_status status = read_config(options, &start, &config);
+    tl_tree_end end = {.is_failure = status != TL_OK};
+    int code = status == TL_OK ? run(options, &config, &end) : tl_exit_code(status);
+    tl_config_free(&config);
+    if (options->control != NULL && end.is_failure &&
+        (code == tl_exit_code(TL_BAD_DATA) || code == tl_exit_code(TL_FMU_FAILED))) {
+        end.again = tl_version_start_failed(&start, "a run with it ended with an error");
+    }
+    if (end.again) {
+        tl_log(TL_LOG_NOTICE, "the run begins anew");
+        tl_role_begin_anew();
+        tl_log(TL_LOG_ERROR, "the program cannot be executed anew: start it again");
+        return tl_exit_code(TL_TRY_AGAIN);
+    }
+    return code;
+}

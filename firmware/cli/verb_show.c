@@ -1,0 +1,94 @@
+/* twinlock show: what was corrected, when and why. */
+#include <errno.h>
+#include <math.h>
+#include <string.h>
+
+#include "firmware/base/log.h"
+#include "firmware/cli/verbs.h"
+#include "firmware/report/show.h"
+
+/* ---- Since when -------------------------------------------------------------------------------------------------- */
+
+static int64_t step_at(double seconds, tl_time step) {
+    double number = ceil(seconds * 1e9 / (double)step);
+    return number < 0.0 ? 0 : number > 4e18 ? INT64_MAX / 4 : (int64_t)number;
+}
+
+/* So far back from the run's last tick, and from its last commit. */
+static tl_status go_back(tl_show_request *request, double seconds, tl_error *error) {
+    int64_t last = -1;
+    int64_t committed = 0;
+    tl_status status = tl_history_last_step(request->history, request->run, &last, error);
+    if (status == TL_OK && last >= 0) {
+        int64_t back = step_at(seconds, request->run->step);
+        request->from_step = back > last + 1 ? 0 : last + 1 - back;
+    }
+    if (status == TL_OK && tl_utc_parse(request->run->committed, &committed)) {
+        tl_utc_text(committed - (int64_t)fmin(seconds * 1e3, 1e15), request->from_at);
+    }
+    return status;
+}
+
+static tl_status choose_since(tl_show_request *request, const tl_options_since *since, tl_error *error) {
+    int64_t started = 0;
+    if (since->text == NULL) {
+        return TL_OK;
+    }
+    if (!since->is_date) {
+        return go_back(request, since->back_s, error);
+    }
+    if (!tl_show_is_live(request->run)) {
+        return tl_fail(
+            error, TL_BAD_USAGE,
+            "--since %s: run %lld is a replay, its steps have no date; say how far back from its end, such as 90s",
+            since->text, (long long)request->run->run);
+    }
+    (void)tl_utc_parse(request->run->started, &started);
+    tl_utc_text(since->at, request->from_at);
+    request->from_step = step_at((double)(since->at - started) / 1e3, request->run->step);
+    return TL_OK;
+}
+
+/* ---- The verb ---------------------------------------------------------------------------------------------------- */
+
+static tl_status print(const tl_show_request *request, const tl_options *options, tl_error *error) {
+    if (options->table != TL_OPTIONS_NO_TABLE) {
+        return tl_show_csv(request, (tl_show_csv_table)options->table, stdout, error);
+    }
+    if (options->report != NULL) {
+        return tl_show_report(request, options->report, error);
+    }
+    return options->json ? tl_show_json(request, stdout, error) : tl_show_page(request, stdout, error);
+}
+
+static tl_status show(const tl_options *options, tl_error *error) {
+    tl_show_request request = {
+        .path = options->subject, .all_events = options->events, .style = tl_show_style_of(stdout)};
+    tl_status status = tl_history_open(options->subject, &request.history, error);
+    if (status == TL_OK) {
+        status = tl_history_find(request.history, (int64_t)options->run, &request.run, error);
+    }
+    if (status == TL_OK) {
+        status = choose_since(&request, &options->since, error);
+    }
+    if (status == TL_OK) {
+        status = print(&request, options, error);
+    }
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(request.history, error);
+    }
+    tl_history_close(request.history);
+    if ((fflush(stdout) != 0 || ferror(stdout)) && status == TL_OK) {
+        status = tl_fail(error, TL_TRY_AGAIN, "standard output: %s", strerror(errno));
+    }
+    return status;
+}
+
+int tl_verb_show(const tl_options *options) {
+    tl_error error = {TL_OK, ""};
+    tl_status status = show(options, &error);
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return tl_exit_code(status);
+}

@@ -1,0 +1,370 @@
+/* Two trees with sorted keys, walked side by side. */
+#include "firmware/config/json_difference.h"
+
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/json_text.h"
+#include "firmware/config/json_document.h"
+#include "firmware/config/json_walk.h"
+
+/* ---- the documents ---- */
+
+/* So that the first problem of a text becomes an error. */
+typedef struct refusal {
+    const char *called;
+    tl_error *error;
+    bool told;
+} refusal;
+
+static void refuse(void *context, tl_status status, const char *where, const char *text) {
+    refusal *r = context;
+    if (!r->told) {
+        (void)tl_fail(r->error, status, "%s: %s%s%s", r->called, where, where[0] == '\0' ? "" : ": ", text);
+    }
+    r->told = true;
+}
+
+static int by_key(const void *left, const void *right) {
+    cJSON *const *a = left;
+    cJSON *const *b = right;
+    return strcmp((*a)->string, (*b)->string);
+}
+
+/* As cJSON links its items: the first one's `prev` is the last one. */
+static void link_again(cJSON *object, cJSON **items, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        items[i]->next = i + 1 < count ? items[i + 1] : NULL;
+        items[i]->prev = items[i > 0 ? i - 1 : count - 1];
+    }
+    object->child = items[0];
+}
+
+/* False where memory is out. */
+static bool sort_keys(cJSON *object) {
+    size_t count = (size_t)cJSON_GetArraySize(object);
+    cJSON **items = count > 1 ? calloc(count, sizeof *items) : NULL;
+    if (items == NULL) {
+        return count <= 1;
+    }
+    size_t i = 0;
+    for (cJSON *item = object->child; item != NULL; item = item->next) {
+        items[i++] = item;
+    }
+    qsort(items, count, sizeof *items, by_key);
+    link_again(object, items, count);
+    free(items);
+    return true;
+}
+
+/* `valueint`, the line, becomes the place in the text. */
+static bool sort_all_keys(cJSON *root) {
+    tl_json_walk walk = {.depth = 0};
+    int place = 0;
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
+        item->valueint = place++;
+    }
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
+        if (cJSON_IsObject(item) && !sort_keys(item)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static tl_status read_sorted(const tl_json_source *source, cJSON **root, tl_error *error) {
+    tl_arena scratch;
+    refusal said = {source->called, error, false};
+    tl_report report = {.add = refuse, .context = &said};
+    tl_arena_init(&scratch);
+    tl_status status = tl_json_parse(source->text, source->size, &scratch, &report, root);
+    tl_arena_release(&scratch);
+    if (status == TL_OK && !sort_all_keys(*root)) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory to compare it", source->called);
+    }
+    return status;
+}
+
+/* ---- values ---- */
+
+static tl_json_type type_of(const cJSON *item) {
+    if (cJSON_IsObject(item) || cJSON_IsArray(item)) {
+        return cJSON_IsObject(item) ? TL_JSON_OBJECT : TL_JSON_ARRAY;
+    }
+    if (cJSON_IsNumber(item)) {
+        return TL_JSON_NUMBER;
+    }
+    if (cJSON_IsString(item)) {
+        return TL_JSON_TEXT;
+    }
+    return cJSON_IsBool(item) ? TL_JSON_BOOLEAN : TL_JSON_NULL;
+}
+
+static tl_json_value value_of(const cJSON *item) {
+    if (item == NULL) {
+        return (tl_json_value){.type = TL_JSON_ABSENT};
+    }
+    tl_json_value value = {.type = type_of(item), .item = item};
+    if (value.type == TL_JSON_NUMBER) {
+        value.number = item->valuedouble;
+    } else if (value.type == TL_JSON_BOOLEAN) {
+        value.number = cJSON_IsTrue(item) ? 1.0 : 0.0;
+    } else if (value.type == TL_JSON_TEXT) {
+        value.text = item->valuestring;
+    }
+    return value;
+}
+
+/* Without what is in an object or array. 0 and −0 are two numbers: an FMU may tell them apart. */
+static bool is_same(const cJSON *a, const cJSON *b) {
+    tl_json_value x = value_of(a);
+    tl_json_value y = value_of(b);
+    return x.type == y.type && memcmp(&x.number, &y.number, sizeof x.number) == 0 &&
+           (x.type != TL_JSON_TEXT || strcmp(x.text, y.text) == 0);
+}
+
+static bool have_same_key(const cJSON *a, const cJSON *b) {
+    return a->string == NULL || b->string == NULL ? a->string == b->string : strcmp(a->string, b->string) == 0;
+}
+
+/* With all that is in them. */
+static bool are_same(cJSON *a, cJSON *b) {
+    tl_json_walk left = {.depth = 0};
+    tl_json_walk right = {.depth = 0};
+    bool same = is_same(a, b);
+    while (same && a != NULL && b != NULL) {
+        a = tl_json_walk_next(&left, a);
+        b = tl_json_walk_next(&right, b);
+        same = left.depth == right.depth && is_same(a, b) && (a == NULL || b == NULL || have_same_key(a, b));
+    }
+    return same;
+}
+
+static bool is_called(const cJSON *item, const char *key) {
+    return item->string != NULL && strcmp(item->string, key) == 0;
+}
+
+/* As cJSON links its items: see link_again(). */
+bool tl_json_has_sibling(const tl_json_value *value, const char *key) {
+    const cJSON *item = value->item;
+    bool is_there = false;
+    while (item != NULL && item->prev != NULL && item->prev->next != NULL) {
+        item = item->prev;
+    }
+    for (; item != NULL && !is_there; item = item->next) {
+        is_there = is_called(item, key);
+    }
+    return is_there;
+}
+
+/* ---- the walk ---- */
+
+/* What is left of an object or array that is there on both sides, or of one that is there on one of them. */
+typedef struct side {
+    cJSON *item; /* the next one */
+    size_t index;
+    size_t left; /* of an array; SIZE_MAX: the rest */
+} side;
+
+typedef struct level {
+    side before, after;
+    size_t depth; /* of the way to what is in it */
+    bool within;
+} level;
+
+enum {
+    LEVELS = TL_JSON_MAX_DEPTH + 2
+}; /* one for each depth, and one more if object and array stand against each other */
+
+typedef struct comparison {
+    level levels[LEVELS];
+    size_t count;
+    tl_json_step way[TL_JSON_MAX_DEPTH + 1];
+    void (*see)(const tl_json_difference *difference, void *context);
+    void *context;
+    bool out_of_memory;
+} comparison;
+
+static side side_of(const cJSON *item) {
+    return (side){item != NULL ? item->child : NULL, 0, SIZE_MAX};
+}
+
+/* The last one; how many there are from this side's item on goes to `left`. */
+static cJSON *find_last(side *s) {
+    cJSON *last = s->item;
+    s->left = last != NULL ? 1 : 0;
+    while (last != NULL && last->next != NULL) {
+        last = last->next;
+        s->left++;
+    }
+    return last;
+}
+
+/* Leaves out what is the same at the beginning and at the end of two arrays. */
+static void trim(side *before, side *after) {
+    while (before->item != NULL && after->item != NULL && are_same(before->item, after->item)) {
+        *before = (side){before->item->next, before->index + 1, SIZE_MAX};
+        *after = (side){after->item->next, after->index + 1, SIZE_MAX};
+    }
+    cJSON *a = find_last(before);
+    cJSON *b = find_last(after);
+    while (before->left > 0 && after->left > 0 && are_same(a, b)) {
+        before->left--;
+        after->left--;
+        a = a->prev;
+        b = b->prev;
+    }
+}
+
+/* Places of a key that both objects have. */
+typedef struct pair {
+    int before, after;
+} pair;
+
+static int by_place(const void *left, const void *right) {
+    const pair *a = left;
+    const pair *b = right;
+    return (a->before > b->before) - (a->before < b->before);
+}
+
+/* Both are sorted by their keys. Returns how many they have in common. */
+static size_t find_pairs(const cJSON *before, const cJSON *after, pair *pairs) {
+    size_t count = 0;
+    const cJSON *a = before->child;
+    const cJSON *b = after->child;
+    while (a != NULL && b != NULL) {
+        int order = strcmp(a->string, b->string);
+        if (order == 0) {
+            pairs[count++] = (pair){a->valueint, b->valueint};
+        }
+        a = order <= 0 ? a->next : a;
+        b = order >= 0 ? b->next : b;
+    }
+    return count;
+}
+
+static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) {
+    size_t most = (size_t)cJSON_GetArraySize(before);
+    pair *pairs = most > 1 ? calloc(most, sizeof *pairs) : NULL;
+    bool in_order = true;
+    if (pairs == NULL) {
+        c->out_of_memory = c->out_of_memory || most > 1;
+        return true;
+    }
+    size_t count = find_pairs(before, after, pairs);
+    qsort(pairs, count, sizeof *pairs, by_place);
+    for (size_t i = 1; i < count; i++) {
+        in_order = in_order && pairs[i].after > pairs[i - 1].after;
+    }
+    free(pairs);
+    return in_order;
+}
+
+static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
+    level next = {side_of(before), side_of(after), depth, within};
+    if (cJSON_IsArray(before) && cJSON_IsArray(after)) {
+        trim(&next.before, &next.after);
+    }
+    if (c->count < LEVELS && depth <= TL_JSON_MAX_DEPTH) {
+        c->levels[c->count++] = next;
+    }
+}
+
+/* Two values that stand at the same place, one of them NULL if there is none. */
+static void look_at(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
+    tl_json_value a = value_of(before);
+    tl_json_value b = value_of(after);
+    if (before != NULL && after != NULL && a.type == b.type && a.type >= TL_JSON_ARRAY) {
+        if (a.type == TL_JSON_OBJECT && !is_in_order(c, before, after)) {
+            tl_json_difference difference = {c->way, depth, a, b, within, true};
+            c->see(&difference, c->context);
+        }
+        enter(c, before, after, depth, within);
+    } else if (!is_same(before, after)) {
+        tl_json_difference difference = {c->way, depth, a, b, within, false};
+        c->see(&difference, c->context);
+        if (b.type >= TL_JSON_ARRAY) {
+            enter(c, NULL, after, depth, true);
+        }
+        if (a.type >= TL_JSON_ARRAY) {
+            enter(c, before, NULL, depth, true);
+        }
+    }
+}
+
+static cJSON *first_of(const side *s) {
+    return s->left > 0 ? s->item : NULL;
+}
+
+static cJSON *take(side *s) {
+    cJSON *item = s->item;
+    s->item = item->next;
+    s->index++;
+    s->left -= s->left == SIZE_MAX ? 0 : 1;
+    return item;
+}
+
+/* What comes next in the innermost level; false: it is at its end. */
+static bool go_on(comparison *c) {
+    level *l = &c->levels[c->count - 1];
+    cJSON *a = first_of(&l->before);
+    cJSON *b = first_of(&l->after);
+    if (a == NULL && b == NULL) {
+        return false;
+    }
+    int order = a != NULL && b != NULL && a->string != NULL && b->string != NULL ? strcmp(a->string, b->string) : 0;
+    bool has_before = a != NULL && (b == NULL || order <= 0);
+    bool has_after = b != NULL && (a == NULL || order >= 0);
+    c->way[l->depth] = (tl_json_step){has_after ? b->string : a->string, has_after ? l->after.index : l->before.index};
+    a = has_before ? take(&l->before) : NULL;
+    b = has_after ? take(&l->after) : NULL;
+    look_at(c, a, b, l->depth + 1, l->within);
+    return true;
+}
+
+tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *after,
+                          void (*see)(const tl_json_difference *difference, void *context), void *context,
+                          tl_error *error) {
+    cJSON *a = NULL;
+    cJSON *b = NULL;
+    comparison c = {.see = see, .context = context};
+    tl_status status = read_sorted(before, &a, error);
+    if (status == TL_OK) {
+        status = read_sorted(after, &b, error);
+    }
+    if (status == TL_OK) {
+        look_at(&c, a, b, 0, false);
+        while (c.count > 0) {
+            c.count -= go_on(&c) ? 0 : 1;
+        }
+    }
+    if (c.out_of_memory) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory to compare it", after->called);
+    }
+    cJSON_Delete(a);
+    cJSON_Delete(b);
+    return status;
+}
+
+/* So that two numbers that differ look different; cJSON prints some with a digit too few. */
+static void show_number(double number, char *text, size_t size) {
+    (void)snprintf(text, size, "%.15g", number);
+    double read = strtod(text, NULL);
+    if (memcmp(&read, &number, sizeof read) != 0) {
+        (void)snprintf(text, size, "%.17g", number);
+    }
+}
+
+void tl_json_show(const tl_json_value *value, char *text, size_t size) {
+    char number[32] = "";
+    char *printed = NULL;
+    if (value->type == TL_JSON_NUMBER) {
+        show_number(value->number, number, sizeof number);
+    } else if (value->item != NULL) {
+        printed = cJSON_PrintUnformatted(value->item);
+    }
+    tl_text_for_people(printed != NULL ? printed : number, text, size);
+    cJSON_free(printed);
+}

@@ -1,0 +1,185 @@
+/* cJSON's tree, walked in the order of the text. */
+#include "firmware/config/json_document.h"
+
+#include <assert.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/json_text.h"
+#include "firmware/config/json_walk.h"
+
+/* ---- paths ---- */
+
+size_t tl_json_line(const cJSON *item) {
+    return (size_t)item->valueint;
+}
+
+/* The member whose key stands at the start of `path`; *length is its part of the path. */
+static const cJSON *member_at(const cJSON *object, const char *path, size_t *length) {
+    const cJSON *best = NULL;
+    const cJSON *child = NULL;
+    cJSON_ArrayForEach(child, object) {
+        size_t size = strlen(child->string);
+        if ((best == NULL || size > *length) && strncmp(path, child->string, size) == 0 &&
+            strchr(".[", path[size]) != NULL) { /* the end of the path too */
+            best = child;
+            *length = size;
+        }
+    }
+    return best;
+}
+
+static const cJSON *element_at(const cJSON *array, const char *path, size_t *length) {
+    char *end = NULL;
+    if (path[0] != '[') {
+        return NULL;
+    }
+    long index = strtol(path + 1, &end, 10);
+    if (end == path + 1 || *end != ']' || index < 0 || index > INT32_MAX) {
+        return NULL;
+    }
+    *length = (size_t)(end + 1 - path);
+    return cJSON_GetArrayItem(array, (int)index);
+}
+
+const cJSON *tl_json_nearest(const cJSON *root, const char *path) {
+    const cJSON *item = root;
+    while (item != NULL && *path != '\0') {
+        size_t length = 0;
+        const cJSON *inner = NULL;
+        if (cJSON_IsObject(item)) {
+            inner = member_at(item, path, &length);
+        } else if (cJSON_IsArray(item)) {
+            inner = element_at(item, path, &length);
+        }
+        if (inner == NULL) {
+            return item == root ? NULL : item;
+        }
+        item = inner;
+        path += length;
+        path += *path == '.' ? 1 : 0;
+    }
+    return item;
+}
+
+/* ---- walking ---- */
+
+static size_t index_of(const cJSON *array, const cJSON *element) {
+    size_t index = 0;
+    for (const cJSON *child = array->child; child != element; child = child->next) {
+        index++;
+    }
+    return index;
+}
+
+static void path_of(const tl_json_walk *w, const cJSON *item, char path[TL_JSON_PATH]) {
+    path[0] = '\0';
+    for (size_t i = 0; i < w->depth; i++) {
+        const cJSON *inner = i + 1 < w->depth ? w->around[i + 1] : item;
+        if (cJSON_IsArray(w->around[i])) {
+            tl_json_element_path(path, path, index_of(w->around[i], inner));
+        } else {
+            tl_json_member_path(path, path, inner->string);
+        }
+    }
+}
+
+static void number_lines(cJSON *root, const tl_json_lines *lines) {
+    tl_json_walk w = {.depth = 0};
+    size_t i = 0;
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
+        assert(i < lines->count);
+        item->valueint = (int)lines->line[i++];
+    }
+}
+
+/* ---- keys that appear twice ---- */
+
+typedef struct keyed {
+    const cJSON *item;
+    size_t index; /* in the object */
+} keyed;
+
+static int by_key_then_index(const void *left, const void *right) {
+    const keyed *a = left;
+    const keyed *b = right;
+    int order = strcmp(a->item->string, b->item->string);
+    return order != 0 ? order : (a->index > b->index) - (a->index < b->index);
+}
+
+static void report_duplicate(const char *parent, const keyed *first, const keyed *again, tl_report *report) {
+    char path[TL_JSON_PATH];
+    char key[TL_JSON_SHOWN];
+    tl_json_member_path(path, parent, again->item->string);
+    tl_text_for_people(again->item->string, key, sizeof key);
+    tl_report_add(report, TL_BAD_DATA, path,
+                  "line %zu: found the key \"%s\" again, expected it once; the first is on line %zu",
+                  tl_json_line(again->item), key, tl_json_line(first->item));
+}
+
+/* False where memory is out. */
+static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *report) {
+    size_t count = (size_t)cJSON_GetArraySize(object);
+    keyed *keys = count > 1 ? calloc(count, sizeof *keys) : NULL;
+    if (keys == NULL) {
+        return count <= 1;
+    }
+    size_t i = 0;
+    const cJSON *child = NULL;
+    cJSON_ArrayForEach(child, object) {
+        keys[i] = (keyed){child, i};
+        i++;
+    }
+    qsort(keys, count, sizeof *keys, by_key_then_index);
+    char path[TL_JSON_PATH] = "";
+    size_t first = 0;
+    for (i = 1; i < count; i++) {
+        if (strcmp(keys[i].item->string, keys[first].item->string) != 0) {
+            first = i;
+            continue;
+        }
+        if (path[0] == '\0') {
+            path_of(w, object, path); /* seldom needed, and not cheap in a long array */
+        }
+        report_duplicate(path, &keys[first], &keys[i], report);
+    }
+    free(keys);
+    return true;
+}
+
+static bool check_all_keys(cJSON *root, tl_report *report) {
+    tl_json_walk w = {.depth = 0};
+    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
+        if (cJSON_IsObject(item) && !check_keys(&w, item, report)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* ---- the document ---- */
+
+tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root) {
+    tl_json_lines lines;
+    tl_error error;
+    size_t before = report->count;
+    *root = NULL;
+    tl_status status = tl_json_text_check(text, size, scratch, &lines, &error);
+    if (status != TL_OK) {
+        tl_report_add(report, status, "", "%s", error.text);
+        return status;
+    }
+    cJSON *tree = cJSON_ParseWithLength(text, size);
+    if (tree != NULL) {
+        number_lines(tree, &lines);
+    }
+    if (tree == NULL || !check_all_keys(tree, report)) {
+        cJSON_Delete(tree);
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory to read %zu bytes of JSON", size);
+        return TL_TRY_AGAIN;
+    }
+    *root = tree;
+    return report->count == before ? TL_OK : TL_BAD_DATA;
+}

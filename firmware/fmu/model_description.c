@@ -1,0 +1,676 @@
+/* modelDescription.xml by expat: each start tag is looked up in a table by its parent and its name; what is not in the
+ * table is passed over with all that is in it. Tags are checked as they come, so that errors have a line; what needs
+ * the whole document (declared types, units, duplicate names) is settled at the end, by model_draft.c. */
+#include "firmware/fmu/model_description.h"
+
+#include <errno.h>
+#include <expat.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/file_bytes.h"
+#include "firmware/fmu/model_draft.h"
+#include "firmware/fmu/xml_value.h"
+
+#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* which lacks what 2.9 asks for */
+#define XML_GetCurrentLineNumber64 XML_GetCurrentLineNumber
+#define XML_GetCurrentColumnNumber64 XML_GetCurrentColumnNumber
+#endif
+
+typedef enum element {
+    DOCUMENT,
+    DESCRIPTION,
+    CAPABILITIES, /* ModelExchange, CoSimulation */
+    EXPERIMENT,
+    UNITS,
+    UNIT,
+    TYPES,
+    SIMPLE_TYPE,
+    VARIABLES,
+    VARIABLE,
+    LEAF,   /* known, its children are not */
+    IGNORED /* not known */
+} element;
+
+typedef struct description_parser {
+    XML_Parser expat;
+    const char *label;
+    tl_arena *arena;
+    tl_model *model;
+    tl_error *error;
+    tl_status status; /* of the first failure; nothing is done after it */
+    element path[TL_MODEL_DESCRIPTION_DEPTH + 1];
+    size_t depth;
+    bool has_model_exchange;
+    bool has_co_simulation;
+    bool has_variables;
+    tl_model_draft draft;
+} description_parser;
+
+/* ---- Failures ------------------------------------------------------------------------------------------ */
+
+static void fail_at(description_parser *parser, unsigned long line, const char *format, ...) TL_PRINTF(3, 4);
+
+static void fail_at(description_parser *parser, unsigned long line, const char *format, ...) {
+    if (parser->status != TL_OK) {
+        return;
+    }
+    char text[TL_ERROR_TEXT];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    for (char *c = text; *c != '\0'; c++) {
+        if ((unsigned char)*c < ' ') {
+            *c = ' '; /* from names: an error is one line */
+        }
+    }
+    parser->status =
+        tl_fail(parser->error, TL_BAD_DATA, "%s: modelDescription.xml, line %lu: %s", parser->label, line, text);
+    (void)XML_StopParser(parser->expat, XML_FALSE);
+}
+
+static unsigned long current_line(const description_parser *parser) {
+    return (unsigned long)XML_GetCurrentLineNumber64(parser->expat);
+}
+
+static void fail_memory(description_parser *parser) {
+    if (parser->status == TL_OK) {
+        parser->status = tl_fail(parser->error, TL_TRY_AGAIN,
+                                 "%s: modelDescription.xml: out of memory; free some and try again", parser->label);
+        (void)XML_StopParser(parser->expat, XML_FALSE);
+    }
+}
+
+/* A new zeroed item, or NULL after fail_memory(). */
+static void *append(description_parser *parser, tl_draft_list *list, size_t size) {
+    void *item = tl_draft_append(list, size);
+    if (item == NULL) {
+        fail_memory(parser);
+    }
+    return item;
+}
+
+/* ---- Attributes ---------------------------------------------------------------------------------------- */
+
+/* expat's array of alternating names and values, and the element they belong to. */
+typedef struct xml_tag {
+    const char *name;
+    const char **attributes;
+} xml_tag;
+
+/* NULL where there is none. */
+static const char *attribute(const xml_tag *tag, const char *name) {
+    for (const char **pair = tag->attributes; pair[0] != NULL; pair += 2) {
+        if (strcmp(pair[0], name) == 0) {
+            return pair[1];
+        }
+    }
+    return NULL;
+}
+
+static const char *keep(description_parser *parser, const char *text) {
+    const char *copy = tl_arena_text(parser->arena, text);
+    if (copy == NULL) {
+        fail_memory(parser);
+        return "";
+    }
+    return copy;
+}
+
+/* The attribute, kept; or `otherwise`. */
+static const char *text_or(description_parser *parser, const xml_tag *tag, const char *name, const char *otherwise) {
+    const char *text = attribute(tag, name);
+    return text == NULL ? otherwise : keep(parser, text);
+}
+
+/* Fails where the attribute is missing; it may be empty, as unit names are where exporters mean "1". */
+static const char *mandatory(description_parser *parser, const xml_tag *tag, const char *name) {
+    const char *text = attribute(tag, name);
+    if (text == NULL) {
+        fail_at(parser, current_line(parser), "<%.60s> has no attribute %s, FMI 2.0 demands it; export the FMU again",
+                tag->name, name);
+        return "";
+    }
+    return keep(parser, text);
+}
+
+static void fail_value(description_parser *parser, const xml_tag *tag, const char *name, const char *text,
+                       const char *expected) {
+    fail_at(parser, current_line(parser), "%s=\"%.60s\" of <%.60s> is not %s", name, text, tag->name, expected);
+}
+
+/* *value stays as it is where there is no such attribute. Infinite is allowed, NaN is not. */
+static void read_real(description_parser *parser, const xml_tag *tag, const char *name, double *value) {
+    const char *text = attribute(tag, name);
+    double number;
+    if (text == NULL) {
+        return;
+    }
+    if (!tl_xml_double(text, &number) || isnan(number)) {
+        fail_value(parser, tag, name, text, "a number");
+        return;
+    }
+    *value = number;
+}
+
+static void read_finite(description_parser *parser, const xml_tag *tag, const char *name, double *value) {
+    double number = *value;
+    read_real(parser, tag, name, &number);
+    if (isinf(number)) {
+        fail_value(parser, tag, name, attribute(tag, name), "a finite number");
+        return;
+    }
+    *value = number;
+}
+
+static void read_int(description_parser *parser, const xml_tag *tag, const char *name, int32_t *value) {
+    const char *text = attribute(tag, name);
+    if (text != NULL && !tl_xml_int(text, value)) {
+        fail_value(parser, tag, name, text, "an integer of 32 bits");
+    }
+}
+
+static void read_boolean(description_parser *parser, const xml_tag *tag, const char *name, bool *value) {
+    const char *text = attribute(tag, name);
+    if (text != NULL && !tl_xml_boolean(text, value)) {
+        fail_value(parser, tag, name, text, "true or false");
+    }
+}
+
+/* One of `count` words; *value stays as it is where there is no such attribute. true where there is one. */
+static bool read_word(description_parser *parser, const xml_tag *tag, const char *name, const char *(*word)(int),
+                      int count, int *value) {
+    const char *text = attribute(tag, name);
+    if (text == NULL) {
+        return false;
+    }
+    char expected[128] = "one of";
+    for (int i = 0; i < count; i++) {
+        if (strcmp(word(i), text) == 0) {
+            *value = i;
+            return true;
+        }
+        size_t length = strlen(expected);
+        (void)snprintf(expected + length, sizeof expected - length, "%s %s", i == 0 ? "" : ",", word(i));
+    }
+    fail_value(parser, tag, name, text, expected);
+    return false;
+}
+
+/* ---- The root, CoSimulation, DefaultExperiment --------------------------------------------------------- */
+
+static void begin_description(description_parser *parser, const xml_tag *tag) {
+    tl_model *model = parser->model;
+    model->version = mandatory(parser, tag, "fmiVersion");
+    if (parser->status == TL_OK && strcmp(model->version, "2.0") != 0) {
+        fail_at(parser, current_line(parser),
+                "this is FMI %.20s, only FMI 2.0 can be run; export the model as FMI 2.0 for Co-Simulation",
+                model->version);
+        return;
+    }
+    model->name = mandatory(parser, tag, "modelName");
+    model->guid = mandatory(parser, tag, "guid");
+    model->generation_tool = text_or(parser, tag, "generationTool", "");
+}
+
+static void begin_model_exchange(description_parser *parser, const xml_tag *tag) {
+    (void)tag;
+    parser->has_model_exchange = true;
+}
+
+/* The identifier becomes a file name: it must stay in its folder. */
+static bool is_file_name(const char *text) {
+    for (const char *c = text; *c != '\0'; c++) {
+        if (*c == '/' || *c == '\\' || (unsigned char)*c < ' ') {
+            return false;
+        }
+    }
+    return text[0] != '\0' && text[0] != '.' && strlen(text) <= 200;
+}
+
+static void begin_co_simulation(description_parser *parser, const xml_tag *tag) {
+    tl_model *model = parser->model;
+    tl_capabilities *can = &model->capabilities;
+    if (parser->has_co_simulation) {
+        fail_at(parser, current_line(parser), "a second <CoSimulation>; FMI 2.0 allows one");
+        return;
+    }
+    parser->has_co_simulation = true;
+    model->identifier = mandatory(parser, tag, "modelIdentifier");
+    if (!is_file_name(model->identifier)) {
+        fail_value(parser, tag, "modelIdentifier", model->identifier, "the name of a file");
+    }
+    const struct {
+        const char *name;
+        bool *value;
+    } flags[] = {{"canHandleVariableCommunicationStepSize", &can->can_handle_variable_step},
+                 {"canBeInstantiatedOnlyOncePerProcess", &can->can_be_instantiated_only_once},
+                 {"canNotUseMemoryManagementFunctions", &can->can_not_use_memory_management},
+                 {"canGetAndSetFMUstate", &can->can_get_and_set_state},
+                 {"canSerializeFMUstate", &can->can_serialize_state},
+                 {"canRunAsynchronuously", &can->can_run_asynchronously}, /* sic, in the standard */
+                 {"needsExecutionTool", &can->needs_execution_tool}};
+    for (size_t i = 0; i < sizeof flags / sizeof flags[0]; i++) {
+        read_boolean(parser, tag, flags[i].name, flags[i].value);
+    }
+}
+
+static void begin_experiment(description_parser *parser, const xml_tag *tag) {
+    double step = 0;
+    read_finite(parser, tag, "stepSize", &step);
+    if (step < 0) {
+        fail_value(parser, tag, "stepSize", attribute(tag, "stepSize"), "a positive number of seconds");
+    }
+    parser->model->default_step = step;
+}
+
+/* ---- Units --------------------------------------------------------------------------------------------- */
+
+static void begin_unit(description_parser *parser, const xml_tag *tag) {
+    tl_draft_unit *entry = append(parser, &parser->draft.units, sizeof(tl_draft_unit));
+    if (entry != NULL) {
+        entry->line = current_line(parser);
+        entry->unit.name = mandatory(parser, tag, "name");
+        entry->unit.factor = 1;
+    }
+}
+
+static void begin_base_unit(description_parser *parser, const xml_tag *tag) {
+    static const char *const names[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
+    tl_unit *unit = &tl_draft_last_unit(&parser->draft)->unit;
+    if (unit->has_base) {
+        fail_at(parser, current_line(parser), "a second <BaseUnit> for unit \"%.60s\"", unit->name);
+        return;
+    }
+    unit->has_base = true;
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        int32_t exponent = 0;
+        read_int(parser, tag, names[i], &exponent);
+        unit->exponents[i] = (int)exponent;
+    }
+    read_finite(parser, tag, "factor", &unit->factor);
+    read_finite(parser, tag, "offset", &unit->offset);
+    if (unit->factor == 0) {
+        fail_value(parser, tag, "factor", attribute(tag, "factor"), "other than 0");
+    }
+}
+
+/* ---- Types and variables ------------------------------------------------------------------------------- */
+
+static tl_type type_of_name(const char *name) {
+    static const tl_type types[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING};
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
+        if (strcmp(tl_type_name(types[i]), name) == 0) {
+            return types[i];
+        }
+    }
+    return TL_ENUMERATION; /* the table of tags lets nothing else through */
+}
+
+static void read_declaration(description_parser *parser, const xml_tag *tag, tl_draft_declaration *declaration) {
+    if (declaration->is_given) {
+        fail_at(parser, current_line(parser), "<%.60s> is the second type of one variable or type; FMI 2.0 allows one",
+                tag->name);
+        return;
+    }
+    declaration->is_given = true;
+    declaration->type = type_of_name(tag->name);
+    declaration->minimum = (double)NAN;
+    declaration->maximum = (double)NAN;
+    declaration->nominal = (double)NAN;
+    if (declaration->type == TL_REAL) {
+        declaration->unit = text_or(parser, tag, "unit", NULL);
+        read_finite(parser, tag, "nominal", &declaration->nominal);
+    }
+    if (declaration->type != TL_BOOLEAN && declaration->type != TL_STRING) {
+        read_real(parser, tag, "min", &declaration->minimum);
+        read_real(parser, tag, "max", &declaration->maximum);
+    }
+}
+
+static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
+    tl_draft_type *entry = append(parser, &parser->draft.types, sizeof(tl_draft_type));
+    if (entry != NULL) {
+        entry->line = current_line(parser);
+        entry->name = mandatory(parser, tag, "name");
+    }
+}
+
+static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
+    read_declaration(parser, tag, &tl_draft_last_type(&parser->draft)->declaration);
+}
+
+static void end_simple_type(description_parser *parser) {
+    const tl_draft_type *entry = tl_draft_last_type(&parser->draft);
+    if (!entry->declaration.is_given) {
+        fail_at(parser, entry->line,
+                "type \"%.100s\" has none of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>", entry->name);
+    }
+}
+
+static void begin_variables(description_parser *parser, const xml_tag *tag) {
+    (void)tag;
+    parser->has_variables = true;
+}
+
+static const char *causality_word(int value) {
+    return tl_causality_name((tl_causality)value);
+}
+
+static const char *variability_word(int value) {
+    return tl_variability_name((tl_variability)value);
+}
+
+static const char *initial_word(int value) {
+    return tl_initial_name((tl_initial)(value + 1)); /* without "none" */
+}
+
+static void begin_variable(description_parser *parser, const xml_tag *tag) {
+    tl_draft_variable *entry = append(parser, &parser->draft.variables, sizeof(tl_draft_variable));
+    if (entry == NULL) {
+        return;
+    }
+    tl_variable *variable = &entry->variable;
+    int causality = TL_LOCAL;
+    int variability = TL_CONTINUOUS;
+    int initial = 0;
+    entry->line = current_line(parser);
+    variable->name = mandatory(parser, tag, "name");
+    variable->description = text_or(parser, tag, "description", "");
+    const char *reference = attribute(tag, "valueReference");
+    if (reference == NULL) {
+        (void)mandatory(parser, tag, "valueReference");
+    } else if (!tl_xml_unsigned(reference, &variable->reference)) {
+        fail_value(parser, tag, "valueReference", reference, "an unsigned integer of 32 bits");
+    }
+    (void)read_word(parser, tag, "causality", causality_word, TL_INDEPENDENT + 1, &causality);
+    entry->has_variability = read_word(parser, tag, "variability", variability_word, TL_CONTINUOUS + 1, &variability);
+    entry->has_initial = read_word(parser, tag, "initial", initial_word, TL_INITIAL_CALCULATED, &initial);
+    variable->causality = (tl_causality)causality;
+    variable->variability = (tl_variability)variability;
+    variable->initial = (tl_initial)(initial + 1);
+}
+
+static void read_start(description_parser *parser, const xml_tag *tag, tl_variable *variable) {
+    tl_value *start = &variable->start;
+    bool flag = false;
+    start->type = variable->type;
+    variable->has_start = attribute(tag, "start") != NULL;
+    switch (variable->type) {
+    case TL_REAL:
+        read_finite(parser, tag, "start", &start->real);
+        return;
+    case TL_INTEGER:
+    case TL_ENUMERATION:
+        read_int(parser, tag, "start", &start->integer);
+        return;
+    case TL_BOOLEAN:
+        read_boolean(parser, tag, "start", &flag);
+        start->integer = flag ? 1 : 0;
+        return;
+    case TL_STRING:
+        start->text = text_or(parser, tag, "start", "");
+        return;
+    }
+}
+
+static void begin_type_of_variable(description_parser *parser, const xml_tag *tag) {
+    tl_draft_variable *entry = tl_draft_last_variable(&parser->draft);
+    read_declaration(parser, tag, &entry->declaration);
+    if (parser->status != TL_OK) {
+        return;
+    }
+    entry->variable.type = entry->declaration.type;
+    entry->declared_type = entry->variable.type == TL_ENUMERATION ? mandatory(parser, tag, "declaredType")
+                                                                  : text_or(parser, tag, "declaredType", NULL);
+    read_start(parser, tag, &entry->variable);
+}
+
+static tl_variability default_variability(const tl_variable *variable) {
+    if (variable->causality == TL_PARAMETER || variable->causality == TL_CALCULATED_PARAMETER) {
+        return TL_FIXED;
+    }
+    return variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
+}
+
+/* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
+static tl_initial default_initial(const tl_variable *variable) {
+    bool is_exact = variable->causality == TL_PARAMETER || variable->variability == TL_CONSTANT;
+    return is_exact ? TL_INITIAL_EXACT : TL_INITIAL_CALCULATED;
+}
+
+static void end_variable(description_parser *parser) {
+    tl_draft_variable *entry = tl_draft_last_variable(&parser->draft);
+    tl_variable *variable = &entry->variable;
+    if (!entry->declaration.is_given) {
+        fail_at(parser, entry->line,
+                "variable \"%.100s\" has no type, one of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>",
+                variable->name);
+        return;
+    }
+    if (!entry->has_variability) {
+        variable->variability = default_variability(variable);
+    }
+    if (variable->causality == TL_INPUT || variable->causality == TL_INDEPENDENT) {
+        variable->initial = TL_INITIAL_NONE;
+    } else if (!entry->has_initial) {
+        variable->initial = default_initial(variable);
+    }
+}
+
+/* ---- Tags ---------------------------------------------------------------------------------------------- */
+
+typedef struct tag_rule {
+    element parent;
+    const char *name;
+    element kind;
+    void (*begin)(description_parser *parser, const xml_tag *tag); /* may be NULL */
+} tag_rule;
+
+static const tag_rule *find_rule(element parent, const char *name) {
+    static const tag_rule rules[] = {
+        {VARIABLES, "ScalarVariable", VARIABLE, begin_variable},
+        {VARIABLE, "Real", LEAF, begin_type_of_variable},
+        {VARIABLE, "Integer", LEAF, begin_type_of_variable},
+        {VARIABLE, "Boolean", LEAF, begin_type_of_variable},
+        {VARIABLE, "String", LEAF, begin_type_of_variable},
+        {VARIABLE, "Enumeration", LEAF, begin_type_of_variable},
+        {DOCUMENT, "fmiModelDescription", DESCRIPTION, begin_description},
+        {DESCRIPTION, "ModelExchange", CAPABILITIES, begin_model_exchange},
+        {DESCRIPTION, "CoSimulation", CAPABILITIES, begin_co_simulation},
+        {DESCRIPTION, "UnitDefinitions", UNITS, NULL},
+        {UNITS, "Unit", UNIT, begin_unit},
+        {UNIT, "BaseUnit", LEAF, begin_base_unit},
+        {DESCRIPTION, "TypeDefinitions", TYPES, NULL},
+        {TYPES, "SimpleType", SIMPLE_TYPE, begin_simple_type},
+        {SIMPLE_TYPE, "Real", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Integer", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Boolean", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "String", LEAF, begin_type_of_type},
+        {SIMPLE_TYPE, "Enumeration", LEAF, begin_type_of_type},
+        {DESCRIPTION, "DefaultExperiment", EXPERIMENT, begin_experiment},
+        {DESCRIPTION, "ModelVariables", VARIABLES, begin_variables},
+    };
+    for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        if (rules[i].parent == parent && strcmp(rules[i].name, name) == 0) {
+            return &rules[i];
+        }
+    }
+    return NULL;
+}
+
+static void XMLCALL on_begin(void *context, const XML_Char *name, const XML_Char **attributes) {
+    description_parser *parser = context;
+    if (parser->status != TL_OK) {
+        return;
+    }
+    if (parser->depth == TL_MODEL_DESCRIPTION_DEPTH) {
+        fail_at(parser, current_line(parser), "<%.60s> is nested deeper than %d elements", name,
+                (int)TL_MODEL_DESCRIPTION_DEPTH);
+        return;
+    }
+    element parent = parser->path[parser->depth];
+    const tag_rule *rule = find_rule(parent, name);
+    if (rule == NULL && parent == DOCUMENT) {
+        fail_at(parser, current_line(parser), "the root is <%.60s>, not <fmiModelDescription>: this is no FMU", name);
+        return;
+    }
+    parser->depth++;
+    parser->path[parser->depth] = rule == NULL ? IGNORED : rule->kind;
+    if (rule != NULL && rule->begin != NULL) {
+        xml_tag tag = {name, attributes};
+        rule->begin(parser, &tag);
+    }
+}
+
+static void XMLCALL on_end(void *context, const XML_Char *name) {
+    description_parser *parser = context;
+    (void)name;
+    if (parser->status != TL_OK) {
+        return;
+    }
+    element kind = parser->path[parser->depth];
+    parser->depth--;
+    if (kind == VARIABLE) {
+        end_variable(parser);
+    } else if (kind == SIMPLE_TYPE) {
+        end_simple_type(parser);
+    }
+}
+
+/* Entities are defined in a DTD only: without one, none can expand. */
+static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Char *system_id,
+                               const XML_Char *public_id, int has_internal_subset) {
+    description_parser *parser = context;
+    (void)system_id;
+    (void)public_id;
+    (void)has_internal_subset;
+    fail_at(parser, current_line(parser),
+            "<!DOCTYPE %.60s> is refused: an FMU needs no DTD, and one can hide an attack", name);
+}
+
+/* ---- The whole document -------------------------------------------------------------------------------- */
+
+static void settle(description_parser *parser) {
+    tl_error problem = {TL_OK, ""};
+    unsigned long line = 0;
+    tl_status status = tl_model_draft_settle(&parser->draft, parser->arena, parser->model, &line, &problem);
+    if (status == TL_TRY_AGAIN) {
+        fail_memory(parser);
+    } else if (status != TL_OK) {
+        fail_at(parser, line, "%s", problem.text);
+    }
+}
+
+static void check_document(description_parser *parser) {
+    unsigned long line = current_line(parser);
+    if (!parser->has_co_simulation) {
+        fail_at(parser, line, "%s; export the model as FMI 2.0 for Co-Simulation",
+                parser->has_model_exchange ? "the FMU is for Model Exchange only" : "there is no <CoSimulation>");
+    } else if (!parser->has_variables) {
+        fail_at(parser, line, "there is no <ModelVariables>, FMI 2.0 demands it; export the FMU again");
+    } else {
+        settle(parser);
+    }
+}
+
+static void parse(description_parser *parser, const char *xml, size_t size) {
+    XML_SetUserData(parser->expat, parser);
+    XML_SetElementHandler(parser->expat, on_begin, on_end);
+    XML_SetStartDoctypeDeclHandler(parser->expat, on_doctype);
+    enum XML_Status result = XML_Parse(parser->expat, xml, (int)size, XML_TRUE);
+    if (parser->status != TL_OK) {
+        return;
+    }
+    if (result != XML_STATUS_OK) {
+        enum XML_Error code = XML_GetErrorCode(parser->expat);
+        if (code == XML_ERROR_NO_MEMORY) {
+            fail_memory(parser);
+        } else {
+            fail_at(parser, current_line(parser), "no well-formed XML, column %lu: %s",
+                    (unsigned long)XML_GetCurrentColumnNumber64(parser->expat) + 1, XML_ErrorString(code));
+        }
+        return;
+    }
+    check_document(parser);
+}
+
+static tl_status fail_size(const char *label, tl_error *error) {
+    return tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is larger than %d MiB; export fewer variables", label,
+                   TL_MODEL_DESCRIPTION_BYTES / (1024 * 1024));
+}
+
+tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
+                                     tl_error *error) {
+    *model = (tl_model){.name = "", .identifier = "", .guid = "", .version = "", .generation_tool = ""};
+    if (size > TL_MODEL_DESCRIPTION_BYTES) {
+        return fail_size(label, error);
+    }
+    description_parser *parser = calloc(1, sizeof *parser);
+    XML_Parser expat = XML_ParserCreate(NULL);
+    if (parser == NULL || expat == NULL) {
+        free(parser);
+        XML_ParserFree(expat);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    parser->expat = expat;
+    parser->label = label;
+    parser->arena = arena;
+    parser->model = model;
+    parser->error = error;
+    parser->path[0] = DOCUMENT;
+    parse(parser, xml, size);
+    tl_status status = parser->status;
+    XML_ParserFree(expat);
+    tl_model_draft_free(&parser->draft);
+    free(parser);
+    return status;
+}
+
+/* ---- Files --------------------------------------------------------------------------------------------- */
+
+static tl_status read_open(int file, const char *label, tl_arena *arena, tl_model *model, tl_error *error) {
+    struct stat status;
+    if (fstat(file, &status) != 0 || !S_ISREG(status.st_mode)) {
+        return tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is no file: this is no FMU", label);
+    }
+    if (status.st_size > TL_MODEL_DESCRIPTION_BYTES) {
+        return fail_size(label, error);
+    }
+    size_t size = (size_t)status.st_size;
+    char *xml = malloc(size + 1);
+    if (xml == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
+    }
+    tl_status result;
+    ssize_t got = tl_file_bytes_read(file, xml, size);
+    if (got < 0) {
+        result = tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
+    } else {
+        result = tl_model_description_parse(xml, (size_t)got, label, arena, model, error);
+    }
+    free(xml);
+    return result;
+}
+
+tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
+                                    tl_error *error) {
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) {
+        int code = errno;
+        if (code == ENOENT) {
+            return tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is no FMU", label);
+        }
+        return tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label, strerror(code));
+    }
+    tl_status status = read_open(file, label, arena, model, error);
+    (void)close(file);
+    return status;
+}

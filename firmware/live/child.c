@@ -1,0 +1,152 @@
+/* A child of the supervisor: see child.h. */
+#include "firmware/live/child.h"
+
+#include <errno.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/wait.h>
+
+void tl_child_prepare(tl_child *child) {
+    tl_heartbeats_clear(child->beats);
+    child->seen = (tl_heartbeats_seen){0};
+    child->end = (tl_child_end){.known = false};
+    child->killed = false;
+    child->asked = false;
+    child->asking = 0;
+}
+
+void tl_child_begin(tl_child *child, pid_t pid) {
+    child->pid = pid;
+}
+
+bool tl_child_has_ended(tl_child *child) {
+    siginfo_t info = {0};
+    int result = waitid(P_PID, (id_t)child->pid, &info, WEXITED | WNOHANG | WNOWAIT);
+    if (result == 0 ? info.si_pid == 0 : errno == EINTR) {
+        return false;
+    }
+    child->end =
+        (tl_child_end){.known = result == 0, .by_signal = info.si_code != CLD_EXITED, .number = info.si_status};
+    child->end.farewell = tl_heartbeats_get_farewell(child->beats, &child->end.code);
+    return true;
+}
+
+const char *tl_child_look(tl_child *child, tl_time now, tl_time *silence) {
+    return tl_heartbeats_look(child->beats, &child->seen, now, silence);
+}
+
+/* An FMU call is to blame for it if it has lasted for most of the `time` that was waited. */
+static void end_child(tl_child *child, tl_time time) {
+    child->killed = true;
+    child->blamed = time / 2;
+    (void)kill(child->pid, SIGKILL);
+}
+
+void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence) {
+    if (!child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
+                       tl_seconds(silence));
+        end_child(child, silence);
+    }
+}
+
+void tl_child_let_be(tl_child *child) {
+    memset(child->seen.silence, 0, sizeof child->seen.silence);
+    child->seen.no_heart = 0;
+}
+
+/* Which call it was is not known. */
+void tl_child_kill_damaged(tl_child *child) {
+    if (!child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault,
+                       "it has destroyed its own memory: what it hands to the recorder cannot be read on");
+        end_child(child, INT64_MAX);
+    }
+}
+
+void tl_child_kill_late(tl_child *child) {
+    if (!child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault, "it did not end its run when another twin was to take over");
+        end_child(child, 0);
+    }
+}
+
+void tl_child_ask(tl_child *child, int signal) {
+    child->asked = true;
+    child->asking = 0;
+    (void)kill(child->pid, signal);
+}
+
+tl_time tl_child_passed(tl_time passed) {
+    return passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
+}
+
+/* It is deaf, or hangs with a heart that beats or has more patience than we have now. */
+void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
+    if (!child->asked) {
+        return;
+    }
+    child->asking += tl_child_passed(passed);
+    if (child->asking > grace && !child->killed) {
+        (void)snprintf(child->fault, sizeof child->fault, "it was told to end, and was still there %.0f s later",
+                       tl_seconds(grace));
+        end_child(child, grace);
+    }
+}
+
+bool tl_child_was_killed(const tl_child *child) {
+    return child->killed;
+}
+
+bool tl_child_kept_its_word(const tl_child *child) {
+    const tl_child_end *end = &child->end;
+    return !child->killed && end->farewell != TL_FAREWELL_NONE && end->known && !end->by_signal &&
+           end->number == end->code;
+}
+
+/* Names are those of a process that may have lost its mind. */
+static void append_call(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
+    tl_fmu_call call;
+    size_t length = strlen(reason);
+    tl_time least = child->killed ? child->blamed : 0;
+    if (!tl_heartbeats_get_call(child->beats, &child->seen, least, &call)) {
+        return;
+    }
+    for (char *letter = call.fmu; *letter != '\0'; letter++) {
+        *letter = (char)(*letter >= ' ' && *letter <= '~' ? *letter : '?');
+    }
+    (void)snprintf(reason + length, TL_RESTARTS_REASON - length, ", in %s of %s", call.function, call.fmu);
+}
+
+void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
+    const tl_child_end *end = &child->end;
+    bool kept = tl_child_kept_its_word(child);
+    if (child->killed) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "%s", child->fault);
+    } else if (!end->known) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended, and nobody knows how");
+    } else if (end->by_signal) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it was ended by signal %d, %s", end->number,
+                       strsignal(end->number));
+    } else if (end->farewell == TL_FAREWELL_ASKED && kept) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it was told to end, and not by its supervisor");
+    } else {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "it ended %swith exit code %d",
+                       end->farewell != TL_FAREWELL_NONE ? "" : "unannounced, ", end->number);
+    }
+    if (!kept) {
+        append_call(child, reason);
+    }
+}
+
+void tl_child_bury(tl_child *child) {
+    if (child->end.known) {
+        tl_reaper_take(&child->reaper, child->pid);
+    }
+    child->pid = 0;
+}
+
+bool tl_child_is_buried(tl_child *child) {
+    return tl_reaper_rests(&child->reaper);
+}

@@ -1,0 +1,91 @@
+/* A child of the supervisor: a process with a role, watched by its heartbeats until it has ended.
+ *
+ * Purpose: one child is silent, is killed, is told to end, has ended, and why: the same for all of them. What follows from it is
+ *          the supervisor's to decide (supervisor.h).
+ * Trust:   what is in its heartbeats may be a lie. Numbers are bounded, names are shown without control characters.
+ * Reaping: no thread of a real-time priority does it (reaper.h).
+ * Thread:  the supervisor's.
+ */
+#ifndef TL_FIRMWARE_LIVE_CHILD_H
+#define TL_FIRMWARE_LIVE_CHILD_H
+
+#include <stdbool.h>
+#include <sys/types.h>
+
+#include "firmware/live/reaper.h"
+#include "firmware/live/restarts.h"
+#include "firmware/process/heartbeat.h"
+#include "master/base/simtime.h"
+
+/* How a child ended. */
+typedef struct tl_child_end {
+    bool known;
+    bool by_signal;
+    int number; /* of the signal, or the exit code */
+    tl_farewell farewell;
+    int code; /* announced */
+} tl_child_end;
+
+/* A zeroed one with a name and heartbeats is none yet. */
+typedef struct tl_child {
+    const char *name;
+    tl_heartbeats *beats; /* in memory that it writes */
+    pid_t pid;            /* 0: none */
+    tl_child_end end;     /* of the last one */
+    bool asked;           /* it was asked to end */
+    /* private */
+    tl_heartbeats_seen seen;
+    tl_reaper reaper;
+    bool killed; /* by us, and why; */
+    char fault[TL_RESTARTS_REASON];
+    tl_time blamed; /* the FMU call that is to blame has lasted for so long */
+    tl_time asking; /* what has passed since it was asked to end the last time, of its life */
+} tl_child;
+
+/* Before it is started: nothing was heard of it. */
+void tl_child_prepare(tl_child *child);
+
+/* It was started. */
+void tl_child_begin(tl_child *child, pid_t pid);
+
+/* True: it has ended, and child->end says how. It is not reaped. */
+bool tl_child_has_ended(tl_child *child);
+
+/* NULL: everybody in it is alive. Else who is silent, and for how long. */
+const char *tl_child_look(tl_child *child, tl_time now, tl_time *silence);
+
+/* Kills it, if that was not done: a thread of it has been silent for so long. */
+void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence);
+
+/* It may be silent for as long again. */
+void tl_child_let_be(tl_child *child);
+
+/* The same: it has destroyed what it writes for others. */
+void tl_child_kill_damaged(tl_child *child);
+
+/* The same: it has not handed over what another one is to go on with. */
+void tl_child_kill_late(tl_child *child);
+
+/* Asks it to end, each time anew, and gives it as much time again. */
+void tl_child_ask(tl_child *child, int signal);
+
+/* Time between two looks as a patience counts it: without what this process was stopped. */
+tl_time tl_child_passed(tl_time passed);
+
+/* `passed` of its life since the last look. Asked to end, and still there after `grace`, it is killed. */
+void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
+
+/* After its end: why, as a sentence that begins with "it". */
+void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
+
+/* The same: it said that it would end, and then did as it had said; it was killed by us. */
+bool tl_child_kept_its_word(const tl_child *child);
+bool tl_child_was_killed(const tl_child *child);
+
+/* Has it reaped; its number is nobody's any more. */
+void tl_child_bury(tl_child *child);
+
+/* It is reaped, or there was nothing to reap. */
+bool tl_child_is_buried(tl_child *child);
+
+#endif

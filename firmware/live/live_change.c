@@ -1,0 +1,261 @@
+/* The change of twins: see live_change.h. */
+#include "firmware/live/live_change.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+static const tl_time TICKS_BEFORE =
+    3600 * TL_SECOND; /* by which a twin's figures may be ahead of the clock and be believed */
+
+/* ---- what there is ---- */
+
+static tl_live_place *place_of_run(const tl_live_change *self) {
+    return &self->settings.places[self->settings.stage->place];
+}
+
+static uint32_t other(uint32_t place) {
+    return place == 0 ? 1 : 0;
+}
+
+static tl_live_place *place_of_shadow(const tl_live_change *self) {
+    return &self->settings.places[other(self->settings.stage->place)];
+}
+
+static bool is_under_way(const tl_live_change *self) {
+    return self->settings.stage->flips != self->done;
+}
+
+static bool is_recorder_behind(const tl_live_change *self) {
+    return self->settings.recorder != NULL && self->recorder_flips != self->settings.stage->flips;
+}
+
+static bool has_drained(const tl_live_change *self) {
+    return is_recorder_behind(self) && self->recorder_flips != self->done &&
+           __atomic_load_n(&self->settings.recorder->drained, __ATOMIC_ACQUIRE) == self->recorder_flips + 1;
+}
+
+/* ---- answers ---- */
+
+static void obey(tl_live_change *self, uint32_t number) {
+    self->waiting = 0;
+    __atomic_store_n(&self->settings.stage->order, number, __ATOMIC_RELEASE);
+}
+
+static void show_shadow(tl_live_change *self, tl_live_shadow shadow, const char *why) {
+    tl_live_stage *stage = self->settings.stage;
+    (void)snprintf(stage->why, sizeof stage->why, "%.*s", TL_LIVE_STAGE_WHY - 1, why);
+    __atomic_store_n(&stage->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
+}
+
+/* What there was of a shadow stays. */
+static void refuse_flip(tl_live_change *self, uint32_t number, const char *why) {
+    show_shadow(self, (tl_live_shadow)self->settings.stage->shadow, why);
+    obey(self, number);
+}
+
+static void refuse_shadow(tl_live_change *self, uint32_t number, const char *why) {
+    show_shadow(self, TL_LIVE_SHADOW_ENDED, why);
+    obey(self, number);
+}
+
+/* ---- a shadow ---- */
+
+/* What has to be before there can be one; NULL: it is. */
+static const char *find_hindrance(const tl_live_change *self, tl_time now) {
+    const tl_live_place *run = place_of_run(self);
+    tl_time start = __atomic_load_n(&run->pulse->start, __ATOMIC_ACQUIRE);
+    if (place_of_shadow(self)->pid != 0) {
+        return "the shadow before has not ended";
+    }
+    if (run->pid == 0 || !tl_heartbeats_is_ready(&run->pulse->beats) || start <= 0 || start > now) {
+        return "the run's twin has not begun";
+    }
+    return is_recorder_behind(self) ? "the recorder has not written the end of the run before" : NULL;
+}
+
+/* False: it is not over. */
+static bool has_lost_patience(tl_live_change *self, uint32_t number, tl_time now) {
+    self->since = self->waiting == number ? self->since : now;
+    self->waiting = number;
+    return now - self->since > TL_LIVE_CHANGE_PATIENCE;
+}
+
+static void let_in(tl_live_change *self, uint32_t number, const tl_live_needs *needs) {
+    const tl_live_place *run = place_of_run(self);
+    tl_live_place *place = place_of_shadow(self);
+    const tl_live_arrival arrival = {
+        .candidate = self->settings.candidate, .needs = *needs, .step = self->settings.step};
+    tl_error error = {0};
+    tl_status status = tl_live_place_move_in_candidate(place, &arrival, &error);
+    if (status != TL_OK) {
+        refuse_shadow(self, number, error.text);
+        return;
+    }
+    place->unconfined = place->unconfined && self->settings.unconfined;
+    place->start = run->pulse->start;
+    place->started = run->pulse->started;
+    self->wants_shadow = true;
+    self->settings.stage->shadow_pid = 0;
+    show_shadow(self, TL_LIVE_SHADOW_LIVES, "");
+    obey(self, number);
+}
+
+static void want_shadow(tl_live_change *self, uint32_t number, const tl_live_needs *needs, tl_time now) {
+    self->wants_shadow = false;
+    if (self->holds) {
+        refuse_shadow(self, number, "safe hold: the run has no twin beside which another one could run");
+        return;
+    }
+    const char *hindrance = find_hindrance(self, now);
+    if (hindrance == NULL) {
+        let_in(self, number, needs);
+    } else if (has_lost_patience(self, number, now)) {
+        refuse_shadow(self, number, hindrance);
+    }
+}
+
+/* ---- a flip ---- */
+
+/* The first tick that is far enough ahead, and that the run's twin has not come to; below 0: none can be told. */
+static int64_t tick_of_flip(const tl_live_change *self, tl_time start, tl_time now) {
+    const tl_time step = self->settings.step;
+    tl_live_figures figures = {.tick = 0};
+    if (start <= 0 || start > now) {
+        return -1;
+    }
+    int64_t tick = (now + tl_live_stage_ahead(step) - start) / step + 1;
+    (void)tl_latest_read(&place_of_run(self)->pulse->figures, &figures, sizeof figures);
+    if (figures.tick < tick) {
+        return tick;
+    }
+    return figures.tick - tick < TICKS_BEFORE / step ? figures.tick + 1 : -1;
+}
+
+static void announce(tl_live_change *self, int64_t tick, tl_time now) {
+    tl_live_stage *stage = self->settings.stage;
+    const tl_live_place *to = place_of_shadow(self);
+    const tl_time step = self->settings.step;
+    char text[160];
+    __atomic_store_n(&stage->to, other(stage->place), __ATOMIC_RELAXED);
+    __atomic_store_n(&stage->tick, tick, __ATOMIC_RELAXED);
+    __atomic_store_n(&stage->flips, stage->flips + 1, __ATOMIC_RELEASE);
+    self->until = to->start + tick * step + tl_live_stage_ahead(step);
+    self->until = self->until > now ? self->until : now;
+    (void)snprintf(text, sizeof text,
+                   "from tick %" PRId64 " on the run goes on with another twin, of configuration %.12s", tick,
+                   to->hash);
+    self->settings.tell(self->settings.context, text);
+}
+
+/* Why there can be none; NULL: it can. */
+static const char *find_refusal(const tl_live_change *self) {
+    const tl_live_place *run = place_of_run(self);
+    const tl_live_place *shadow = place_of_shadow(self);
+    if (self->holds) {
+        return "safe hold: the run has no twin";
+    }
+    if (shadow->pid == 0 || !self->wants_shadow) {
+        return "there is no shadow";
+    }
+    if (!tl_heartbeats_is_ready(&shadow->pulse->beats)) {
+        return "the shadow has not begun";
+    }
+    return run->pid != 0 && run->pulse->start != 0 && run->pulse->start != shadow->start
+               ? "the run has begun anew: the shadow's ticks are not its own"
+               : NULL;
+}
+
+static void flip(tl_live_change *self, uint32_t number, tl_time now) {
+    const char *refusal = find_refusal(self);
+    int64_t tick = refusal == NULL ? tick_of_flip(self, place_of_shadow(self)->start, now) : -1;
+    if (tick < 0) {
+        refuse_flip(self, number, refusal != NULL ? refusal : "the run's ticks are not to be believed");
+        return;
+    }
+    announce(self, tick, now);
+    obey(self, number);
+}
+
+/* Both are who they are to be now. */
+static void swap(tl_live_change *self, tl_orders *orders) {
+    tl_live_stage *stage = self->settings.stage;
+    tl_live_place *before = place_of_run(self);
+    bool is_dead = before->pid == 0;
+    before->start = place_of_shadow(self)->start;
+    before->started = place_of_shadow(self)->started;
+    self->done = stage->flips;
+    self->wants_shadow = !is_dead;
+    stage->shadow_pid = (uint32_t)before->pid;
+    show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
+                is_dead ? "it had died before another twin took over" : "");
+    __atomic_store_n(&stage->place, other(stage->place), __ATOMIC_RELEASE);
+    orders->swap = true;
+}
+
+static void look_at_flip(tl_live_change *self, tl_time now, bool ends, tl_orders *orders) {
+    const tl_live_place *before = place_of_run(self);
+    bool has_flipped = __atomic_load_n(&before->pulse->flipped, __ATOMIC_ACQUIRE) == self->settings.stage->flips;
+    bool is_dead = before->pid == 0 && !ends; /* who is asked to end has ended the last run */
+    if (has_flipped || is_dead) {
+        swap(self, orders);
+        return;
+    }
+    orders->soon = true;
+    orders->kill_twin = now > self->until && !ends;
+}
+
+/* ---- orders ---- */
+
+static void look_at_order(tl_live_change *self, tl_time now) {
+    const tl_live_order *order = &self->settings.orders->order;
+    uint32_t number = __atomic_load_n(&order->number, __ATOMIC_ACQUIRE);
+    tl_live_needs needs = order->needs;
+    if (number == self->settings.stage->order) {
+        return;
+    }
+    switch (order->verb) {
+    case TL_LIVE_SHADOW:
+        want_shadow(self, number, &needs, now);
+        break;
+    case TL_LIVE_FLIP:
+        flip(self, number, now);
+        break;
+    default: /* what is no order ends what there is */
+        self->wants_shadow = false;
+        show_shadow(self, TL_LIVE_SHADOW_NONE, "");
+        obey(self, number);
+        break;
+    }
+}
+
+void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orders *orders) {
+    if (is_under_way(change)) {
+        look_at_flip(change, now, ends, orders);
+    } else if (!ends) {
+        look_at_order(change, now);
+    }
+    orders->shadow = change->wants_shadow && !change->holds;
+    orders->recorder = has_drained(change);
+}
+
+void tl_live_change_note_hold(tl_live_change *change, bool holds) {
+    change->holds = holds;
+}
+
+void tl_live_change_note_shadow(tl_live_change *change, pid_t pid) {
+    __atomic_store_n(&change->settings.stage->shadow_pid, (uint32_t)pid, __ATOMIC_RELAXED);
+}
+
+void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason) {
+    if (change->wants_shadow) {
+        show_shadow(change, TL_LIVE_SHADOW_ENDED, change->holds ? "safe hold: the run has no twin" : reason);
+    }
+    change->wants_shadow = false;
+}
+
+void tl_live_change_begin_recorder(tl_live_change *change) {
+    if (has_drained(change)) {
+        change->recorder_flips++;
+        change->recorder_place = other(change->recorder_place);
+    }
+}

@@ -1,0 +1,64 @@
+/* The change of twins, from the side of the supervisor: obeys the activator's orders, and keeps the stage (live_stage.h).
+ *
+ * Purpose: which place the run is of, whether there shall be a shadow in the other one, when they change places, and which of the two outboxes the recorder
+ *          reads. What has to be done for it, the supervisor does (tl_orders).
+ * Orders:  one after the other. One that cannot be obeyed yet (the twin before has not ended, the run's has not begun, the recorder is not that far) waits,
+ *          and is refused after TL_LIVE_CHANGE_PATIENCE. What is refused is answered on the stage, with the reason.
+ * Hold:    in safe hold there is no shadow, and no flip.
+ * Flip:    announced for a tick far enough ahead; done once the run's twin has said that it has done its part, or is dead. One that has not said it as long
+ *          after that tick as it was announced before is killed. If all end before that tick, there is no flip.
+ * Recorder: is behind a flip until it has written all that came by the outbox before; then another one is begun for the other outbox. It may be two flips
+ *          behind.
+ * Trust:   orders and pulses are other processes' words: numbers are bounded, and nothing is read twice.
+ * Thread:  the supervisor's; the stage is written by it alone.
+ */
+#ifndef TL_FIRMWARE_LIVE_LIVE_CHANGE_H
+#define TL_FIRMWARE_LIVE_LIVE_CHANGE_H
+
+#include <stdbool.h>
+
+#include "firmware/live/live_place.h"
+#include "firmware/live/live_wire.h"
+#include "firmware/live/supervisor.h"
+
+#define TL_LIVE_CHANGE_PATIENCE (30 * TL_SECOND)
+
+typedef struct tl_live_change_settings {
+    tl_live_stage *stage;
+    tl_live_place *places;                 /* TL_LIVE_PLACES; the run's own configuration has moved into the first */
+    const tl_live_activator_pulse *orders; /* */
+    const tl_block *candidate;
+    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
+    tl_time step;                           /* of the run: it does not change */
+    bool unconfined;                        /* FMUs may do what the user can, if their configuration says so */
+    void *context;
+    void (*tell)(void *context, const char *text); /* a flip is announced: an event, and a line of the log */
+} tl_live_change_settings;
+
+/* Private; begins with its settings, and zeros. */
+typedef struct tl_live_change {
+    tl_live_change_settings settings;
+    bool wants_shadow;
+    bool holds;
+    uint32_t done;    /* number of the newest flip that is done; another one than that of the stage: it is under way, */
+    tl_time until;    /* and whoever has not done its part by then is killed */
+    uint32_t waiting; /* number of the order that waits, */
+    tl_time since;    /* and since when */
+    uint32_t recorder_place; /* whose outbox is read, */
+    uint32_t recorder_flips; /* since this flip */
+} tl_live_change;
+
+/* As often as the supervisor looks. */
+void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orders *orders);
+
+/* The run's twin is begun, in safe hold or not. */
+void tl_live_change_note_hold(tl_live_change *change, bool holds);
+
+/* The shadow was begun; has ended, or could not be begun. */
+void tl_live_change_note_shadow(tl_live_change *change, pid_t pid);
+void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason);
+
+/* A recorder is to be begun: it has `recorder_place` and `recorder_flips` then. */
+void tl_live_change_begin_recorder(tl_live_change *change);
+
+#endif

@@ -1,0 +1,193 @@
+/* What is saved, tried before a run: see saved_states.h. */
+#include "firmware/live/saved_states.h"
+
+#include <fcntl.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/json_reader.h"
+#include "firmware/base/json_writer.h"
+#include "firmware/base/log.h"
+#include "firmware/base/new_file.h"
+#include "firmware/process/private_folder.h"
+#include "firmware/retune/trial.h"
+
+/* A call of an FMU may take a minute in it. */
+static const tl_time LIMIT = 300 * TL_SECOND;
+
+/* When the log says what the twin waits for, and when a twin begins that holds: io's mail keeps 10 s and hang_s, so no sample is lost. */
+static const tl_time TOLD = 3 * TL_SECOND;
+static const tl_time BRIEF = 10 * TL_SECOND;
+
+enum { FILE_BYTES = 2048 };
+
+/* ---- of which FMUs ---- */
+
+/* What it depends on besides the files. */
+static void make_key(const tl_config *config, const char *digest, char key[TL_SHA256_TEXT]) {
+    char format[TL_IDENTITY_TEXT];
+    char text[TL_SHA256_TEXT + TL_IDENTITY_TEXT + TL_IDENTITY_FILES + 32];
+    tl_identity_format(format);
+    int length = snprintf(text, sizeof text, "%s %s %lld ", digest, format, (long long)config->step);
+    for (size_t i = 0; i < config->component_count && (size_t)length < sizeof text; i++) {
+        text[length++] = (char)('0' + config->components[i].rollback);
+    }
+    tl_sha256(text, (size_t)length, key);
+}
+
+/* The key stays "" if one cannot be read. */
+static void identify(tl_saved_states *states) {
+    const tl_config *config = states->settings.config;
+    int descriptors[TL_IDENTITY_FILES] = {0};
+    char digest[TL_SHA256_TEXT];
+    const size_t count =
+        config->component_count < TL_IDENTITY_FILES ? config->component_count : (size_t)TL_IDENTITY_FILES;
+    for (size_t i = 0; i < count; i++) {
+        char path[PATH_MAX];
+        bool is_named = tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path);
+        descriptors[i] = is_named ? open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK) : -1;
+    }
+    tl_identity_open_files(descriptors, count, digest);
+    if (digest[0] != '\0') {
+        states->number = tl_identity_number_of_open_files(descriptors, count);
+        make_key(config, digest, states->key);
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (descriptors[i] >= 0) {
+            (void)close(descriptors[i]);
+        }
+    }
+}
+
+/* ---- what is remembered ---- */
+
+static bool name_file(tl_saved_states *states) {
+    return snprintf(states->path, PATH_MAX, "%s/states.json", states->settings.folder) < PATH_MAX;
+}
+
+/* False: nothing is, of these. */
+static bool remember(tl_saved_states *states) {
+    char text[FILE_BYTES];
+    FILE *file = fopen(states->path, "r");
+    if (file == NULL) {
+        return false;
+    }
+    size_t size = fread(text, 1, sizeof text, file);
+    (void)fclose(file);
+    tl_json_reader reader = tl_json_reader_of(text, size);
+    bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
+    (void)snprintf(states->why, sizeof states->why, "%s", tl_json_text(&reader, "why"));
+    is_known = is_known && reader.right;
+    tl_json_reader_free(&reader);
+    return is_known;
+}
+
+/* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
+static void keep(const tl_saved_states *states) {
+    tl_new_file file;
+    tl_json_writer json;
+    tl_error ignored;
+    if (tl_new_file_open(states->path, &file, &ignored) != TL_OK) {
+        return;
+    }
+    tl_json_writer_begin(&json);
+    tl_json_add_text(&json, "of", states->key);
+    tl_json_add_text(&json, "why", states->why);
+    if (tl_json_writer_print(&json, file.file, &ignored) == TL_OK) {
+        (void)tl_new_file_keep(&file, &ignored);
+    } else {
+        tl_new_file_discard(&file);
+    }
+    tl_json_writer_free(&json);
+}
+
+/* ---- the trial ---- */
+
+static void begin_trial(tl_saved_states *states) {
+    const tl_saved_states_settings *settings = &states->settings;
+    char title[TL_ROLE_TITLE];
+    tl_error error;
+    (void)snprintf(title, sizeof title, TL_TRIAL_OF_STATES " [%s]", settings->config->name);
+    const tl_errand_settings errand = {
+        .title = title,
+        .job = {.path = settings->config->path,
+                .candidate = settings->config->text,
+                .memory_limit = settings->memory_limit,
+                .unconfined = settings->unconfined},
+        .answer = sizeof(tl_trial_states),
+        .limit = LIMIT,
+        .be = settings->be,
+        .context = settings->context,
+    };
+    states->is_due = tl_errand_send(&states->errand, &errand, &error) == TL_OK;
+    states->begun = tl_clock_now(NULL);
+}
+
+/* Without an answer nothing is known, nor remembered: the run will say what is wrong with the FMUs. */
+static void end_trial(tl_saved_states *states, tl_errand_state how) {
+    bool is_known = how == TL_ERRAND_DONE && tl_trial_states_take(tl_errand_answer(&states->errand), states->why);
+    if (states->errand.is_late) {
+        (void)snprintf(states->why, sizeof states->why, "the saved states could not be tried within %.0f s",
+                       tl_seconds(LIMIT));
+        is_known = true;
+    }
+    if (is_known) {
+        keep(states);
+    }
+    states->files = is_known && states->why[0] != '\0' ? states->number : 0;
+    states->is_due = false;
+    tl_errand_close(&states->errand);
+}
+
+static void tell_wait(tl_saved_states *states) {
+    if (!states->is_told) {
+        tl_log(TL_LOG_NOTICE,
+               "saved states: the FMUs are tested for whether another process can load what they save, once for these "
+               "FMU files; the twin begins after that, within %.0f s, and the plant is read meanwhile",
+               tl_seconds(LIMIT));
+    }
+    states->is_told = true;
+}
+
+tl_wait tl_saved_states_look(tl_saved_states *states) {
+    if (states->is_due && !states->errand.is_sent) {
+        begin_trial(states);
+    }
+    if (!states->is_due) {
+        return TL_WAIT_OVER;
+    }
+    tl_errand_state how = tl_errand_look(&states->errand);
+    if (how != TL_ERRAND_GOES_ON) {
+        end_trial(states, how);
+        return TL_WAIT_OVER;
+    }
+    tl_time lasts = tl_clock_now(NULL) - states->begun;
+    if (lasts >= TOLD) {
+        tell_wait(states);
+    }
+    return lasts < BRIEF ? TL_WAIT_BRIEF : TL_WAIT_LONG;
+}
+
+void tl_saved_states_stop(tl_saved_states *states) {
+    if (states->errand.is_sent) {
+        tl_errand_close(&states->errand);
+        tl_private_folder_sweep("twin"); /* it could not remove those of its FMUs */
+    }
+    states->is_due = false;
+}
+
+void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states) {
+    *states = (tl_saved_states){.settings = *settings};
+    if (settings->folder == NULL || settings->config->record_resume == 0 || !name_file(states)) {
+        return;
+    }
+    identify(states);
+    if (states->key[0] != '\0') {
+        states->is_due = !remember(states);
+        states->files = !states->is_due && states->why[0] != '\0' ? states->number : 0;
+    }
+}

@@ -1,0 +1,873 @@
+/* The supervisor: see supervisor.h. */
+#include "firmware/live/supervisor.h"
+
+#include <errno.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <unistd.h>
+
+#include "board/watchdog/watchdog.h"
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/live/child.h"
+#include "firmware/live/onlooker.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/process/process_end.h"
+#include "firmware/process/service.h"
+
+/* Between two looks: what a hang costs beyond the patience. Shorter while something is about to happen: a twin that waits for its
+ * priority, a dead process that is being reaped. */
+static const tl_time LOOK = TL_SECOND / 20;
+static const tl_time LOOK_SOON = TL_SECOND / 500;
+
+/* For how long reaping the twin is worth a stroke. */
+static const tl_time REAPING = 30 * TL_SECOND;
+
+/* The first pause before a restart that follows another, and the longest. */
+static const tl_time PAUSE_FIRST = TL_SECOND / 4;
+static const tl_time PAUSE_LAST = 8 * TL_SECOND;
+
+/* The longest pause before a recorder that is to write the rest. */
+static const tl_time PAUSE_IN_END = TL_SECOND;
+
+/* io and recorder: one that was ready, and died sooner than this, is begun again after PAUSE_FIRST; later: at once. */
+static const tl_time SHORT_LIFE = TL_SECOND;
+
+/* Strokes are no more than this apart, and status lines. */
+static const tl_time STROKE = TL_SECOND;
+static const tl_time STATUS = 5 * TL_SECOND;
+
+/* What a process may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
+ * be kept then, is better than to be killed. */
+static const tl_time GRACE = TL_FMU_PATIENCE_END + TL_SECOND;
+
+/* The same, of all processes together: each has what those before it have left, but GRACE_AGAIN at least. */
+static const tl_time GRACE_OF_ALL = 8 * TL_SECOND;
+
+/* The same, of one that is asked again: nobody is patient any more. */
+static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
+
+/* A restart loop writes one line in this time. */
+static const tl_time QUIET = 60 * TL_SECOND;
+
+/* The same, of io: nothing of it is kept. */
+static const tl_time GRACE_OF_IO = TL_SECOND;
+
+/* Signals that come within this time, from a terminal and who watches over us, ask once. */
+static const tl_time AGAIN = TL_SECOND;
+
+enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
+
+/* Recorders that die in the end, before it is given up that all is written. One that had to be killed has taken so much time that it counts as two. */
+enum { LAST_TRIES = 3 };
+
+/* A twin for which no process could be started so often, which takes about 5 min, is worth no stroke any more: a reset may help. */
+enum { MOST_WITHOUT_PROCESS = 40 };
+
+/* Safe hold that got a process shows that there are processes again: so much shorter is the first one that is for want of them. */
+enum { SHORTER_HOLD = 12 };
+
+typedef enum state {
+    ABSENT,  /* there is no such member, or not any more */
+    RESTING, /* it is begun when the dead one is reaped and the pause is over */
+    LIVING
+} state;
+
+typedef struct member {
+    tl_child child;
+    state state;
+    tl_time ended;     /* when it rests, since when, */
+    tl_time pause;     /* and for how long at least */
+    unsigned failures; /* in a row, none of which was ever ready; of the twin: starts in a row that got no process */
+    unsigned unsaid;   /* failures that no line of the log tells yet, */
+    tl_time said;      /* when the last line was written; 0: never */
+    char failure[TL_RESTARTS_REASON]; /* why the last of them */
+    tl_time lived;                    /* since it was begun */
+    tl_time ready;                    /* when that was seen; 0: it is not */
+    tl_time sound;                    /* how long it has lived since */
+    bool was_damaged;                 /* one of them was */
+    bool is_changed;                  /* it was asked to end so that another one is begun */
+    tl_time hold_time;                /* of safe hold: the twin is tried again then */
+    char reason[TL_RESTARTS_REASON];  /* of a shadow: why the last one ended; "": none did */
+} member;
+
+typedef struct supervisor {
+    const tl_supervisor_settings *settings;
+    member processes[TL_MEMBERS];
+    member *members[TL_MEMBERS]; /* which of them is which */
+    tl_restarts restarts;        /* of the twin */
+    tl_watchdog watchdog;
+    tl_time stroke; /* interval */
+    tl_time stroked, told;
+    sigset_t signals; /* that are waited for */
+    sigset_t before;  /* the caller's mask */
+    bool ran;         /* a twin has been ready, */
+    bool told_ready;  /* and the service manager has heard of it */
+    int stop;         /* asked to end, by this signal; 0: not */
+    tl_time stopped;  /* when */
+    bool hurries;     /* asked again */
+    bool is_ending;   /* all end, for that reason or another one */
+    tl_time ending;   /* for how long, without the time in which this process was stopped */
+    int code;         /* what the run ends with, as far as that is known */
+    int tries;        /* recorders that have died in that end */
+    bool held;        /* the twin that lives holds, */
+    bool waits;       /* only until the first one may begin */
+    bool only_waited; /* and no other twin has been ready yet */
+    bool retries;     /* the next twin is begun although it is a loop */
+    unsigned bad_holds;
+    bool is_excused; /* the twin rests, and has not failed as one */
+    bool hastens;    /* the next look is soon */
+} supervisor;
+
+static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
+                                                [TL_MEMBER_IO] = "the reading of the plant",
+                                                [TL_MEMBER_TWIN] = "the twin",
+                                                [TL_MEMBER_SHADOW] = "the shadow"};
+
+/* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
+
+static member *twin_of(supervisor *self) {
+    return self->members[TL_MEMBER_TWIN];
+}
+
+static member *shadow_of(supervisor *self) {
+    return self->members[TL_MEMBER_SHADOW];
+}
+
+/* ---- strokes ---- */
+
+/* The last one is not retracted by what comes after it: a look that is late is a stroke that is missing. */
+static void stroke(supervisor *self, tl_time now) {
+    if (self->bad_holds >= TL_RESTARTS_MOST || now - self->stroked < self->stroke) {
+        return;
+    }
+    self->stroked = now;
+    if (self->watchdog.file >= 0 && !tl_watchdog_stroke(&self->watchdog)) {
+        tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
+    }
+    (void)tl_service_tell("WATCHDOG=1");
+}
+
+/* The text is of a process with FMUs: a second line in it would be another message to the service manager. */
+static void tell_status(supervisor *self, tl_time now) {
+    char text[TL_HEARTBEAT_STATUS];
+    char line[TL_HEARTBEAT_STATUS + 16];
+    if (now - self->told < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) || text[0] == '\0') {
+        return;
+    }
+    self->told = now;
+    int length = snprintf(line, sizeof line, "STATUS=%.*s", (int)sizeof text - 1, text);
+    for (int i = 0; i < length; i++) {
+        line[i] = (char)((unsigned char)line[i] < ' ' || line[i] == '\x7f' ? ' ' : line[i]);
+    }
+    (void)tl_service_tell(line);
+}
+
+/* ---- begin ---- */
+
+/* None after the first failure. */
+static tl_time pause_after(unsigned failures) {
+    tl_time pause = 0;
+    for (unsigned i = 1; i < failures && pause < PAUSE_LAST; i++) {
+        pause = pause == 0 ? PAUSE_FIRST : 2 * pause;
+    }
+    return pause;
+}
+
+static void rest(member *resting, tl_time now, tl_time pause) {
+    resting->state = RESTING;
+    resting->ended = now;
+    resting->pause = pause;
+}
+
+/* One that could do its work may do so again: a device or a disk is waited for as shortly as possible. */
+static tl_time pause_of_other(member *failed) {
+    if (tl_heartbeats_is_ready(failed->child.beats)) {
+        failed->failures = 0;
+        return failed->lived < SHORT_LIFE ? PAUSE_FIRST : 0;
+    }
+    failed->failures++;
+    return pause_after(failed->failures);
+}
+
+/* Another one is needed. `reason` is told by who begins it. */
+static void note_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
+    member *failed = self->members[which];
+    if (which == TL_MEMBER_TWIN) {
+        self->bad_holds += self->held ? 1 : 0;
+        tl_restarts_fail(&self->restarts, reason);
+        rest(failed, now, pause_after(self->restarts.failures));
+    } else {
+        rest(failed, now, pause_of_other(failed));
+    }
+}
+
+static void end_all(supervisor *self, int code) {
+    self->is_ending = true;
+    self->code = self->code != 0 ? self->code : code;
+}
+
+/* Failures of a member that is begun again: the first one at once, those after it once a minute. */
+static void say_failures(supervisor *self, tl_member which, tl_time now) {
+    member *failed = self->members[which];
+    char times[48] = "";
+    char text[TL_RESTARTS_REASON + 128];
+    if (failed->unsaid == 0 || (failed->said != 0 && now - failed->said < QUIET)) {
+        return;
+    }
+    if (failed->said != 0 && failed->unsaid > 1) {
+        (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unsaid);
+    }
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which], times, failed->failure,
+                   failed->state == ABSENT ? "" : "; another one is begun");
+    tl_log(TL_LOG_ERROR, "%s", text);
+    self->settings->tell(self->settings->context, text);
+    failed->unsaid = 0;
+    failed->said = now;
+}
+
+static void count_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
+    member *failed = self->members[which];
+    (void)snprintf(failed->failure, sizeof failed->failure, "%.*s", TL_RESTARTS_REASON - 1, reason);
+    failed->unsaid++;
+    say_failures(self, which, now);
+}
+
+static tl_wait wait_of(const supervisor *self) {
+    return self->settings->wait != NULL ? self->settings->wait(self->settings->context) : TL_WAIT_OVER;
+}
+
+/* The start that a new twin receives; the account counts it from now on. */
+static tl_start start_of_twin(supervisor *self) {
+    const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
+    tl_start start = {.restarts = &self->restarts,
+                      .again = self->restarts.failures > 0 || self->is_excused,
+                      .failures = self->restarts.failures,
+                      .missing = twin_of(self)->failures};
+    bool is_failing = start.failures >= TL_RESTARTS_MOST;
+    bool is_loop = is_failing || start.missing >= TL_RESTARTS_MOST;
+    bool holds = is_loop && !self->retries;
+    self->waits = !holds && wait_of(self) != TL_WAIT_OVER;
+    self->held = holds || self->waits;
+    start.hold = self->held;
+    start.hold_time = tl_restarts_hold_time(&self->restarts, is_failing ? first : first / SHORTER_HOLD);
+    start.waits = self->waits;
+    if (!self->waits) {
+        self->retries = false;
+        self->is_excused = false;
+        tl_restarts_begin(&self->restarts, start.again);
+    }
+    return start;
+}
+
+/* The kernel gave no process: no failure of the member. Nothing is begun for ever in the end. */
+static void note_no_process(supervisor *self, tl_member which, tl_time now, bool again, const tl_error *error) {
+    member *missing = self->members[which];
+    bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
+    if (is_last || which == TL_MEMBER_SHADOW || (which == TL_MEMBER_TWIN && self->settings->alone)) {
+        tl_log(TL_LOG_ERROR, "%s cannot be started: %s", name_of[which], error->text);
+        missing->state = ABSENT;
+        if (which != TL_MEMBER_SHADOW) {
+            end_all(self, TRY_AGAIN);
+        }
+        return;
+    }
+    missing->failures++;
+    if (which == TL_MEMBER_TWIN) {
+        tl_restarts_undo(&self->restarts, again);
+        self->is_excused = true;
+        tl_restarts_excuse(&self->restarts, error->text);
+    }
+    rest(missing, now, pause_after(missing->failures));
+    count_failure(self, which, now, error->text);
+}
+
+static void begin(supervisor *self, tl_member which, tl_time now) {
+    member *begun = self->members[which];
+    tl_start start = {.restarts = &self->restarts};
+    tl_error error = {0};
+    tl_child_prepare(&begun->child);
+    begun->lived = 0;
+    begun->ready = 0;
+    begun->sound = 0;
+    begun->is_changed = false;
+    begun->reason[0] = '\0';
+    if (which == TL_MEMBER_TWIN) {
+        start = start_of_twin(self);
+    }
+    pid_t pid = self->settings->begin(self->settings->context, which, &start, &error);
+    if (pid == 0) {
+        note_no_process(self, which, now, start.again, &error);
+        return;
+    }
+    tl_child_begin(&begun->child, pid);
+    begun->state = LIVING;
+    begun->hold_time = start.hold_time;
+    begun->failures = which == TL_MEMBER_TWIN ? 0 : begun->failures;
+}
+
+/* ---- what an end means ---- */
+
+/* It was told to end before it could hear that, and nothing was to be kept yet. */
+static bool was_told_early(const supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which]->child;
+    const tl_child_end *end = &child->end;
+    bool has_nothing = which != TL_MEMBER_RECORDER || !self->ran;
+    return has_nothing && child->asked && end->by_signal &&
+           (end->number == SIGTERM || end->number == SIGINT || end->number == SIGHUP) &&
+           !tl_heartbeats_is_ready(child->beats);
+}
+
+/* On the log, and for the database; there the next twin tells itself why there is one. */
+static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
+    const tl_child *child = &self->members[which]->child;
+    char text[TL_RESTARTS_REASON + 96];
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which],
+                   self->is_ending && child->asked ? " when it was to end" : "", reason,
+                   is_followed ? "; another one is begun" : "");
+    tl_log(TL_LOG_ERROR, "%s", text);
+    if (which != TL_MEMBER_TWIN || !is_followed) {
+        self->settings->tell(self->settings->context, text);
+    }
+}
+
+/* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
+static void take_last_code(supervisor *self, tl_member which, const char *reason) {
+    const tl_child *child = &self->members[which]->child;
+    bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
+    if (was_told_early(self, which)) {
+        end_all(self, 0);
+        return;
+    }
+    if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
+        say_failure(self, which, reason, false);
+        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
+        return;
+    }
+    if (!tl_child_kept_its_word(child)) {
+        tl_log(TL_LOG_WARNING, "%s failed when all was done: %s", name_of[which], reason);
+        end_all(self, is_told ? FMU_FAILED : 0);
+    }
+    end_all(self, child->end.code);
+}
+
+/* What a recorder had to write still is in memory that outlives it: another one may. */
+static bool is_worth_another(supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which]->child;
+    if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
+        child->end.farewell != TL_FAREWELL_NONE) {
+        return false;
+    }
+    self->tries += tl_child_was_killed(child) ? 2 : 1;
+    return self->tries < LAST_TRIES;
+}
+
+/* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
+static bool is_final(const supervisor *self, tl_member which) {
+    const tl_child *child = &self->members[which]->child;
+    bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
+    bool refused = child->end.farewell == TL_FAREWELL_REFUSED;
+    return self->is_ending || (refused && never_ran) ||
+           (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
+}
+
+/* Nobody begins it again. */
+static void end_alone(supervisor *self, const char *reason) {
+    const tl_child *child = &twin_of(self)->child;
+    if (child->end.farewell == TL_FAREWELL_FAILED && tl_child_kept_its_word(child)) {
+        end_all(self, child->end.code); /* which it has said itself */
+        return;
+    }
+    say_failure(self, TL_MEMBER_TWIN, reason, false);
+    end_all(self, FMU_FAILED);
+}
+
+/* By somebody beside this run, or by the kernel for want of memory: nothing that it did itself. */
+static bool was_killed_by_others(const tl_child *child) {
+    return child->end.by_signal && child->end.number == SIGKILL && !tl_child_was_killed(child);
+}
+
+/* Of a shadow: what follows from it is not decided here. */
+static void note_end_of_shadow(supervisor *self) {
+    member *ended = shadow_of(self);
+    tl_child_describe(&ended->child, ended->reason);
+    (void)self->settings->ended(self->settings->context, TL_MEMBER_SHADOW, was_killed_by_others(&ended->child),
+                                ended->reason);
+    tl_child_bury(&ended->child);
+    ended->state = ABSENT;
+}
+
+/* It has done all that it was there for, and makes room for another one. */
+static bool is_changed(const member *ended) {
+    return ended->is_changed && tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
+}
+
+/* What the twin announces is in memory that its FMUs can write, too. */
+static void doubt_farewell(supervisor *self, tl_member which) {
+    tl_child_end *end = &self->members[which]->child.end;
+    if (which == TL_MEMBER_TWIN && end->farewell == TL_FAREWELL_OVER && !self->settings->has_duration) {
+        end->farewell = TL_FAREWELL_NONE;
+    }
+}
+
+static void note_end(supervisor *self, tl_member which, tl_time now) {
+    member *ended = self->members[which];
+    doubt_farewell(self, which);
+    char reason[TL_RESTARTS_REASON];
+    bool is_last = is_final(self, which) && !is_worth_another(self, which);
+    bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
+    tl_child_describe(&ended->child, reason);
+    tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
+                                                                       was_killed_by_others(&ended->child), reason));
+    if (is_changed(ended)) {
+        tl_child_bury(&ended->child);
+        rest(ended, now, 0);
+        return;
+    }
+    if (is_last) {
+        ended->state = ABSENT;
+        take_last_code(self, which, reason);
+        return;
+    }
+    if (is_alone) {
+        ended->state = ABSENT;
+        end_alone(self, reason);
+        return;
+    }
+    bool is_named = which == TL_MEMBER_TWIN && !self->held; /* these are few: a loop ends in safe hold */
+    if (is_named || self->is_ending) {
+        say_failure(self, which, reason, true);
+    } else {
+        count_failure(self, which, now, reason);
+    }
+    tl_child_bury(&ended->child);
+    note_failure(self, which, now, reason);
+}
+
+/* ---- watching ---- */
+
+/* Whoever asks a second time does not want to wait for one that hangs; nor does an FMU get any patience then. */
+static void hurry(supervisor *self, int signal) {
+    self->hurries = true;
+    tl_log(TL_LOG_NOTICE, "asked again to end: who has not ended in %.0f s is killed", tl_seconds(GRACE_AGAIN));
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        member *asked = self->members[which];
+        if (asked->state == LIVING && asked->child.asked) {
+            tl_child_ask(&asked->child, which == TL_MEMBER_TWIN ? signal : SIGTERM);
+        }
+    }
+}
+
+static void stop(supervisor *self, int signal) {
+    tl_time now = tl_clock_now(NULL);
+    if (self->stop == 0) {
+        (void)tl_service_tell("STOPPING=1");
+        self->stop = signal;
+        self->stopped = now;
+        end_all(self, 0);
+        if (twin_of(self)->state == LIVING && shadow_of(self)->state != LIVING) {
+            tl_child_ask(&twin_of(self)->child, signal);
+        }
+    } else if (now - self->stopped >= AGAIN && !self->hurries) {
+        hurry(self, signal);
+    }
+}
+
+/* Waits a little for a signal: `most` < 1 s. */
+static void listen(supervisor *self, tl_time time) {
+    const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
+    int signal = sigtimedwait(&self->signals, NULL, &most);
+    if (signal == SIGTERM || signal == SIGINT || signal == SIGHUP) {
+        stop(self, signal);
+    }
+}
+
+/* Safe hold that could be kept up for its time is followed by a twin. */
+static void retry_from_hold(supervisor *self) {
+    member *holding = twin_of(self);
+    if (holding->sound >= holding->hold_time && !holding->child.asked && !self->is_ending) {
+        self->bad_holds = 0;
+        self->retries = true;
+        tl_restarts_retry(&self->restarts);
+        tl_log(TL_LOG_NOTICE, "safe hold ends: retry %u of the twin", self->restarts.tries);
+        holding->is_changed = true;
+        tl_child_ask(&holding->child, SIGTERM);
+    }
+}
+
+/* Of a twin that is ready. */
+static void note_life(supervisor *self, tl_time now, tl_time passed) {
+    self->ran = true;
+    self->only_waited = self->waits;
+    if (!self->told_ready) {
+        self->told_ready = tl_service_tell("READY=1");
+    }
+    if (self->held && !self->waits) {
+        retry_from_hold(self);
+    } else if (!self->held) {
+        tl_restarts_live(&self->restarts, passed);
+    }
+    tell_status(self, now);
+}
+
+/* What was found before it was ready is what the one before has left: it has mended that. */
+static bool is_damaged(const supervisor *self, tl_member which) {
+    const member *living = self->members[which];
+    bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
+    return is_believed && living->ready != 0 && !living->child.asked &&
+           self->settings->damaged(self->settings->context, which) > living->ready;
+}
+
+/* True: it is no more. */
+static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *living = self->members[which];
+    living->sound += living->ready != 0 ? passed : 0;
+    if (living->ready == 0 && tl_heartbeats_is_ready(living->child.beats)) {
+        living->ready = now;
+    }
+    bool damaged = is_damaged(self, which);
+    if (damaged) {
+        living->was_damaged = true;
+        tl_child_kill_damaged(&living->child);
+    }
+    return damaged;
+}
+
+static tl_time grace_of(supervisor *self, tl_member which) {
+    if (self->hurries || (which == TL_MEMBER_SHADOW && self->is_ending)) {
+        return GRACE_AGAIN;
+    }
+    if (which == TL_MEMBER_IO) {
+        return GRACE_OF_IO;
+    }
+    tl_time left = GRACE_OF_ALL - (self->ending - self->members[which]->child.asking);
+    left = left < GRACE ? left : GRACE;
+    return left > GRACE_AGAIN ? left : GRACE_AGAIN;
+}
+
+/* Has it been silent for too long? Alone the limit is another one, since nobody would begin another twin; and not if somebody holds it. */
+static bool is_to_be_killed(supervisor *self, tl_member which, const char *silent, tl_time silence) {
+    member *living = self->members[which];
+    if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->alone) {
+        return silent != NULL;
+    }
+    if (silence / TL_FMU_PATIENCE_CALLS <= self->settings->call_limit) {
+        return false;
+    }
+    bool is_held = tl_onlooker_holds(living->child.pid);
+    if (is_held) {
+        tl_child_let_be(&living->child);
+    }
+    return !is_held;
+}
+
+/* The first twin may begin. One that is not ready would die of it. */
+static void end_wait(supervisor *self) {
+    member *twin = twin_of(self);
+    if (self->waits && !twin->child.asked && wait_of(self) == TL_WAIT_OVER) {
+        twin->is_changed = true;
+        tl_child_ask(&twin->child, SIGTERM);
+    }
+}
+
+static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *living = self->members[which];
+    bool is_twin = which == TL_MEMBER_TWIN;
+    tl_time silence = 0;
+    const char *silent = tl_child_look(&living->child, now, &silence);
+    if (is_to_be_killed(self, which, silent, silence)) {
+        tl_child_kill_silent(&living->child, silent, silence);
+        return;
+    }
+    if (look_for_damage(self, which, now, passed)) {
+        return;
+    }
+    tl_child_press(&living->child, passed, grace_of(self, which));
+    living->lived += passed;
+    if (!is_twin) {
+        return;
+    }
+    stroke(self, now);
+    if (tl_heartbeats_is_ready(living->child.beats)) {
+        note_life(self, now, passed);
+        end_wait(self);
+    }
+}
+
+/* It begins again when its time has come, or not at all if all ends; a recorder has something left to write then. */
+static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
+    member *resting = self->members[which];
+    bool is_buried = tl_child_is_buried(&resting->child);
+    bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
+    tl_time pause = self->is_ending && resting->pause > PAUSE_IN_END ? PAUSE_IN_END : resting->pause;
+    bool is_worth_a_stroke =
+        now - resting->ended < resting->pause + REAPING && resting->failures < MOST_WITHOUT_PROCESS;
+    if (which == TL_MEMBER_TWIN && (waits || is_worth_a_stroke)) {
+        stroke(self, now);
+    }
+    if (self->is_ending && which != TL_MEMBER_RECORDER) {
+        resting->state = ABSENT;
+    } else if (is_buried && !waits && now - resting->ended >= pause) {
+        begin(self, which, now);
+    }
+}
+
+static void look_at(supervisor *self, tl_member which, tl_time now, tl_time passed) {
+    member *member_ = self->members[which];
+    say_failures(self, which, now);
+    switch (member_->state) {
+    case ABSENT:
+        break;
+    case RESTING:
+        look_at_resting(self, which, now);
+        break;
+    case LIVING:
+        if (!tl_child_has_ended(&member_->child)) {
+            look_at_living(self, which, now, passed);
+        } else if (which == TL_MEMBER_SHADOW) {
+            note_end_of_shadow(self);
+        } else {
+            self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
+            note_end(self, which, now);
+        }
+        break;
+    }
+}
+
+/* A recorder that has only begun would die of it, and there is something to write. */
+static bool can_be_asked(const supervisor *self, tl_member which) {
+    const member *living = self->members[which];
+    return which != TL_MEMBER_RECORDER || !self->ran || tl_heartbeats_is_ready(living->child.beats) ||
+           living->lived >= GRACE_AGAIN;
+}
+
+/* Asks the next one to end. True: nobody is left. */
+static bool go_on_ending(supervisor *self, tl_time now) {
+    for (int i = 0; i < TL_MEMBERS; i++) {
+        member *next = self->members[end_order[i]];
+        if (next->state == ABSENT) {
+            continue;
+        }
+        if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
+            tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
+        }
+        if (end_order[i] != TL_MEMBER_TWIN && end_order[i] != TL_MEMBER_SHADOW) {
+            stroke(self, now);
+        }
+        return false;
+    }
+    return true;
+}
+
+/* ---- orders ---- */
+
+static void see_to_shadow(supervisor *self, bool wanted, tl_time now) {
+    member *shadow = shadow_of(self);
+    bool shall_be = wanted && !self->is_ending;
+    if (shadow->state == LIVING && !shall_be && !shadow->child.asked) {
+        tl_child_ask(&shadow->child, SIGTERM);
+    } else if (shadow->state == ABSENT && shall_be && tl_child_is_buried(&shadow->child)) {
+        begin(self, TL_MEMBER_SHADOW, now);
+    }
+}
+
+static void swap(supervisor *self, tl_time now) {
+    member *before = twin_of(self);
+    member *after = shadow_of(self);
+    self->members[TL_MEMBER_TWIN] = after;
+    self->members[TL_MEMBER_SHADOW] = before;
+    after->child.name = name_of[TL_MEMBER_TWIN];
+    before->child.name = name_of[TL_MEMBER_SHADOW];
+    before->state = before->state == LIVING ? LIVING : ABSENT;
+    before->reason[0] = '\0';
+    self->held = false;
+    if (after->state != LIVING) {
+        tl_restarts_excuse(&self->restarts, after->reason[0] != '\0' ? after->reason : "it was not there");
+        self->is_excused = true;
+        rest(after, now, 0);
+    }
+}
+
+/* One that has ended with the run may have left something for another one. */
+static void change_recorder(supervisor *self, tl_time now) {
+    member *recorder = self->members[TL_MEMBER_RECORDER];
+    if (recorder->state == LIVING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
+        recorder->is_changed = true;
+        tl_child_ask(&recorder->child, SIGTERM);
+    } else if (recorder->state == ABSENT && recorder->child.pid != 0) {
+        tl_child_bury(&recorder->child);
+        rest(recorder, now, 0);
+    }
+}
+
+static void look_for_orders(supervisor *self, tl_time now) {
+    tl_orders orders = {.end = false};
+    self->settings->look(self->settings->context, self->is_ending, &orders);
+    self->hastens = orders.soon;
+    if (orders.end) {
+        end_all(self, 0);
+    }
+    if (orders.kill_twin && twin_of(self)->state == LIVING) {
+        tl_child_kill_late(&twin_of(self)->child);
+    }
+    if (orders.swap && !self->is_ending) {
+        swap(self, now);
+    }
+    see_to_shadow(self, orders.shadow, now);
+    if (orders.recorder) {
+        change_recorder(self, now);
+    }
+}
+
+/* ---- the run ---- */
+
+/* A shadow needs nothing of us at once. */
+static bool is_something_about_to_happen(supervisor *self) {
+    bool is_about = self->is_ending || self->hastens;
+    for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
+        member *member_ = self->members[which];
+        is_about = is_about || (member_->state == RESTING && !tl_child_is_buried(&member_->child)) ||
+                   (member_->state == LIVING && !tl_heartbeats_is_ready(member_->child.beats));
+    }
+    return is_about;
+}
+
+/* Until nobody is left; the exit code. */
+static int supervise(supervisor *self) {
+    tl_time looked = tl_clock_now(NULL);
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
+            rest(twin_of(self), looked, 0);
+        } else if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
+            begin(self, which, looked);
+        }
+    }
+    for (;;) {
+        listen(self, is_something_about_to_happen(self) ? LOOK_SOON : LOOK);
+        tl_time now = tl_clock_now(NULL);
+        for (tl_member which = 0; which < TL_MEMBERS; which++) {
+            look_at(self, which, now, now - looked);
+        }
+        self->ending += self->is_ending ? tl_child_passed(now - looked) : 0;
+        looked = now;
+        look_for_orders(self, now);
+        if (self->is_ending && go_on_ending(self, now)) {
+            break;
+        }
+    }
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        say_failures(self, which, INT64_MAX);
+    }
+    return self->code;
+}
+
+/* ---- begin and end ---- */
+
+/* Above the cycle, so that one that never ends cannot keep us from looking; the children begin as ordinary ones. */
+static void be_urgent(void) {
+    struct sched_param parameter = {.sched_priority = sched_get_priority_max(SCHED_FIFO)};
+    struct rlimit limit;
+    if (geteuid() != 0 && getrlimit(RLIMIT_RTPRIO, &limit) == 0 && limit.rlim_cur < (rlim_t)parameter.sched_priority) {
+        parameter.sched_priority = (int)limit.rlim_cur;
+    }
+    if (sched_setscheduler(0, SCHED_FIFO | SCHED_RESET_ON_FORK, &parameter) == 0) {
+        (void)mlockall(MCL_CURRENT | MCL_FUTURE);
+    }
+}
+
+static tl_status open_watchdog(supervisor *self, tl_error *error) {
+    tl_watchdog *watchdog = &self->watchdog;
+    if (self->settings->watchdog == NULL) {
+        return TL_OK;
+    }
+    tl_status status = tl_watchdog_open(self->settings->watchdog, self->settings->watchdog_s, watchdog, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_NOTICE, "watchdog %s (%s) resets the box unless it is stroked within %d s%s",
+               self->settings->watchdog, watchdog->name, watchdog->timeout_s,
+               watchdog->can_be_disarmed ? "" : ", and cannot be disarmed");
+    }
+    return status;
+}
+
+/* A quarter of the shorter patience, and at most STROKE. */
+static tl_time stroke_interval(const supervisor *self) {
+    tl_time interval = STROKE;
+    tl_time service = tl_service_patience() / 4;
+    tl_time watchdog = self->watchdog.file >= 0 ? self->watchdog.timeout_s * TL_SECOND / 4 : 0;
+    interval = service > 0 && service < interval ? service : interval;
+    return watchdog > 0 && watchdog < interval ? watchdog : interval;
+}
+
+static tl_status open_all(supervisor *self, tl_error *error) {
+    self->watchdog.file = -1;
+    self->restarts.lock = -1;
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        self->members[which] = &self->processes[which];
+        self->members[which]->child = (tl_child){.name = name_of[which], .beats = self->settings->beats[which]};
+    }
+    tl_status status = open_watchdog(self, error);
+    if (status == TL_OK) {
+        status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
+    }
+    if (tl_restarts_is_loop(&self->restarts)) { /* a start of the box is a retry */
+        tl_restarts_retry(&self->restarts);
+    }
+    self->retries = true;
+    self->is_excused = self->restarts.interrupted;
+    self->stroke = stroke_interval(self);
+    return status;
+}
+
+static void close_all(supervisor *self) {
+    if (self->watchdog.file >= 0 && !tl_watchdog_close(&self->watchdog)) {
+        tl_log(TL_LOG_WARNING, "watchdog %s could not be disarmed, and will reset the box", self->settings->watchdog);
+    }
+    for (tl_member which = 0; which < TL_MEMBERS; which++) {
+        tl_reaper_leave(&self->members[which]->child.reaper);
+    }
+    (void)munlockall(); /* our caller may look at what is large */
+    tl_restarts_close(&self->restarts);
+}
+
+static void wait_for_signals(supervisor *self) {
+    (void)sigemptyset(&self->signals);
+    (void)sigaddset(&self->signals, SIGCHLD);
+    (void)sigaddset(&self->signals, SIGTERM);
+    (void)sigaddset(&self->signals, SIGINT);
+    if (!tl_interrupt_ignores_hangup()) {
+        (void)sigaddset(&self->signals, SIGHUP);
+    }
+    (void)pthread_sigmask(SIG_BLOCK, &self->signals, &self->before);
+    (void)signal(SIGCHLD,
+                 SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
+}
+
+int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
+    supervisor self = {.settings = settings};
+    tl_error error = {0};
+    wait_for_signals(&self);
+    int code = 0;
+    tl_status status = open_all(&self, &error);
+    if (status == TL_OK) {
+        if (!settings->alone) {
+            be_urgent();
+        }
+        code = supervise(&self);
+        tl_restarts_end(&self.restarts);
+    } else {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        code = tl_exit_code(status);
+    }
+    close_all(&self);
+    (void)pthread_sigmask(SIG_SETMASK, &self.before, NULL);
+    if (stopped != NULL) {
+        *stopped = self.stop;
+    }
+    return code;
+}

@@ -1,0 +1,92 @@
+/* The state of the lock: see lock_tally.h. */
+#include "firmware/monitor/lock_tally.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+
+enum { ENOUGH = 10 }; /* steps: some may be within tolerance by chance */
+
+bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick) {
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        const struct tl_lock_measure *by = &yardstick->match[i];
+        bool is_sound = isfinite(by->tolerance) && isfinite(by->weight) && by->weight >= 0.0 &&
+                        (by->tolerance > 0.0 || by->weight <= 0.0);
+        if (!is_sound) {
+            return false;
+        }
+    }
+    return true;
+}
+
+bool tl_lock_yardstick_is_there(const tl_lock_yardstick *yardstick) {
+    for (size_t i = 0; i < TL_MAX_MATCH; i++) {
+        if (yardstick->match[i].weight > 0.0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+const char *tl_lock_state_name(tl_lock_state state) {
+    static const char *const names[TL_LOCK_STATES] = {[TL_LOCK_FREE] = "free",
+                                                      [TL_LOCK_LOCKED] = "locked",
+                                                      [TL_LOCK_TRACKING] = "tracking",
+                                                      [TL_LOCK_DEGRADED] = "degraded",
+                                                      [TL_LOCK_LOST] = "lost"};
+    return names[state];
+}
+
+uint64_t tl_lock_tally_total(const tl_lock_tally *tally) {
+    uint64_t total = 0;
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        total += tally->steps[i];
+    }
+    return total;
+}
+
+static double percent(const tl_lock_tally *tally, uint64_t steps) {
+    uint64_t total = tl_lock_tally_total(tally);
+    return total == 0 ? 0.0 : 100.0 * (double)steps / (double)total;
+}
+
+double tl_lock_tally_percent(const tl_lock_tally *tally) {
+    return percent(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING]);
+}
+
+/* ", 3.2 % degraded", for each state that is not told otherwise. */
+static int append_others(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE], int length) {
+    for (int i = 0; i < TL_LOCK_STATES && length < TL_LOCK_SENTENCE; i++) {
+        if (i != TL_LOCK_LOCKED && tally->steps[i] != 0) {
+            length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), ", %.1f %% %s",
+                               percent(tally, tally->steps[i]), tl_lock_state_name((tl_lock_state)i));
+        }
+    }
+    return length;
+}
+
+bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
+    bool ever = tl_lock_tally_percent(tally) > 0.0;
+    bool was_within = ever || tally->within >= ENOUGH || tally->windows == 0;
+    return least > 0.0 ? tl_lock_tally_percent(tally) >= least : was_within && tally->ran_away == 0;
+}
+
+void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]) {
+    uint64_t total = tl_lock_tally_total(tally);
+    if (total == 0) {
+        (void)snprintf(text, TL_LOCK_SENTENCE, "free: there was no step to judge");
+        return;
+    }
+    if (tally->steps[TL_LOCK_FREE] == total) {
+        (void)snprintf(text, TL_LOCK_SENTENCE, "never locked: no matched signal was ever good for long enough");
+        return;
+    }
+    bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING] != 0;
+    int length = snprintf(text, TL_LOCK_SENTENCE, "%s at the end; %s%.1f %% locked", tl_lock_state_name(tally->state),
+                          ever ? "" : "never locked, ", percent(tally, tally->steps[TL_LOCK_LOCKED]));
+    length = append_others(tally, text, length);
+    if (tally->ran_away != 0 && length < TL_LOCK_SENTENCE) {
+        (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "; ran away in %" PRIu64 " steps",
+                       tally->ran_away);
+    }
+}

@@ -1,0 +1,260 @@
+/* What a recording proposes: see proposal.h. */
+#include "firmware/monitor/proposal.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "firmware/monitor/smoothing.h"
+
+static const double AT_REST = 6.0;   /* of a plant that does nothing else: a lock could only follow the noise */
+static const double TOLERANCE = 3.0; /* σ at least, */
+static const double STAYS = 2.0;     /* and so many times that is left as it is */
+static const double HALF = 0.6;      /* of the mean square: less noise than that is worth a low-pass; */
+static const double NEARLY = 1.3;    /* so many times the best is nearly as good, */
+static const double NEARLY_NOTHING = 1.0 / 25; /* and so is a difference of so many σ² */
+static const double SHORTEST = 0.25;           /* time constants, of the readings' usual distance, */
+static const double LONGEST = 2.5;       /* up to this: what is longer flattens what the recording may not have shown */
+static const double GATE_OF_JUMP = 1.5;  /* times the furthest that the plant went between two readings, */
+static const double GATE_OF_NOISE = 8.0; /* and so many σ at least */
+static const double MOVES = 2.0;         /* times its noise: an input for which a step is worth waiting */
+static const double FEW_OUTLIERS = 2;    /* fewer are nothing to go by */
+enum { MEDIAN = 5 };
+
+static void say(tl_proposal_reason *reason, const char *format, ...) TL_PRINTF(2, 3);
+
+static void say(tl_proposal_reason *reason, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(reason->text, sizeof reason->text, format, arguments);
+    va_end(arguments);
+}
+
+/* To two digits, upwards. */
+static double rounded_up(double value) {
+    double unit = value > 0.0 ? pow(10.0, floor(log10(value)) - 1.0) : 1.0;
+    return value > 0.0 ? ceil(value / unit - 1e-9) * unit : 0.0;
+}
+
+/* ---- message times ---- */
+
+/* Whole steps, of what 99 % of all readings keep to. */
+static tl_time every_of(const tl_config *config, const tl_survey_signal *signal) {
+    tl_time steps = (signal->rare + config->step - 1) / config->step;
+    return (steps > 0 ? steps : 1) * config->step;
+}
+
+static bool is_too_slow(const tl_config *config, const tl_survey_signal *signal) {
+    return every_of(config, signal) > TL_CONFIG_LONGEST_SHIFT * config->step;
+}
+
+/* Whether there is no such thing as a line between its readings; says why. */
+static bool has_no_line(const tl_config *config, size_t index, const tl_survey_signal *signal,
+                        tl_proposal_reason *reason) {
+    const tl_plan_signal *plan = &config->signals[index].plan;
+    if (plan->type != TL_REAL) {
+        say(reason, "it is no Real: between off and on there is nothing");
+    } else if (config->measurements != TL_LAG) {
+        say(reason, "in this mode no step waits for the next reading");
+    } else if (signal->is_switched) {
+        say(reason, "it has a few values only: between these there is nothing");
+    } else if (signal->median == 0 || is_too_slow(config, signal)) {
+        say(reason, "its readings are too rare: a step would wait for more than %d steps",
+            (int)TL_CONFIG_LONGEST_SHIFT);
+    } else {
+        return false;
+    }
+    return true;
+}
+
+/* ---- matches ---- */
+
+static void propose_between(const tl_config *config, const tl_survey_signal *signal, tl_proposal_match *match) {
+    if (has_no_line(config, match->signal, signal, &match->why_between)) {
+        return;
+    }
+    if (signal->most <= config->step) {
+        say(&match->why_between, "there is a reading in each step: a line would do nothing");
+        return;
+    }
+    match->between = TL_BETWEEN_LINE;
+    say(&match->why_between, "the last reading is %.3g s old on average, and a step takes %g s",
+        tl_seconds(signal->median) / 2.0, tl_seconds(config->step));
+}
+
+/* 1, 1.5, 2, 3, 4, 5, 6, 8, 10 … ms: the next one after `value`. */
+static tl_time next_constant(tl_time value) {
+    static const double steps[] = {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0};
+    double decade = pow(10.0, floor(log10((double)value) + 1e-9));
+    for (size_t i = 0; i < sizeof steps / sizeof steps[0]; i++) {
+        if (decade * steps[i] > (double)value * (1.0 + 1e-9)) {
+            return llround(decade * steps[i]);
+        }
+    }
+    return value * 2;
+}
+
+/* The shortest time constant that is nearly as good as the best; 0: none halves the error. `*error`: what is left, mean square. */
+static tl_time find_low_pass(const tl_config *config, const tl_survey_signal *signal, double *error) {
+    double sigma = signal->sigma;
+    double square = sigma * sigma;
+    tl_time first = (tl_time)(SHORTEST * (double)signal->median) + 1;
+    tl_time last = (tl_time)(LONGEST * (double)signal->median);
+    double least = square;
+    last = last < TL_CONFIG_LONGEST_SHIFT * config->step / 2 ? last : TL_CONFIG_LONGEST_SHIFT * config->step / 2;
+    for (tl_time each = next_constant(first); each <= last; each = next_constant(each)) {
+        least = fmin(least, tl_smoothing_error(signal->kept, signal->kept_count, sigma, each));
+    }
+    for (tl_time each = next_constant(first); least < HALF * square && each <= last; each = next_constant(each)) {
+        *error = tl_smoothing_error(signal->kept, signal->kept_count, sigma, each);
+        if (*error <= NEARLY * least + NEARLY_NOTHING * square && *error < HALF * square) {
+            return each;
+        }
+    }
+    return 0;
+}
+
+static void propose_low_pass(const tl_config *config, const tl_survey_signal *signal, tl_proposal_match *match,
+                             tl_proposal_reason *reason) {
+    bool is_real = config->signals[match->signal].plan.type == TL_REAL && !signal->is_switched;
+    double error = 0.0;
+    if (!is_real) {
+        say(reason, "it has a few values only");
+    } else if (signal->median == 0 || is_too_slow(config, signal)) {
+        say(reason, "its readings are too rare for a low-pass");
+    } else if (config->measurements == TL_AHEAD) {
+        say(reason, "in this mode no step waits for a low-pass");
+    } else if (signal->noise.is_too_fast) {
+        say(reason, "the plant moves too fast between two readings for a low-pass");
+    } else if (!(signal->sigma > 0.0)) {
+        say(reason, "there is no noise");
+    } else if ((match->condition.low_pass = find_low_pass(config, signal, &error)) > 0) {
+        say(reason, "a low-pass of %g s brings the error of readings from %.3g to %.3g",
+            tl_seconds(match->condition.low_pass), signal->sigma, sqrt(error));
+    } else {
+        say(reason, "a low-pass would flatten what the plant does by as much as it takes of the noise");
+    }
+    if (match->condition.low_pass > 0 && config->measurements == TL_LAG && match->between == TL_BETWEEN_LAST) {
+        match->between = TL_BETWEEN_LINE;
+        say(&match->why_between, "a low-pass goes along the line in any case");
+    }
+}
+
+/* A gate knows how fast the plant is; a median needs not to. */
+static void propose_rejection(const tl_config *config, const tl_survey_signal *signal, tl_proposal_match *match,
+                              tl_proposal_reason *reason) {
+    double gate = rounded_up(fmax(GATE_OF_JUMP * signal->jump, GATE_OF_NOISE * signal->sigma));
+    double percent = 100.0 * (double)signal->outliers / (double)(signal->good > 0 ? signal->good : 1);
+    if ((double)signal->outliers < FEW_OUTLIERS) {
+        return;
+    }
+    if (signal->nearest > gate) {
+        match->condition.gate = rounded_up(sqrt(gate * signal->nearest));
+        say(reason,
+            "%.2g %% of the readings are outliers, nearly all by %.3g and more, and the plant goes %.3g at most: a gate between",
+            percent, signal->nearest, signal->jump);
+    } else if (config->measurements == TL_AHEAD || is_too_slow(config, signal)) {
+        say(reason, "%.2g %% of the readings are outliers, within what the plant does: no step waits for a median here",
+            percent);
+    } else {
+        match->condition.median = MEDIAN;
+        say(reason, "%.2g %% of the readings are outliers, within what the plant does: a median needs no limit",
+            percent);
+    }
+}
+
+static void propose_condition(const tl_config *config, const tl_survey_signal *signal, tl_proposal_match *match) {
+    tl_proposal_reason low_pass = {""};
+    tl_proposal_reason rejection = {""};
+    if (config->event.start.signal != NULL) {
+        say(&match->why_condition, "beside horizon.event it would blur the instant of the event");
+        return;
+    }
+    propose_low_pass(config, signal, match, &low_pass);
+    propose_rejection(config, signal, match, &rejection);
+    bool both = rejection.text[0] != '\0';
+    say(&match->why_condition, "%.*s%s%.*s", (int)sizeof rejection.text / 2 + 50, rejection.text, both ? "; " : "",
+        (int)sizeof low_pass.text / 2, low_pass.text);
+}
+
+static void propose_tolerance(const tl_config *config, size_t index, const tl_survey_signal *signal,
+                              tl_proposal_match *match) {
+    const tl_plan_match *own = &config->match[index];
+    double least = (signal->is_at_rest ? AT_REST : TOLERANCE) * signal->sigma;
+    const char *at_most = signal->noise.is_too_fast ? " at most" : "";
+    bool has_one = config->synchronise && own->weight > 0.0;
+    bool is_real = config->signals[match->signal].plan.type == TL_REAL;
+    if (!has_one || !is_real || config->event.start.signal != NULL || !(least > 0.0)) {
+        say(&match->why_tolerance, has_one ? "as it is: there is no noise to go by" : "none: it is compared only");
+        return;
+    }
+    if (own->tolerance >= least && own->tolerance <= STAYS * least) {
+        match->tolerance = own->tolerance;
+        say(&match->why_tolerance, "as it is: %.3g times the noise of %.3g%s", own->tolerance / signal->sigma,
+            signal->sigma, at_most);
+        return;
+    }
+    match->tolerance = rounded_up(least);
+    match->is_within_noise = tl_noise_exceeds(&signal->noise, own->tolerance);
+    say(&match->why_tolerance, "%s times the noise of %.3g%s%s; configured is %g%s",
+        signal->is_at_rest ? "six" : "three", signal->sigma, at_most,
+        signal->is_at_rest ? ", as the plant rests in this recording: one of it at work tells more" : "",
+        own->tolerance, config->has_epsilon ? ", the root of epsilon" : "");
+}
+
+/* ---- inputs ---- */
+
+static void propose_input(const tl_config *config, size_t index, const tl_survey_signal *signal,
+                          tl_proposal_input *input) {
+    const char *unit = config->signals[index].plan.unit != NULL ? config->signals[index].plan.unit : "";
+    if (has_no_line(config, index, signal, &input->why)) {
+        return;
+    }
+    if (signal->is_polled) {
+        say(&input->why, "it is held from one change to the next");
+    } else if (signal->move <= MOVES * signal->sigma) {
+        say(&input->why, "it moves by %.3g %s from one reading to the next, and its noise is %.3g: not worth a wait",
+            signal->move, unit, signal->sigma);
+    } else {
+        input->between = TL_BETWEEN_MEAN;
+        say(&input->why,
+            "it moves by %.3g %s from one reading to the next, and its noise is %.3g: the mean over a step is late by nothing",
+            signal->move, unit, signal->sigma);
+    }
+}
+
+/* ---- all ---- */
+
+static size_t signal_of(const tl_config *config, const tl_survey *survey, const char *to) {
+    size_t i = 0;
+    const char *name = to + (strncmp(to, "plant.", 6) == 0 ? 6 : 0);
+    while (i + 1 < survey->count && strcmp(config->signals[i].plan.name, name) != 0) {
+        i++;
+    }
+    return i;
+}
+
+void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_proposal *proposal) {
+    memset(proposal, 0, sizeof *proposal);
+    proposal->match_count = config->match_count;
+    for (size_t i = 0; i < config->match_count; i++) {
+        tl_proposal_match *match = &proposal->match[i];
+        match->signal = signal_of(config, survey, config->match[i].to);
+        const tl_survey_signal *signal = &survey->signals[match->signal];
+        propose_between(config, signal, match);
+        propose_condition(config, signal, match);
+        propose_tolerance(config, i, signal, match);
+        bool waits = match->between != TL_BETWEEN_LAST || match->condition.low_pass > 0 || match->condition.median > 1;
+        proposal->every[match->signal] = waits ? every_of(config, signal) : proposal->every[match->signal];
+    }
+    for (size_t i = 0; i < survey->count; i++) {
+        tl_proposal_input *input = &proposal->inputs[i];
+        input->is_one = tl_config_feeds(config, &config->signals[i]);
+        if (input->is_one) {
+            propose_input(config, i, &survey->signals[i], input);
+        }
+        bool waits = input->between != TL_BETWEEN_LAST;
+        proposal->every[i] = waits ? every_of(config, &survey->signals[i]) : proposal->every[i];
+    }
+}

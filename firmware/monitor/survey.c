@@ -1,0 +1,300 @@
+/* A recording, looked through: see survey.h. */
+#include "firmware/monitor/survey.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/process/interrupt.h"
+
+enum { FIRST_ROOM = 1024 };
+
+static const double POLLED = 1.0 / 3.0;       /* of the readings repeat the one before */
+static const double WHOLE = 0.05;             /* multiples are off by so little, */
+static const double MOST_STEPS = 1e6;         /* of so many at most, */
+static const double NEARLY_ALL = 0.99;        /* in so many cases */
+static const double COUNTED_NOISE = 0.288675; /* of a value that is rounded to multiples of 1: 1/√12 */
+static const double A_FEW_STEPS = 4.0;
+static const double AT_REST = 1.2; /* times its noise, the standard deviation of what moves by nothing else */
+
+/* What is heard. */
+typedef struct listener {
+    const tl_config *config;
+    tl_survey *survey;
+    size_t room[TL_MAX_SIGNALS];
+    tl_time first, last;
+    bool any, is_short_of_memory;
+} listener;
+
+static bool is_good(const tl_config_signal *signal, const tl_reading *reading) {
+    return reading->quality == TL_GOOD && isfinite(reading->value) && reading->value >= signal->minimum &&
+           reading->value <= signal->maximum;
+}
+
+/* Room for one more. */
+static bool make_room(listener *self, size_t signal) {
+    tl_survey_signal *heard = &self->survey->signals[signal];
+    if (heard->kept_count < self->room[signal]) {
+        return true;
+    }
+    size_t room = self->room[signal] == 0 ? FIRST_ROOM : 2 * self->room[signal];
+    tl_noise_point *grown = realloc(heard->kept, room * sizeof *grown);
+    if (grown == NULL) {
+        self->is_short_of_memory = true;
+        return false;
+    }
+    heard->kept = grown;
+    self->room[signal] = room;
+    return true;
+}
+
+static void hear(void *context, size_t signal, const tl_reading *reading) {
+    listener *self = context;
+    tl_survey_signal *heard = &self->survey->signals[signal];
+    if (!is_good(&self->config->signals[signal], reading)) {
+        heard->bad++;
+        return;
+    }
+    if (heard->kept_count == TL_SURVEY_MOST) {
+        heard->is_cut = true;
+        return;
+    }
+    bool is_later = heard->kept_count == 0 || reading->stamp > heard->kept[heard->kept_count - 1].stamp;
+    if (is_later && make_room(self, signal)) {
+        heard->kept[heard->kept_count++] = (tl_noise_point){.stamp = reading->stamp, .value = reading->value};
+        self->first = self->any && self->first < reading->stamp ? self->first : reading->stamp;
+        self->last = self->any && self->last > reading->stamp ? self->last : reading->stamp;
+        self->any = true;
+    }
+}
+
+/* ---- message times ---- */
+
+static int compare(const void *one, const void *other) {
+    const double a = *(const double *)one;
+    const double b = *(const double *)other;
+    return a < b ? -1 : a > b ? 1 : 0;
+}
+
+/* Of the sorted. */
+static double share_of(const double *sorted, size_t count, double share) {
+    size_t place = (size_t)(share * (double)count);
+    return sorted[place < count ? place : count - 1];
+}
+
+static void tell_times(tl_survey_signal *signal, double *room) {
+    size_t count = signal->kept_count < 2 ? 0 : signal->kept_count - 1;
+    for (size_t i = 0; i < count; i++) {
+        room[i] = tl_seconds(signal->kept[i + 1].stamp - signal->kept[i].stamp);
+    }
+    if (count > 0) {
+        qsort(room, count, sizeof *room, compare);
+        signal->median = tl_time_of_seconds(share_of(room, count, 0.5));
+        signal->most = tl_time_of_seconds(share_of(room, count, 0.95));
+        signal->rare = tl_time_of_seconds(share_of(room, count, 0.99));
+        signal->worst = tl_time_of_seconds(room[count - 1]);
+    }
+}
+
+/* ---- values ---- */
+
+/* The least distance of two values, if all are multiples of it apart. */
+static double find_quantum(const double *sorted, size_t count, size_t *values) {
+    double least = 0.0;
+    size_t multiples = 0;
+    *values = count > 0 ? 1 : 0;
+    for (size_t i = 1; i < count; i++) {
+        double apart = sorted[i] - sorted[i - 1];
+        *values += apart > 0.0 ? 1 : 0;
+        least = apart > 0.0 && (least <= 0.0 || apart < least) ? apart : least;
+    }
+    for (size_t i = 1; i < count && least > 0.0; i++) {
+        double times = (sorted[i] - sorted[i - 1]) / least;
+        multiples += times < MOST_STEPS && fabs(times - nearbyint(times)) <= WHOLE ? 1 : 0;
+    }
+    bool are_whole = (double)multiples >= NEARLY_ALL * (double)(count > 0 ? count - 1 : 0);
+    return least > 0.0 && isfinite(least) && are_whole ? least : 0.0;
+}
+
+/* Those that change only. */
+static void drop_repeats(tl_survey_signal *signal) {
+    size_t kept = signal->kept_count > 0 ? 1 : 0;
+    for (size_t i = 1; i < signal->kept_count; i++) {
+        if (signal->kept[i].value < signal->kept[kept - 1].value ||
+            signal->kept[i].value > signal->kept[kept - 1].value) {
+            signal->kept[kept++] = signal->kept[i];
+        }
+    }
+    signal->kept_count = kept;
+}
+
+static void count_repeats(tl_survey_signal *signal) {
+    for (size_t i = 1; i < signal->kept_count; i++) {
+        bool changes =
+            signal->kept[i].value < signal->kept[i - 1].value || signal->kept[i].value > signal->kept[i - 1].value;
+        signal->repeats += changes ? 0 : 1;
+    }
+}
+
+/* The half of all changes that are larger; 0: there are none. */
+static double usual_change(const tl_survey_signal *signal, double *room) {
+    size_t count = 0;
+    for (size_t i = 1; i < signal->kept_count; i++) {
+        double change = fabs(signal->kept[i].value - signal->kept[i - 1].value);
+        if (change > 0.0) {
+            room[count++] = change;
+        }
+    }
+    qsort(room, count, sizeof *room, compare);
+    return count > 0 ? share_of(room, count, 0.5) : 0.0;
+}
+
+/* A value that is counted in large steps repeats as well, and is not polled too often for that. */
+static void tell_values(tl_survey_signal *signal, double *room) {
+    size_t values = 0;
+    for (size_t i = 0; i < signal->kept_count; i++) {
+        room[i] = signal->kept[i].value;
+    }
+    qsort(room, signal->kept_count, sizeof *room, compare);
+    signal->quantum = find_quantum(room, signal->kept_count, &values);
+    signal->is_switched = values <= TL_SURVEY_SWITCH;
+    count_repeats(signal);
+    bool often = (double)signal->repeats >= POLLED * (double)signal->kept_count;
+    bool is_coarse = signal->quantum > 0.0 && usual_change(signal, room) < A_FEW_STEPS * signal->quantum;
+    signal->is_polled = often && !is_coarse && !signal->is_switched;
+    if (signal->is_polled) {
+        drop_repeats(signal);
+    }
+}
+
+/* ---- noise ---- */
+
+static void measure(tl_noise_meter *meter, const tl_survey_signal *signal) {
+    bool is_outlier = false;
+    for (size_t i = 0; i < signal->kept_count; i++) {
+        (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
+    }
+}
+
+/* The second time: outliers are taken out, and how far they were is put into `room`. */
+static void drop_outliers(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
+    enum { BEHIND = TL_NOISE_AROUND / 2 };
+    size_t count = signal->kept_count;
+    size_t kept = 0;
+    for (size_t i = 0; i < count + BEHIND; i++) {
+        bool is_outlier = false;
+        if (i < count) {
+            (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
+        }
+        if (i < BEHIND) {
+            continue;
+        }
+        const tl_noise_point judged = signal->kept[i - BEHIND];
+        if (is_outlier) {
+            room[signal->outliers++] = kept > 0 ? fabs(judged.value - signal->kept[kept - 1].value) : 0.0;
+        } else {
+            signal->kept[kept++] = judged;
+        }
+    }
+    signal->kept_count = kept;
+    if (signal->outliers > 0) {
+        qsort(room, (size_t)signal->outliers, sizeof *room, compare);
+        signal->nearest = share_of(room, (size_t)signal->outliers, 0.1);
+    }
+}
+
+static void tell_moves(tl_survey_signal *signal) {
+    double sum = 0.0;
+    for (size_t i = 1; i < signal->kept_count; i++) {
+        double move = fabs(signal->kept[i].value - signal->kept[i - 1].value);
+        sum += move * move;
+        signal->jump = fmax(signal->jump, move);
+    }
+    double mean = signal->kept_count > 1 ? sum / (double)(signal->kept_count - 1) : 0.0;
+    signal->move = sqrt(fmax(0.0, mean - 2.0 * signal->sigma * signal->sigma));
+}
+
+/* About the first one, as values may be large. */
+static bool is_at_rest(const tl_survey_signal *signal) {
+    double sum = 0.0;
+    double squares = 0.0;
+    double count = (double)signal->kept_count;
+    for (size_t i = 0; i < signal->kept_count; i++) {
+        double off = signal->kept[i].value - signal->kept[0].value;
+        sum += off;
+        squares += off * off;
+    }
+    double variance = count > 0.0 ? squares / count - sum / count * (sum / count) : 0.0;
+    return variance <= AT_REST * AT_REST * signal->sigma * signal->sigma;
+}
+
+static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
+    tl_noise_found first;
+    tl_noise_meter_init(meter, 0);
+    measure(meter, signal);
+    tl_noise_meter_tell(meter, &first);
+    tl_noise_meter_init(meter, 0);
+    tl_noise_meter_know(meter, &first);
+    drop_outliers(signal, meter, room);
+    tl_noise_meter_tell(meter, &signal->noise);
+    signal->sigma = fmax(signal->noise.sigma, COUNTED_NOISE * signal->quantum);
+    tell_moves(signal);
+    signal->is_at_rest = is_at_rest(signal);
+}
+
+/* ---- all ---- */
+
+static tl_status hear_all(tl_recording *recording, listener *self, tl_error *error) {
+    tl_recording_tick tick;
+    bool end = false;
+    tl_status status = TL_OK;
+    tl_recording_listen(recording, hear, self);
+    while (status == TL_OK && !end && !self->is_short_of_memory) {
+        status = tl_interrupt_requested() != NULL ? tl_fail(error, TL_INTERRUPTED, "interrupted")
+                                                  : tl_recording_next(recording, &tick, &end, error);
+    }
+    return status;
+}
+
+static size_t most_readings(const tl_survey *survey) {
+    size_t most = 1;
+    for (size_t i = 0; i < survey->count; i++) {
+        most = survey->signals[i].kept_count > most ? survey->signals[i].kept_count : most;
+    }
+    return most;
+}
+
+tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_survey *survey, tl_error *error) {
+    listener self = {.config = config, .survey = survey};
+    while (survey->count < config->signal_count && config->signals[survey->count].of == survey->count) {
+        survey->count++;
+    }
+    tl_status status = hear_all(recording, &self, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    double *room = calloc(most_readings(survey), sizeof *room);
+    tl_noise_meter *meter = calloc(1, sizeof *meter);
+    if (self.is_short_of_memory || room == NULL || meter == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the recording's readings");
+    }
+    for (size_t i = 0; status == TL_OK && i < survey->count; i++) {
+        tl_survey_signal *signal = &survey->signals[i];
+        signal->good = signal->kept_count;
+        tell_times(signal, room);
+        tell_values(signal, room);
+        tell_noise(signal, meter, room);
+    }
+    survey->length = self.any ? self.last - self.first : 0;
+    free(meter);
+    free(room);
+    return status;
+}
+
+void tl_survey_free(tl_survey *survey) {
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        free(survey->signals[i].kept);
+        survey->signals[i].kept = NULL;
+        survey->signals[i].kept_count = 0;
+    }
+}

@@ -1,0 +1,144 @@
+/* Confinement, in its order: see confine.h. */
+#include "firmware/process/confine.h"
+
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <unistd.h>
+
+#include "firmware/process/filter.h"
+#include "firmware/process/landlock.h"
+#include "firmware/process/privileges.h"
+#include "firmware/process/process_limits.h"
+
+/* ---- what there is ---- */
+
+static int usable_landlock(int newest) {
+    int version = newest < 0 ? 0 : tl_landlock_version();
+    return newest > 0 && newest < version ? newest : version;
+}
+
+void tl_confine_probe(tl_confine_facts *facts) {
+    *facts = (tl_confine_facts){
+        .filter = tl_filter_is_offered(),
+        .notifies = tl_filter_can_notify(),
+        .landlock = tl_landlock_version(),
+        .memory = tl_process_limits_hold_memory(),
+        .user = tl_privileges_may_change_user(),
+    };
+}
+
+uint64_t tl_confine_fair_memory(void) {
+    long pages = sysconf(_SC_PHYS_PAGES);
+    long size = sysconf(_SC_PAGESIZE);
+    const uint64_t most = (uint64_t)TL_CONFINE_MEMORY_MIB * 1024 * 1024;
+    uint64_t half = pages > 0 && size > 0 ? (uint64_t)pages * (uint64_t)size / 2 : 0;
+    return half < most ? half : most;
+}
+
+/* ---- confine ---- */
+
+static tl_status enter(const char *folder, tl_error *error) {
+    if (folder != NULL && (chdir(folder) != 0 || setenv("TMPDIR", folder, 1) != 0)) {
+        return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be entered: %s", folder, strerror(errno));
+    }
+    return TL_OK;
+}
+
+/* Devices, and files of another user, may be open to capabilities only. */
+static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
+    if (settings->user != 0) {
+        return tl_privileges_become(settings->user, error);
+    }
+    return settings->drivers != 0 || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
+}
+
+static tl_status restrict_files(const tl_confine_settings *settings, int version, tl_error *error) {
+    const tl_landlock_places places = {.folder = settings->folder,
+                                       .read = settings->read,
+                                       .read_count = settings->read_count,
+                                       .write = settings->write,
+                                       .write_count = settings->write_count,
+                                       .ports = settings->ports,
+                                       .port_count = settings->port_count};
+    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
+    }
+    return version > 0 ? tl_landlock_restrict(&places, version, error) : TL_OK;
+}
+
+static tl_status restrict_calls(const tl_confine_settings *settings, int version, int *listener, tl_error *error) {
+    const tl_filter_settings filter = {.start_socket = settings->start_socket,
+                                       .whole_process = settings->whole_process,
+                                       .drivers = settings->drivers,
+                                       .keeps_files = settings->keeps_files,
+                                       .may_answer = settings->may_answer,
+                                       .forks = settings->forks,
+                                       .lives_on = settings->lives_on,
+                                       .removal_holds = version > 0,
+                                       .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
+    return tl_filter_load(&filter, listener, error);
+}
+
+static tl_status confine_calls(const tl_confine_settings *settings, int version, tl_confine_facts *facts, int *listener,
+                               tl_error *error) {
+    const bool filters = tl_filter_is_offered(); /* afterwards asking is refused */
+    int told = -1;
+    tl_status status = filters ? restrict_calls(settings, version, listener == NULL ? NULL : &told, error) : TL_OK;
+    if (status == TL_OK) {
+        *facts = (tl_confine_facts){.filter = filters,
+                                    .notifies = told >= 0,
+                                    .landlock = version,
+                                    .memory = settings->memory != 0 && tl_process_limits_hold_memory(),
+                                    .user = settings->user != 0};
+    }
+    if (listener != NULL) {
+        *listener = told;
+    }
+    return status;
+}
+
+tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error) {
+    const int version = usable_landlock(settings->landlock_newest);
+    *facts = (tl_confine_facts){0};
+    if (listener != NULL) {
+        *listener = -1;
+    }
+    tl_status status = enter(settings->folder, error);
+    status = status != TL_OK ? status : give_up_privileges(settings, error);
+    status = status != TL_OK ? status : tl_process_limits_set(settings->memory, settings->file_bytes, error);
+    status = status != TL_OK ? status : restrict_files(settings, version, error);
+    return status == TL_OK ? confine_calls(settings, version, facts, listener, error) : status;
+}
+
+tl_status tl_confine_user(uint32_t user, tl_error *error) {
+    return user != 0 ? tl_privileges_become(user, error) : TL_OK;
+}
+
+/* ---- describe ---- */
+
+void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]) {
+    const char *const sentences[] = {
+        facts->landlock > 0 ? ""
+        : facts->user       ? "FMUs can read and write what every user may: this kernel has no Landlock"
+                            : "FMUs can read and write files of this user, and so take over its other processes "
+                              "(/proc/PID/mem): this kernel has no Landlock",
+        facts->filter
+            ? ""
+            : "FMUs can open sockets, start programs and signal processes of this user: this kernel has no seccomp",
+        facts->filter && !facts->notifies
+            ? "what FMUs are refused is not told: this kernel's seccomp has no notifications"
+            : "",
+        facts->memory ? "" : "the memory of FMUs has no limit",
+    };
+    size_t used = 0;
+    text[0] = '\0';
+    for (size_t i = 0; i < sizeof sentences / sizeof sentences[0]; i++) {
+        if (sentences[i][0] != '\0' && used < TL_CONFINE_TEXT) {
+            int length = snprintf(text + used, TL_CONFINE_TEXT - used, "%s%s", used > 0 ? "; " : "", sentences[i]);
+            used += length > 0 ? (size_t)length : 0;
+        }
+    }
+}

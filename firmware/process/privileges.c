@@ -1,0 +1,86 @@
+/* User and capabilities: see privileges.h. */
+#include "firmware/process/privileges.h"
+
+#include <errno.h>
+#include <grp.h>
+#include <linux/capability.h>
+#include <linux/securebits.h>
+#include <string.h>
+#include <sys/prctl.h>
+#include <sys/syscall.h>
+#include <sys/types.h>
+#include <unistd.h>
+
+#define NO_ROOT                                                                                                        \
+    (SECBIT_NOROOT | SECBIT_NOROOT_LOCKED | SECBIT_NO_SETUID_FIXUP_LOCKED | SECBIT_KEEP_CAPS_LOCKED |                  \
+     SECBIT_NO_CAP_AMBIENT_RAISE | SECBIT_NO_CAP_AMBIENT_RAISE_LOCKED)
+
+static bool read_capabilities(struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3]) {
+    struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
+    memset(data, 0, _LINUX_CAPABILITY_U32S_3 * sizeof *data);
+    return syscall(SYS_capget, &header, data) == 0;
+}
+
+static bool has(unsigned capability) {
+    struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
+    return read_capabilities(data) && (data[CAP_TO_INDEX(capability)].effective & CAP_TO_MASK(capability)) != 0;
+}
+
+static bool has_none(void) {
+    struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
+    uint32_t all = 0;
+    bool known = read_capabilities(data);
+    for (size_t i = 0; i < _LINUX_CAPABILITY_U32S_3; i++) {
+        all |= data[i].effective | data[i].permitted | data[i].inheritable;
+    }
+    return known && all == 0;
+}
+
+bool tl_privileges_may_change_user(void) {
+    return has(CAP_SETUID) && has(CAP_SETGID);
+}
+
+/* What could come back by starting a program: not without CAP_SETPCAP, and then there is none to lose but for what we have. */
+static bool drop_to_come(void) {
+    if (!has(CAP_SETPCAP)) {
+        return true;
+    }
+    for (unsigned long capability = 0; prctl(PR_CAPBSET_READ, capability) >= 0; capability++) {
+        if (prctl(PR_CAPBSET_DROP, capability) != 0) {
+            return false;
+        }
+    }
+    return prctl(PR_SET_SECUREBITS, NO_ROOT) == 0;
+}
+
+/* Who has none needs none to be dropped: a service's filter refuses that to start with. */
+static bool drop_present(void) {
+    if (has_none()) {
+        return true;
+    }
+    struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
+    struct __user_cap_data_struct none[_LINUX_CAPABILITY_U32S_3];
+    memset(none, 0, sizeof none);
+    (void)prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* before Linux 4.3 there are none */
+    return syscall(SYS_capset, &header, none) == 0;
+}
+
+tl_status tl_privileges_drop(tl_error *error) {
+    return drop_to_come() && drop_present()
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "capabilities could not be given up: %s", strerror(errno));
+}
+
+tl_status tl_privileges_become(uint32_t user, tl_error *error) {
+    int signal = 0;
+    const pid_t parent = getppid();
+    (void)prctl(PR_GET_PDEATHSIG, &signal);
+    if (!drop_to_come() || setgroups(0, NULL) != 0 || setresgid(user, user, user) != 0 ||
+        setresuid(user, user, user) != 0 || !drop_present() || prctl(PR_SET_PDEATHSIG, signal) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "the user could not be changed to %lu: %s", (unsigned long)user,
+                       strerror(errno));
+    }
+    return signal == 0 || getppid() == parent
+               ? TL_OK
+               : tl_fail(error, TL_INTERRUPTED, "the process that started this one has ended");
+}

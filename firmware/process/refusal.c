@@ -1,0 +1,66 @@
+/* Refused calls, taken and answered: see refusal.h. */
+#include "firmware/process/refusal.h"
+
+#include <errno.h>
+#include <linux/seccomp.h>
+#include <poll.h>
+#include <seccomp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <sys/ioctl.h>
+
+/* Names by number, which libseccomp gives in memory of the heap. */
+enum { NAMES = 512 };
+static char names[NAMES][TL_REFUSAL_NAME];
+static bool named;
+
+static void find_names(void) {
+    for (int number = 0; number < NAMES; number++) {
+        char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, number);
+        if (name != NULL) {
+            (void)snprintf(names[number], sizeof names[number], "%s", name);
+        }
+        free(name);
+    }
+}
+
+/* Whoever comes second meanwhile writes the same. */
+static void prepare(void) {
+    if (!__atomic_load_n(&named, __ATOMIC_ACQUIRE)) {
+        find_names();
+        __atomic_store_n(&named, true, __ATOMIC_RELEASE);
+    }
+}
+
+static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
+    const int number = asked->data.nr;
+    *refusal = (tl_refusal){.id = asked->id, .number = number, .thread = (pid_t)asked->pid};
+    if (number >= 0 && number < NAMES && names[number][0] != '\0') {
+        (void)snprintf(refusal->name, sizeof refusal->name, "%s", names[number]);
+    } else {
+        (void)snprintf(refusal->name, sizeof refusal->name, "call %d", number);
+    }
+    for (int i = 0; i < TL_REFUSAL_ARGUMENTS; i++) {
+        refusal->arguments[i] = asked->data.args[i];
+    }
+}
+
+/* The kernel knows the size of what it fills by the number of the command. */
+bool tl_refusal_take(int listener, tl_refusal *refusal) {
+    struct pollfd waiting = {.fd = listener, .events = POLLIN};
+    struct seccomp_notif asked = {.id = 0};
+    if (listener < 0 || poll(&waiting, 1, 0) != 1 || (waiting.revents & POLLIN) == 0 ||
+        ioctl(listener, SECCOMP_IOCTL_NOTIF_RECV, &asked) != 0) {
+        return false;
+    }
+    prepare();
+    describe(&asked, refusal);
+    return true;
+}
+
+/* Nothing of the other process is read, so it does not matter whether it is still there (SECCOMP_IOCTL_NOTIF_ID_VALID): an answer that comes
+ * too late goes nowhere. */
+void tl_refusal_answer(int listener, const tl_refusal *refusal) {
+    struct seccomp_notif_resp reply = {.id = refusal->id, .error = -EPERM};
+    (void)ioctl(listener, SECCOMP_IOCTL_NOTIF_SEND, &reply);
+}

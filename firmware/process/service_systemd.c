@@ -1,0 +1,50 @@
+/* The service manager is systemd: see service.h. */
+#include <errno.h>
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <unistd.h>
+
+#include <systemd/sd-daemon.h>
+
+#include "firmware/process/service.h"
+
+/* A path, or a name in the kernel's own list after an @. False where it is neither. */
+static bool find_address(struct sockaddr_un *address, socklen_t *size) {
+    const char *name = getenv("NOTIFY_SOCKET");
+    size_t length = name == NULL ? 0 : strlen(name);
+    *address = (struct sockaddr_un){.sun_family = AF_UNIX};
+    if (length < 2 || length >= sizeof address->sun_path || (name[0] != '/' && name[0] != '@')) {
+        return false;
+    }
+    memcpy(address->sun_path, name, length);
+    if (name[0] == '@') {
+        address->sun_path[0] = '\0';
+    }
+    *size = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + length);
+    return true;
+}
+
+/* As sd_notify(), which waits where the socket is full. */
+bool tl_service_tell(const char *state) {
+    struct sockaddr_un address;
+    socklen_t size = 0;
+    if (!find_address(&address, &size)) {
+        return true;
+    }
+    int line = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (line < 0) {
+        return false;
+    }
+    ssize_t sent = sendto(line, state, strlen(state), MSG_DONTWAIT | MSG_NOSIGNAL, (struct sockaddr *)&address, size);
+    bool full = sent < 0 && errno == EAGAIN;
+    (void)close(line);
+    return !full;
+}
+
+tl_time tl_service_patience(void) {
+    uint64_t microseconds = 0;
+    return sd_watchdog_enabled(0, &microseconds) > 0 ? (tl_time)microseconds * 1000 : 0;
+}

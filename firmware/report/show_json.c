@@ -1,0 +1,212 @@
+/* The same numbers as the page, for programs: one JSON object. */
+#include <math.h>
+
+#include "firmware/base/json_writer.h"
+#include "firmware/config/measurements.h"
+#include "firmware/report/figures_json.h"
+#include "firmware/report/show.h"
+#include "firmware/report/show_summary.h"
+#include "firmware/store/history_rows.h"
+
+enum { EVENTS_SHOWN = 10 };
+
+static void add_run(tl_json_writer *json, const tl_history_run *run) {
+    tl_json_open_object(json, NULL);
+    tl_json_add_number(json, "run", (double)run->run);
+    tl_json_add_text(json, "verb", run->verb);
+    tl_json_add_text(json, "name", run->name);
+    tl_json_add_text(json, "version", run->version);
+    tl_json_add_text(json, "configuration", run->configuration_hash);
+    tl_json_add_text(json, "started", run->started);
+    tl_json_add_text(json, "ended", run->ended);
+    tl_json_add_text(json, "ended_reason", run->ended_reason);
+    tl_json_add_text(json, "committed", run->committed);
+    tl_json_add_number(json, "step_s", tl_seconds(run->step));
+    tl_json_add_count(json, "prediction", run->prediction);
+    tl_json_add_count(json, "lead", run->lead);
+    tl_json_add_text(json, "measurements", tl_measurements_name(run->measurements));
+    tl_json_add_count(json, "samples", run->samples);
+    tl_json_add_count(json, "steps", run->steps);
+    tl_json_add_count(json, "events", run->events);
+    tl_json_add_count(json, "lost", run->lost);
+    tl_json_add_number(json, "removed_before", (double)run->removed_before);
+    tl_figures_json_add_resumption(json, &run->resumption);
+    tl_json_close(json);
+}
+
+static tl_status add_runs(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    const tl_history_run *runs = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_runs(request->history, &runs, &count, error);
+    tl_json_open_array(json, "runs");
+    for (size_t i = 0; status == TL_OK && i < count; i++) {
+        add_run(json, &runs[i]);
+    }
+    tl_json_close(json);
+    return status;
+}
+
+static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
+    const tl_run_figures *figures = &summary->figures;
+    tl_json_add_count(json, "steps", figures->steps);
+    if (summary->any) {
+        tl_json_add_number(json, "first_step", (double)summary->range[0]);
+        tl_json_add_number(json, "last_step", (double)summary->range[1]);
+    }
+    tl_json_add_count(json, "evaluations", figures->evaluations);
+    tl_json_add_count(json, "optimised_steps", figures->optimised_steps);
+    tl_json_add_count(json, "rested_steps", figures->rested);
+    tl_json_add_count(json, "time_limited", figures->time_limited);
+    tl_figures_json_add_outcomes(json, figures);
+}
+
+static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
+    if (tl_lock_tally_total(lock) == 0) {
+        tl_json_add_null(json, "lock");
+    } else {
+        tl_json_open_object(json, "lock");
+        tl_figures_json_add_lock(json, lock);
+        tl_json_close(json);
+    }
+}
+
+static void add_ledger(tl_json_writer *json, const tl_run_figures *figures) {
+    if (figures->ledger_count == 0) {
+        tl_json_add_null(json, "ledger");
+        return;
+    }
+    tl_json_open_object(json, "ledger");
+    tl_figures_json_add_components(json, figures);
+    tl_json_close(json);
+}
+
+static void add_matches(tl_json_writer *json, const tl_show_summary *summary) {
+    tl_json_open_object(json, "match");
+    for (size_t i = 0; i < summary->match_count; i++) {
+        const tl_recorder_signal *signal = &summary->match[i];
+        const tl_metrics *metrics = &summary->figures.match[i];
+        tl_json_open_object(json, signal->name);
+        tl_json_add_text(json, "to", signal->to);
+        tl_json_add_number(json, "mse", tl_metrics_mse(metrics));
+        tl_json_add_number(json, "max", metrics->maximum);
+        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&summary->figures, i));
+        tl_json_add_text(json, "unit", signal->unit);
+        tl_json_add_count(json, "pairs", metrics->pairs);
+        tl_json_add_count(json, "left_out", metrics->left_out);
+        tl_json_add_count(json, "readings", summary->figures.readings[i].pairs);
+        tl_json_add_count(json, "rejected", summary->figures.readings[i].left_out);
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+}
+
+static void add_windows(tl_json_writer *json, const tl_show_request *request, const tl_show_summary *summary,
+                        const tl_show_adjust *adjust) {
+    tl_json_open_array(json, "windows");
+    for (size_t i = 0; i < summary->windows; i++) {
+        int64_t step = tl_show_window_start(summary, i);
+        tl_json_open_object(json, NULL);
+        tl_json_add_number(json, "from_step", (double)step);
+        tl_json_add_number(json, "from_s", (double)step * tl_seconds(request->run->step));
+        if (tl_show_is_live(request->run)) {
+            char utc[TL_UTC_TEXT];
+            tl_utc_text(tl_show_instant(request->run, step), utc);
+            tl_json_add_text(json, "from", utc);
+        }
+        tl_json_add_count(json, "steps", adjust->windows[i].count);
+        tl_json_add_number(json, "delta_mean", tl_show_part_mean(&adjust->windows[i]));
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+}
+
+static void add_adjusted(tl_json_writer *json, const tl_show_request *request, const tl_show_summary *summary) {
+    tl_json_open_object(json, "adjust");
+    for (size_t i = 0; i < summary->adjust_count; i++) {
+        const tl_run_adjusted *adjusted = &summary->figures.adjust[i];
+        const tl_show_adjust *detail = &summary->detail[i];
+        bool any = adjusted->count > 0;
+        tl_json_open_object(json, summary->adjust[i].name);
+        tl_json_add_number(json, "first", any ? adjusted->first : (double)NAN);
+        tl_json_add_number(json, "last", any ? adjusted->last : (double)NAN);
+        tl_json_add_number(json, "mean", tl_run_figures_mean(&summary->figures, i));
+        tl_json_add_number(json, "delta_mean", tl_run_figures_delta_mean(&summary->figures, i));
+        tl_json_add_number(json, "min", any ? detail->least : (double)NAN);
+        tl_json_add_number(json, "max", any ? detail->largest : (double)NAN);
+        tl_json_add_text(json, "unit", summary->adjust[i].unit);
+        add_windows(json, request, summary, detail);
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+}
+
+static void take_event(void *context, const tl_history_event *event) {
+    tl_json_writer *json = context;
+    tl_json_open_object(json, NULL);
+    tl_json_add_text(json, "at", event->at);
+    tl_json_add_number(json, "tick", event->has_tick ? (double)event->tick : (double)NAN);
+    tl_json_add_text(json, "severity", event->severity);
+    tl_json_add_text(json, "source", event->source);
+    tl_json_add_text(json, "text", event->text);
+    tl_json_close(json);
+}
+
+static tl_status add_events(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    const tl_history_visitor visitor = {.context = json, .event = take_event};
+    tl_json_open_array(json, "events");
+    tl_status status = tl_history_events(request->history, request->run, request->from_at,
+                                         request->all_events ? -1 : EVENTS_SHOWN, &visitor, error);
+    tl_json_close(json);
+    return status;
+}
+
+static tl_status add_tunings(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    const tl_history_tuning *tunings = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_tunings(request->history, request->run, &tunings, &count, error);
+    tl_json_open_array(json, "tunings");
+    for (size_t i = 0; status == TL_OK && i < count; i++) {
+        tl_json_open_object(json, NULL);
+        tl_json_add_number(json, "tick", (double)tunings[i].tick);
+        tl_json_add_text(json, "configuration", tunings[i].hash);
+        tl_json_add_text(json, "at", tunings[i].at);
+        tl_json_add_text(json, "who", tunings[i].who);
+        tl_json_add_text(json, "origin", tunings[i].origin);
+        tl_json_add_text(json, "why", tunings[i].why);
+        tl_json_close(json);
+    }
+    tl_json_close(json);
+    return status;
+}
+
+static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_error *error) {
+    tl_show_summary summary;
+    tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &summary, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_json_add_text(json, "file", request->path);
+    status = add_runs(json, request, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_json_add_number(json, "run", (double)request->run->run);
+    add_steps(json, &summary);
+    add_lock(json, &summary.lock);
+    add_matches(json, &summary);
+    add_adjusted(json, request, &summary);
+    add_ledger(json, &summary.figures);
+    status = add_tunings(json, request, error);
+    return status == TL_OK ? add_events(json, request, error) : status;
+}
+
+tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *error) {
+    tl_json_writer json;
+    tl_json_writer_begin(&json);
+    tl_status status = fill(&json, request, error);
+    if (status == TL_OK) {
+        status = tl_json_writer_print(&json, file, error);
+    }
+    tl_json_writer_free(&json);
+    return status;
+}

@@ -1,0 +1,200 @@
+/* The report of a recorded run: what is in the database, on the page that html_report.h makes. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/new_file.h"
+#include "firmware/config/config.h"
+#include "firmware/config/measurements.h"
+#include "firmware/report/html_report.h"
+#include "firmware/report/show.h"
+#include "firmware/report/show_summary.h"
+#include "firmware/store/history_rows.h"
+
+typedef struct recorded_run {
+    const tl_show_request *request;
+    tl_show_summary summary;
+    tl_html_settings settings;
+    tl_html_report *report;
+    tl_config config; /* as the run had it; empty where this program does not understand it */
+    char source[512];
+    double tolerance[TL_MAX_MATCH];
+} recorded_run;
+
+/* ---- Settings ---------------------------------------------------------------------------------------------------- */
+
+static void ignore(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+/* Tolerances, solver and budget are in the configuration alone. A text that this program refuses, of a newer one perhaps,
+ * leaves them unknown. */
+static tl_status read_configuration(recorded_run *run, tl_error *error) {
+    tl_report report = {.add = ignore};
+    const char *text = NULL;
+    tl_status status = tl_history_configuration(run->request->history, run->request->run, &text, error);
+    if (status == TL_OK && tl_config_read_text("configuration", text, strlen(text), &run->config, &report) != TL_OK) {
+        run->config = (tl_config){0};
+    }
+    return status;
+}
+
+static void find_tolerances(recorded_run *run) {
+    for (size_t i = 0; i < run->summary.match_count; i++) {
+        for (size_t k = 0; k < run->config.match_count; k++) {
+            if (strcmp(run->config.match[k].variable, run->summary.match[i].name) == 0) {
+                run->tolerance[i] = tl_html_tolerance(&run->config.match[k], run->config.synchronise);
+            }
+        }
+    }
+}
+
+static const char *solver_of(const recorded_run *run) {
+    if (run->summary.adjust_count == 0) {
+        return "";
+    }
+    if (run->config.algorithm != NULL) {
+        return run->config.algorithm;
+    }
+    if (run->config.name == NULL) {
+        return "not known";
+    }
+    return run->summary.adjust[0].type == TL_BOOLEAN ? "boolean" : "secant";
+}
+
+static void describe(recorded_run *run) {
+    const tl_history_run *recorded = run->request->run;
+    const tl_show_summary *summary = &run->summary;
+    bool live = tl_show_is_live(recorded);
+    (void)snprintf(run->source, sizeof run->source, "run %lld of %s", (long long)recorded->run, run->request->path);
+    find_tolerances(run);
+    run->settings = (tl_html_settings){
+        .name = recorded->name,
+        .source = run->source,
+        .begun = recorded->started,
+        .version = recorded->version,
+        .solver = solver_of(run),
+        .fallback = run->config.fallback == NULL ? "" : run->config.fallback,
+        .measurements = tl_measurements_name(recorded->measurements),
+        .step = recorded->step,
+        .prediction = recorded->prediction,
+        .live = live,
+        .origin = tl_show_instant(recorded, 0),
+        .clock = live,
+        .budget = run->config.budget_time,
+        .first = summary->range[0],
+        .match = summary->match,
+        .adjust = summary->adjust,
+        .match_count = summary->match_count,
+        .adjust_count = summary->adjust_count,
+        .tolerance = run->tolerance,
+    };
+}
+
+/* ---- Rows -------------------------------------------------------------------------------------------------------- */
+
+static void take_step(void *context, const tl_history_step *step) {
+    const recorded_run *run = context;
+    const tl_record record = {
+        .step = step->step,
+        .evaluations = (uint32_t)step->evaluations,
+        .executions = (uint32_t)step->executions,
+        .used = step->used,
+    };
+    tl_html_report_add_step(run->report, &record);
+}
+
+/* A quality of a newer program is not good, and no more is known of it. */
+static tl_quality quality_of(int64_t code) {
+    return code >= TL_GOOD && code <= TL_OUTLIER ? (tl_quality)code : TL_NOT_A_NUMBER;
+}
+
+static void take_output(void *context, const tl_history_output *output) {
+    const recorded_run *run = context;
+    tl_html_report_add_output(run->report, output->step, output->signal, output->y, output->y_hat,
+                              quality_of(output->quality));
+}
+
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
+    const recorded_run *run = context;
+    tl_html_report_add_adjustment(run->report, adjustment->step, adjustment->signal, adjustment->u, adjustment->u_hat);
+}
+
+static void take_event(void *context, const tl_history_event *taken) {
+    const recorded_run *run = context;
+    const tl_html_event event = {
+        .at = taken->at,
+        .tick = taken->has_tick ? taken->tick : -1,
+        .severity = taken->severity,
+        .source = taken->source,
+        .text = taken->text,
+    };
+    tl_html_report_add_event(run->report, &event);
+}
+
+static tl_status gather(recorded_run *run, tl_error *error) {
+    tl_history *history = run->request->history;
+    const tl_history_run *recorded = run->request->run;
+    const tl_show_summary *summary = &run->summary;
+    const tl_history_visitor visitor = {
+        .context = run,
+        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
+        .step = take_step,
+        .output = take_output,
+        .adjustment = take_adjustment,
+        .event = take_event,
+    };
+    tl_status status = summary->any ? tl_history_rows(history, recorded, summary->range, &visitor, error) : TL_OK;
+    return status == TL_OK ? tl_history_events(history, recorded, run->request->from_at, -1, &visitor, error) : status;
+}
+
+/* ---- The page ---------------------------------------------------------------------------------------------------- */
+
+/* The file is begun when all is known: a reader that is interrupted leaves none behind. */
+static tl_status write_page(const recorded_run *run, const char *path, tl_error *error) {
+    tl_new_file file;
+    tl_status status = tl_new_file_open(path, &file, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const tl_history_run *recorded = run->request->run;
+    const char *ended = recorded->ended == NULL ? "is being written, or was killed" : recorded->ended_reason;
+    tl_html_report_write(run->report, &run->summary.figures, ended, file.file);
+    return tl_new_file_keep(&file, error);
+}
+
+static tl_status report_into(recorded_run *run, const char *path, tl_error *error) {
+    const tl_show_request *request = run->request;
+    tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &run->summary, error);
+    if (status == TL_OK) {
+        status = read_configuration(run, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    describe(run);
+    status = tl_html_report_create(&run->settings, &run->report, error);
+    if (status == TL_OK) {
+        status = gather(run, error);
+    }
+    return status == TL_OK ? write_page(run, path, error) : status;
+}
+
+tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error) {
+    if (tl_new_file_is(path, request->path)) {
+        return tl_fail(error, TL_BAD_USAGE, "--report %.200s would overwrite the database: give it another name", path);
+    }
+    recorded_run *run = calloc(1, sizeof *run);
+    if (run == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
+    }
+    run->request = request;
+    tl_status status = report_into(run, path, error);
+    tl_html_report_destroy(run->report);
+    tl_config_free(&run->config);
+    free(run);
+    return status;
+}

@@ -1,0 +1,155 @@
+/* Adding up: one pass over each table. */
+#include "firmware/report/show_summary.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "firmware/report/show_lock.h"
+#include "firmware/store/history_rows.h"
+
+static int64_t steps_between(const tl_show_summary *summary) {
+    return summary->range[1] - summary->range[0] + 1;
+}
+
+/* The part of the steps, of `parts` equal ones, in which a step is. */
+static size_t part_of(const tl_show_summary *summary, int64_t step, size_t parts) {
+    double position = (double)(step - summary->range[0]) / (double)steps_between(summary);
+    size_t part = (size_t)(position * (double)parts);
+    return part < parts ? part : parts - 1;
+}
+
+int64_t tl_show_window_start(const tl_show_summary *summary, size_t window) {
+    return summary->range[0] +
+           (int64_t)ceil((double)window * (double)steps_between(summary) / (double)summary->windows);
+}
+
+double tl_show_part_mean(const tl_show_part *part) {
+    return part->count == 0 ? (double)NAN : part->delta_sum / (double)part->count;
+}
+
+/* Variance of Δu within the windows. */
+static double variance_within(const tl_show_summary *summary, size_t adjust) {
+    const tl_show_adjust *detail = &summary->detail[adjust];
+    double squares = detail->delta_squares;
+    double freedom = (double)summary->figures.adjust[adjust].count;
+    for (size_t i = 0; i < summary->windows; i++) {
+        if (detail->windows[i].count > 0) {
+            squares -= detail->windows[i].delta_sum * detail->windows[i].delta_sum / (double)detail->windows[i].count;
+            freedom -= 1.0;
+        }
+    }
+    /* What is left of the squares may be no more than their rounding. */
+    return freedom < 1.0 || squares < 1e-12 * detail->delta_squares ? 0.0 : squares / freedom;
+}
+
+size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
+    const tl_show_adjust *detail = &summary->detail[adjust];
+    size_t found = 0;
+    double most = 0.0;
+    double variance = variance_within(summary, adjust);
+    for (size_t i = 1; i < summary->windows; i++) {
+        const tl_show_part *before = &detail->windows[i - 1];
+        const tl_show_part *after = &detail->windows[i];
+        if (before->count > 0 && after->count > 0) {
+            double change = fabs(tl_show_part_mean(after) - tl_show_part_mean(before));
+            double chance = sqrt(variance * (1.0 / (double)before->count + 1.0 / (double)after->count));
+            bool stands_out = change > 4.0 * chance && change > 1e-12 * sqrt(detail->delta_squares);
+            found = stands_out && change > most ? i : found;
+            most = stands_out && change > most ? change : most;
+        }
+    }
+    return found;
+}
+
+static void take_step(void *context, const tl_history_step *step) {
+    tl_show_summary *summary = context;
+    const tl_run_step taken = {
+        .outcome = step->outcome,
+        .time_limited = step->stop == TL_STOP_TIME,
+        .evaluations = (uint64_t)step->evaluations,
+        .used = step->used,
+        .rests = (step->flags & TL_FLAG_RESTS) != 0,
+    };
+    tl_run_figures_add_step(&summary->figures, &taken, summary->period);
+}
+
+static void take_output(void *context, const tl_history_output *output) {
+    tl_show_summary *summary = context;
+    bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
+    tl_metrics_add(&summary->figures.match[output->signal], output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
+    const tl_metrics readings = {
+        .pairs = (uint64_t)output->readings, .left_out = (uint64_t)output->rejected, .sum_of_squares = output->squares};
+    tl_metrics_join(&summary->figures.readings[output->signal], &readings);
+}
+
+static void add_part(tl_show_part *part, double delta) {
+    part->count++;
+    part->delta_sum += delta;
+}
+
+static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
+    tl_show_summary *summary = context;
+    size_t index = adjustment->signal;
+    tl_show_adjust *adjust = &summary->detail[index];
+    int64_t step = adjustment->step;
+    double u = adjustment->u;
+    double nominal = adjustment->u_hat;
+    double delta = u - nominal;
+    if (isnan(u) || isnan(nominal)) {
+        return;
+    }
+    bool first = summary->figures.adjust[index].count == 0;
+    adjust->least = first || u < adjust->least ? u : adjust->least;
+    adjust->largest = first || u > adjust->largest ? u : adjust->largest;
+    adjust->delta_squares += delta * delta;
+    tl_run_figures_add_adjusted(&summary->figures, index, u, nominal);
+    add_part(&adjust->windows[part_of(summary, step, summary->windows)], delta);
+    add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
+}
+
+static tl_status name_signals(tl_history *history, const tl_history_run *run, tl_show_summary *summary,
+                              tl_error *error) {
+    tl_status status =
+        tl_history_signals(history, run, TL_HISTORY_MATCH, &summary->match, &summary->match_count, error);
+    return status == TL_OK
+               ? tl_history_signals(history, run, TL_HISTORY_ADJUST, &summary->adjust, &summary->adjust_count, error)
+               : status;
+}
+
+static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_run_figures *figures, tl_error *error) {
+    const tl_run_component *components = NULL;
+    tl_status status = tl_history_ledger(history, run, &components, &figures->ledger_count, error);
+    for (size_t i = 0; status == TL_OK && i < figures->ledger_count; i++) {
+        figures->ledger[i] = components[i];
+    }
+    return status;
+}
+
+tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
+                            tl_error *error) {
+    memset(summary, 0, sizeof *summary);
+    summary->period = run->step;
+    tl_status status = name_signals(history, run, summary, error);
+    if (status == TL_OK) {
+        status = add_ledger(history, run, &summary->figures, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_range(history, run, TL_HISTORY_STEPS, from_step, summary->range, &summary->any, error);
+    }
+    if (status != TL_OK || !summary->any) {
+        return status;
+    }
+    int64_t steps = steps_between(summary);
+    summary->windows = steps < TL_SHOW_WINDOWS ? (size_t)steps : TL_SHOW_WINDOWS;
+    summary->points = steps < TL_SHOW_POINTS ? (size_t)steps : TL_SHOW_POINTS;
+    const tl_history_visitor visitor = {
+        .context = summary,
+        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
+        .step = take_step,
+        .output = take_output,
+        .adjustment = take_adjustment,
+    };
+    status = tl_history_rows(history, run, summary->range, &visitor, error);
+    summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
+    return status == TL_OK ? tl_show_lock(history, run, summary->range, &summary->lock, error) : status;
+}

@@ -1,0 +1,148 @@
+/* An activation: one change of a plant's configuration on its way, from a candidate's text to what came of it.
+ *
+ * Purpose: the steps, in their order, each told as it begins: authorise, validate, try, predict, shadow, compare, activate, probation; then kept, or
+ *          returned.
+ * Kinds:   what is changed in place is handed to the running twin, which takes it at a tick's beginning and keeps all it has. What takes another twin is
+ *          tried, runs beside the run's twin as its shadow, is compared with it, and takes over between two ticks; or by a restart, if the box
+ *          does not carry two twins and who asked allows that. For all else the run ends and begins anew, if that is allowed.
+ * Order:   a version is on disk as the active one before anybody acts on it. So a power cut, or the end of this process at any moment, leaves the old
+ *          one or the new one in force, and tl_activation_begin() brings the run to what the disk says.
+ * Way back: probation.h says when. After a flip the twin before goes on as a shadow through the probation, and is flipped back to, if it still can. Else it
+ *          is a change like any other: to the version that is returned to.
+ * One:     at a time. A candidate that comes while another is on probation takes its place; what is returned to stays the same. If it needs a shadow, the
+ *          twin before makes room for that. A version on probation that has to be returned from does not wait for a shadow's end.
+ * Waiting: never, but for the disk.
+ * Owner:   the caller places it; what it is given must stay.
+ * Thread:  one, the main thread of its process.
+ */
+#ifndef TL_FIRMWARE_RETUNE_ACTIVATION_H
+#define TL_FIRMWARE_RETUNE_ACTIVATION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/retune/activation_host.h"
+#include "firmware/retune/comparison.h"
+#include "firmware/retune/control_wire.h"
+#include "firmware/retune/errand.h"
+#include "firmware/retune/refusals.h"
+#include "firmware/retune/trial_answer.h"
+#include "firmware/retune/verdict.h"
+#include "firmware/retune/versions.h"
+
+/* How a change comes into the run. */
+typedef enum tl_activation_way {
+    TL_ACTIVATION_IN_PLACE, /* the running twin takes it */
+    TL_ACTIVATION_BY_FLIP,  /* another twin takes over between two ticks */
+    TL_ACTIVATION_BY_RESTART
+} tl_activation_way;
+
+/* What a probation is if nobody says otherwise. */
+enum { TL_ACTIVATION_PROBATION_S = 300, TL_ACTIVATION_LOCK_PERCENT = 95 };
+
+/* For how long a new twin runs beside the run's over live samples if nobody says otherwise, and at most. */
+enum { TL_ACTIVATION_SHADOW_S = 60, TL_ACTIVATION_SHADOW_LONGEST_S = 3600 };
+
+typedef struct tl_activation_settings {
+    const tl_activation_host *host;
+    tl_versions *versions;
+    tl_refusals *refusals;
+    const char *plant;     /* its name, for titles */
+    const char *path;      /* of its configuration: relative names start at its folder */
+    const char *allowed;   /* where the administrator's list of names is (box_texts.h); NULL: there is none */
+    uint64_t memory_limit; /* as in errand.h */
+    bool unconfined;
+    int (*be)(const char *title, void *context); /* as in errand.h */
+    void *context;                               /* of it */
+
+    /* Says something to who has asked for the change; nobody may listen any more. TL_CONTROL_END is the last. */
+    void (*say)(void *listener, const tl_control_reply *reply);
+    void *listener;
+} tl_activation_settings;
+
+/* A candidate's twin beside the run's. Fields are private. */
+typedef struct tl_rehearsal {
+    bool is_begun;    /* the host knows of it */
+    bool has_run;     /* it was seen to compute */
+    bool is_live;     /* at the plant's ticks */
+    bool is_told;     /* that its order waits */
+    bool is_compared; /* the window has begun */
+    tl_time waited;   /* since the step began */
+    tl_time live;
+    tl_time unsaid;                /* since something was said of it, */
+    double said;                   /* and how much of it was done then: 0 … 1 */
+    tl_probation_snapshot before;  /* the run's twin, before */
+    tl_activation_shadow recorded; /* as it was seen last over recorded samples */
+    tl_comparison comparison;
+} tl_rehearsal;
+
+/* Fields are private. */
+typedef struct tl_activation {
+    tl_activation_settings settings;
+    tl_control_step step;
+    tl_activation_way way;
+    bool is_return;      /* to a version that is there already */
+    bool is_wanted;      /* by somebody */
+    bool settles;        /* nothing changes on disk: the run is to be brought to what is there */
+    bool is_handed;      /* the twin has been given the tuning, or the flip was ordered */
+    bool has_other_fmus; /* the text is that of the active one, and an FMU's file is not */
+    bool is_awaited;     /* who asked is told more than that it is active */
+    uint64_t target;     /* of a return */
+    tl_control_request request;
+    char *text; /* the candidate's, with a NUL; NULL: there is none */
+    size_t size;
+    char *before;                /* the active one's, while it is validated */
+    char reason[TL_VERSION_WHY]; /* of a return */
+    tl_errand errand;
+    tl_verdict verdict;
+    tl_trial_answer answer;
+    char heard
+        [TL_CONTROL_TEXT]; /* the first error that the trial has told and that is no problem of a value; "": none */
+    uint32_t problems;     /* of values, that it has told */
+    tl_rehearsal rehearsal;
+    char leaving[TL_SHA256_TEXT]; /* of what the run was of before a flip */
+    tl_time waited;               /* since the activation, or since the trial began, */
+    tl_time told;                 /* and until something was said of that last */
+    tl_probation probation;
+    tl_time unsaved;   /* since the probation was written */
+    tl_time pause;     /* before its end is tried again */
+    bool is_unwritten; /* the disk refuses what comes of the probation, and that was told */
+    tl_time looked;
+} tl_activation;
+
+/* Goes on with what is on disk: a probation that was under way, a change that was not finished. */
+void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings);
+
+/* Nothing is under way, nor on probation. */
+bool tl_activation_is_idle(const tl_activation *activation);
+
+/* A step is under way in which no other change can begin. */
+bool tl_activation_is_busy(const tl_activation *activation);
+
+/* Of the probation; 0: there is none. */
+uint32_t tl_activation_left_s(const tl_activation *activation);
+
+/* A candidate: `size` bytes of `text`, copied. Whatever comes of it is said. Must not be busy. */
+void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
+
+/* Why no other change can begin, and for how long, if that is known. */
+void tl_activation_describe(const tl_activation *activation, char text[TL_CONTROL_TEXT]);
+
+/* A candidate that is not active yet is given up. False: there is none. */
+bool tl_activation_cancel(tl_activation *activation, const char *who);
+
+/* By the tolerances of the version that the probation would return to, the lock is lost: to confirm then takes the right to commission. */
+bool tl_activation_is_lost_before(const tl_activation *activation);
+
+/* The version on probation is kept, or returned from. False: there is none. *is_done: that is on disk. What comes of a return is said. */
+bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
+bool tl_activation_refuse(tl_activation *activation, const char *who);
+
+/* Goes on; as often as wanted. */
+void tl_activation_look(tl_activation *activation);
+
+/* Ends errands that are under way. What is on disk is gone on with by the next one. */
+void tl_activation_end(tl_activation *activation);
+
+#endif

@@ -1,0 +1,420 @@
+/* The activator: see activator.h. */
+#include "firmware/retune/activator.h"
+
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/retune/control_words.h"
+
+/* Without anything to do: as long as a person needs for the next command. */
+static const tl_time IDLE = 10 * TL_SECOND;
+
+/* A client that connects asks at once. */
+static const tl_time PATIENCE = 2 * TL_SECOND;
+
+typedef struct visitor {
+    tl_control_peer peer; /* socket −1: there is none */
+    tl_time came;
+} visitor;
+
+struct tl_activator {
+    tl_activator_settings settings;
+    tl_versions versions;
+    tl_refusals refusals;
+    tl_activation activation;
+    visitor clients[TL_CONTROL_CLIENTS];
+    visitor *listener; /* who hears of the change that is under way; NULL: nobody */
+    visitor *
+        waiter; /* who waits for what comes of the version on probation, while another candidate is looked at; NULL: nobody, */
+    uint64_t awaited; /* which that is */
+    tl_time busy;     /* when there was something to do last */
+    char text[TL_CONTROL_MOST + 1];
+};
+
+/* ---- who hears of a change ---- */
+
+static void hang_up(tl_activator *self, visitor *who) {
+    tl_control_close(&who->peer);
+    self->listener = self->listener == who ? NULL : self->listener;
+    self->waiter = self->waiter == who ? NULL : self->waiter;
+}
+
+static void say(void *context, const tl_control_reply *reply) {
+    tl_activator *self = context;
+    visitor *who = self->listener;
+    if (who == NULL) {
+        return;
+    }
+    (void)tl_control_send(&who->peer, reply);
+    if (reply->kind == TL_CONTROL_END || who->peer.socket < 0) {
+        hang_up(self, who);
+    }
+}
+
+static const tl_version *active_of(const tl_activator *self) {
+    return tl_versions_get(&self->versions, self->versions.active);
+}
+
+static void finish(tl_activator *self, visitor *who, tl_control_result result, const char *text) {
+    const tl_version *active = active_of(self);
+    tl_control_finish(&who->peer, result, active == NULL ? 0 : active->number, active == NULL ? "" : active->hash,
+                      text);
+    hang_up(self, who);
+}
+
+/* ---- what can be looked at ---- */
+
+static const char *lock_of(const tl_activation_view *view) {
+    return view->holds ? "hold" : !view->figures.twin_alive ? "" : tl_lock_state_name(view->figures.lock.state);
+}
+
+static void show(tl_activator *self, visitor *who) {
+    const tl_version *active = active_of(self);
+    tl_activation_view view = {.step_s = 0.0};
+    tl_control_reply reply;
+    self->settings.host->look(self->settings.host->context, &view);
+    memset(&reply, 0, sizeof reply);
+    reply.kind = TL_CONTROL_STATE;
+    tl_control_state *state = &reply.as.state;
+    (void)snprintf(state->plant, sizeof state->plant, "%s", self->settings.plant);
+    if (active != NULL) {
+        memcpy(state->hash, active->hash, sizeof state->hash);
+        state->version = active->number;
+    }
+    state->step = (uint32_t)self->activation.step;
+    state->left_s = tl_activation_left_s(&self->activation);
+    (void)snprintf(state->lock, sizeof state->lock, "%s", lock_of(&view));
+    state->step_s = view.step_s;
+    state->ticks = view.figures.ticks;
+    state->steps = view.figures.steps;
+    state->skipped = view.figures.skipped;
+    state->deadline_misses = view.figures.deadline_misses;
+    state->in_lock = tl_lock_tally_percent(&view.figures.lock);
+    (void)snprintf(state->line, sizeof state->line, "%s", view.line);
+    (void)tl_control_send(&who->peer, &reply);
+    finish(self, who, TL_CONTROL_DONE, "");
+}
+
+static void describe(const tl_activator *self, const tl_version *version, tl_control_version *told) {
+    memset(told, 0, sizeof *told);
+    told->version = version->number;
+    told->parent = version->parent;
+    told->is_active = version->number == self->versions.active ? 1 : 0;
+    memcpy(told->hash, version->hash, sizeof told->hash);
+    (void)snprintf(told->kind, sizeof told->kind, "%s", tl_change_kind_name(version->kind));
+    (void)snprintf(told->origin, sizeof told->origin, "%s", tl_version_origin_name(version->origin));
+    (void)snprintf(told->right, sizeof told->right, "%s", tl_change_right_name(version->right));
+    (void)snprintf(told->who, sizeof told->who, "%s", version->who);
+    (void)snprintf(told->why, sizeof told->why, "%s", version->why);
+    (void)snprintf(told->at, sizeof told->at, "%s", version->at);
+    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_result_name(version->result),
+                   version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
+}
+
+/* It never was a version, and has no number. */
+static void describe_refusal(const tl_refused *refusal, tl_control_version *told) {
+    memset(told, 0, sizeof *told);
+    memcpy(told->hash, refusal->hash, sizeof told->hash);
+    (void)snprintf(told->origin, sizeof told->origin, "%s", refusal->origin);
+    (void)snprintf(told->who, sizeof told->who, "%s", refusal->who);
+    (void)snprintf(told->why, sizeof told->why, "%s", refusal->why);
+    (void)snprintf(told->at, sizeof told->at, "%s", refusal->at);
+    (void)snprintf(told->result, sizeof told->result, "%s: %.*s", refusal->result, (int)sizeof told->result - 24,
+                   refusal->reason);
+}
+
+static void list_refusals(tl_activator *self, visitor *who) {
+    for (size_t i = self->refusals.count; i > 0; i--) {
+        tl_control_reply reply;
+        memset(&reply, 0, sizeof reply);
+        reply.kind = TL_CONTROL_VERSION;
+        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
+        (void)tl_control_send(&who->peer, &reply);
+    }
+}
+
+static void list_versions(tl_activator *self, visitor *who) {
+    for (size_t i = self->versions.count; i > 0; i--) {
+        tl_control_reply reply;
+        memset(&reply, 0, sizeof reply);
+        reply.kind = TL_CONTROL_VERSION;
+        describe(self, &self->versions.list[i - 1], &reply.as.version);
+        (void)tl_control_send(&who->peer, &reply);
+    }
+    list_refusals(self, who);
+    finish(self, who, TL_CONTROL_DONE, "");
+}
+
+static void read_version(tl_activator *self, visitor *who, uint64_t number) {
+    tl_control_version told;
+    tl_error error;
+    char *text = NULL;
+    const tl_version *version = tl_versions_get(&self->versions, number == 0 ? self->versions.active : number);
+    if (version == NULL) {
+        finish(self, who, TL_CONTROL_ABSENT, "there is no such version");
+    } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
+        finish(self, who, TL_CONTROL_FAILED, error.text);
+    } else {
+        describe(self, version, &told);
+        (void)tl_control_send_text(&who->peer, &told, text, (size_t)version->size);
+        finish(self, who, TL_CONTROL_DONE, "");
+    }
+    free(text);
+}
+
+/* ---- what changes something ---- */
+
+static void take(tl_activator *self, visitor *who, const tl_control_request *request, const char *text, size_t size) {
+    char why[TL_CONTROL_TEXT];
+    if (tl_activation_is_busy(&self->activation)) {
+        tl_activation_describe(&self->activation, why);
+        finish(self, who, TL_CONTROL_BUSY, why);
+        return;
+    }
+    if (self->listener != NULL) { /* of the one that is on probation */
+        self->waiter = self->listener;
+        self->awaited = self->versions.active;
+    }
+    self->listener = who;
+    tl_activation_take(&self->activation, request, text, size);
+}
+
+/* A candidate that becomes nothing takes nobody's place. */
+static void look_at_waiter(tl_activator *self) {
+    visitor *who = self->waiter;
+    const tl_version *version = tl_versions_get(&self->versions, self->awaited);
+    if (who == NULL) {
+        return;
+    }
+    if (self->versions.active != self->awaited) {
+        bool is_returned = version != NULL && version->result == TL_VERSION_RETURNED;
+        finish(self, who, TL_CONTROL_UNDONE, is_returned ? version->reason : "another version took its place");
+    } else if (self->versions.probation.version != self->awaited) {
+        finish(self, who, TL_CONTROL_DONE, version == NULL ? "it is kept" : version->reason);
+    } else if (self->listener == NULL && !tl_activation_is_busy(&self->activation)) {
+        self->listener = who;
+        self->waiter = NULL;
+    }
+}
+
+static void confirm(tl_activator *self, visitor *who, const tl_control_request *request) {
+    bool is_done = false;
+    if (request->right < TL_CONTROL_MAY_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+        finish(
+            self, who, TL_CONTROL_FORBIDDEN,
+            "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
+    } else if (!tl_activation_confirm(&self->activation, request->who, &is_done)) {
+        finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
+    } else if (is_done) {
+        finish(self, who, TL_CONTROL_DONE, "it is kept");
+    } else {
+        finish(self, who, TL_CONTROL_FAILED, "that cannot be written down: it is on probation still; the log says why");
+    }
+}
+
+/* Who asks for it hears what comes of it; who has asked for the change, that it is no more. */
+static void go_back(tl_activator *self, visitor *who, const char *name) {
+    if (self->listener != NULL) {
+        finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
+    }
+    self->listener = who;
+    (void)tl_activation_refuse(&self->activation, name);
+}
+
+/* The candidate that is on its way is gone; what is active stays. */
+static void cancel(tl_activator *self, visitor *who, const char *name) {
+    if (tl_activation_cancel(&self->activation, name)) {
+        finish(self, who, TL_CONTROL_DONE, "the change that was under way is cancelled; nothing was changed");
+    } else {
+        finish(self, who, TL_CONTROL_BUSY, "a change is being made just now, and cannot be cancelled: try again");
+    }
+}
+
+/* An older one is a candidate like any other. */
+static void bring_back(tl_activator *self, visitor *who, const tl_control_request *request) {
+    const tl_version *active = active_of(self);
+    uint64_t number = request->version != 0 ? request->version : active == NULL ? 0 : active->parent;
+    const tl_version *version = tl_versions_get(&self->versions, number);
+    tl_control_request order = *request;
+    tl_error error;
+    char *text = NULL;
+    if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && tl_activation_is_idle(&self->activation)) {
+        finish(self, who, TL_CONTROL_ABSENT, "no change is under way, and none is on probation");
+    } else if (request->version == 0 && tl_activation_is_busy(&self->activation)) {
+        cancel(self, who, request->who);
+    } else if (self->activation.step == TL_CONTROL_PROBATION &&
+               (request->version == 0 || request->version == self->versions.probation.return_to)) {
+        go_back(self, who, request->who);
+    } else if (version == NULL) {
+        finish(self, who, TL_CONTROL_ABSENT,
+               request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
+                                     : "the active version is the first: there is none before it to return to");
+    } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
+        finish(self, who, TL_CONTROL_FAILED, error.text);
+    } else {
+        memcpy(order.hash, version->hash, sizeof order.hash);
+        take(self, who, &order, text, (size_t)version->size);
+    }
+    free(text);
+}
+
+static bool changes(tl_control_verb verb) {
+    return verb == TL_CONTROL_TAKE || verb == TL_CONTROL_CONFIRM || verb == TL_CONTROL_RETURN;
+}
+
+static void answer(tl_activator *self, visitor *who, const tl_control_request *request, size_t size) {
+    tl_control_verb verb = (tl_control_verb)request->verb;
+    if (changes(verb) && request->right < TL_CONTROL_MAY_RETUNE) {
+        finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
+        return;
+    }
+    switch (verb) {
+    case TL_CONTROL_SHOW:
+        show(self, who);
+        break;
+    case TL_CONTROL_READ:
+        read_version(self, who, request->version);
+        break;
+    case TL_CONTROL_VERSIONS:
+        list_versions(self, who);
+        break;
+    case TL_CONTROL_TAKE:
+        take(self, who, request, self->text, size);
+        break;
+    case TL_CONTROL_CONFIRM:
+        confirm(self, who, request);
+        break;
+    case TL_CONTROL_RETURN:
+        bring_back(self, who, request);
+        break;
+    case TL_CONTROL_VERBS:
+        break;
+    }
+}
+
+/* ---- clients ---- */
+
+static visitor *free_place(tl_activator *self) {
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        if (self->clients[i].peer.socket < 0) {
+            return &self->clients[i];
+        }
+    }
+    return NULL;
+}
+
+static void accept_clients(tl_activator *self, tl_time now) {
+    visitor *place = free_place(self);
+    while (place != NULL && tl_control_accept(self->settings.listener, &place->peer)) {
+        place->came = now;
+        place = free_place(self);
+    }
+}
+
+static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
+    tl_control_request request;
+    size_t size = 0;
+    switch (tl_control_receive(&who->peer, &request, self->text, &size)) {
+    case TL_CONTROL_ASKED:
+        answer(self, who, &request, size);
+        break;
+    case TL_CONTROL_GONE:
+        hang_up(self, who);
+        break;
+    case TL_CONTROL_NOTHING:
+        if (!who->peer.has_asked && now - who->came > PATIENCE) {
+            hang_up(self, who);
+        }
+        break;
+    }
+}
+
+static bool is_anybody_there(const tl_activator *self) {
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        if (self->clients[i].peer.socket >= 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* The listener last; a place without a client is passed over by the kernel. If none is free the others wait in its queue. */
+static void wait_for_something(tl_activator *self) {
+    struct pollfd waited[TL_CONTROL_CLIENTS + 1];
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        waited[i] = (struct pollfd){.fd = self->clients[i].peer.socket, .events = POLLIN};
+    }
+    waited[TL_CONTROL_CLIENTS] =
+        (struct pollfd){.fd = free_place(self) != NULL ? self->settings.listener : -1, .events = POLLIN};
+    (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_ACTIVATOR_LOOK / (TL_SECOND / 1000)));
+}
+
+bool tl_activator_work(tl_activator *activator) {
+    wait_for_something(activator);
+    tl_time now = tl_clock_now(NULL);
+    accept_clients(activator, now);
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        if (activator->clients[i].peer.socket >= 0) {
+            look_at_client(activator, &activator->clients[i], now);
+        }
+    }
+    tl_activation_look(&activator->activation);
+    look_at_waiter(activator);
+    if (is_anybody_there(activator) || !tl_activation_is_idle(&activator->activation)) {
+        activator->busy = now;
+    }
+    return now - activator->busy < IDLE;
+}
+
+/* ---- its life ---- */
+
+tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator **activator, tl_error *error) {
+    tl_activator *made = calloc(1, sizeof *made);
+    *activator = NULL;
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    tl_status status = tl_versions_open(settings->state, &made->versions, error);
+    if (status != TL_OK) {
+        free(made);
+        return status;
+    }
+    tl_refusals_open(&made->refusals, &made->versions);
+    made->settings = *settings;
+    made->busy = tl_clock_now(NULL);
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        made->clients[i].peer.socket = -1;
+    }
+    const tl_activation_settings activation = {
+        .host = settings->host,
+        .versions = &made->versions,
+        .refusals = &made->refusals,
+        .plant = settings->plant,
+        .path = settings->path,
+        .allowed = settings->allowed,
+        .memory_limit = settings->memory_limit,
+        .unconfined = settings->unconfined,
+        .be = settings->be,
+        .context = settings->context,
+        .say = say,
+        .listener = made,
+    };
+    tl_activation_begin(&made->activation, &activation);
+    *activator = made;
+    return TL_OK;
+}
+
+void tl_activator_close(tl_activator *activator) {
+    if (activator == NULL) {
+        return;
+    }
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        tl_control_close(&activator->clients[i].peer);
+    }
+    tl_activation_end(&activator->activation);
+    tl_versions_close(&activator->versions);
+    free(activator);
+}

@@ -1,0 +1,66 @@
+/* A comparison: the run's twin and its shadow over the same live time.
+ *
+ * Purpose: what both have done from a moment on to another, in words, and whether the shadow may take over. Pure logic: figures are handed in.
+ * Refused: the run's twin, beside it, misses deadlines or makes ticks up by probation's rule (probation.h), against what it did before; the shadow was in lock
+ *          for less than is asked, and for less than the run's twin.
+ * Unseen:  of a lock that was not judged, or only while the plant was there for a moment, nothing is asked: that is probation's.
+ * Worse:   an output that both match is off by more than the tolerance of the run, and by more than TL_COMPARISON_TIMES what the run's is, as root mean
+ *          squares over TL_COMPARISON_PAIRS and more. The tolerance of the candidate does not count: whoever widens it is in lock, and may be nowhere near the
+ *          plant. Noise of the plant is the same for both, and below the tolerance. Or the shadow was in lock for less than is asked, and for less than the run's twin, by the
+ *          tolerances of the version that a probation would return to. Somebody may insist.
+ * Also:    what the shadow misses says little, since it has no priority yet: it is told, but that it makes up a quarter of its ticks is too much. Nor can
+ *          anything be said if the run's twin was begun again meanwhile.
+ * Trust:   figures come from memory of processes with FMUs: names are cleaned, and what is no number is told as "-".
+ * Thread:  plain data.
+ */
+#ifndef TL_FIRMWARE_RETUNE_COMPARISON_H
+#define TL_FIRMWARE_RETUNE_COMPARISON_H
+
+#include "firmware/retune/activation_host.h"
+
+enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
+
+/* Fields are private. */
+typedef struct tl_comparison {
+    tl_probation_snapshot before;    /* the run's twin, before there was a shadow */
+    tl_activation_work shadow, twin; /* as they were when it began; then what they have done in it */
+} tl_comparison;
+
+typedef enum tl_comparison_result {
+    TL_COMPARISON_GOOD,
+    TL_COMPARISON_NO_ROOM, /* the box does not carry two twins */
+    TL_COMPARISON_BAD      /* it is the candidate's fault */
+} tl_comparison_result;
+
+/* What can be said of the shadow's lock. */
+typedef enum tl_comparison_sight {
+    TL_COMPARISON_SEEN,
+    TL_COMPARISON_UNJUDGED,  /* nothing has come yet that it is judged by: no stroke has ended (event horizon) */
+    TL_COMPARISON_PLANT_GONE /* no matched signal was good for more than half of the time */
+} tl_comparison_sight;
+
+/* `before`: the run's twin before there was a shadow. */
+void tl_comparison_begin(tl_comparison *comparison, const tl_probation_snapshot *before,
+                         const tl_activation_shadow *now);
+
+void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
+
+/* ---- after its end ---- */
+
+/* `say` gets a line for each output, and one for each twin. */
+void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
+
+/* *gone: which part of the time no matched signal was good, 0 … 1. */
+tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone);
+
+/* `require_lock`: percent; 0: not asked. */
+tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
+                                         char why[TL_COMPARISON_TEXT]);
+
+/* Of one that is good: whether an output is worse, and which; or the lock, by the tolerances of the version that a probation would return to. */
+bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]);
+
+/* "in lock 97 %"; also of a shadow that runs. */
+void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]);
+
+#endif

@@ -1,0 +1,264 @@
+/* Probation: see probation.h. */
+#include "firmware/retune/probation.h"
+
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const tl_time MILLISECOND = TL_SECOND / 1000;
+
+static tl_time least(tl_time a, tl_time b) {
+    return a < b ? a : b;
+}
+
+static void enter(tl_probation *probation, uint64_t left_ms) {
+    probation->account.left_ms = left_ms;
+    probation->left = (tl_time)left_ms * MILLISECOND;
+    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
+}
+
+/* What is read from a disk may be anything. */
+static tl_probation_terms possible_terms(const tl_probation_terms *terms) {
+    tl_probation_terms possible = *terms;
+    possible.given_s = possible.given_s < 1 ? 1 : possible.given_s;
+    possible.given_s = possible.given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : possible.given_s;
+    possible.require_lock = fmax(0.0, fmin(100.0, possible.require_lock));
+    return possible;
+}
+
+void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
+                        const tl_probation_snapshot *now) {
+    *probation = (tl_probation){
+        .account = {.terms = possible_terms(terms),
+                    .before_steps = before->steps,
+                    .before_misses = before->deadline_misses},
+        .has_last = true,
+    };
+    if (now != NULL) {
+        probation->last = *now;
+    }
+    enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
+}
+
+void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
+    *probation = (tl_probation){.account = *account};
+    probation->account.terms = possible_terms(&account->terms);
+    uint64_t given_ms = 1000 * (uint64_t)probation->account.terms.given_s;
+    enter(probation, account->left_ms < given_ms ? account->left_ms : given_ms);
+}
+
+/* ---- counting ---- */
+
+static uint64_t grown(uint64_t before, uint64_t now) {
+    return now >= before ? now - before : now;
+}
+
+static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_probation_snapshot *snapshot) {
+    return tl_lock_yardstick_is_there(&probation->account.yardstick) ? &snapshot->lock_before : &snapshot->lock;
+}
+
+/* What has come since the last snapshot; all of it if this is another run. */
+static void count(tl_probation *probation, const tl_probation_snapshot *now) {
+    static const tl_probation_snapshot beginning = {.ticks = 0};
+    const tl_probation_snapshot *last = now->ticks < probation->last.ticks ? &beginning : &probation->last;
+    tl_probation_account *account = &probation->account;
+    account->steps += grown(last->steps, now->steps);
+    account->misses += grown(last->deadline_misses, now->deadline_misses);
+    account->skipped += grown(last->skipped, now->skipped);
+    bool is_judged = !now->plant_is_shut;
+    const tl_lock_tally *before = lock_before_of(probation, last);
+    const tl_lock_tally *before_now = lock_before_of(probation, now);
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        account->lock[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
+        account->lock_before[i] += is_judged ? grown(before->steps[i], before_now->steps[i]) : 0;
+    }
+}
+
+static bool is_lost(const tl_probation_snapshot *snapshot, const tl_lock_tally *lock) {
+    return snapshot->twin_alive && lock->state == TL_LOCK_LOST;
+}
+
+/* Time counts if it was so at its beginning and at its end. */
+static void measure(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+    const tl_probation_snapshot *last = &probation->last;
+    tl_time excused = least(passed, probation->grace);
+    bool stays_lost = is_lost(last, &last->lock) && is_lost(now, &now->lock);
+    bool stays_lost_before =
+        is_lost(last, lock_before_of(probation, last)) && is_lost(now, lock_before_of(probation, now));
+    probation->grace -= excused;
+    probation->lost = stays_lost ? probation->lost + passed - excused : 0;
+    probation->lost_before = stays_lost_before ? probation->lost_before + passed - excused : 0;
+    probation->shut = now->twin_alive && now->plant_is_shut ? probation->shut + passed : 0;
+    probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
+}
+
+/* ---- judging ---- */
+
+static tl_probation_result end(tl_probation *probation, tl_probation_result result) {
+    return probation->result = result;
+}
+
+static double share(uint64_t part, uint64_t whole) {
+    return whole == 0 ? 0.0 : 100.0 * (double)part / (double)whole;
+}
+
+bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before) {
+    double now = share(misses, steps);
+    double before = share(misses_before, steps_before);
+    return misses >= TL_PROBATION_MISSES && now > fmax(TL_PROBATION_MISS_PERCENT, TL_PROBATION_MISS_TIMES * before);
+}
+
+static bool misses_too_much(const tl_probation_account *account) {
+    return tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps);
+}
+
+enum { WIDENED = TL_PROBATION_WIDENED + 4 };
+
+/* " (motor.omega: tolerance 1 → 3)" */
+static const char *write_widened(const tl_probation_account *account, char text[WIDENED]) {
+    bool is_widened = account->widened[0] != '\0';
+    (void)snprintf(text, WIDENED, "%s%s%s", is_widened ? " (" : "", account->widened, is_widened ? ")" : "");
+    return text;
+}
+
+/* The twin cannot be left as it is; `why` says so. */
+static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now) {
+    const tl_probation_account *account = &probation->account;
+    char *why = probation->why;
+    why[0] = '\0'; /* what was decided, and could not be written down, counts no more */
+    if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed%s%.*s", now->failure[0] != '\0' ? ": " : "",
+                       TL_PROBATION_FAILURE - 1, now->failure);
+    } else if (misses_too_much(account)) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64
+                       " ticks were skipped",
+                       account->misses, account->steps, share(account->misses, account->steps),
+                       share(account->before_misses, account->before_steps), account->skipped);
+    } else if (probation->lost >= TL_PROBATION_LOST) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the lock was lost for %.1f s without a break",
+                       tl_seconds(probation->lost));
+    } else if (probation->lost_before >= TL_PROBATION_LOST && !account->terms.must_confirm) {
+        char widened[WIDENED];
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "by the tolerances of the version before, the lock was lost for %.1f s without a break%s",
+                       tl_seconds(probation->lost_before), write_widened(account, widened));
+    } else if (probation->shut >= TL_PROBATION_SHUT) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the plant was not read for %.0f s: its sources could not be opened",
+                       tl_seconds(probation->shut));
+    } else if (probation->down >= TL_PROBATION_START) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
+    }
+    return why[0] != '\0';
+}
+
+static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
+    tl_lock_tally tally = {.state = TL_LOCK_FREE};
+    memcpy(tally.steps, lock, sizeof tally.steps);
+    return tl_lock_tally_percent(&tally);
+}
+
+static bool is_unjudged(const tl_probation *probation) {
+    uint64_t judged = 0;
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        judged += probation->account.lock[i];
+    }
+    return judged == 0;
+}
+
+/* Its time is over. */
+static tl_probation_result judge(tl_probation *probation, const tl_probation_snapshot *now) {
+    const tl_probation_terms *terms = &probation->account.terms;
+    double in_lock = tl_probation_in_lock(probation);
+    char *why = probation->why;
+    char widened[WIDENED];
+    if (terms->must_confirm) {
+        (void)snprintf(why, TL_PROBATION_WHY, "nobody confirmed it");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (!now->twin_alive) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the twin did not run when its time was over");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (now->plant_is_shut) {
+        (void)snprintf(why, TL_PROBATION_WHY, "the plant's sources could not be opened in its time");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (tl_lock_yardstick_is_there(&probation->account.yardstick) && is_lost(now, &now->lock_before)) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "by the tolerances of the version before, the lock was lost when its time was over%s",
+                       write_widened(&probation->account, widened));
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (terms->require_lock == 0.0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "its time has passed without a failure");
+        return end(probation, TL_PROBATION_KEPT);
+    }
+    if (is_unjudged(probation) && now->pairs == 0 && now->steps > 0) {
+        (void)snprintf(why, TL_PROBATION_WHY, "no matched signal was good: its lock could not be judged");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    if (is_unjudged(probation) && probation->account.steps > probation->account.skipped) {
+        (void)snprintf(why, TL_PROBATION_WHY,
+                       "its time has passed without a failure; nothing came that its lock is judged by");
+        return end(probation, TL_PROBATION_KEPT);
+    }
+    if (is_unjudged(probation)) {
+        (void)snprintf(why, TL_PROBATION_WHY, "it was too short to tell whether the twin is in lock");
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    bool is_by_before = in_lock < percent_of(probation->account.lock);
+    (void)snprintf(why, TL_PROBATION_WHY, "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
+                   is_by_before ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
+                   is_by_before ? write_widened(&probation->account, widened) : "");
+    return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN);
+}
+
+tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+    if (probation->result != TL_PROBATION_GOES_ON) {
+        return probation->result;
+    }
+    if (!probation->has_last) {
+        probation->last = *now;
+        probation->has_last = true;
+    }
+    passed = passed > 0 ? least(passed, probation->left) : 0;
+    count(probation, now);
+    measure(probation, passed, now);
+    probation->left -= passed;
+    probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
+    if (is_broken(probation, now)) {
+        return end(probation, TL_PROBATION_RETURN);
+    }
+    probation->last = *now;
+    return probation->left > 0 ? TL_PROBATION_GOES_ON : judge(probation, now);
+}
+
+/* ---- by somebody ---- */
+
+static tl_probation_result decide(tl_probation *probation, tl_probation_result result, const char *why,
+                                  const char *rest) {
+    if (probation->result == TL_PROBATION_GOES_ON) {
+        probation->result = result;
+        (void)snprintf(probation->why, TL_PROBATION_WHY, "%s%s", why, rest);
+    }
+    return probation->result;
+}
+
+tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who) {
+    return decide(probation, TL_PROBATION_KEPT, who, " has confirmed it");
+}
+
+tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why) {
+    return decide(probation, TL_PROBATION_RETURN, why, "");
+}
+
+double tl_probation_in_lock(const tl_probation *probation) {
+    return fmin(percent_of(probation->account.lock), percent_of(probation->account.lock_before));
+}
+
+bool tl_probation_is_lost_before(const tl_probation *probation) {
+    return tl_lock_yardstick_is_there(&probation->account.yardstick) &&
+           is_lost(&probation->last, &probation->last.lock_before);
+}

@@ -1,0 +1,252 @@
+/* The version that a run begins with: see version_start.h. */
+#include "firmware/retune/version_start.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/file_bytes.h"
+#include "firmware/base/log.h"
+#include "firmware/retune/activation.h"
+#include "firmware/retune/errand.h"
+#include "firmware/retune/validator.h"
+#include "firmware/retune/verdict.h"
+#include "firmware/retune/versions.h"
+
+static const tl_time VALIDATION = 20 * TL_SECOND;
+static const tl_time LOOK = TL_SECOND / 100;
+
+typedef struct starting_run {
+    const tl_version_start *start;
+    tl_versions versions;
+    tl_version_choice choice;
+    char file[TL_CONTROL_MOST + 1];
+    ssize_t file_size; /* −1: it cannot be read */
+    char fault[128];   /* why */
+    tl_verdict verdict;
+} starting_run;
+
+static void read_file(starting_run *self) {
+    const char *path = self->start->path;
+    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
+    self->file_size = file < 0 ? -1 : tl_file_bytes_read(file, self->file, sizeof self->file);
+    if (self->file_size < 0) {
+        (void)snprintf(self->fault, sizeof self->fault, "%s", strerror(errno));
+    } else if (self->file_size == 0 || self->file_size > TL_CONTROL_MOST) {
+        (void)snprintf(self->fault, sizeof self->fault, "a configuration has 1 to %d bytes", (int)TL_CONTROL_MOST);
+        self->file_size = -1;
+    }
+    if (file >= 0) {
+        (void)close(file);
+    }
+}
+
+/* ---- validating ---- */
+
+static tl_errand_state wait_for(tl_errand *errand) {
+    tl_errand_state state = tl_errand_look(errand);
+    while (state == TL_ERRAND_GOES_ON) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+        state = tl_errand_look(errand);
+    }
+    return state;
+}
+
+/* False: nobody could say. */
+static bool ask_validator(starting_run *self, const char *in_force, char why[TL_ERRAND_WHY]) {
+    char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
+    tl_errand errand = {.is_sent = false};
+    tl_error error;
+    if (self->versions.probation.version != 0) {
+        (void)tl_versions_read(&self->versions, self->versions.probation.return_to, &kept, &error);
+    }
+    const tl_errand_settings settings = {
+        .title = TL_VALIDATOR,
+        .job = {.path = self->start->path, .in_force = in_force, .kept = kept, .candidate = self->choice.text},
+        .answer = sizeof(tl_verdict),
+        .limit = VALIDATION,
+        .be = self->start->be,
+        .context = self->start->context,
+    };
+    tl_status status = tl_errand_send(&errand, &settings, &error);
+    free(kept);
+    if (status != TL_OK) {
+        (void)snprintf(why, TL_ERRAND_WHY, "%.*s", TL_ERRAND_WHY - 1, error.text);
+        return false;
+    }
+    bool is_said = wait_for(&errand) == TL_ERRAND_DONE && tl_verdict_take(tl_errand_answer(&errand), &self->verdict);
+    tl_errand_why(&errand, why);
+    tl_errand_close(&errand);
+    return is_said;
+}
+
+static void say_problems(const starting_run *self) {
+    const tl_verdict *verdict = &self->verdict;
+    for (uint32_t i = 0; i < verdict->problems && i < TL_VERDICT_PROBLEMS; i++) {
+        const tl_control_problem *problem = &verdict->problem[i];
+        char line[32] = "";
+        if (problem->line != 0) {
+            (void)snprintf(line, sizeof line, "line %u: ", problem->line);
+        }
+        tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", self->start->path, line, problem->path,
+               problem->path[0] == '\0' ? "" : ": ", problem->text);
+    }
+}
+
+/* The file was changed since it was taken last, and there is a version to fall back to. */
+static bool is_good(starting_run *self, const char *in_force) {
+    char why[TL_ERRAND_WHY];
+    if (strlen(self->choice.text) != self->choice.size || !ask_validator(self, in_force, why)) {
+        tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
+        return false;
+    }
+    if (self->verdict.is_valid == 0) {
+        say_problems(self);
+    }
+    return self->verdict.is_valid != 0;
+}
+
+/* ---- taking the file ---- */
+
+static tl_status add_file(starting_run *self, uint64_t *number, tl_error *error) {
+    const tl_version_news news = {
+        .text = self->choice.text,
+        .size = self->choice.size,
+        .who = "the file",
+        .why = "",
+        .origin = TL_VERSION_BY_START,
+        .right = TL_CHANGE_BY_COMMISSION,
+        .kind = (tl_change_kind)self->verdict.kind,
+    };
+    return tl_versions_add(&self->versions, &news, number, error);
+}
+
+static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl_error *error) {
+    const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S, .require_lock = TL_ACTIVATION_LOCK_PERCENT};
+    const tl_probation_snapshot nothing = {.ticks = 0};
+    tl_probation probation;
+    tl_probation_begin(&probation, &terms, &nothing, NULL);
+    probation.account.yardstick = self->verdict.yardstick;
+    (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
+    return tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
+}
+
+/* From now on it is what it was before. */
+static tl_status fall_back(starting_run *self, tl_error *error) {
+    free(self->choice.text);
+    self->choice.text = NULL;
+    tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
+    if (status == TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s is not taken: version %llu, which was active, runs", self->start->path,
+               (unsigned long long)self->choice.number);
+    }
+    return status;
+}
+
+static tl_status take_file(starting_run *self, tl_error *error) {
+    uint64_t number = 0;
+    char *in_force = NULL;
+    bool is_first = self->versions.active == 0;
+    self->verdict.kind = TL_CHANGE_RESTART;
+    if (!is_first && tl_versions_read(&self->versions, self->versions.active, &in_force, error) != TL_OK) {
+        tl_log(TL_LOG_WARNING, "%s", error->text);
+        in_force = NULL;
+    }
+    bool takes = is_first || is_good(self, in_force == NULL ? "" : in_force);
+    free(in_force);
+    tl_status status = add_file(self, &number, error);
+    if (status == TL_OK && takes) {
+        status = activate(self, number, is_first, error);
+    } else if (status == TL_OK) {
+        status = tl_versions_refuse(&self->versions, number, "it could not be read", error);
+    }
+    if (status != TL_OK) { /* a full disk keeps no twin from its plant */
+        tl_log(TL_LOG_ERROR, "%s: what runs is not written down as a version", error->text);
+    }
+    return takes ? TL_OK : fall_back(self, error);
+}
+
+static void say_probation(const starting_run *self) {
+    const tl_version_probation *probation = &self->versions.probation;
+    if (probation->version != 0) {
+        tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
+               (unsigned long long)probation->version, (unsigned long long)((probation->account.left_ms + 999) / 1000),
+               probation->account.terms.must_confirm ? "it is returned from unless somebody confirms it"
+                                                     : "it is kept if the lock holds");
+    }
+}
+
+static tl_status choose(starting_run *self, tl_error *error) {
+    read_file(self);
+    bool is_there = self->file_size >= 0;
+    tl_status status = tl_versions_choose(&self->versions, is_there ? self->file : NULL,
+                                          is_there ? (size_t)self->file_size : 0, &self->choice, error);
+    if (status != TL_OK) {
+        return is_there ? status : tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
+    }
+    if (!is_there) {
+        tl_log(TL_LOG_WARNING, "%s: %s", self->start->path, self->fault);
+    }
+    if (self->choice.say[0] != '\0') {
+        tl_log(TL_LOG_NOTICE, "%s", self->choice.say);
+    }
+    status = self->choice.is_candidate ? take_file(self, error) : TL_OK;
+    say_probation(self);
+    return status;
+}
+
+/* Nothing is known of versions: the file is what there is. */
+static tl_status take_only_file(starting_run *self, tl_error *error) {
+    tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, self->start->path);
+    read_file(self);
+    if (self->file_size < 0) {
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
+    }
+    self->choice.size = (size_t)self->file_size;
+    self->choice.text = malloc(self->choice.size + 1);
+    if (self->choice.text == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
+    }
+    memcpy(self->choice.text, self->file, self->choice.size);
+    self->choice.text[self->choice.size] = '\0';
+    return TL_OK;
+}
+
+tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size, tl_error *error) {
+    static starting_run self; /* it is large */
+    self = (starting_run){.start = start};
+    (void)mkdir(start->state, 0777); /* as the supervisor does later; who cannot is told by what follows */
+    tl_status status = tl_versions_open(start->state, &self.versions, error);
+    status = status == TL_OK ? choose(&self, error) : take_only_file(&self, error);
+    tl_versions_close(&self.versions);
+    if (status != TL_OK) {
+        free(self.choice.text);
+        return status;
+    }
+    *text = self.choice.text;
+    *size = self.choice.size;
+    return TL_OK;
+}
+
+bool tl_version_start_failed(const tl_version_start *start, const char *reason) {
+    tl_versions versions;
+    tl_error error;
+    bool is_returned = false;
+    if (tl_versions_open(start->state, &versions, &error) != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        return false;
+    }
+    if (versions.probation.version != 0) {
+        is_returned = tl_versions_return(&versions, reason, &error) == TL_OK;
+        if (!is_returned) {
+            tl_log(TL_LOG_ERROR, "%s", error.text);
+        }
+    }
+    tl_versions_close(&versions);
+    return is_returned;
+}

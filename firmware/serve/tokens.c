@@ -1,0 +1,149 @@
+/* Tokens: see tokens.h. */
+#include "firmware/serve/tokens.h"
+
+#include <errno.h>
+#include <libgen.h>
+#include <limits.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/random.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/new_file.h"
+#include "firmware/retune/control_words.h"
+#include "firmware/serve/plain_name.h"
+
+enum { LINE = 256, RANDOM = 32, MODE = 0640 };
+
+/* ---- reading ---- */
+
+static bool is_hash(const char *text) {
+    return strlen(text) == TL_SHA256_TEXT - 1 && strspn(text, "0123456789abcdef") == TL_SHA256_TEXT - 1;
+}
+
+/* "anna retune 01ab… 2026-11-23T10:02:03.456Z\n" */
+static bool read_line(const char *line, tl_token *token) {
+    char name[LINE];
+    char role[LINE];
+    char hash[LINE];
+    char made[LINE];
+    char rest[2];
+    int found = sscanf(line, "%255s %255s %255s %255s %1s", name, role, hash, made, rest);
+    bool is_good = found == 4 && strlen(name) < sizeof token->name && tl_plain_name(name) && is_hash(hash) &&
+                   strlen(made) < sizeof token->made && tl_control_right_of(role, &token->role);
+    if (is_good) {
+        memcpy(token->name, name, strlen(name) + 1);
+        memcpy(token->hash, hash, sizeof token->hash);
+        memcpy(token->made, made, strlen(made) + 1);
+    }
+    return is_good;
+}
+
+static tl_status read_lines(FILE *file, const char *path, tl_tokens *tokens, tl_error *error) {
+    char line[LINE];
+    for (size_t number = 1; fgets(line, sizeof line, file) != NULL; number++) {
+        if (line[0] == '#') {
+            continue;
+        }
+        bool is_good = tokens->count < TL_TOKENS && read_line(line, &tokens->rows[tokens->count]);
+        if (!is_good || tl_tokens_named(tokens, tokens->rows[tokens->count].name) != tokens->count) {
+            tokens->count = 0;
+            return tl_fail(
+                error, TL_BAD_DATA,
+                "%s, line %zu: found no token, one too many, or a name twice; expected \"NAME ROLE SHA256 TIME\" as "
+                "`twinlock token add` writes it",
+                path, number);
+        }
+        tokens->count++;
+    }
+    return ferror(file) == 0 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: %s", path, strerror(errno));
+}
+
+tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error) {
+    tokens->count = 0;
+    FILE *file = fopen(path, "re");
+    if (file == NULL) {
+        return errno == ENOENT ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "%s: cannot be read: %s", path, strerror(errno));
+    }
+    tl_status status = read_lines(file, path, tokens, error);
+    (void)fclose(file);
+    return status;
+}
+
+/* ---- writing ---- */
+
+/* The group of its folder may read it, and nobody else; who is not root keeps a group of its own. */
+static bool give_to_group(int file, const char *path) {
+    char folder[PATH_MAX];
+    struct stat about;
+    if (strlen(path) >= sizeof folder) {
+        return false;
+    }
+    memcpy(folder, path, strlen(path) + 1);
+    bool is_given =
+        stat(dirname(folder), &about) == 0 && (fchown(file, (uid_t)-1, about.st_gid) == 0 || geteuid() != 0);
+    return is_given && fchmod(file, MODE) == 0;
+}
+
+tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *error) {
+    tl_new_file made;
+    tl_status status = tl_new_file_open(path, &made, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (!give_to_group(fileno(made.file), path)) {
+        status =
+            tl_fail(error, TL_TRY_AGAIN, "%s: cannot be given to the group of its folder: %s", path, strerror(errno));
+        tl_new_file_discard(&made);
+        return status;
+    }
+    (void)fputs("# Made by `twinlock token`: a name, a role, the SHA-256 of the token, when it was made.\n", made.file);
+    for (size_t i = 0; i < tokens->count; i++) {
+        const tl_token *token = &tokens->rows[i];
+        (void)fprintf(made.file, "%s %s %s %s\n", token->name, tl_control_right_name(token->role), token->hash,
+                      token->made);
+    }
+    return tl_new_file_keep(&made, error);
+}
+
+/* ---- looking ---- */
+
+/* Without a branch that depends on what differs. */
+static bool is_same(const char *one, const char *other) {
+    unsigned difference = 0;
+    for (size_t i = 0; i < TL_SHA256_TEXT; i++) {
+        difference |= (unsigned)(unsigned char)one[i] ^ (unsigned)(unsigned char)other[i];
+    }
+    return difference == 0;
+}
+
+const tl_token *tl_tokens_find(const tl_tokens *tokens, const char *secret) {
+    char hash[TL_SHA256_TEXT];
+    const tl_token *found = NULL;
+    tl_sha256(secret, strlen(secret), hash);
+    for (size_t i = 0; i < tokens->count; i++) {
+        found = is_same(tokens->rows[i].hash, hash) ? &tokens->rows[i] : found;
+    }
+    return found;
+}
+
+size_t tl_tokens_named(const tl_tokens *tokens, const char *name) {
+    size_t place = 0;
+    while (place < tokens->count && strcmp(tokens->rows[place].name, name) != 0) {
+        place++;
+    }
+    return place;
+}
+
+tl_status tl_token_make_secret(char secret[TL_TOKEN_SECRET], tl_error *error) {
+    unsigned char bits[RANDOM];
+    if (getrandom(bits, sizeof bits, 0) != (ssize_t)sizeof bits) {
+        return tl_fail(error, TL_TRY_AGAIN, "no random bits for a token: %s", strerror(errno));
+    }
+    for (size_t i = 0; i < sizeof bits; i++) {
+        (void)snprintf(secret + 2 * i, 3, "%02x", bits[i]);
+    }
+    return TL_OK;
+}

@@ -1,0 +1,299 @@
+/* A database that a recorder has for itself: see database_file.h.
+ *
+ * Aside: the log and its index go first, the file itself last, so that a power cut in between leaves a damaged file at its place, which is
+ *        put aside the next time, to the same name. */
+#include "firmware/store/database_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/store/database.h"
+#include "firmware/store/database_fault.h"
+#include "firmware/store/database_sql.h"
+
+enum { CACHE_KIB = 1024 };
+
+void tl_database_file_set_patience(tl_database_file *file, tl_time patience) {
+    (void)sqlite3_busy_timeout(file->connection, (int)(patience / (TL_SECOND / 1000)));
+}
+
+/* WAL so that people can read while we write; FULL so that what is committed survives a power cut (with NORMAL the log
+ * is only synced when it is written back). We write the log back ourselves, between batches. */
+static tl_status configure(sqlite3 *connection, tl_error *error) {
+    char sql[256];
+    (void)snprintf(sql, sizeof sql,
+                   "PRAGMA journal_mode = WAL; PRAGMA synchronous = FULL; PRAGMA wal_autocheckpoint = 0;"
+                   "PRAGMA cache_size = -%d;",
+                   CACHE_KIB);
+    return tl_database_execute(connection, sql, error);
+}
+
+/* Its log, or the index of that, may be another user's, and then SQLite reads and says nothing. Whether somebody else writes now does not matter. */
+static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
+    (void)sqlite3_busy_timeout(connection, 100);
+    int code = sqlite3_exec(connection, "BEGIN IMMEDIATE", NULL, NULL, NULL);
+    if ((code & 0xFF) == SQLITE_READONLY) {
+        return tl_database_fail(connection, code, error);
+    }
+    (void)sqlite3_exec(connection, "ROLLBACK", NULL, NULL, NULL);
+    return TL_OK;
+}
+
+static tl_status make_file(const char *path, tl_error *error) {
+    struct stat file;
+    return lstat(path, &file) == 0 ? TL_OK : tl_database_create(path, error);
+}
+
+static void close_handle(int *handle) {
+    if (*handle >= 0) {
+        (void)close(*handle);
+        *handle = -1;
+    }
+}
+
+static void close_connection(tl_database_file *file) {
+    (void)sqlite3_close(file->connection); /* writes the log back and removes it where nobody reads */
+    file->connection = NULL;
+    close_handle(&file->handle);
+    close_handle(&file->log);
+}
+
+static bool name_log(const tl_database_file *file, char name[PATH_MAX]) {
+    return snprintf(name, PATH_MAX, "%s-wal", file->path) < PATH_MAX;
+}
+
+/* As if it had never been there: an index that is left is believed. */
+static void remove_log(const tl_database_file *file) {
+    char log[PATH_MAX];
+    char index[PATH_MAX];
+    if (name_log(file, log) && snprintf(index, sizeof index, "%s-shm", file->path) < PATH_MAX) {
+        (void)unlink(index);
+        (void)unlink(log);
+    }
+}
+
+/* It is there as soon as something was read. */
+static void open_log(tl_database_file *file) {
+    char name[PATH_MAX];
+    if (name_log(file, name)) {
+        file->log = open(name, O_PATH | O_CLOEXEC);
+    }
+}
+
+/* SQLite's locks end when a descriptor of the file is closed, but not one that can neither be read nor written. */
+static tl_status open_connection(tl_database_file *file, tl_time patience, const tl_database_user *user,
+                                 tl_error *error) {
+    tl_status status = make_file(file->path, error);
+    if (status == TL_OK) {
+        file->handle = open(file->path, O_PATH | O_CLOEXEC);
+        status = tl_database_open(file->path, true, &file->connection, error);
+    }
+    if (status == TL_OK) {
+        status = prove_writable(file->connection, error);
+    }
+    if (status == TL_OK) {
+        tl_database_file_set_patience(file, patience);
+        status = configure(file->connection, error);
+    }
+    if (status == TL_OK) {
+        int code = user->begin(user->context, file->connection);
+        if (code != SQLITE_OK) {
+            status = tl_database_fail(file->connection, code, error);
+            user->end(user->context);
+        }
+    }
+    if (status == TL_OK) {
+        open_log(file);
+        tl_database_file_note(file);
+    }
+    if (status != TL_OK) {
+        tl_database_fault fault = tl_database_get_fault();
+        close_connection(file);
+        tl_database_set_fault(fault);
+    }
+    return status;
+}
+
+/* ---- Aside ------------------------------------------------------------------------------------------------------- */
+
+static bool is_there(const char *name) {
+    struct stat file;
+    return lstat(name, &file) == 0;
+}
+
+/* False where the new name is somebody's, or too long. */
+static bool put_one_aside(const char *path, const char *name, const char *end) {
+    char from[PATH_MAX];
+    char to[PATH_MAX];
+    int first = snprintf(from, sizeof from, "%s%s", path, end);
+    int second = snprintf(to, sizeof to, "%s%s", name, end);
+    if (first >= PATH_MAX || second >= PATH_MAX) {
+        return false;
+    }
+    return !is_there(from) || (!is_there(to) && rename(from, to) == 0);
+}
+
+static tl_status put_aside(const char *path, const char *why, tl_database_aside *aside, tl_error *error) {
+    char name[PATH_MAX];
+    for (int i = 1; i <= TL_DATABASE_DAMAGED_MOST; i++) {
+        int length = snprintf(name, sizeof name, "%s.damaged-%d", path, i);
+        if (length < PATH_MAX && !is_there(name) && put_one_aside(path, name, "-wal") &&
+            put_one_aside(path, name, "-shm") && put_one_aside(path, name, "")) {
+            (void)snprintf(aside->name, sizeof aside->name, "%s", name);
+            (void)snprintf(aside->why, sizeof aside->why, "%s", why);
+            return TL_OK;
+        }
+    }
+    return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%.400s, and it cannot be put aside", why);
+}
+
+static void close_as_it_is(tl_database_file *file) {
+    if (file->connection != NULL) {
+        (void)sqlite3_db_config(file->connection, SQLITE_DBCONFIG_NO_CKPT_ON_CLOSE, 1, NULL);
+    }
+    close_connection(file);
+}
+
+tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
+                                 tl_database_aside *aside, tl_error *error) {
+    close_as_it_is(file);
+    tl_status status = put_aside(file->path, why, aside, error);
+    if (status == TL_OK) {
+        status = open_connection(file, 0, user, error);
+    }
+    if (status != TL_OK) {
+        tl_database_fault fault = tl_database_get_fault();
+        tl_database_file_close(file);
+        tl_database_set_fault(fault);
+    }
+    return status;
+}
+
+/* ---- Opening and closing ----------------------------------------------------------------------------------------- */
+
+tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
+                                tl_database_file *file, tl_database_aside *aside, tl_error *error) {
+    *file = (tl_database_file)TL_DATABASE_FILE_NONE;
+    tl_status status = tl_database_place(given, file->path, error);
+    if (status == TL_OK) {
+        status = tl_database_lock_take(file->path, patience, &file->lock, error);
+    }
+    if (status == TL_OK) {
+        tl_error first;
+        status = open_connection(file, patience, user, &first);
+        if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_DAMAGED && aside != NULL) {
+            return tl_database_file_renew(file, first.text, user, aside, error);
+        }
+        if (status != TL_OK && error != NULL) {
+            *error = first;
+        }
+    }
+    if (status != TL_OK) {
+        tl_database_fault fault = tl_database_get_fault();
+        tl_database_file_close(file);
+        tl_database_set_fault(fault);
+    }
+    return status;
+}
+
+/* Is the file of this handle the one with that name? */
+static tl_database_whereabouts look_for(int handle, const char *name) {
+    struct stat ours;
+    struct stat named;
+    if (handle < 0 || fstat(handle, &ours) != 0) {
+        return TL_DATABASE_IN_PLACE;
+    }
+    bool is_there = stat(name, &named) == 0;
+    if (!is_there && errno != ENOENT && errno != ENOTDIR) {
+        return TL_DATABASE_IN_PLACE; /* as far as we may know: what is open goes on */
+    }
+    if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
+        return TL_DATABASE_IN_PLACE;
+    }
+    return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
+}
+
+static off_t size_of(const tl_database_file *file) {
+    struct stat ours;
+    return file->handle >= 0 && fstat(file->handle, &ours) == 0 ? ours.st_size : -1;
+}
+
+/* How long it would be if all of the log were written back. False: that cannot be told now. */
+static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
+    static const char sql[] = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
+    sqlite3_stmt *statement = NULL;
+    int code = sqlite3_prepare_v2(file->connection, sql, -1, &statement, NULL);
+    if (code == SQLITE_OK) {
+        code = sqlite3_step(statement);
+        *bytes = code == SQLITE_ROW ? sqlite3_column_int64(statement, 0) : 0;
+    }
+    (void)sqlite3_finalize(statement);
+    if ((code & 0xFF) == SQLITE_CORRUPT) { /* SQLite has seen it */
+        *bytes = INT64_MAX;
+    }
+    return code == SQLITE_ROW || *bytes == INT64_MAX;
+}
+
+/* Only a file that is shorter than it was is in doubt: another program may write our log back, and shorten it to what it is to have. */
+static bool is_cut(const tl_database_file *file) {
+    int64_t bytes = 0;
+    off_t size = size_of(file);
+    return size == 0 || (size >= 0 && size < file->size && ask_pages(file, &bytes) && size < bytes);
+}
+
+/* It may be emptied at any moment: its size counts only if it is asked for after what is in it was read. */
+static tl_database_whereabouts look_inside(tl_database_file *file) {
+    if (tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
+        tl_database_get_fault() == TL_DATABASE_FOREIGN && size_of(file) != 0) {
+        return TL_DATABASE_OVERWRITTEN;
+    }
+    if (is_cut(file)) {
+        return TL_DATABASE_CUT;
+    }
+    tl_database_file_note(file);
+    return TL_DATABASE_IN_PLACE;
+}
+
+tl_database_whereabouts tl_database_file_look(tl_database_file *file) {
+    char log[PATH_MAX];
+    tl_database_whereabouts found = look_for(file->handle, file->path);
+    if (found == TL_DATABASE_IN_PLACE) {
+        found = look_inside(file);
+    }
+    if (found == TL_DATABASE_IN_PLACE && name_log(file, log) && look_for(file->log, log) != TL_DATABASE_IN_PLACE) {
+        found = TL_DATABASE_WITHOUT_LOG;
+    }
+    return found;
+}
+
+void tl_database_file_note(tl_database_file *file) {
+    file->size = size_of(file);
+}
+
+bool tl_database_file_write_back(tl_database_file *file) {
+    int left = 0;
+    int done = 0;
+    return sqlite3_wal_checkpoint_v2(file->connection, "main", SQLITE_CHECKPOINT_TRUNCATE, &left, &done) == SQLITE_OK;
+}
+
+void tl_database_file_abandon(tl_database_file *file) {
+    char log[PATH_MAX];
+    if (name_log(file, log) && file->log >= 0 && look_for(file->log, log) == TL_DATABASE_IN_PLACE) {
+        remove_log(file);
+    }
+    close_as_it_is(file);
+    tl_database_file_close(file);
+}
+
+void tl_database_file_close(tl_database_file *file) {
+    if (file->connection != NULL && look_for(file->handle, file->path) == TL_DATABASE_MOVED) {
+        (void)tl_database_file_write_back(file); /* SQLite does not when it closes: its log stays under the old name */
+    }
+    close_connection(file);
+    tl_database_lock_release(&file->lock);
+    file->path[0] = '\0';
+}

@@ -1,0 +1,89 @@
+/* A database that a recorder has for itself: the lock beside it, and a connection that writes.
+ *
+ * Purpose: finds or makes the file, takes the lock, opens it, and says what has become of it since. A damaged file of ours can be put
+ *          aside, for whoever may still get something out of it, and another be made at its place, all under the same lock.
+ * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database_fault.h).
+ * Thread:  one at a time.
+ */
+#ifndef TL_FIRMWARE_STORE_DATABASE_FILE_H
+#define TL_FIRMWARE_STORE_DATABASE_FILE_H
+
+#include <limits.h>
+#include <sqlite3.h>
+#include <stdbool.h>
+#include <sys/types.h>
+
+#include "firmware/store/database_lock.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+/* Files FILE.damaged-1, -2, … that may be; with all of them there, a damaged one stays where it is. */
+enum { TL_DATABASE_DAMAGED_MOST = 9 };
+
+typedef struct tl_database_file {
+    char path[PATH_MAX]; /* links resolved; "": it is closed */
+    sqlite3 *connection;
+    tl_database_lock lock;
+    int handle; /* of the file itself, whatever it is called by now; −1: none */
+    int log;    /* the same of its log, FILE-wal */
+    off_t size; /* when it was found to be in order */
+} tl_database_file;
+
+/* What was put aside: where it is now, and why. */
+typedef struct tl_database_aside {
+    char name[PATH_MAX]; /* "": nothing was */
+    char why[TL_ERROR_TEXT];
+} tl_database_aside;
+
+/* What has become of a file that is open. */
+typedef enum tl_database_whereabouts {
+    TL_DATABASE_IN_PLACE,
+    TL_DATABASE_MOVED,
+    TL_DATABASE_REMOVED,
+    TL_DATABASE_OVERWRITTEN, /* what is in it now is not ours */
+    TL_DATABASE_CUT,         /* pages of it are missing */
+    TL_DATABASE_WITHOUT_LOG  /* FILE-wal is not that any more: what was committed lately is in no file with a name */
+} tl_database_whereabouts;
+
+/* Who is going to use a connection: whether it can is part of whether the file can be opened. */
+typedef struct tl_database_user {
+    int (*begin)(void *context, sqlite3 *connection); /* prepares what is needed; SQLite's result code */
+    void (*end)(void *context);                       /* and gives it back, after a failure too */
+    void *context;
+} tl_database_user;
+
+/* Finds the file or makes it. `patience` is for the lock and for other programs'. A damaged one is put aside, and another one made; if
+ * `aside` is NULL, that is refused. */
+tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
+                                tl_database_file *file, tl_database_aside *aside, tl_error *error);
+
+/* What is written in it from now on waits so long for other programs. */
+void tl_database_file_set_patience(tl_database_file *file, tl_time patience);
+
+/* Before something is written: whoever may not look into the folder any more is told that it is in place. */
+tl_database_whereabouts tl_database_file_look(tl_database_file *file);
+
+/* We have written the log back ourselves: it may be shorter by that. */
+void tl_database_file_note(tl_database_file *file);
+
+/* Brings what is in the log into the file. False: not now, since a reader or the disk is in the way. */
+bool tl_database_file_write_back(tl_database_file *file);
+
+/* It shows damage, as the caller has seen: puts it aside and makes another one. A failure leaves it closed. The user has ended. */
+tl_status tl_database_file_renew(tl_database_file *file, const char *why, const tl_database_user *user,
+                                 tl_database_aside *aside, tl_error *error);
+
+/* Closes it, written back as far as can be: also where it has another name by now. The user has ended. A closed one is allowed. */
+void tl_database_file_close(tl_database_file *file);
+
+/* Closes one that was removed or overwritten: nothing is written into what has its name now, and its log goes, which would be
+ * played into that. The user has ended. */
+void tl_database_file_abandon(tl_database_file *file);
+
+/* What is closed. */
+#define TL_DATABASE_FILE_NONE                                                                                          \
+    {                                                                                                                  \
+        .handle = -1, .log = -1, .lock = {.file = -1 }                                                                 \
+    }
+
+#endif

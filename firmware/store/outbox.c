@@ -1,0 +1,601 @@
+/* The writer's side of an outbox. The header says what it is, outbox_parts.h what lies where.
+ *
+ * Ring:        who appends publishes the new end with a release; the reader hands room back by `taken`, which is acquired here. What was appended and
+ *              not published when its writer died is not there. A sample that waits for its step has another end, which only a successor looks at.
+ * Kept:        nothing has to be marked. An entry stays until another one needs its bytes, and its position tells whether that has
+ *              happened: at most one entry is appended beyond the published end.
+ * Events:      a thread draws a number if its slot is free, fills it, and says so with a release. One that died in between leaves a gap, which the
+ *              successor marks.
+ * Checkpoints: see tl_outbox_place. Both sides copy word by word, relaxed: no thread waits for another, and no fence is needed (ThreadSanitizer
+ *              does not know them).
+ * Death:       the kernel shows a successor all that a dead process has stored, in its order. */
+#include "firmware/store/outbox_parts.h"
+
+#include <assert.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
+
+enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
+
+static const tl_time RING_TIME = 30 * TL_SECOND;
+static const tl_time LOOK_BACK = 10 * TL_SECOND; /* between two checkpoints, or LOOK_BACK_TICKS */
+static const tl_time NAP = TL_SECOND / 1000;     /* between two looks for room */
+
+/* ---- Sizes ------------------------------------------------------------------------------------------------------- */
+
+static size_t round_up(size_t bytes, size_t to) {
+    return (bytes + to - 1) / to * to;
+}
+
+size_t tl_outbox_ring_at(void) {
+    return round_up(sizeof(tl_outbox_control), PAGE);
+}
+
+size_t tl_outbox_place_at(const tl_outbox_settings *settings, unsigned place) {
+    return tl_outbox_ring_at() + round_up(settings->ring_bytes, PAGE) +
+           place * round_up(settings->checkpoint_bytes, PAGE);
+}
+
+size_t tl_outbox_bytes(const tl_outbox_settings *settings) {
+    return tl_outbox_place_at(settings, TL_OUTBOX_PLACES + 1);
+}
+
+size_t tl_outbox_ring_bytes(const tl_recorder_shape *shape, tl_time step) {
+    uint64_t each = tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(shape, TL_ENTRY_STEP);
+    uint64_t ticks = (uint64_t)(RING_TIME / step) + 1;
+    uint64_t back = (uint64_t)(LOOK_BACK / step) + 1;
+    ticks += 2 * (back < LOOK_BACK_TICKS ? back : LOOK_BACK_TICKS);
+    uint64_t bytes = ticks < RING_MOST ? ticks * each + 2 * tl_recorder_entry_largest(shape) : RING_MOST;
+    size_t rounded = RING_LEAST;
+    while (rounded < bytes && rounded < RING_MOST) {
+        rounded *= 2;
+    }
+    return rounded;
+}
+
+/* ---- Room in the ring -------------------------------------------------------------------------------------------- */
+
+static void lose(const tl_outbox *outbox) {
+    (void)__atomic_add_fetch(&outbox->control->lost, 1, __ATOMIC_RELAXED);
+}
+
+static bool has_reader(const tl_outbox *outbox) {
+    return outbox->taken != NULL;
+}
+
+/* If what the reader says cannot be, it has taken nothing of what is there. */
+static bool has_room(const tl_outbox *outbox, size_t size) {
+    uint64_t waiting =
+        has_reader(outbox) ? outbox->written - __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : 0;
+    return waiting <= outbox->settings.ring_bytes && outbox->settings.ring_bytes - waiting >= size;
+}
+
+static tl_recorder_pen pen_of(const tl_outbox *outbox) {
+    return (tl_recorder_pen){
+        .bytes = outbox->ring, .capacity = outbox->settings.ring_bytes, .position = outbox->written};
+}
+
+/* All that was put is there. A writer that dies between the two stores leaves no sample that waits. */
+static void publish(tl_outbox *outbox) {
+    outbox->published = outbox->written;
+    __atomic_store_n(&outbox->control->head, outbox->written, __ATOMIC_RELEASE);
+    __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
+}
+
+/* A reader that has found the ring corrupted skips to its end, and may have been told a wrong one: the next entry goes there. */
+static void follow_reader(tl_outbox *outbox) {
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : outbox->written;
+    uint64_t ahead = taken - outbox->written;
+    if (ahead != 0 && ahead <= outbox->settings.ring_bytes) {
+        outbox->written = taken;
+        publish(outbox);
+    }
+}
+
+static void publish_entry(tl_outbox *outbox, const tl_recorder_pen *pen) {
+    outbox->written = pen->position;
+    publish(outbox);
+}
+
+/* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
+static bool put_waiting_start(tl_outbox *outbox) {
+    tl_outbox_control *control = outbox->control;
+    follow_reader(outbox);
+    if (!control->start_waits) {
+        return true;
+    }
+    if (!has_room(outbox, tl_recorder_entry_size_of_start(control->start.holds))) {
+        return false;
+    }
+    tl_recorder_pen pen = pen_of(outbox);
+    tl_recorder_entry_pack_start(&pen, &control->start.resumption, outbox->id,
+                                 control->start.holds ? NULL : &control->start.account, control->start.fmus,
+                                 &control->start.configured);
+    publish_entry(outbox, &pen);
+    control->start_waits = false;
+    return true;
+}
+
+/* Room for an entry of this kind, and for what belongs to it; if there is none, it is lost. */
+static bool find_room(tl_outbox *outbox, tl_recorder_kind kind, tl_recorder_pen *pen) {
+    size_t size = tl_recorder_entry_size(&outbox->settings.shape, kind);
+    size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&outbox->settings.shape, TL_ENTRY_STEP) : 0;
+    bool found = put_waiting_start(outbox) && has_room(outbox, size + step);
+    if (!found) {
+        lose(outbox);
+    }
+    *pen = pen_of(outbox);
+    return found;
+}
+
+/* Nothing that was put up to this end has taken its bytes. */
+static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
+    uint64_t since = end - position;
+    size_t reach = outbox->settings.ring_bytes;
+    size_t slack = tl_recorder_entry_largest(&outbox->settings.shape);
+    return reach > slack && since <= reach - slack;
+}
+
+/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
+ * behind it. */
+static void go_back(tl_outbox *outbox, uint64_t end) {
+    uint64_t before = outbox->written;
+    outbox->written = end;
+    for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
+        tl_outbox_place *there = &outbox->control->places[place];
+        uint64_t number = 0;
+        uint64_t digest = 0;
+        tl_outbox_mark mark;
+        if (!tl_outbox_place_look(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
+            !is_kept(outbox, end, mark.position)) {
+            __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* ---- A run ------------------------------------------------------------------------------------------------------- */
+
+/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. Else it goes to
+ * the reader together with the beginning: who dies before that leaves it to the next one to decide. */
+static void settle_waiting_sample(tl_outbox *outbox, const tl_resumption *beginning) {
+    bool waits = outbox->written != outbox->published;
+    if (waits && beginning->from != TL_RESUMED_NOT && outbox->waiting >= beginning->tick) {
+        go_back(outbox, outbox->published);
+        publish(outbox);
+    }
+}
+
+void tl_outbox_name_fmus(tl_outbox *outbox, const char fmus[TL_SHA256_TEXT]) {
+    memcpy(outbox->fmus, fmus, sizeof outbox->fmus);
+}
+
+void tl_outbox_name_configuration(tl_outbox *outbox, const tl_run_tuning *configured) {
+    outbox->configured = *configured;
+    outbox->tuning = *configured;
+}
+
+bool tl_outbox_put_start(tl_outbox *outbox, const tl_outbox_start *start) {
+    settle_waiting_sample(outbox, &start->resumption);
+    outbox->control->start = *start;
+    memcpy(outbox->control->start.fmus, start->holds ? "" : outbox->fmus, start->holds ? 1 : sizeof outbox->fmus);
+    outbox->control->start.configured = outbox->configured;
+    outbox->control->start_waits = true;
+    outbox->beginning = start->resumption;
+    outbox->id = (uint64_t)tl_clock_now(NULL);
+    outbox->tuning = outbox->configured;
+    return put_waiting_start(outbox);
+}
+
+bool tl_outbox_put_sample(tl_outbox *outbox, const tl_sample *sample) {
+    tl_recorder_pen pen;
+    bool found = find_room(outbox, TL_ENTRY_SAMPLE, &pen);
+    if (found) {
+        publish(outbox);
+        tl_recorder_entry_pack_sample(&pen, &outbox->settings.shape, sample, outbox->beginning.start, outbox->id);
+        outbox->written = pen.position;
+        outbox->waiting = sample->tick;
+        __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
+    }
+    return found;
+}
+
+bool tl_outbox_put_step(tl_outbox *outbox, const tl_record *record, const tl_recorder_component *ledger) {
+    tl_recorder_pen pen;
+    bool found = find_room(outbox, TL_ENTRY_STEP, &pen);
+    if (found) {
+        tl_recorder_entry_pack_step(&pen, &outbox->settings.shape, record, ledger);
+        publish_entry(outbox, &pen);
+    }
+    return found;
+}
+
+bool tl_outbox_has_room_for_tuning(const tl_outbox *outbox) {
+    const tl_recorder_shape *shape = &outbox->settings.shape;
+    return !outbox->control->start_waits && has_room(outbox, tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
+                                                                 tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) +
+                                                                 2 * tl_recorder_entry_size(shape, TL_ENTRY_STEP));
+}
+
+bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning) {
+    tl_recorder_pen pen;
+    bool found = find_room(outbox, TL_ENTRY_TUNING, &pen);
+    outbox->tuning = *tuning;
+    if (found) {
+        tl_recorder_entry_pack_tuning(&pen, tuning);
+        publish_entry(outbox, &pen);
+    }
+    return found;
+}
+
+const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox) {
+    return &outbox->tuning;
+}
+
+const tl_resumption *tl_outbox_beginning(const tl_outbox *outbox) {
+    return &outbox->beginning;
+}
+
+bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
+    tl_recorder_pen pen;
+    bool found = find_room(outbox, TL_ENTRY_END, &pen);
+    if (found) {
+        tl_recorder_entry_pack_end(&pen, reason);
+        publish_entry(outbox, &pen);
+    }
+    return found;
+}
+
+bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until) {
+    const tl_recorder_shape *shape = &outbox->settings.shape;
+    size_t size = tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(shape, TL_ENTRY_STEP) +
+                  tl_recorder_entry_size(shape, TL_ENTRY_END) + tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
+                  (outbox->control->start_waits ? tl_recorder_entry_size(shape, TL_ENTRY_START) : 0);
+    tl_time now = tl_clock_now(NULL);
+    follow_reader(outbox);
+    while (!has_room(outbox, size) && now < until) {
+        tl_clock_sleep_until(now + NAP < until ? now + NAP : until);
+        now = tl_clock_now(NULL);
+    }
+    return has_room(outbox, size);
+}
+
+uint64_t tl_outbox_lost(const tl_outbox *outbox) {
+    return __atomic_load_n(&outbox->control->lost, __ATOMIC_RELAXED);
+}
+
+/* ---- Events ------------------------------------------------------------------------------------------------------ */
+
+uint64_t tl_outbox_state_if_there(uint64_t number) {
+    return 2 * number + 2;
+}
+
+/* False: its slot is not free. */
+static bool draw_number(const tl_outbox *outbox, uint64_t *number) {
+    uint64_t *next = &outbox->control->next;
+    bool drawn = false;
+    bool is_free = true;
+    while (is_free && !drawn) { /* again only if another thread has drawn one meanwhile */
+        uint64_t taken =
+            __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE); /* first: what is taken was drawn before */
+        *number = __atomic_load_n(next, __ATOMIC_RELAXED);
+        is_free = *number - taken < TL_RECORDER_EVENTS;
+        drawn = is_free &&
+                __atomic_compare_exchange_n(next, number, *number + 1, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+    }
+    return drawn;
+}
+
+void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    uint64_t number = 0;
+    uint64_t position = __atomic_load_n(&outbox->control->head, __ATOMIC_RELAXED);
+    if (!has_reader(outbox)) {
+        return;
+    }
+    if (!draw_number(outbox, &number)) {
+        lose(outbox);
+        return;
+    }
+    tl_outbox_slot *slot = &outbox->control->slots[number % TL_RECORDER_EVENTS];
+    /* The reader gave the slot back. Here it is seen besides what the thread that filled it before has done: ThreadSanitizer does not know what
+     * a reader in another process has seen. */
+    (void)__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE);
+    tl_recorder_event_fill(&slot->entry, tick, severity, source, text);
+    slot->entry.position = position;
+    __atomic_store_n(&slot->state, tl_outbox_state_if_there(number), __ATOMIC_RELEASE);
+}
+
+const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
+    if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
+        return "an event of a severity that there is not";
+    }
+    return tl_recorder_text_ends(event->source, sizeof event->source) &&
+                   tl_recorder_text_ends(event->text, sizeof event->text)
+               ? NULL
+               : "an event with a text without an end";
+}
+
+/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+
+static uint64_t mix(uint64_t digest, uint64_t word) {
+    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
+    return digest ^ digest >> 29;
+}
+
+/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes, since the cycle pays for it; a
+ * cryptographic digest would keep nobody out, since whoever may write here may write that too. */
+uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes) {
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
+    uint64_t digest = mix(number, number >> 32);
+    memcpy(words, mark, sizeof *mark);
+    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
+        digest = mix(digest, words[i]);
+    }
+    for (uint64_t at = 0; at < mark->size; at += sizeof(uint64_t)) {
+        uint64_t word = 0;
+        uint64_t left = mark->size - at;
+        memcpy(&word, bytes + at, left < sizeof word ? (size_t)left : sizeof word);
+        digest = mix(digest, word);
+    }
+    return mix(digest, mark->size);
+}
+
+bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
+    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
+    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
+    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
+        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
+    }
+    memcpy(mark, words, sizeof *mark);
+    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
+           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+}
+
+static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
+    return outbox->checkpoints + place * round_up(outbox->settings.checkpoint_bytes, PAGE);
+}
+
+/* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
+static void touch_place(unsigned char *bytes, size_t size) {
+    for (size_t i = 0; i < size; i += PAGE) {
+        volatile size_t *word = (volatile size_t *)(void *)(bytes + i);
+        __atomic_store_n(word, __atomic_load_n(word, __ATOMIC_RELAXED), __ATOMIC_RELAXED);
+    }
+}
+
+bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size) {
+    if (size > outbox->settings.checkpoint_bytes) {
+        return false;
+    }
+    bool there = true;
+    for (unsigned place = 0; place <= TL_OUTBOX_PLACES && there; place++) {
+        unsigned char *bytes = bytes_of_place(outbox, place);
+        there = !outbox->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
+        touch_place(bytes, there ? size : 0);
+    }
+    outbox->reserved = there ? size : 0;
+    return there;
+}
+
+unsigned char *tl_outbox_checkpoint_room(tl_outbox *outbox, size_t *capacity) {
+    *capacity = outbox->reserved;
+    return outbox->reserved == 0 ? NULL : bytes_of_place(outbox, TL_OUTBOX_PLACES);
+}
+
+static void store_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* a place has whole pages */
+        size_t word = 0;
+        memcpy(&word, from + at, sizeof word);
+        __atomic_store_n((size_t *)(void *)(to + at), word, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
+    uint64_t number = outbox->number + 1;
+    const unsigned char *room = bytes_of_place(outbox, TL_OUTBOX_PLACES);
+    tl_outbox_place *place = &outbox->control->places[number % TL_OUTBOX_PLACES];
+    const tl_outbox_control *control = outbox->control;
+    size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
+    tl_outbox_mark mark = {.tick = tick,
+                           .size = size,
+                           .position = outbox->written,
+                           .behind = outbox->written + waiting,
+                           .beginning = outbox->beginning,
+                           .tuning = outbox->tuning};
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
+    assert(size <= outbox->reserved);
+    memcpy(words, &mark, sizeof mark);
+    __atomic_store_n(&place->number, 0, __ATOMIC_RELAXED);
+    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
+        __atomic_store_n(&place->mark[i], words[i], __ATOMIC_RELAXED);
+    }
+    store_bytes(bytes_of_place(outbox, number % TL_OUTBOX_PLACES), room, size);
+    __atomic_store_n(&place->digest, tl_outbox_digest(number, &mark, room), __ATOMIC_RELAXED);
+    __atomic_store_n(&place->number, number, __ATOMIC_RELEASE);
+    outbox->number = number;
+}
+
+/* ---- What a dead one has left ------------------------------------------------------------------------------------ */
+
+static tl_recorder_page page_of(const tl_outbox *outbox) {
+    return (tl_recorder_page){.bytes = outbox->ring, .capacity = outbox->settings.ring_bytes, .end = outbox->written};
+}
+
+/* Number of the checkpoint in a place that is whole; 0: there is none. */
+static uint64_t look_at_place(const tl_outbox *outbox, unsigned place, tl_outbox_mark *mark) {
+    uint64_t number = 0;
+    uint64_t digest = 0;
+    bool whole = tl_outbox_place_look(&outbox->control->places[place], &number, &digest, mark) &&
+                 number % TL_OUTBOX_PLACES == place && mark->size <= outbox->settings.checkpoint_bytes &&
+                 tl_outbox_digest(number, mark, bytes_of_place(outbox, place)) == digest;
+    return whole ? number : 0;
+}
+
+void tl_outbox_hide_unused(tl_outbox *outbox) {
+    size_t capacity = round_up(outbox->settings.checkpoint_bytes, PAGE);
+    for (unsigned place = 0; place <= TL_OUTBOX_PLACES; place++) {
+        tl_outbox_mark mark = {.size = 0};
+        bool is_left = place < TL_OUTBOX_PLACES && look_at_place(outbox, place, &mark) != 0;
+        size_t used = is_left ? (size_t)mark.size : 0;
+        used = round_up(used > outbox->reserved ? used : outbox->reserved, PAGE);
+        if (place < TL_OUTBOX_PLACES && !is_left) { /* nobody is to look there */
+            __atomic_store_n(&outbox->control->places[place].number, 0, __ATOMIC_RELAXED);
+        }
+        if (used < capacity) {
+            (void)mprotect(bytes_of_place(outbox, place) + used, capacity - used, PROT_NONE);
+        }
+    }
+    outbox->hides = true;
+}
+
+bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbox_left *left) {
+    tl_outbox_mark marks[TL_OUTBOX_PLACES];
+    uint64_t numbers[TL_OUTBOX_PLACES];
+    for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
+        numbers[place] = look_at_place(outbox, place, &marks[place]);
+        numbers[place] = is_kept(outbox, outbox->written, marks[place].position) ? numbers[place] : 0;
+    }
+    unsigned newest = numbers[1] > numbers[0] ? 1 : 0;
+    unsigned place = which == 0 ? newest : 1 - newest;
+    if (which >= TL_OUTBOX_PLACES || numbers[place] == 0) {
+        return false;
+    }
+    *left = (tl_outbox_left){.tick = marks[place].tick,
+                             .bytes = bytes_of_place(outbox, place),
+                             .size = (size_t)marks[place].size,
+                             .position = marks[place].position,
+                             .beginning = marks[place].beginning,
+                             .tuning = marks[place].tuning};
+    return true;
+}
+
+bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_recorder_entry *entry) {
+    tl_recorder_page page = page_of(outbox);
+    return is_kept(outbox, outbox->written, *position) && *position != outbox->written &&
+           tl_recorder_entry_unpack(&page, &outbox->settings.shape, position, entry) == NULL;
+}
+
+/* ---- Opening ----------------------------------------------------------------------------------------------------- */
+
+/* The end of what a dead one has put, with a sample that waits. */
+static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
+    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
+    return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
+}
+
+/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
+ * may have hit what it had put before, or the ends. */
+static void mend_ring(tl_outbox *outbox) {
+    tl_recorder_entry entry;
+    uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
+    uint64_t end = end_left(outbox, head);
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
+    uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
+    uint64_t position = taken;
+    bool sound = end - taken <= outbox->settings.ring_bytes;
+    outbox->written = end;
+    outbox->published = taken;
+    tl_recorder_page page = page_of(outbox);
+    while (sound && position != end) {
+        uint64_t before = position;
+        sound = tl_recorder_entry_unpack(&page, &outbox->settings.shape, &position, &entry) == NULL;
+        bool waits = sound && entry.kind == TL_ENTRY_SAMPLE && position - taken > there;
+        outbox->published = waits ? before : position;
+        outbox->waiting = waits ? entry.sample.tick : 0;
+    }
+    if (!sound) {
+        lose(outbox);
+        go_back(outbox, position);
+    }
+    __atomic_store_n(&outbox->control->head, outbox->published, __ATOMIC_RELEASE);
+    __atomic_store_n(&outbox->control->put, outbox->written, __ATOMIC_RELEASE);
+}
+
+/* The slot of an event that was drawn. */
+static void mend_event(tl_outbox_slot *slot, uint64_t number, uint64_t head) {
+    uint64_t state = __atomic_load_n(&slot->state, __ATOMIC_RELAXED);
+    if (slot->entry.position > head) { /* entries that it came after are gone */
+        slot->entry.position = head;
+    }
+    bool known = state == tl_outbox_state_if_there(number) + 1 ||
+                 (state == tl_outbox_state_if_there(number) && tl_outbox_event_fault(&slot->entry) == NULL);
+    if (!known) {
+        __atomic_store_n(&slot->state, tl_outbox_state_if_there(number) + 1, __ATOMIC_RELEASE);
+    }
+}
+
+static void mend_events(tl_outbox *outbox) {
+    tl_outbox_control *control = outbox->control;
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE) : control->next;
+    if (control->next - taken > TL_RECORDER_EVENTS) {
+        lose(outbox);
+        control->next = taken;
+    }
+    for (uint64_t number = taken; number != taken + TL_RECORDER_EVENTS; number++) {
+        tl_outbox_slot *slot = &control->slots[number % TL_RECORDER_EVENTS];
+        if (number - taken < control->next - taken) {
+            mend_event(slot, number, outbox->written);
+        } else { /* none yet: as if the one before it had been there */
+            __atomic_store_n(&slot->state, tl_outbox_state_if_there(number - TL_RECORDER_EVENTS), __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* The next one does not go where the newest is. */
+static void mend_checkpoints(tl_outbox *outbox) {
+    uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
+    uint64_t newest = 0;
+    for (unsigned place = 0; place < TL_OUTBOX_PLACES; place++) {
+        tl_outbox_mark mark;
+        uint64_t number = look_at_place(outbox, place, &mark);
+        newest = number > newest ? number : newest;
+    }
+    outbox->number = newest;
+    if (taken > newest && taken < TL_OUTBOX_NUMBERS) { /* what it has taken is damaged now */
+        outbox->number = taken + (newest != 0 && (taken + 1 - newest) % TL_OUTBOX_PLACES == 0 ? 1 : 0);
+    }
+}
+
+/* Written, so that the cycle meets no page fault; what is there stays. */
+static void touch(unsigned char *bytes, size_t size) {
+    for (size_t i = 0; i < size; i += PAGE) {
+        volatile unsigned char *byte = bytes + i;
+        unsigned char same = *byte;
+        *byte = same;
+    }
+}
+
+/* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
+static void follow_numbers(tl_outbox *outbox) {
+    tl_outbox_control *control = outbox->control;
+    uint64_t head = __atomic_load_n(&control->head, __ATOMIC_ACQUIRE);
+    uint64_t put = __atomic_load_n(&control->put, __ATOMIC_ACQUIRE);
+    if (has_reader(outbox) && (head | put | control->next | control->lost) == 0) {
+        uint64_t taken = __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE);
+        control->next = __atomic_load_n(&outbox->taken->events, __ATOMIC_ACQUIRE);
+        __atomic_store_n(&control->head, taken, __ATOMIC_RELEASE);
+        __atomic_store_n(&control->put, taken, __ATOMIC_RELEASE);
+    }
+}
+
+void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_outbox_taken *taken, tl_outbox *outbox) {
+    unsigned char *bytes = memory;
+    size_t ring = settings->ring_bytes;
+    assert((uintptr_t)memory % TL_OUTBOX_LINE == 0);
+    assert((ring & (ring - 1)) == 0 && (ring == 0 || ring > 2 * tl_recorder_entry_largest(&settings->shape)));
+    (void)ring;
+    *outbox = (tl_outbox){.settings = *settings,
+                          .control = memory,
+                          .ring = bytes + tl_outbox_ring_at(),
+                          .checkpoints = bytes + tl_outbox_place_at(settings, 0),
+                          .taken = taken};
+    touch(bytes, tl_outbox_place_at(settings, 0));
+    outbox->control->start_waits = false;
+    follow_numbers(outbox);
+    mend_ring(outbox);
+    mend_events(outbox);
+    mend_checkpoints(outbox);
+}

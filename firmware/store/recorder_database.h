@@ -1,0 +1,85 @@
+/* Runs in a database that is open: batches, one transaction each.
+ *
+ * Purpose: all SQL of writing but for a run's first rows (recorder_beginning.h). What fails leaves nothing behind and is written again.
+ * Trust:   numbers come from a twin that may be hostile: those that no history would take are brought into range, and entries with ticks that
+ *          cannot be are not written.
+ * Errors:  SQLite's result codes, and the connection has the words.
+ * Thread:  the connection's.
+ */
+#ifndef TL_FIRMWARE_STORE_RECORDER_DATABASE_H
+#define TL_FIRMWARE_STORE_RECORDER_DATABASE_H
+
+#include <sqlite3.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/base/utc.h"
+#include "firmware/store/outbox.h"
+#include "firmware/store/recorder_events.h"
+#include "firmware/store/recorder_settings.h"
+
+typedef struct tl_recorder_database tl_recorder_database;
+
+/* What a run has brought so far: what its row says. */
+typedef struct tl_recorder_totals {
+    uint64_t samples;
+    uint64_t steps;
+    uint64_t events;
+    uint64_t lost;
+    char committed[TL_UTC_TEXT]; /* when */
+} tl_recorder_totals;
+
+/* On a connection that writes. The settings must outlive it. It is to be closed after a failure too. */
+int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
+                              tl_recorder_database **database);
+
+/* Before its connection. NULL is allowed. */
+void tl_recorder_database_close(tl_recorder_database *database);
+
+/* Bytes of ring that a batch should not exceed by more than one entry. */
+size_t tl_recorder_database_batch(const tl_recorder_database *database);
+
+/* The totals of a run; `found` is false if the file has no such run. */
+int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool *found, tl_recorder_totals *totals);
+
+/* ---- a batch, of one run ---- */
+
+/* Makes room for a batch of `bytes`, then begins it. `run` 0: it begins one. */
+int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
+
+/* Begins a run; `timed`: its start is when it says; else it is now, and on no clock. Gives the id of its row. */
+int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
+                                   int64_t *run);
+
+/* The run goes on: an end that somebody has found for it is none. */
+int tl_recorder_database_go_on(tl_recorder_database *database);
+
+/* Whoever was to end the run will not: it was not ended cleanly, unless it goes on all the same. */
+int tl_recorder_database_give_up(tl_recorder_database *database);
+
+/* What comes is not the run's beginning, which is not in this file. */
+int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
+
+/* A sample, a step or a tuning. *impossible: its tick is none, or it is of a configuration that nobody knows, and it is not written. */
+int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
+
+/* Its tick is one. */
+int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible);
+
+/* One that is larger than a file with this bound bears, or of a tick that is none, is left out. */
+int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
+                                    size_t size);
+int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
+
+/* Ends a batch, and with a reason the run: all of it is on disk, or the caller must roll back. */
+int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);
+void tl_recorder_database_rollback(tl_recorder_database *database);
+
+/* After a commit: work that may fail without harm to what was committed. */
+int tl_recorder_database_tidy(tl_recorder_database *database);
+
+/* How often the log was written back, which alone changes the file itself. */
+unsigned tl_recorder_database_writings_back(const tl_recorder_database *database);
+
+#endif

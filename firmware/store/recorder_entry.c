@@ -1,0 +1,360 @@
+/* Packing and unpacking of entries. What packs and what unpacks must agree field by field.
+ *
+ * A kind is a byte that damaged memory does not hold by chance: zeros are no entry. What is unpacked is copied first and looked at then,
+ * in the copy: the memory may be another process's, which changes it meanwhile. */
+#include "firmware/store/recorder_entry.h"
+
+#include <string.h>
+
+#include "firmware/base/identity.h"
+
+enum { MARK = 0xB4 }; /* kinds begin with it */
+
+/* An entry ends with a digest of its position and bytes: a wild store into the ring does not pass for a value. */
+static uint64_t mix(uint64_t digest, const void *part, size_t size) {
+    const unsigned char *bytes = part;
+    for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
+        uint64_t word = 0;
+        memcpy(&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
+        digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
+        digest ^= digest >> 29;
+    }
+    return digest;
+}
+
+/* The fields of a tl_record before its arrays. */
+typedef struct step_head {
+    int64_t step;
+    tl_time used;
+    double objective;
+    double objective_nominal;
+    uint32_t evaluations;
+    uint32_t executions;
+    uint32_t predicted;
+    uint32_t flags;
+    uint32_t held;
+    uint8_t outcome;
+    uint8_t stop;
+    uint8_t unused[2]; /* so that no byte of it is indeterminate */
+} step_head;
+
+/* ---- Sizes ---- */
+
+/* Without the digest. */
+static size_t size_of_start(bool holds) {
+    return 2 + sizeof(tl_resumption) + sizeof(uint64_t) +
+           (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
+}
+
+static size_t size_of(const tl_recorder_shape *shape, tl_recorder_kind kind) {
+    switch (kind) {
+    case TL_ENTRY_START:
+        return size_of_start(false);
+    case TL_ENTRY_SAMPLE:
+        return 1 + sizeof(uint64_t) + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
+    case TL_ENTRY_STEP:
+        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1 + sizeof(tl_record_readings)) +
+               shape->adjust * 2 * sizeof(double) + shape->components * sizeof(tl_recorder_component);
+    case TL_ENTRY_END:
+        return 1 + TL_RECORDER_REASON;
+    case TL_ENTRY_TUNING:
+        return 1 + sizeof(tl_run_tuning);
+    }
+    return 0;
+}
+
+size_t tl_recorder_entry_size_of_start(bool holds) {
+    return size_of_start(holds) + sizeof(uint64_t);
+}
+
+size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
+    return size_of(shape, kind) + sizeof(uint64_t);
+}
+
+size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
+    size_t largest = 0;
+    for (int kind = TL_ENTRY_START; kind <= TL_ENTRY_TUNING; kind++) {
+        size_t size = tl_recorder_entry_size(shape, (tl_recorder_kind)kind);
+        largest = size > largest ? size : largest;
+    }
+    return largest;
+}
+
+/* ---- Packing ---- */
+
+static void put(tl_recorder_pen *pen, const void *part, size_t size) {
+    pen->digest = mix(pen->digest, part, size);
+    size_t at = (size_t)(pen->position & (pen->capacity - 1));
+    size_t first = size < pen->capacity - at ? size : pen->capacity - at;
+    memcpy(pen->bytes + at, part, first);
+    memcpy(pen->bytes, (const unsigned char *)part + first, size - first);
+    pen->position += size;
+}
+
+static void put_byte(tl_recorder_pen *pen, unsigned value) {
+    unsigned char byte = (unsigned char)value;
+    put(pen, &byte, 1);
+}
+
+static void put_kind(tl_recorder_pen *pen, tl_recorder_kind kind) {
+    pen->digest = pen->position;
+    put_byte(pen, MARK + (unsigned)kind);
+}
+
+static void put_digest(tl_recorder_pen *pen) {
+    uint64_t digest = pen->digest;
+    put(pen, &digest, sizeof digest);
+}
+
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
+                                  const tl_account *account, const char fmus[TL_SHA256_TEXT],
+                                  const tl_run_tuning *configured) {
+    put_kind(pen, TL_ENTRY_START);
+    put_byte(pen, account == NULL);
+    put(pen, beginning, sizeof *beginning);
+    put(pen, &id, sizeof id);
+    if (account != NULL) {
+        put(pen, account, sizeof *account);
+        put(pen, fmus, TL_SHA256_TEXT);
+        put(pen, configured, sizeof *configured);
+    }
+    put_digest(pen);
+}
+
+/* A stamp comes from a driver's process, and may be any. */
+tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp) {
+    tl_time difference = 0;
+    if (stamp == TL_TIME_NEVER) {
+        return TL_TIME_NEVER;
+    }
+    if (__builtin_sub_overflow(stamp, start, &difference) || difference == TL_TIME_NEVER) {
+        return stamp < start ? TL_TIME_NEVER + 1 : INT64_MAX;
+    }
+    return difference;
+}
+
+void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
+                                   tl_time start, uint64_t id) {
+    put_kind(pen, TL_ENTRY_SAMPLE);
+    put(pen, &id, sizeof id);
+    put(pen, &sample->tick, sizeof sample->tick);
+    put(pen, sample->values, shape->plant * sizeof(double));
+    for (size_t i = 0; i < shape->plant; i++) {
+        tl_time stamp = tl_recorder_entry_stamp(start, sample->stamps[i]);
+        put(pen, &stamp, sizeof stamp);
+    }
+    put(pen, sample->quality, shape->plant);
+    put_digest(pen);
+}
+
+void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
+                                 const tl_recorder_component *ledger) {
+    step_head head = {.step = record->step,
+                      .used = record->used,
+                      .objective = record->objective,
+                      .objective_nominal = record->objective_nominal,
+                      .evaluations = record->evaluations,
+                      .executions = record->executions,
+                      .predicted = record->predicted,
+                      .flags = record->flags,
+                      .held = record->held,
+                      .outcome = (uint8_t)record->outcome,
+                      .stop = (uint8_t)record->stop};
+    put_kind(pen, TL_ENTRY_STEP);
+    put(pen, &head, sizeof head);
+    put(pen, record->y, shape->match * sizeof(double));
+    put(pen, record->y_hat, shape->match * sizeof(double));
+    put(pen, record->y_hat_quality, shape->match);
+    put(pen, record->readings, shape->match * sizeof record->readings[0]);
+    put(pen, record->u, shape->adjust * sizeof(double));
+    put(pen, record->u_hat, shape->adjust * sizeof(double));
+    put(pen, ledger, shape->components * sizeof *ledger);
+    put_digest(pen);
+}
+
+void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning) {
+    put_kind(pen, TL_ENTRY_TUNING);
+    put(pen, tuning, sizeof *tuning);
+    put_digest(pen);
+}
+
+void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
+    char text[TL_RECORDER_REASON] = "";
+    memcpy(text, reason, strnlen(reason, sizeof text - 1));
+    put_kind(pen, TL_ENTRY_END);
+    put(pen, text, sizeof text);
+    put_digest(pen);
+}
+
+/* ---- Unpacking ---- */
+
+/* The part of an entry that is being unpacked. */
+typedef struct look {
+    const tl_recorder_page *page;
+    uint64_t position;
+    uint64_t digest;
+} look;
+
+/* False: it would be beyond the end. The copy is made once; nothing is read from the memory again after this. */
+static bool get(look *at, void *part, size_t size) {
+    const tl_recorder_page *page = at->page;
+    size_t from = (size_t)(at->position & (page->capacity - 1));
+    size_t first = size < page->capacity - from ? size : page->capacity - from;
+    if (page->end - at->position < size) {
+        return false;
+    }
+    memcpy(part, page->bytes + from, first);
+    memcpy((unsigned char *)part + first, page->bytes, size - first);
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
+    at->position += size;
+    at->digest = mix(at->digest, part, size);
+    return true;
+}
+
+static const char *const CUT = "an entry that ends behind the last one";
+static const char *const UNKNOWN = "an enumeration with a value that it does not have";
+
+static bool are_qualities(const uint8_t *quality, size_t count) {
+    size_t i = 0;
+    while (i < count && quality[i] <= TL_OUTLIER) {
+        i++;
+    }
+    return i == count;
+}
+
+static const char *get_tuning(look *at, tl_run_tuning *tuning) {
+    if (!get(at, tuning, sizeof *tuning)) {
+        return CUT;
+    }
+    return tl_identity_is_sound(tuning->hash) ? NULL : "a digest of a configuration that is none";
+}
+
+static const char *get_start(look *at, tl_recorder_entry *entry) {
+    uint8_t holds = 0;
+    if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning) ||
+        !get(at, &entry->id, sizeof entry->id)) {
+        return CUT;
+    }
+    if (holds > 1 || (unsigned)entry->beginning.from > (unsigned)TL_RESUMED_INPUTS) {
+        return UNKNOWN;
+    }
+    entry->holds = holds == 1;
+    if (entry->holds) {
+        return NULL;
+    }
+    if (!get(at, &entry->account, sizeof entry->account) || !get(at, entry->fmus, sizeof entry->fmus)) {
+        return CUT;
+    }
+    if (!tl_identity_is_sound(entry->fmus)) {
+        return "a digest of FMUs that is none";
+    }
+    return tl_account_is_sound(&entry->account) ? get_tuning(at, &entry->tuning) : "an account that is none";
+}
+
+static const char *get_sample(look *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {
+    bool whole = get(at, id, sizeof *id) && get(at, &sample->tick, sizeof sample->tick) &&
+                 get(at, sample->values, shape->plant * sizeof(double)) &&
+                 get(at, sample->stamps, shape->plant * sizeof(tl_time)) && get(at, sample->quality, shape->plant);
+    return !whole ? CUT : are_qualities(sample->quality, shape->plant) ? NULL : UNKNOWN;
+}
+
+static const char *get_head(look *at, tl_record *record) {
+    step_head head;
+    if (!get(at, &head, sizeof head)) {
+        return CUT;
+    }
+    if (head.outcome >= TL_OUTCOMES || head.stop > TL_STOP_TIME || head.flags >= 2 * (uint32_t)TL_LAST_FLAG) {
+        return UNKNOWN;
+    }
+    record->step = head.step;
+    record->outcome = (tl_outcome)head.outcome;
+    record->stop = (tl_stop)head.stop;
+    record->objective = head.objective;
+    record->objective_nominal = head.objective_nominal;
+    record->evaluations = head.evaluations;
+    record->executions = head.executions;
+    record->predicted = head.predicted;
+    record->flags = head.flags;
+    record->held = head.held;
+    record->used = head.used;
+    return NULL;
+}
+
+static const char *get_step(look *at, const tl_recorder_shape *shape, tl_recorder_entry *entry) {
+    tl_record *record = &entry->record;
+    const char *fault = get_head(at, record);
+    if (fault != NULL) {
+        return fault;
+    }
+    bool whole =
+        get(at, record->y, shape->match * sizeof(double)) && get(at, record->y_hat, shape->match * sizeof(double)) &&
+        get(at, record->y_hat_quality, shape->match) &&
+        get(at, record->readings, shape->match * sizeof record->readings[0]) &&
+        get(at, record->u, shape->adjust * sizeof(double)) && get(at, record->u_hat, shape->adjust * sizeof(double)) &&
+        get(at, entry->ledger, shape->components * sizeof *entry->ledger);
+    return !whole ? CUT : are_qualities(record->y_hat_quality, shape->match) ? NULL : UNKNOWN;
+}
+
+static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
+    if (!get(at, reason, TL_RECORDER_REASON)) {
+        return CUT;
+    }
+    if (!tl_recorder_text_ends(reason, TL_RECORDER_REASON)) {
+        return "a text without an end";
+    }
+    tl_recorder_text_clean(reason);
+    return NULL;
+}
+
+static const char *check_digest(look *at) {
+    uint64_t digest = at->digest;
+    uint64_t found = 0;
+    return !get(at, &found, sizeof found) ? CUT : found == digest ? NULL : "an entry that somebody has written over";
+}
+
+const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
+                                     tl_recorder_entry *entry) {
+    look at = {page, *position, *position};
+    uint8_t kind = 0;
+    const char *fault = get(&at, &kind, 1) ? "an entry of a kind that there is not" : CUT;
+    switch (kind) {
+    case MARK + TL_ENTRY_START:
+        fault = get_start(&at, entry);
+        break;
+    case MARK + TL_ENTRY_SAMPLE:
+        fault = get_sample(&at, shape, &entry->id, &entry->sample);
+        break;
+    case MARK + TL_ENTRY_STEP:
+        fault = get_step(&at, shape, entry);
+        break;
+    case MARK + TL_ENTRY_END:
+        fault = get_end(&at, entry->reason);
+        break;
+    case MARK + TL_ENTRY_TUNING:
+        fault = get_tuning(&at, &entry->tuning);
+        break;
+    default:
+        break;
+    }
+    fault = fault == NULL ? check_digest(&at) : fault;
+    if (fault == NULL) {
+        entry->kind = (tl_recorder_kind)(kind - MARK);
+        *position = at.position;
+    }
+    return fault;
+}
+
+bool tl_recorder_text_ends(const char *text, size_t size) {
+    return memchr(text, '\0', size) != NULL;
+}
+
+/* Control characters of ASCII, and of Latin 1, which are C2 80 … C2 9F in UTF-8. */
+void tl_recorder_text_clean(char *text) {
+    for (unsigned char *byte = (unsigned char *)text; *byte != '\0'; byte++) {
+        if (*byte < ' ' || *byte == 0x7FU) {
+            *byte = '?';
+        } else if (*byte == 0xC2U && byte[1] >= 0x80U && byte[1] < 0xA0U) {
+            byte[0] = byte[1] = '?';
+        }
+    }
+}

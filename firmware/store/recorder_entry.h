@@ -1,0 +1,101 @@
+/* What waits in a ring for the recorder: a run's beginning, its samples, steps, tunings and end, cut to the signals that the run has.
+ *
+ * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes; the ring then lasts longer.
+ * Format:  one byte that says what follows, then its fields one after the other, then a digest; the same program on both sides.
+ * Trust:   whoever reads may do so in another process than that which wrote. Of what is there each kind, enumeration, text and digest is
+ *          checked: a stray store is detected, but not a forged entry. Numbers are not judged.
+ * Thread:  put: the producer; take: the consumer.
+ */
+#ifndef TL_FIRMWARE_STORE_RECORDER_ENTRY_H
+#define TL_FIRMWARE_STORE_RECORDER_ENTRY_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/base/sha256.h"
+#include "firmware/store/run_types.h"
+#include "master/base/signal.h"
+#include "master/base/status.h"
+#include "master/twin/account.h"
+#include "master/twin/twin.h"
+
+enum { TL_RECORDER_REASON = TL_ERROR_TEXT }; /* why a run ended may be an error's text */
+
+/* How many of each the run has: at most TL_MAX_SIGNALS, TL_MAX_MATCH, TL_MAX_ADJUST, TL_RECORDER_COMPONENTS. */
+typedef struct tl_recorder_shape {
+    size_t plant;
+    size_t match;
+    size_t adjust;
+    size_t components;
+} tl_recorder_shape;
+
+typedef enum tl_recorder_kind {
+    TL_ENTRY_START,
+    TL_ENTRY_SAMPLE,
+    TL_ENTRY_STEP,
+    TL_ENTRY_END,
+    TL_ENTRY_TUNING /* before the sample of its tick */
+} tl_recorder_kind;
+
+/* Some 20 KB: not for a small stack. */
+typedef struct tl_recorder_entry {
+    tl_recorder_kind kind;
+    uint64_t id;               /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
+    tl_resumption beginning;   /* TL_ENTRY_START */
+    bool holds;                /* and whether there is no twin, */
+    tl_account account;        /* or what it is; sound, */
+    char fmus[TL_SHA256_TEXT]; /* and which FMUs it has: tl_identity_is_sound(), */
+    tl_run_tuning tuning;      /* and what it was built with; TL_ENTRY_TUNING. Its values are not judged */
+    tl_sample sample;          /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;          /* TL_ENTRY_STEP; without the measured delay */
+    tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
+    char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
+} tl_recorder_entry;
+
+/* Bytes of an entry; of TL_ENTRY_START with an account, and without one. The largest of all. */
+size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind);
+size_t tl_recorder_entry_size_of_start(bool holds);
+size_t tl_recorder_entry_largest(const tl_recorder_shape *shape);
+
+/* ---- into memory, around its end ---- */
+
+/* Where the next entry goes. Positions count bytes for ever; `capacity` is a power of two. */
+typedef struct tl_recorder_pen {
+    unsigned char *bytes;
+    size_t capacity;
+    uint64_t position;
+    uint64_t digest; /* of the entry that is being written; any at first */
+} tl_recorder_pen;
+
+/* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
+                                  const tl_account *account, /* NULL: it holds */
+                                  const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured);
+void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
+                                   tl_time start, uint64_t id);
+void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
+                                 const tl_recorder_component *ledger);
+void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning);
+void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason);
+
+/* A stamp relative to `start`, as in an entry. */
+tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);
+
+/* What is written, up to a position that is at most `capacity` further. */
+typedef struct tl_recorder_page {
+    const unsigned char *bytes;
+    size_t capacity;
+    uint64_t end;
+} tl_recorder_page;
+
+/* The entry at the position, which is before the end and moves behind the entry. NULL, or what is wrong with it: then nothing
+ * moves, and the entry means nothing. Fields beyond the shape are not set. */
+const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_recorder_shape *shape, uint64_t *position,
+                                     tl_recorder_entry *entry);
+
+/* Texts of other processes: whether it ends within its array; and what a terminal would not show becomes '?'. */
+bool tl_recorder_text_ends(const char *text, size_t size);
+void tl_recorder_text_clean(char *text);
+
+#endif

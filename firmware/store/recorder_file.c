@@ -1,0 +1,324 @@
+/* The file that is written: see recorder_file.h. */
+#include "firmware/store/recorder_file.h"
+
+#include <inttypes.h>
+#include <sqlite3.h>
+#include <stdio.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/store/database_fault.h"
+#include "firmware/store/database_sql.h"
+
+static const tl_time PATIENCE = 2 * TL_SECOND; /* for what keeps a file from being opened, if that is an error */
+static const tl_time PATIENCE_RUNNING = TL_SECOND / 10; /* for other programs, while entries wait */
+static const tl_time OPEN_PAUSE = TL_SECOND / 10;       /* between two tries to open a file */
+static const tl_time CUT_PAUSE = TL_SECOND / 4;         /* until a file that is too short is looked at again */
+
+/* ---- What it says ------------------------------------------------------------------------------------------------ */
+
+const char *tl_recorder_file_path(const tl_recorder_file *file) {
+    return file->file.path[0] != '\0' ? file->file.path : file->record->path;
+}
+
+void tl_recorder_file_say(tl_recorder_file *file, tl_severity severity, const char *text) {
+    tl_log_level level = severity == TL_EVENT_ERROR     ? TL_LOG_ERROR
+                         : severity == TL_EVENT_WARNING ? TL_LOG_WARNING
+                                                        : TL_LOG_NOTICE;
+    tl_log_limited(&file->limiter, level, "recorder: %s: %s", tl_recorder_file_path(file), text);
+    tl_recorder_state_say(file->state, severity, text);
+}
+
+void tl_recorder_file_keep_words(tl_recorder_file *file, int code) {
+    tl_database_text(file->file.connection, code, file->reason, sizeof file->reason);
+    (void)tl_database_fail(file->file.connection, code, &file->failure);
+}
+
+/* What has become of the file that the run was in; not said yet. */
+static void note_fate(tl_recorder_file *file, const char *fate) {
+    (void)snprintf(file->fate, sizeof file->fate, "%s with %" PRIu64 " samples, steps and events of this run", fate,
+                   tl_recorder_mark_entries(tl_recorder_state_mark(file->state)));
+}
+
+static void tell_fate(tl_recorder_file *file, const char *end) {
+    char text[TL_EVENT_TEXT];
+    if (file->fate[0] != '\0') {
+        (void)snprintf(text, sizeof text, "was %s%s", file->fate, end);
+        tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    }
+    file->fate[0] = '\0';
+}
+
+static void tell_beside(tl_recorder_file *file, const char *why) {
+    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
+    bool has_fate = file->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s", has_fate ? " of one that was " : "",
+                   file->fate, why);
+    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    file->fate[0] = '\0';
+}
+
+static void tell_aside(tl_recorder_file *file, const tl_database_aside *aside) {
+    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
+    const char *name = strrchr(aside->name, '/');
+    bool has_fate = file->fate[0] != '\0';
+    (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", file->fate,
+                   has_fate ? "; what took its place was " : "", name == NULL ? aside->name : name + 1, aside->why);
+    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
+    file->fate[0] = '\0';
+}
+
+void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news) {
+    if (news->aside.name[0] != '\0') {
+        tell_aside(file, &news->aside);
+    }
+    if (news->beside[0] != '\0') {
+        tell_beside(file, news->beside);
+    }
+    tell_fate(file, ", and is made anew");
+}
+
+void tl_recorder_file_tell_none(tl_recorder_file *file) {
+    tell_fate(file, "");
+}
+
+/* ---- The run in it ----------------------------------------------------------------------------------------------- */
+
+static bool is_same(const tl_recorder_totals *totals, const tl_recorder_totals *other) {
+    return totals->samples == other->samples && totals->steps == other->steps && totals->events == other->events &&
+           totals->lost == other->lost && strcmp(totals->committed, other->committed) == 0;
+}
+
+/* Is the run in this file as the mark says? */
+static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *there) {
+    tl_recorder_totals totals = {.lost = 0};
+    *there = false;
+    if (mark->run == 0 || strcmp(mark->path, file->file.path) != 0) {
+        return SQLITE_OK;
+    }
+    int code = tl_recorder_database_find(file->database, mark->run, there, &totals);
+    *there = *there && is_same(&totals, &mark->totals);
+    return code;
+}
+
+/* What went with a file is lost; how many, its fate says. */
+static void leave_run(tl_recorder_file *file, bool gone) {
+    file->lost_said += gone ? tl_recorder_mark_entries(tl_recorder_state_mark(file->state)) : 0;
+    tl_recorder_state_leave_run(file->state, gone);
+}
+
+/* The writer before us wrote another file. What is in that is lost unless it is still there, only not for us to write, or was put aside. */
+static void leave_kept(tl_recorder_file *file, const tl_database_news *news) {
+    bool is_aside = news->aside.name[0] != '\0';
+    bool is_here = strcmp(tl_recorder_state_mark(file->state)->path, file->file.path) == 0 && !is_aside;
+    bool gone = !file->is_kept || is_here;
+    if (gone) {
+        note_fate(file, "gone");
+    }
+    leave_run(file, gone);
+}
+
+int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *news) {
+    const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
+    const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
+    bool there = false;
+    int code = SQLITE_OK;
+    if (tried != NULL && (tried->run != mark->run || !is_same(&tried->totals, &mark->totals))) {
+        code = is_there(file, tried, &there);
+        if (there) {
+            tl_recorder_state_settle(file->state);
+        }
+    }
+    mark = tl_recorder_state_mark(file->state);
+    if (code == SQLITE_OK && !there && mark->run != 0) {
+        code = is_there(file, mark, &there);
+        if (code == SQLITE_OK && !there) {
+            leave_kept(file, news);
+        }
+    }
+    file->goes_on = there;
+    return code;
+}
+
+/* ---- Opening and closing ----------------------------------------------------------------------------------------- */
+
+static int begin_use(void *context, sqlite3 *connection) {
+    tl_recorder_file *file = context;
+    return tl_recorder_database_open(connection, file->record, &file->database);
+}
+
+static void end_use(void *context) {
+    tl_recorder_file *file = context;
+    tl_recorder_database_close(file->database);
+    file->database = NULL;
+}
+
+void tl_recorder_file_close(tl_recorder_file *file) {
+    end_use(file);
+    tl_database_file_close(&file->file);
+}
+
+/* Logs of ours beside files that are not: they would be played into those. */
+static void remove_stray_logs(const tl_recorder_file *file) {
+    const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
+    const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
+    tl_database_remove_stray_log(mark->path, &mark->identity);
+    if (tried != NULL) {
+        tl_database_remove_stray_log(tried->path, &tried->identity);
+    }
+}
+
+/* A file that the writer before us was writing, though another one was asked for. */
+static tl_status open_kept(tl_recorder_file *file) {
+    const tl_database_user user = {begin_use, end_use, file};
+    const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
+    file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
+    if (mark->run == 0 || access(mark->path, F_OK) != 0) {
+        return TL_BAD_DATA;
+    }
+    tl_status status = tl_database_file_open(mark->path, 0, &user, &file->file, NULL, NULL);
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* somebody has written into it */
+        file->is_kept = false;
+    }
+    return status;
+}
+
+tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
+                                bool *waits) {
+    const tl_database_user user = {begin_use, end_use, file};
+    const tl_database_wanted wanted = {.path = file->record->path,
+                                       .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
+                                       .insistence = insistence,
+                                       .user = &user};
+    *news = (tl_database_news){.beside = ""};
+    *waits = false;
+    remove_stray_logs(file);
+    tl_status status = open_kept(file);
+    return status == TL_OK ? TL_OK : tl_database_instead_open(&wanted, &file->file, news, waits, &file->failure);
+}
+
+bool tl_recorder_file_is_due(tl_recorder_file *file) {
+    tl_time now = tl_clock_now(NULL);
+    bool is_due = now - file->opened_at >= OPEN_PAUSE;
+    file->opened_at = is_due ? now : file->opened_at;
+    return is_due;
+}
+
+void tl_recorder_file_hurry(tl_recorder_file *file) {
+    tl_database_file_set_patience(&file->file, PATIENCE_RUNNING);
+}
+
+void tl_recorder_file_begin(tl_recorder_file *file, const tl_recorder_settings *record,
+                            tl_recorder_writer_state *state) {
+    *file = (tl_recorder_file){
+        .record = record, .state = state, .file = TL_DATABASE_FILE_NONE, .limiter = TL_LOG_LIMITER(5)};
+}
+
+void tl_recorder_file_end(tl_recorder_file *file) {
+    tl_recorder_file_close(file);
+    tl_log_limiter_end(&file->limiter);
+}
+
+/* ---- Another one in its place ------------------------------------------------------------------------------------ */
+
+/* As tl_database_instead_beside(), whose news are still to be told. */
+static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_database_news *news) {
+    const tl_database_user user = {begin_use, end_use, file};
+    return tl_database_instead_beside(file->record->path, why->text, &user, &file->file, news, &file->failure);
+}
+
+static bool replace_damaged(tl_recorder_file *file) {
+    const tl_database_user user = {begin_use, end_use, file};
+    tl_database_news news = {.beside = ""};
+    tl_error why = file->failure;
+    end_use(file);
+    tl_recorder_state_leave_run(file->state, false);
+    tl_status status = tl_database_file_renew(&file->file, why.text, &user, &news.aside, &file->failure);
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* it stays where it is */
+        status = open_beside(file, &why, &news);
+    }
+    tl_recorder_file_tell(file, &news);
+    return status == TL_OK;
+}
+
+/* It may look well again when it is opened: so it is not. */
+static bool replace_denied(tl_recorder_file *file) {
+    tl_database_news news = {.beside = ""};
+    tl_error why = file->failure;
+    tl_recorder_file_close(file);
+    if (open_beside(file, &why, &news) != TL_OK) {
+        return false;
+    }
+    tl_recorder_state_leave_run(file->state, false);
+    tl_recorder_file_tell(file, &news);
+    return true;
+}
+
+bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
+    switch (tl_database_fault_of(code, 0)) {
+    case TL_DATABASE_DAMAGED:
+        return replace_damaged(file);
+    case TL_DATABASE_DENIED:
+        return replace_denied(file);
+    default:
+        return false;
+    }
+}
+
+/* ---- What others do to it ---------------------------------------------------------------------------------------- */
+
+/* What was in it is no more, or somewhere else. That is said with what is written instead. */
+static void leave(tl_recorder_file *file, tl_database_whereabouts found) {
+    bool gone = found != TL_DATABASE_MOVED;
+    note_fate(file, found == TL_DATABASE_MOVED     ? "moved away"
+                    : found == TL_DATABASE_REMOVED ? "removed"
+                                                   : "overwritten");
+    leave_run(file, gone);
+    if (gone) {
+        end_use(file);
+        tl_database_file_abandon(&file->file);
+    } else {
+        tl_recorder_file_close(file);
+    }
+    file->opened_at = 0;
+}
+
+/* What it holds is known to us still: it is brought into the file, which is opened anew, with a log that has a name. */
+static bool restore_log(tl_recorder_file *file) {
+    if (!tl_database_file_write_back(&file->file)) {
+        return false;
+    }
+    tl_recorder_file_say(file, TL_EVENT_WARNING,
+                         "its log, -wal, was removed: what it held is written back, and it is made anew");
+    tl_recorder_file_close(file);
+    file->opened_at = 0;
+    return true;
+}
+
+/* Whoever overwrites a file empties it first: what is put aside then would be theirs. */
+static tl_database_whereabouts look(tl_recorder_file *file) {
+    tl_database_whereabouts found = tl_database_file_look(&file->file);
+    if (found == TL_DATABASE_CUT) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + CUT_PAUSE);
+        found = tl_database_file_look(&file->file);
+    }
+    return found;
+}
+
+bool tl_recorder_file_look_after(tl_recorder_file *file) {
+    tl_database_whereabouts found = look(file);
+    switch (found) {
+    case TL_DATABASE_IN_PLACE:
+        return false;
+    case TL_DATABASE_WITHOUT_LOG:
+        return restore_log(file);
+    case TL_DATABASE_CUT:
+        (void)tl_fail(&file->failure, TL_BAD_DATA, "%s: was cut off", file->file.path);
+        (void)replace_damaged(file);
+        return true;
+    default:
+        leave(file, found);
+        return true;
+    }
+}

@@ -1,0 +1,107 @@
+/* What a writer of runs leaves to its successor: see recorder_state.h.
+ *
+ * A process that is killed has done all its stores up to one instant, in the order of the program if the compiler keeps it. */
+#include "firmware/store/recorder_state.h"
+
+#include <string.h>
+
+#define LOST_MOST (UINT64_C(1) << 60) /* a row takes no count that is larger */
+
+static uint64_t more_of(uint64_t now, uint64_t before) {
+    return now > before ? now - before : 0;
+}
+
+uint64_t tl_recorder_mark_entries(const tl_recorder_mark *mark) {
+    return mark->totals.samples + mark->totals.steps + more_of(mark->totals.events, mark->own);
+}
+
+void tl_recorder_mark_lose(tl_recorder_mark *mark, uint64_t more) {
+    uint64_t lost = mark->totals.lost;
+    mark->totals.lost = more > LOST_MOST - lost ? LOST_MOST : lost + more;
+}
+
+const tl_recorder_mark *tl_recorder_state_mark(const tl_recorder_writer_state *state) {
+    return &state->marks[state->current & 1];
+}
+
+const tl_recorder_mark *tl_recorder_state_tried(const tl_recorder_writer_state *state) {
+    const tl_recorder_mark *tried = &state->marks[~state->current & 1];
+    return tried->number == tl_recorder_state_mark(state)->number + 1 ? tried : NULL;
+}
+
+void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_mark *mark) {
+    tl_recorder_mark *tried = &state->marks[~state->current & 1];
+    uint64_t number = mark->number;
+    __atomic_store_n(&tried->number, 0, __ATOMIC_RELAXED); /* what is there is none until it is whole */
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
+    memcpy((char *)tried + sizeof tried->number, (const char *)mark + sizeof mark->number,
+           sizeof *mark - sizeof mark->number);
+    __atomic_store_n(&tried->number, number, __ATOMIC_SEQ_CST);
+}
+
+void tl_recorder_state_show(tl_recorder_writer_state *state) {
+    const tl_recorder_mark *mark = tl_recorder_state_mark(state);
+    for (int i = 0; i < TL_WRITER_OUTBOXES; i++) {
+        __atomic_store_n(&state->taken[i].events, mark->taken[i].events, __ATOMIC_RELEASE);
+        __atomic_store_n(&state->taken[i].checkpoint, mark->taken[i].checkpoint, __ATOMIC_RELEASE);
+        __atomic_store_n(&state->taken[i].ring, mark->taken[i].ring, __ATOMIC_RELEASE);
+    }
+    __atomic_store_n(&state->written, mark->written, __ATOMIC_RELAXED);
+    __atomic_store_n(&state->dropped, mark->dropped, __ATOMIC_RELAXED);
+    __atomic_store_n(&state->tuning, mark->tuning.number, __ATOMIC_RELAXED);
+    if (mark->run != 0) {
+        __atomic_store_n(&state->run, mark->run, __ATOMIC_RELAXED);
+    }
+}
+
+void tl_recorder_state_settle(tl_recorder_writer_state *state) {
+    if (tl_recorder_state_tried(state) != NULL) {
+        __atomic_store_n(&state->current, ~state->current & 1, __ATOMIC_SEQ_CST);
+    }
+    tl_recorder_state_show(state);
+}
+
+void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone) {
+    tl_recorder_mark next = *tl_recorder_state_mark(state);
+    next.number++;
+    if (gone) {
+        uint64_t entries = tl_recorder_mark_entries(&next);
+        next.dropped += entries;
+        next.written = more_of(next.written, entries);
+        tl_recorder_mark_lose(&next, entries);
+    }
+    next.is_again = next.is_again || next.totals.samples > 0;
+    next.has_begun = next.has_begun && !next.has_ended;
+    next.has_ended = false;
+    next.run = 0;
+    next.own = 0;
+    next.totals = (tl_recorder_totals){.lost = next.has_begun ? next.totals.lost : 0};
+    tl_recorder_state_try(state, &next);
+    tl_recorder_state_settle(state);
+}
+
+void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text) {
+    bool is_full = state->own_said - tl_recorder_state_mark(state)->said >= TL_WRITER_OWN_EVENTS;
+    uint64_t number = is_full ? state->own_said - 1 : state->own_said;
+    tl_recorder_event_fill(&state->own[number % TL_WRITER_OWN_EVENTS], -1, severity, "recorder", text);
+    __atomic_store_n(&state->own_said, number + 1, __ATOMIC_SEQ_CST);
+}
+
+void tl_recorder_state_drop(tl_recorder_writer_state *state, uint64_t count) {
+    (void)__atomic_add_fetch(&state->dropped, count, __ATOMIC_RELAXED);
+}
+
+void tl_recorder_state_refuse(tl_recorder_writer_state *state, tl_time since) {
+    __atomic_store_n(&state->refused_since, since, __ATOMIC_RELAXED);
+}
+
+tl_recorder_state_counts tl_recorder_state_get(const tl_recorder_writer_state *state) {
+    tl_recorder_state_counts counts = {
+        .written = __atomic_load_n(&state->written, __ATOMIC_RELAXED),
+        .dropped = __atomic_load_n(&state->dropped, __ATOMIC_RELAXED),
+        .run = __atomic_load_n(&state->run, __ATOMIC_RELAXED),
+        .tuning = __atomic_load_n(&state->tuning, __ATOMIC_RELAXED),
+        .refused_since = __atomic_load_n(&state->refused_since, __ATOMIC_RELAXED),
+    };
+    return counts;
+}

@@ -1,0 +1,412 @@
+/* An assembly: see assembly.h. */
+#include "firmware/twin/assembly.h"
+
+#include <fcntl.h>
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/heap.h"
+#include "firmware/base/identity.h"
+#include "firmware/fmu/library.h"
+
+/* ---- before ---- */
+
+static size_t count_libraries(const tl_config *config) {
+    size_t count = 0;
+    for (size_t i = 0; i < config->component_count; i++) {
+        count += config->components[i].library_count;
+    }
+    return count;
+}
+
+/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. Returns `text`. */
+static const char *tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+    struct stat about;
+    if (stat(path, &about) != 0) {
+        return tl_other_case(path, text);
+    }
+    (void)snprintf(text, TL_OTHER_CASE_TEXT, "; what is there is %s, and an FMU is a file: name the .fmu file itself",
+                   S_ISDIR(about.st_mode)    ? "a folder"
+                   : S_ISFIFO(about.st_mode) ? "a FIFO"
+                   : S_ISSOCK(about.st_mode) ? "a socket"
+                                             : "a device");
+    return text;
+}
+
+/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. */
+static char *find_library(const tl_config *config, const char *name) {
+    char path[PATH_MAX];
+    if (!tl_config_library_path(config, name, path, sizeof path) || strchr(path, '/') == NULL) {
+        return NULL;
+    }
+    return realpath(path, NULL);
+}
+
+tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
+    const tl_config *config = &assembly->config;
+    assembly->files = calloc(config->component_count + 1, sizeof *assembly->files);
+    assembly->libraries = calloc(count_libraries(config) + 1, sizeof *assembly->libraries);
+    if (assembly->files == NULL || assembly->libraries == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    for (size_t i = 0; i < config->component_count; i++) {
+        const tl_config_component *component = &config->components[i];
+        char path[PATH_MAX];
+        tl_assembly_file *file = &assembly->files[i];
+        file->descriptor = -1;
+        if (tl_config_fmu_path(config, component->fmu, path, sizeof path)) {
+            file->path = strdup(path);
+            file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+        } else {
+            (void)tell_what_is_there(path, file->other);
+        }
+        for (size_t k = 0; k < component->library_count; k++) {
+            assembly->libraries[assembly->library_count++] = find_library(config, component->libraries[k].name);
+        }
+    }
+    return TL_OK;
+}
+
+static void close_files(tl_assembly *assembly) {
+    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
+        free(assembly->files[i].path);
+        if (assembly->files[i].descriptor >= 0) {
+            (void)close(assembly->files[i].descriptor);
+        }
+    }
+    for (size_t i = 0; i < assembly->library_count; i++) {
+        free(assembly->libraries[i]);
+    }
+    free(assembly->files);
+    free(assembly->libraries);
+}
+
+/* ---- building ---- */
+
+static bool library_path(const tl_assembly *assembly, size_t place, const char *name, char *path, size_t size) {
+    if (assembly->libraries != NULL && assembly->libraries[place] != NULL) {
+        return snprintf(path, size, "%s", assembly->libraries[place]) < (int)size;
+    }
+    return tl_config_library_path(&assembly->config, name, path, size);
+}
+
+/* Of one component; FMUs are opened only when all of them are there. `first`: how many libraries the components before it name. */
+static void open_libraries(tl_assembly *assembly, const tl_config_component *component, size_t first) {
+    for (size_t i = 0; i < component->library_count; i++) {
+        const tl_config_name *library = &component->libraries[i];
+        char path[PATH_MAX];
+        tl_error error;
+        if (!library_path(assembly, first + i, library->name, path, sizeof path)) {
+            tl_report_add(&assembly->problems.report, TL_BAD_DATA, library->where, "the path is too long; shorten it");
+            continue;
+        }
+        tl_status status = tl_library_open(path, &error);
+        if (status != TL_OK) {
+            tl_report_add(&assembly->problems.report, status, library->where, "%s", error.text);
+        }
+    }
+}
+
+/* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
+static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
+    for (const tl_fmu *other = assembly->fmus; other < fmu && fmu->module[0] != '\0'; other++) {
+        if (strcmp(other->module, fmu->module) == 0) {
+            tl_report_add(
+                &assembly->problems.report, TL_BAD_DATA, where,
+                "%.120s and %.120s both have a Python module \"%.60s\", and Python imports a name once: rename "
+                "one of the scripts and export it again, or use the same FMU for both",
+                fmu->path, other->path, fmu->module);
+            return false;
+        }
+    }
+    return true;
+}
+
+/* The one of this file, if it runs in Python: that has its modules once, so there is no second copy to be had. Else NULL. */
+static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        const tl_fmu *known = &assembly->fmus[i];
+        if (known->module[0] != '\0' && strcmp(known->path, path) == 0) {
+            return known;
+        }
+    }
+    return NULL;
+}
+
+/* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
+static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened,
+                              const tl_config_component *configured) {
+    const char *where = configured->where;
+    tl_rollback rollback = assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE;
+    const tl_fmu *shared = find_shared(assembly, path);
+    if (shared != NULL) {
+        return shared;
+    }
+    tl_error error;
+    tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
+    tl_status status = tl_fmu_load(path, opened, rollback, fmu, &error);
+    if (status != TL_OK) {
+        tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
+        return NULL;
+    }
+    assembly->fmu_count++;
+    tl_fmu_set_replay_steps(fmu, configured->replay_steps);
+    return check_module(assembly, fmu, where) ? fmu : NULL;
+}
+
+/* Who writes a configuration elsewhere says by this which of the installed FMUs is meant. */
+static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const char *path, int opened) {
+    char found[TL_SHA256_TEXT];
+    if (configured->sha256 == NULL) {
+        return true;
+    }
+    int file = opened >= 0 ? opened : open(path, O_RDONLY | O_CLOEXEC);
+    (void)tl_identity_open_file(file, found);
+    if (opened < 0 && file >= 0) {
+        (void)close(file);
+    }
+    if (strcmp(found, configured->sha256) != 0) {
+        tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
+                      "another file is meant than %.200s: its SHA-256 is %s, expected %s; install that one, or correct "
+                      "\"sha256\"",
+                      path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
+        return false;
+    }
+    return true;
+}
+
+/* As it was found before, or is found now. */
+static bool fmu_path(const tl_assembly *assembly, size_t index, char *path, size_t size) {
+    if (assembly->files != NULL && assembly->files[index].path != NULL) {
+        return snprintf(path, size, "%s", assembly->files[index].path) < (int)size;
+    }
+    return tl_config_fmu_path(&assembly->config, assembly->config.components[index].fmu, path, size);
+}
+
+static void load_component(tl_assembly *assembly, size_t index) {
+    const tl_config_component *configured = &assembly->config.components[index];
+    tl_plan_component *component = &assembly->components[index];
+    char path[PATH_MAX];
+    int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
+    if (!fmu_path(assembly, index, path, sizeof path)) {
+        char other[TL_OTHER_CASE_TEXT];
+        const char *beside = assembly->files != NULL ? assembly->files[index].other : tell_what_is_there(path, other);
+        tl_report_add(
+            &assembly->problems.report, TL_BAD_DATA, configured->where,
+            "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
+            "for \"%s\" first)%s",
+            configured->fmu, path, beside);
+        return;
+    }
+    const tl_fmu *fmu =
+        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured) : NULL;
+    if (fmu != NULL) {
+        *component = (tl_plan_component){
+            .where = configured->where,
+            .name = configured->name,
+            .model = &fmu->model,
+            .functions = &fmu->guard.functions,
+            .callbacks = &fmu->guard.callbacks,
+            .resources = fmu->resources,
+            .set = configured->set,
+            .set_count = configured->set_count,
+            .keep = configured->keep,
+            .logging = configured->logging,
+        };
+    }
+}
+
+/* The variables of FMUs that `emulate` reads; returns how many. */
+static size_t fill_outputs(tl_assembly *assembly) {
+    size_t count = 0;
+    for (size_t i = 0; i < assembly->config.emulated_count; i++) {
+        const tl_config_emulated *emulated = &assembly->config.emulated[i];
+        if (strncmp(emulated->from, "plant.", 6) != 0) {
+            assembly->outputs[count++] = (tl_plan_output){emulated->where, emulated->from};
+        }
+    }
+    return count;
+}
+
+/* N is one more than what is used, so that a peak at the end of the range is one. */
+static tl_plan_measure measure_of(const tl_config *config) {
+    const tl_config_delays *delays = config->delays;
+    if (delays == NULL || !delays->measure) {
+        return (tl_plan_measure){0};
+    }
+    return (tl_plan_measure){
+        .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
+        .range = delays->range,
+        .look_back = config->output_lookup.look_back,
+    };
+}
+
+/* The end of a stroke is an effect: it is looked up as what is matched. */
+static tl_plan_event event_of(const tl_config *config) {
+    tl_plan_event event = config->event;
+    for (size_t i = 0; i < config->match_count && event.start.signal != NULL; i++) {
+        if (strcmp(config->match[i].to, config->event.end.signal) == 0) {
+            event.end.signal = config->matched_as[i];
+        }
+    }
+    return event;
+}
+
+/* With what FMUs have of their own. */
+static size_t memory_used(void) {
+    return tl_heap_used() + tl_fmu_used();
+}
+
+static void fill_plan(tl_assembly *assembly) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        assembly->signals[i] = config->signals[i].plan;
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        assembly->match[i] = config->match[i];
+        assembly->match[i].to = config->matched_as[i];
+        assembly->match[i].reading = tl_config_reading_of(config, i);
+    }
+    assembly->plan = (tl_plan){
+        .step = config->step,
+        .components = assembly->components,
+        .component_count = config->component_count,
+        .signals = assembly->signals,
+        .signal_count = config->signal_count,
+        .connections = config->connections,
+        .connection_count = config->connection_count,
+        .adjust = config->adjust,
+        .adjust_count = config->adjust_count,
+        .match = assembly->match,
+        .match_count = config->match_count,
+        .outputs = assembly->outputs,
+        .output_count = fill_outputs(assembly),
+        .prediction = config->prediction,
+        .shape = config->shape,
+        .measurements = config->measurements,
+        .event = event_of(config),
+        .input_ticks = config->input_lookup.ticks,
+        .measure = measure_of(config),
+        .output_ticks = config->output_lookup.ticks,
+        .output_look_back = config->output_lookup.look_back,
+        .algorithm = config->algorithm,
+        .fallback = config->fallback,
+        .stagnation = config->stagnation,
+        .margin = config->margin,
+        .noise_floor = config->noise_floor,
+        .verify_every = config->verify_every,
+        .free_twin = tl_config_free_twin_guard(config),
+        .evaluations = config->budget_evaluations,
+        .saving = config->saving,
+        .state_bytes = (uint64_t)config->saving_memory << 20,
+        .heap = memory_used,
+        .now = assembly->trusts_states ? NULL : tl_clock_now,
+    };
+}
+
+tl_status tl_assembly_build(tl_assembly *assembly) {
+    const tl_config *config = &assembly->config;
+    tl_report *report = &assembly->problems.report;
+    tl_config_use_lookups(&assembly->config);
+    assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
+    assembly->components = calloc(config->component_count, sizeof *assembly->components);
+    assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
+    assembly->match = calloc(config->match_count + 1, sizeof *assembly->match);
+    assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
+    if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
+        assembly->match == NULL || assembly->outputs == NULL) {
+        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
+        return report->worst;
+    }
+    size_t libraries = 0;
+    for (size_t i = 0; i < config->component_count; i++) {
+        open_libraries(assembly, &config->components[i], libraries);
+        libraries += config->components[i].library_count;
+    }
+    bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
+    for (size_t i = 0; i < config->component_count && opened; i++) {
+        load_component(assembly, i);
+    }
+    if (report->count == 0) {
+        tl_config_tuning(config, &assembly->tuning);
+        fill_plan(assembly);
+        assembly->twin = tl_twin_build(&assembly->plan, report);
+    }
+    return report->worst;
+}
+
+/* ---- quietly ---- */
+
+/* The first one. */
+typedef struct problem {
+    tl_error *error;
+    char *component;
+} problem;
+
+static void keep_problem(void *context, tl_status status, const char *where, const char *text) {
+    static const char COMPONENTS[] = "components.";
+    const problem *kept = context;
+    if (kept->error->text[0] != '\0') {
+        return;
+    }
+    (void)tl_fail(kept->error, status, "%s", text);
+    if (strncmp(where, COMPONENTS, sizeof COMPONENTS - 1) == 0) {
+        (void)snprintf(kept->component, TL_ASSEMBLY_NAME, "%s", where + sizeof COMPONENTS - 1);
+    }
+}
+
+tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error) {
+    problem kept = {error, component};
+    *error = (tl_error){TL_OK, ""};
+    component[0] = '\0';
+    assembly->problems.report = (tl_report){.add = keep_problem, .context = &kept};
+    tl_status status = tl_assembly_build(assembly);
+    assembly->problems.report = (tl_report){.add = NULL};
+    return status;
+}
+
+const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence) {
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        const char *name = assembly->config.components[i].name;
+        size_t length = strlen(name);
+        if (strncmp(sentence, name, length) == 0 && sentence[length] == ':') {
+            return name;
+        }
+    }
+    return NULL;
+}
+
+tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
+    tl_status status = tl_twin_retune(assembly->twin, tuning, error);
+    if (status == TL_OK) {
+        tl_config_retune(&assembly->config, tuning);
+    }
+    return status;
+}
+
+tl_status tl_assembly_rebuild(tl_assembly *assembly) {
+    tl_twin_destroy(assembly->twin);
+    tl_config_retune(&assembly->config, &assembly->tuning);
+    assembly->twin = tl_twin_build(&assembly->plan, &assembly->problems.report);
+    return assembly->twin != NULL ? TL_OK : assembly->problems.report.worst;
+}
+
+void tl_assembly_free(tl_assembly *assembly) {
+    tl_twin_destroy(assembly->twin);
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        tl_fmu_unload(&assembly->fmus[i]);
+    }
+    free(assembly->fmus);
+    free(assembly->components);
+    free(assembly->signals);
+    free(assembly->match);
+    free(assembly->outputs);
+    close_files(assembly);
+    tl_config_free(&assembly->config);
+    *assembly = (tl_assembly){0};
+}

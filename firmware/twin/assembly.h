@@ -1,0 +1,67 @@
+/* An assembly: a configuration, its FMUs, and the twin built from them.
+ *
+ * Purpose: what every verb that simulates starts from, put together and taken apart in one place.
+ * Owner:   the assembly owns all of it until tl_assembly_free().
+ * Thread:  one thread, that of the FMUs (fmu_thread.h), from load or build to free; read may come before, in another one.
+ */
+#ifndef TL_FIRMWARE_TWIN_ASSEMBLY_H
+#define TL_FIRMWARE_TWIN_ASSEMBLY_H
+
+#include "firmware/base/other_case.h"
+#include "firmware/config/config.h"
+#include "firmware/config/problems.h"
+#include "firmware/fmu/fmu_store.h"
+#include "master/twin/twin.h"
+
+/* A file that was found and opened before the process gave up the right to. */
+typedef struct tl_assembly_file {
+    char *path;                     /* as it was found; NULL: not found */
+    int descriptor;                 /* -1: none */
+    char other[TL_OTHER_CASE_TEXT]; /* if it was not found: what is there instead */
+} tl_assembly_file;
+
+typedef struct tl_assembly {
+    tl_config config;
+    tl_problems problems;
+    tl_fmu *fmus; /* one of each component; those of one file that run in Python share one */
+    size_t fmu_count;
+    tl_plan plan;
+    tl_plan_component *components; /* of the plan */
+    tl_plan_signal *signals;
+    tl_plan_match *match;
+    tl_plan_output *outputs; /* what `emulate` reads */
+    tl_twin *twin;
+    bool
+        trusts_states; /* set by its user before it is built: what is exact by its own states is led back by these, though a copy may be faster */
+    tl_tuning tuning;  /* as configured */
+    tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
+    char **libraries; /* of all components in order, absolute; NULL: not looked for before; an element: nor found */
+    size_t library_count;
+} tl_assembly;
+
+/* Of an assembly with a configuration: loads the FMUs and builds the twin. On failure every problem was said on the log and the
+ * status is that of the first; the assembly must be freed all the same. */
+tl_status tl_assembly_build(tl_assembly *assembly);
+
+enum { TL_ASSEMBLY_NAME = 64 };
+
+/* The same of what may well be wrong: nothing is said on the log. The error is the first problem, and `component` whose it is; "": no component's. */
+tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error);
+
+/* The name with which a sentence begins, before a colon, as those about a call that has failed do; NULL: no component's. */
+const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence);
+
+/* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the
+ * building. Errors: TL_TRY_AGAIN. */
+tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);
+
+/* tl_twin_retune(), and the configuration has these values from now on, for whoever else looks at them (tl_config_retune()). */
+tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error);
+
+/* The twin anew, as it was configured, of an assembly that has had one. Problems are said on the log. */
+tl_status tl_assembly_rebuild(tl_assembly *assembly);
+
+/* A zeroed assembly is allowed. */
+void tl_assembly_free(tl_assembly *assembly);
+
+#endif

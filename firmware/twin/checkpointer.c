@@ -1,0 +1,151 @@
+/* The checkpointer: see checkpointer.h. */
+#include "firmware/twin/checkpointer.h"
+
+#include "firmware/base/clock.h"
+
+static const tl_time INTERVAL = 10 * TL_SECOND;
+enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };
+
+static int64_t interval_of(tl_time step) {
+    int64_t ticks = INTERVAL / step;
+    return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
+}
+
+size_t tl_checkpointer_room(size_t size) {
+    return 2 * size;
+}
+
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
+                          bool readable) {
+    *self = (tl_checkpointer){
+        .twin = assembly->twin,
+        .outbox = outbox,
+        .journal = journal,
+        .interval = interval_of(assembly->config.step),
+        .is_off = assembly->config.record_resume == 0,
+    };
+    if (!self->is_off && !tl_twin_can_save(self->twin)) {
+        self->only_marks = true;
+        tl_journal_event(
+            journal, -1, TL_EVENT_INFO, "checkpoint",
+            "not every FMU is rolled back by states that it can turn into bytes (canSerializeFMUstate): after a restart the newest "
+            "inputs are run again");
+    } else if (!self->is_off && !readable) {
+        self->only_marks = true;
+        tl_journal_event(
+            journal, -1, TL_EVENT_WARNING, "checkpoint",
+            "loading a saved state of these FMUs has ended a process, or went on otherwise: none are saved, "
+            "and after a restart the newest inputs are run again");
+    }
+}
+
+static void end(tl_checkpointer *self, const char *why) {
+    self->only_marks = true;
+    tl_journal_event(self->journal, -1, TL_EVENT_WARNING, "checkpoint",
+                     "no more are saved, and after a restart the inputs since the last one are run again: %s", why);
+}
+
+/* Into the outbox; what it took. False: nothing was saved. */
+static bool save(tl_checkpointer *self, size_t *size) {
+    size_t capacity = 0;
+    unsigned char *room = tl_outbox_checkpoint_room(self->outbox, &capacity);
+    tl_error error;
+    if (room == NULL) {
+        return false;
+    }
+    tl_time begun = tl_clock_now(NULL);
+    if (tl_twin_save(self->twin, room, capacity, size, &error) != TL_OK) {
+        end(self, error.text);
+        return false;
+    }
+    self->cost = tl_clock_now(NULL) - begun;
+    self->least = self->least == 0 || self->cost < self->least ? self->cost : self->least;
+    if (*size > capacity) {
+        end(self, "the state has grown to more than twice its size");
+        return false;
+    }
+    return *size != 0;
+}
+
+void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size) {
+    tl_outbox_put_checkpoint(self->outbox, tick, size);
+    self->next = tick + self->interval;
+}
+
+/* The first one: takes room for twice as much, and is saved twice, since the first time is the longest. False: nothing is saved. */
+static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *size) {
+    tl_error error;
+    if (tl_twin_save(self->twin, NULL, 0, size, &error) != TL_OK) {
+        end(self, error.text);
+        return false;
+    }
+    if (*size == 0) {
+        return false;
+    }
+    if (!tl_outbox_reserve_checkpoint(self->outbox, tl_checkpointer_room(*size))) {
+        end(self, "it is too large, or there is not enough memory");
+        return false;
+    }
+    bool saved = save(self, size);
+    if (saved) {
+        saved = save(self, size);
+    }
+    self->is_ready = saved;
+    if (self->cost > budget->time) {
+        end(self, "it takes longer than the budget of a step");
+    }
+    return self->is_ready;
+}
+
+static bool is_late(const tl_checkpointer *self, int64_t tick) {
+    return tick > self->next + LATE * self->interval;
+}
+
+/* Whether what is left of the budget is expected to be enough. */
+static bool has_time(const tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+    tl_time expected = is_late(self, tick) ? self->least : self->cost;
+    return tl_clock_now(NULL) - budget->started + expected <= budget->time;
+}
+
+static void tell_late(tl_checkpointer *self, int64_t tick) {
+    if (!self->has_told && is_late(self, tick)) {
+        self->has_told = true;
+        tl_journal_event(self->journal, tick, TL_EVENT_WARNING, "checkpoint",
+                         "none was saved for %lld ticks, since no step had %.3g ms left",
+                         (long long)(tick - self->next), tl_seconds(self->cost) * 1e3);
+    }
+}
+
+void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick) {
+    self->next = tick < self->next ? tick : self->next;
+}
+
+void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
+    size_t size = 0;
+    if (self->is_off || budget == NULL || tick < self->next) {
+        return;
+    }
+    if (self->only_marks) {
+        tl_checkpointer_put(self, tick, 0);
+    } else if (!self->is_ready) {
+        if (save_first(self, budget, &size)) {
+            tl_checkpointer_put(self, tick, size);
+        }
+    } else if (!has_time(self, tick, budget)) {
+        tell_late(self, tick);
+    } else if (save(self, &size)) {
+        tl_checkpointer_put(self, tick, size);
+    }
+}
+
+void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget) {
+    size_t size = 0;
+    if (budget != NULL && !self->is_ready && !self->only_marks && tl_twin_can_save(self->twin)) {
+        (void)save_first(self, budget, &size);
+    }
+}
+
+bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size) {
+    *size = 0;
+    return self->is_ready && self->cost < left && save(self, size);
+}

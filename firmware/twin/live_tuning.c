@@ -1,0 +1,148 @@
+/* The tuning block: see live_tuning.h.
+ *
+ * Without fences (ThreadSanitizer does not know them), as in mailbox.c: the writer's stores release, so they stay behind the odd number; the reader's
+ * loads acquire, so they stay before its second look at it. */
+#include "firmware/twin/live_tuning.h"
+
+#include <assert.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/base/identity.h"
+#include "master/base/utf8.h"
+
+enum { WORD = sizeof(uint64_t), PAGE = 4096 };
+
+/* All of the head behind number and size, which share a word. */
+enum { BEHIND = offsetof(tl_live_tuning_head, hash) };
+
+/* ---- words ---- */
+
+static void store_words(void *to, const void *from, size_t bytes) {
+    for (size_t at = 0; at < bytes; at += WORD) {
+        uint64_t word = 0;
+        memcpy(&word, (const char *)from + at, bytes - at < WORD ? bytes - at : WORD);
+        __atomic_store_n((uint64_t *)(void *)((char *)to + at), word, __ATOMIC_RELEASE);
+    }
+}
+
+static void load_words(void *to, const void *from, size_t bytes) {
+    for (size_t at = 0; at < bytes; at += WORD) {
+        uint64_t word = __atomic_load_n((const uint64_t *)(const void *)((const char *)from + at), __ATOMIC_ACQUIRE);
+        memcpy((char *)to + at, &word, bytes - at < WORD ? bytes - at : WORD);
+    }
+}
+
+/* ---- writing ---- */
+
+uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *head, const char *text) {
+    uint32_t writing = tl_live_tuning_number(block) | 1U;
+    assert(head->size <= TL_CONFIG_MAX_BYTES && strlen(text) == head->size);
+    __atomic_store_n(&block->head.number, writing, __ATOMIC_RELAXED);
+    __atomic_store_n(&block->head.size, head->size, __ATOMIC_RELEASE);
+    store_words((char *)&block->head + BEHIND, (const char *)head + BEHIND, sizeof *head - BEHIND);
+    store_words(block->text, text, head->size + 1);
+    __atomic_store_n(&block->head.number, writing + 1, __ATOMIC_RELEASE);
+    return writing + 1;
+}
+
+void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number) {
+    uint32_t before = tl_live_tuning_number(block);
+    if (before != 0 || number != 0) {
+        __atomic_store_n(&block->head.number, (before > number ? before : number) | 1U, __ATOMIC_RELEASE);
+    }
+}
+
+bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t number, tl_live_tuning_answer *copy) {
+    if (__atomic_load_n(&answer->number, __ATOMIC_ACQUIRE) != number) {
+        return false;
+    }
+    *copy = *answer;
+    copy->number = number;
+    copy->why[sizeof copy->why - 1] = '\0';
+    return true;
+}
+
+void tl_live_tuning_answer_with(tl_live_tuning_answer *answer, uint32_t number, int64_t tick, const char *why) {
+    __atomic_store_n(&answer->refused, why != NULL ? 1 : 0, __ATOMIC_RELAXED);
+    __atomic_store_n(&answer->tick, tick, __ATOMIC_RELAXED);
+    (void)snprintf(answer->why, sizeof answer->why, "%s", why != NULL ? why : "");
+    __atomic_store_n(&answer->number, number, __ATOMIC_RELEASE);
+}
+
+/* ---- reading ---- */
+
+static bool is_text(const char *text, size_t size) {
+    size_t left = strnlen(text, size);
+    bool shown = left < size;
+    while (shown && left > 0) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        shown = length != 0 && tl_utf8_can_be_shown(code);
+        text += length;
+        left -= length;
+    }
+    return shown;
+}
+
+static bool is_changed(const tl_live_tuning *block, uint32_t number) {
+    return tl_live_tuning_number(block) != number;
+}
+
+static tl_status fail_changed(tl_error *error) {
+    return tl_fail(error, TL_TRY_AGAIN, "a tuning is being written");
+}
+
+/* Of a copy. */
+static tl_status check(const tl_live_tuning_head *head, tl_error *error) {
+    if (head->hash[0] == '\0' || !tl_identity_is_sound(head->hash)) {
+        return tl_fail(error, TL_BAD_DATA, "a tuning came with a digest that is none");
+    }
+    if (!is_text(head->who, sizeof head->who) || !is_text(head->origin, sizeof head->origin) ||
+        !is_text(head->why, sizeof head->why)) {
+        return tl_fail(error, TL_BAD_DATA, "a tuning came with a text that cannot be shown");
+    }
+    if (head->size > TL_CONFIG_MAX_BYTES) {
+        return tl_fail(error, TL_BAD_DATA, "a tuning came with a configuration of %u bytes, expected at most %d",
+                       (unsigned)head->size, (int)TL_CONFIG_MAX_BYTES);
+    }
+    return tl_tuning_check(&head->tuning, error);
+}
+
+tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *head, tl_error *error) {
+    uint32_t number = __atomic_load_n(&block->head.number, __ATOMIC_ACQUIRE);
+    if (number == 0 || number % 2 != 0) {
+        return fail_changed(error);
+    }
+    memset(head, 0, sizeof *head);
+    head->number = number;
+    head->size = __atomic_load_n(&block->head.size, __ATOMIC_ACQUIRE);
+    load_words((char *)head + BEHIND, (const char *)&block->head + BEHIND, sizeof *head - BEHIND);
+    return is_changed(block, number) ? fail_changed(error) : check(head, error);
+}
+
+tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_head *head,
+                                   char text[TL_CONFIG_MAX_BYTES + 1], tl_error *error) {
+    char digest[TL_SHA256_TEXT];
+    tl_status status = tl_live_tuning_read(block, head, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    load_words(text, block->text, head->size);
+    text[head->size] = '\0';
+    if (is_changed(block, head->number)) {
+        return fail_changed(error);
+    }
+    tl_sha256(text, head->size, digest);
+    if (strlen(text) != head->size || strcmp(digest, head->hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "a tuning came with a text that is not that of its digest");
+    }
+    return TL_OK;
+}
+
+void tl_live_tuning_hide_text(const tl_block *block) {
+    size_t shown = (offsetof(tl_live_tuning, text) + PAGE - 1) / PAGE * PAGE;
+    (void)mprotect((char *)block->bytes + shown, block->size - shown, PROT_NONE);
+}

@@ -1,0 +1,84 @@
+/* A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
+ *
+ * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
+ *          the new twin is led along the samples and the u of that run (past_follow.h). Who looks for them, in a database
+ *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
+ * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
+ *          and machine only.
+ * Trust:   tl_past_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
+ *          others can write is copied first, and they say when it is whole.
+ * Owner:   a past points into its image, or to what its maker says.
+ * Thread:  plain data.
+ */
+#ifndef TL_FIRMWARE_TWIN_PAST_H
+#define TL_FIRMWARE_TWIN_PAST_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/store/run_types.h"
+#include "firmware/twin/past_ticks.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+enum {
+    TL_PAST_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
+    TL_PAST_TUNINGS = 16, /* what was in force first, and the newest of what was taken since */
+    TL_PAST_NAME = 32,
+    TL_PAST_TEXT = 224 /* of what is told */
+};
+
+/* Bytes of an image at most. */
+#define TL_PAST_MOST ((size_t)64 * 1024 * 1024)
+
+/* The run before in the same outbox, which has no number there. */
+#define TL_PAST_UNNUMBERED ((int64_t)-1)
+
+typedef struct tl_past {
+    tl_resumed_from from;            /* not TL_RESUMED_NOT */
+    int64_t run;                     /* that is gone on with */
+    int64_t first, last;             /* ticks to be followed; none if last is first − 1 */
+    tl_time step;                    /* T_S, ns */
+    tl_time start;                   /* its t_start on CLOCK_MONOTONIC, */
+    int64_t started;                 /* and UTC, ms */
+    tl_time gap;                     /* ns for which nobody ran, when the past was read */
+    tl_time age;                     /* ns, of the checkpoint when the run ended */
+    int64_t checkpoint_tick;         /* first − 1 */
+    const unsigned char *checkpoint; /* NULL: none */
+    size_t checkpoint_size;
+    const unsigned char *
+        tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
+    size_t tuning_count;
+    tl_past_shape shape;
+    const unsigned char *ticks; /* packed */
+} tl_past;
+
+/* What is worth being said, as events of the source "resume". `text` lives during the call. */
+typedef void tl_past_tell(void *context, tl_severity severity, const char *text);
+
+/* Its signals and adjusted variables. `config` is one whose second look-ups are signals (tl_config_use_lookups()), here and below. */
+tl_past_shape tl_past_shape_of(const tl_config *config);
+
+/* An image of so many ticks, a checkpoint of so many bytes, and so many tunings. */
+size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
+
+/* Of all that was taken in a run, in the order of their ticks, what matters from `first` to `last`: to the front. How many. */
+size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
+
+/* The image, as large as that. Gap and age are not in it. */
+void tl_past_write(const tl_past *past, void *image);
+
+/* `now` is CLOCK_MONOTONIC.
+ * Errors: TL_BAD_DATA: it is no image, or not one of such a run that was under way just now. */
+tl_status tl_past_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
+                       tl_error *error);
+
+/* One of the ticks first … last, its stamps and instant on CLOCK_MONOTONIC; false: it is none of them. */
+bool tl_past_tick_at(const tl_past *past, int64_t tick, tl_past_tick *out);
+
+/* "run 7", or "the run before". */
+const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]);
+
+#endif

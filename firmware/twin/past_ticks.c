@@ -1,0 +1,159 @@
+/* Packed ticks: see past_ticks.h. */
+#include "firmware/twin/past_ticks.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { FIRST_CAPACITY = 64 };
+
+/* What the first byte may be: a tick without u has no step. */
+enum { NO_STEP, HAS_STEP, HAS_RESET };
+
+/* ---- one ---- */
+
+static size_t u_at(const tl_past_shape *shape) {
+    return 1 + shape->signals * (sizeof(double) + sizeof(tl_time));
+}
+
+size_t tl_past_tick_bytes(const tl_past_shape *shape) {
+    return u_at(shape) + shape->adjusts * sizeof(double) + shape->signals;
+}
+
+static void pack_u(const tl_past_shape *shape, const double *u, unsigned char *bytes) {
+    bytes[0] = HAS_STEP;
+    memcpy(bytes + u_at(shape), u, shape->adjusts * sizeof *u);
+}
+
+/* A device may say any time: one that is too far away to count with stays at the border. */
+static tl_time nearer(tl_time stamp) {
+    tl_time most = stamp > TL_PAST_FAR ? TL_PAST_FAR : stamp;
+    return stamp == TL_TIME_NEVER || most >= -TL_PAST_FAR ? most : -TL_PAST_FAR;
+}
+
+static void pack(const tl_past_shape *shape, const tl_sample *sample, unsigned char *bytes) {
+    size_t words = shape->signals * sizeof(double);
+    memset(bytes, 0, tl_past_tick_bytes(shape));
+    memcpy(bytes + 1, sample->values, words);
+    for (size_t i = 0; i < shape->signals; i++) {
+        tl_time stamp = nearer(sample->stamps[i]);
+        memcpy(bytes + 1 + words + i * sizeof stamp, &stamp, sizeof stamp);
+    }
+    memcpy(bytes + u_at(shape) + shape->adjusts * sizeof(double), sample->quality, shape->signals);
+}
+
+/* As it is packed, and no further. */
+static void take(const tl_past_shape *shape, const unsigned char *bytes, tl_past_tick *tick) {
+    size_t words = shape->signals * sizeof(double);
+    tick->has_u = bytes[0] != NO_STEP;
+    tick->resets = bytes[0] == HAS_RESET;
+    memcpy(tick->sample.values, bytes + 1, words);
+    memcpy(tick->sample.stamps, bytes + 1 + words, words);
+    memcpy(tick->u, bytes + u_at(shape), shape->adjusts * sizeof(double));
+    memcpy(tick->sample.quality, bytes + u_at(shape) + shape->adjusts * sizeof(double), shape->signals);
+}
+
+bool tl_past_tick_is_sound(const tl_past_shape *shape, const unsigned char *bytes) {
+    tl_past_tick tick;
+    bool sound = bytes[0] <= HAS_RESET;
+    take(shape, bytes, &tick);
+    for (size_t i = 0; sound && i < shape->signals; i++) {
+        tl_time stamp = tick.sample.stamps[i];
+        bool in_time = stamp == TL_TIME_NEVER || (stamp >= -TL_PAST_FAR && stamp <= TL_PAST_FAR);
+        sound = isfinite(tick.sample.values[i]) && in_time && tick.sample.quality[i] <= TL_OUTLIER;
+    }
+    for (size_t i = 0; sound && i < shape->adjusts; i++) {
+        sound = isfinite(tick.u[i]);
+    }
+    return sound;
+}
+
+void tl_past_tick_unpack(const tl_past_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick) {
+    memset(tick, 0, sizeof *tick);
+    memset(tick->sample.quality, TL_NO_LINK, sizeof tick->sample.quality);
+    take(shape, bytes, tick);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        bool never = i >= shape->signals || tick->sample.stamps[i] == TL_TIME_NEVER;
+        tick->sample.stamps[i] = never ? TL_TIME_NEVER : tick->sample.stamps[i] + start;
+    }
+}
+
+/* ---- a row ---- */
+
+static unsigned char *place_of(const tl_past_ticks *ticks, size_t index) {
+    return ticks->bytes + index * tl_past_tick_bytes(&ticks->shape);
+}
+
+void tl_past_ticks_begin(tl_past_ticks *ticks, int64_t first) {
+    ticks->first = first;
+    ticks->count = 0;
+}
+
+void tl_past_ticks_free(tl_past_ticks *ticks) {
+    free(ticks->bytes);
+    *ticks = (tl_past_ticks){.shape = ticks->shape};
+}
+
+static bool make_room(tl_past_ticks *ticks) {
+    if (ticks->count < ticks->capacity) {
+        return true;
+    }
+    size_t capacity = ticks->capacity == 0 ? FIRST_CAPACITY : 2 * ticks->capacity;
+    unsigned char *bytes = realloc(ticks->bytes, capacity * tl_past_tick_bytes(&ticks->shape));
+    if (bytes != NULL) {
+        ticks->bytes = bytes;
+        ticks->capacity = capacity;
+    }
+    return bytes != NULL;
+}
+
+bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample, const double *u) {
+    if (!make_room(ticks)) {
+        return false;
+    }
+    pack(&ticks->shape, sample, place_of(ticks, ticks->count));
+    if (u != NULL) {
+        pack_u(&ticks->shape, u, place_of(ticks, ticks->count));
+    }
+    ticks->count++;
+    return true;
+}
+
+/* Its bytes; NULL: it was not added. */
+static unsigned char *find(const tl_past_ticks *ticks, int64_t tick) {
+    bool added = tick >= ticks->first && tick - ticks->first < (int64_t)ticks->count;
+    return added ? place_of(ticks, (size_t)(tick - ticks->first)) : NULL;
+}
+
+void tl_past_ticks_set_u(tl_past_ticks *ticks, int64_t tick, const double *u) {
+    unsigned char *bytes = find(ticks, tick);
+    if (bytes != NULL) {
+        pack_u(&ticks->shape, u, bytes);
+    }
+}
+
+void tl_past_ticks_set_reset(tl_past_ticks *ticks, int64_t tick) {
+    unsigned char *bytes = find(ticks, tick);
+    if (bytes != NULL && bytes[0] != NO_STEP) {
+        bytes[0] = HAS_RESET;
+    }
+}
+
+void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first) {
+    size_t out = (size_t)(first - ticks->first);
+    if (out != 0) {
+        ticks->count -= out;
+        ticks->first = first;
+        memmove(ticks->bytes, place_of(ticks, out), ticks->count * tl_past_tick_bytes(&ticks->shape));
+    }
+}
+
+int64_t tl_past_ticks_last(const tl_past_ticks *ticks) {
+    bool stepped = false;
+    size_t count = 0;
+    while (count < ticks->count && (place_of(ticks, count)[0] != NO_STEP || !stepped)) {
+        stepped = place_of(ticks, count)[0] != NO_STEP;
+        count++;
+    }
+    return stepped ? ticks->first + (int64_t)count - 1 : ticks->first - 1;
+}

@@ -1,0 +1,197 @@
+/* A replay: see replay.h. */
+#include "firmware/twin/replay.h"
+
+#include <inttypes.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/progress.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/twin/twin_recorder.h"
+
+static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *result, tl_summary *summary) {
+    const tl_config *config = replay->config;
+    const tl_record *record = &result->record;
+    tl_summary_add(summary, config, record);
+    const tl_lock_change *change = tl_lock_judge_step(replay->judge, record);
+    if (replay->watch != NULL) {
+        tl_watch_record(replay->watch, tick, record);
+    }
+    if (replay->watch != NULL && change != NULL) {
+        tl_watch_lock(replay->watch, tick, change);
+    }
+    if (replay->watch != NULL) {
+        tl_watch_bounds(replay->watch, tick, replay->judge);
+    }
+    if (replay->recorder != NULL) {
+        tl_recorder_put_step(replay->recorder, record, result->besides.counts);
+    }
+    if (replay->trajectory != NULL) {
+        tl_trajectory_add(replay->trajectory, config, record);
+    }
+    if (replay->report != NULL) {
+        tl_replay_report_add(replay->report, record);
+    }
+}
+
+/* In real time: waits for the tick's instant and counts ticks that could not be met. */
+static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) {
+    const tl_recording_tick *tick = replay->realtime ? tl_twin_feed_look(replay->feed) : NULL;
+    if (tick != NULL) {
+        tl_time period = replay->config->step;
+        tl_time instant = tl_time_of_step(started, period, tick->sample.tick);
+        tl_clock_sleep_until(instant);
+        summary->deadline_misses += tl_clock_now(NULL) - instant > period ? 1 : 0;
+    }
+}
+
+/* What the run took at this tick, for all that are here: the twin has taken it. */
+static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings *tunings) {
+    tl_run_tuning tuning;
+    while (tl_twin_tunings_next(tunings, tick, &tuning)) {
+        tl_config_retune(replay->config, &tuning.values);
+        tl_lock_judge_retune(replay->judge, &tuning.values);
+        if (replay->watch != NULL) {
+            tl_watch_retune(replay->watch, tick, tuning.hash);
+        }
+        if (replay->recorder != NULL) {
+            tl_recorder_put_tuning(replay->recorder, &tuning);
+        }
+    }
+}
+
+/* What goes before a tick's step: its sample, and its events. `missed` counts the ticks that the run made up before one
+ * that it met, where it told so. */
+static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
+    const tl_sample *sample = &tick->sample;
+    if (tick->made_up) {
+        ++*missed;
+    } else if (replay->watch != NULL) {
+        tl_time instant = tl_time_of_step(0, replay->config->step, sample->tick);
+        tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
+        *missed = 0;
+    }
+    if (!tick->followed) {
+        tl_lock_judge_sample(replay->judge, sample);
+    }
+    if (replay->watch != NULL && !tick->followed) { /* that was told by the run that it is of */
+        tl_watch_sample(replay->watch, sample);
+    }
+    if (replay->recorder != NULL) {
+        tl_recorder_put_sample(replay->recorder, sample);
+    }
+}
+
+/* A tick that only completes the record before it is a sample of its own only if it did. */
+static void keep_last(const tl_replay *replay, const tl_twin_fed *fed, tl_summary *summary) {
+    if (fed->result->ready == 0) {
+        return;
+    }
+    if (replay->recorder != NULL) {
+        tl_recorder_put_sample(replay->recorder, &fed->tick->sample);
+    }
+    keep(replay, fed->tick->sample.tick, fed->result, summary);
+}
+
+static void keep_step(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
+                      tl_summary *summary) {
+    take_tunings(replay, fed->tick->sample.tick, tunings);
+    take_sample(replay, fed->tick, missed);
+    tl_summary_sample(summary, replay->config, &fed->tick->sample);
+    if (fed->result->ready != 0) {
+        keep(replay, fed->tick->sample.tick, fed->result, summary);
+        summary->figures.skipped += fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+    }
+}
+
+/* What was computed before the interruption was noticed is kept too: it is in the twin's account. */
+static tl_status look_for_interruption(const tl_replay *replay, const tl_summary *summary, tl_error *error) {
+    if (tl_interrupt_requested() == NULL) {
+        return TL_OK;
+    }
+    tl_twin_feed_stop(replay->feed);
+    return tl_fail(error, TL_INTERRUPTED, "interrupted by %s after %llu steps", tl_interrupt_requested(),
+                   (unsigned long long)summary->figures.steps);
+}
+
+static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary *summary, tl_error *error) {
+    const tl_recording_tunings recorded = tl_recording_get_tunings(replay->recording);
+    tl_twin_tunings tunings = {.bytes = (const unsigned char *)recorded.list, .count = recorded.count};
+    uint64_t missed = 0;
+    bool end = false;
+    tl_time started = tl_clock_now(NULL);
+    for (;;) {
+        tl_twin_fed fed = {0};
+        pace(replay, started, summary);
+        tl_status status = tl_twin_feed_next(replay->feed, &fed, &end, error);
+        if (end || fed.result == NULL) {
+            return status == TL_OK ? look_for_interruption(replay, summary, error) : status;
+        }
+        if (fed.last) {
+            keep_last(replay, &fed, summary);
+        } else {
+            keep_step(replay, &fed, &missed, &tunings, summary);
+        }
+        if (status != TL_OK) {
+            return status;
+        }
+        (void)look_for_interruption(replay, summary, error);
+        tl_progress_update(progress, fed.tick->sample.tick);
+    }
+}
+
+/* Ticks that a record needs beyond that of its step: in mode ahead its measurement comes one later. */
+static unsigned ticks_needed(const tl_replay *replay) {
+    unsigned lead = (unsigned)replay->account->lead;
+    return replay->config->measurements == TL_AHEAD ? lead + 1 : lead;
+}
+
+tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
+    tl_progress progress;
+    int64_t ticks = tl_recording_ticks(replay->recording);
+    int64_t last = tl_twin_feed_last_tick(replay->config, replay->account);
+    *summary = (tl_summary){0};
+    tl_time started = tl_clock_now(NULL);
+    tl_progress_begin(&progress, "replay", last < ticks ? last : ticks);
+    const tl_recording_beginning *beginning = tl_recording_get_beginning(replay->recording);
+    if (beginning != NULL && beginning->follows) {
+        summary->resumption = beginning->resumption;
+    }
+    const tl_recording_tunings tunings = tl_recording_get_tunings(replay->recording);
+    summary->tunings = tunings.recorded;
+    summary->tunings_left_out = tunings.recorded - tunings.count;
+    tl_status status = run(replay, &progress, summary, error);
+    tl_progress_end(&progress);
+    if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
+        status =
+            tl_fail(error, TL_BAD_DATA,
+                    "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
+                    "than its first",
+                    (long long)ticks, tl_seconds(replay->config->step), ticks_needed(replay));
+    }
+    tl_lock_judge_get(replay->judge, &summary->lock);
+    summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
+    return status;
+}
+
+tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error) {
+    char text[TL_IDENTITY_TEXT];
+    if (!beginning->follows) {
+        return TL_OK;
+    }
+    tl_twin_recorder_identify(config, text);
+    if (strcmp(text, beginning->fmus) != 0) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "run %" PRId64 " goes on with run %" PRId64
+                       ", and the FMUs are not those of these runs any more",
+                       beginning->run, beginning->resumption.run);
+    }
+    tl_identity_format(text);
+    if (beginning->resumption.from == TL_RESUMED_CHECKPOINT && strcmp(text, beginning->checkpoint->format) != 0) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "run %" PRId64 " begins with a checkpoint that only %s can read, and this is %s", beginning->run,
+                       beginning->checkpoint->format, text);
+    }
+    return TL_OK;
+}

@@ -1,0 +1,41 @@
+/* A replay: a recording through the twin, as fast as it can or in real time.
+ *
+ * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
+ * Thread:  the caller's.
+ */
+#ifndef TL_FIRMWARE_TWIN_REPLAY_H
+#define TL_FIRMWARE_TWIN_REPLAY_H
+
+#include <stdbool.h>
+#include <stdio.h>
+
+#include "firmware/plant/recording.h"
+#include "firmware/report/summary.h"
+#include "firmware/report/trajectory.h"
+#include "firmware/store/recorder.h"
+#include "firmware/twin/replay_report.h"
+#include "firmware/twin/twin_feed.h"
+#include "firmware/twin/watch.h"
+#include "master/twin/account.h"
+
+typedef struct tl_replay {
+    tl_config *config;         /* has the recording's tunings as they come into force */
+    const tl_account *account; /* of the built twin */
+    tl_recording *recording;
+    tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
+    tl_recorder *recorder; /* NULL: none */
+    tl_watch *watch;       /* tells events as a live run's does; NULL: none */
+    tl_lock_judge *judge;
+    FILE *trajectory;         /* NULL: none */
+    tl_replay_report *report; /* NULL: none */
+    bool realtime;
+} tl_replay;
+
+/* Whether the replay of a run that went on with another one can begin as that did.
+ * Errors: TL_BAD_DATA if the FMUs, or this program, are not those of the run. */
+tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
+
+/* Runs to the end, to the configured duration, or until interrupted (TL_INTERRUPTED; the summary holds what was done). */
+tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
+
+#endif

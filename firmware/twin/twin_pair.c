@@ -1,0 +1,170 @@
+/* Two twins of one configuration in one process: see twin_pair.h. */
+#include "firmware/twin/twin_pair.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/twin/far_look.h"
+
+/* A twin on its way. */
+typedef struct walker {
+    const tl_assembly *assembly;
+    tl_sample sample;
+    double nominal[TL_MAX_ADJUST]; /* of what is adjusted */
+    int64_t steps;
+} walker;
+
+/* Without any reading. */
+static void begin(walker *self, const tl_assembly *assembly) {
+    *self = (walker){.assembly = assembly};
+    memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
+}
+
+/* A tick in which u is nominal. */
+static tl_status tick_free(walker *self, bool *ready, tl_error *error) {
+    const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
+    tl_record record;
+    tl_status status = tl_twin_step(self->assembly->twin, &self->sample, &budget, &record, ready, error);
+    if (status == TL_OK && *ready) {
+        memcpy(self->nominal, record.u_hat, sizeof self->nominal);
+    }
+    self->sample.tick++;
+    return status;
+}
+
+static tl_status tick_excited(walker *self, bool *ready, tl_error *error) {
+    double u[TL_MAX_ADJUST] = {0.0};
+    tl_record record;
+    tl_far_look_excite(self->assembly, self->nominal, self->steps, u);
+    tl_status status = tl_twin_follow(self->assembly->twin, &self->sample,
+                                      self->assembly->config.adjust_count != 0 ? u : NULL, &record, ready, error);
+    self->sample.tick++;
+    return status;
+}
+
+/* The next one; the first ones take as many ticks as a twin waits for its measurements. */
+static tl_status step(walker *self, tl_error *error) {
+    bool is_free = self->steps == 0 || self->assembly->config.event.start.signal != NULL;
+    int64_t last = self->sample.tick + (int64_t)tl_twin_get_facts(self->assembly->twin).lead + 1;
+    bool ready = false;
+    tl_status status = TL_OK;
+    while (status == TL_OK && !ready && self->sample.tick <= last) {
+        status = is_free ? tick_free(self, &ready, error) : tick_excited(self, &ready, error);
+    }
+    self->steps++;
+    return status == TL_OK && !ready ? tl_fail(error, TL_FMU_FAILED, "no step was made") : status;
+}
+
+/* ---- values ---- */
+
+/* FNV-1a, of a value's bytes. */
+static uint64_t mark_of(uint64_t mark, double value) {
+    unsigned char bytes[sizeof value];
+    memcpy(bytes, &value, sizeof value);
+    for (size_t i = 0; i < sizeof bytes; i++) {
+        mark = (mark ^ bytes[i]) * 1099511628211U;
+    }
+    return mark;
+}
+
+/* One for each of tl_twin_value_count(), 0 for those that no FMU gives. */
+static uint64_t read_values(const tl_twin *twin, double *values) {
+    uint64_t mark = 14695981039346656037U;
+    for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
+        tl_twin_value value = {.value = 0.0};
+        (void)tl_twin_get_value(twin, i, &value);
+        values[i] = value.value;
+        mark = mark_of(mark, value.value);
+    }
+    return mark;
+}
+
+static void name(tl_twin_pair_account *account, const char *component) {
+    (void)snprintf(account->component, sizeof account->component, "%s", component);
+}
+
+/* The first value that is another one. */
+static bool find_difference(const tl_twin *twin, const double *first, const double *second, int64_t number,
+                            tl_twin_pair_account *account, tl_error *error) {
+    for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
+        tl_twin_value value;
+        if (tl_twin_get_value(twin, i, &value) && memcmp(&first[i], &second[i], sizeof *first) != 0) {
+            name(account, value.component);
+            (void)tl_fail(error, TL_OK, "in step %lld its %s is %.9g, and %.9g in a second instance", (long long)number,
+                          value.variable, first[i], second[i]);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ---- both ---- */
+
+/* As many steps as there are in the time for it. An FMU may refuse one for a reason of its own, such as its end: then these are all. */
+static void lead_first(const tl_assembly *first, double *values, size_t width, tl_twin_pair_account *account) {
+    tl_time begun = tl_clock_now(NULL);
+    tl_error error;
+    walker walk;
+    begin(&walk, first);
+    while (account->steps < TL_PAIR_STEPS &&
+           (account->steps < TL_PAIR_LEAST || tl_clock_now(NULL) - begun < TL_PAIR_LONGEST) &&
+           step(&walk, &error) == TL_OK) {
+        account->marks[account->steps] = read_values(first->twin, values + account->steps * width);
+        account->steps++;
+    }
+}
+
+static tl_status lead_second(const tl_assembly *second, const double *values, size_t width,
+                             tl_twin_pair_account *account, bool *differs, tl_error *error) {
+    double *own = calloc(width + 1, sizeof *own);
+    walker walk;
+    tl_status status = TL_OK;
+    if (own == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    begin(&walk, second);
+    for (uint32_t i = 0; i < account->steps && status == TL_OK && !*differs; i++) {
+        status = step(&walk, error);
+        if (status == TL_OK && read_values(second->twin, own) != account->marks[i]) {
+            *differs = find_difference(second->twin, values + i * width, own, i, account, error);
+        }
+    }
+    free(own);
+    return status;
+}
+
+/* What fails in a step begins with its name. */
+static void name_failed(const tl_assembly *second, const tl_error *error, tl_twin_pair_account *account) {
+    const char *component = tl_assembly_component_of(second, error->text);
+    if (component != NULL) {
+        name(account, component);
+    }
+}
+
+tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
+                               bool *differs, tl_error *error) {
+    size_t width = tl_twin_value_count(first->twin);
+    double *values = calloc(width * TL_PAIR_STEPS + 1, sizeof *values);
+    *differs = false;
+    if (values == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    lead_first(first, values, width, account);
+    tl_status status = TL_OK;
+    if (!alone && account->steps > 0) {
+        __atomic_store_n(&account->has_second, 1, __ATOMIC_RELEASE);
+        status = tl_assembly_build_quietly(second, account->component, error);
+        if (status == TL_OK) {
+            status = lead_second(second, values, width, account, differs, error);
+            name_failed(second, error, account);
+        }
+    }
+    if (status == TL_OK &&
+        !*differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
+        *error = (tl_error){TL_OK, ""};
+    }
+    free(values);
+    return status;
+}

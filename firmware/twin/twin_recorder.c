@@ -1,0 +1,109 @@
+/* The recorder of a twin: see twin_recorder.h. */
+#include "firmware/twin/twin_recorder.h"
+
+#include <inttypes.h>
+#include <limits.h>
+#include <stdio.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/utc.h"
+#include "firmware/report/run_figures.h"
+
+void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
+                              tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]) {
+    for (size_t i = 0; i < config->match_count; i++) {
+        match[i] = (tl_recorder_signal){config->match[i].variable, account->match[i].unit, config->match[i].to,
+                                        account->match[i].type};
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        adjust[i] =
+            (tl_recorder_signal){config->adjust[i].variable, account->adjust[i].unit, NULL, account->adjust[i].type};
+    }
+}
+
+void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]) {
+    char found[TL_RECORDER_COMPONENTS][PATH_MAX];
+    const char *paths[TL_RECORDER_COMPONENTS];
+    size_t count = config->component_count < TL_RECORDER_COMPONENTS ? config->component_count : TL_RECORDER_COMPONENTS;
+    for (size_t i = 0; i < count; i++) {
+        (void)tl_config_fmu_path(config, config->components[i].fmu, found[i], sizeof found[i]);
+        paths[i] = found[i];
+    }
+    tl_identity_files(paths, count, text);
+}
+
+void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record) {
+    *record = (tl_twin_record){.settings = {.path = path, .verb = "run"}};
+    tl_twin_recorder_identify(config, record->fmus);
+    tl_identity_boot(record->boot);
+    tl_identity_format(record->format);
+    tl_recorder_settings_of(config, &record->names, &record->settings);
+    record->settings.fmus = record->fmus;
+    record->settings.boot = record->boot;
+    record->settings.format = record->format;
+}
+
+tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error) {
+    const tl_account *account = settings->account;
+    const char *components[TL_RECORDER_COMPONENTS];
+    tl_twin_record record;
+    tl_recorder_settings *made = &record.settings;
+    tl_twin_recorder_describe(settings->config, settings->path, &record);
+    made->verb = settings->verb;
+    made->wait_when_full = settings->wait_when_full;
+    made->known = settings->known;
+    made->known_count = settings->known_count;
+    made->components = components;
+    tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
+    for (size_t i = 0; i < account->components; i++) {
+        components[i] = account->component[i].name;
+    }
+    made->prediction = account->prediction;
+    made->lead = account->lead;
+    made->component_count = account->components;
+    return tl_recorder_open(made, recorder, error);
+}
+
+size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]) {
+    size_t count = tl_twin_get_facts(twin).components;
+    for (size_t i = 0; i < count; i++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
+        counts[i] = (tl_recorder_component){
+            entry.plain, entry.predicted, entry.executions, entry.caught_up, entry.unstored,
+        };
+    }
+    return count;
+}
+
+void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
+    static const tl_time ms = TL_SECOND / 1000;
+    static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
+    beginning =
+        (tl_outbox_start){.resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    tl_account_take(twin, &beginning.account);
+    (void)tl_outbox_put_start(outbox, &beginning);
+}
+
+void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin) {
+    tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+    (void)tl_twin_recorder_count(twin, counts);
+    (void)tl_outbox_put_step(outbox, record, counts);
+}
+
+void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context) {
+    for (size_t i = 0; i < account->components; i++) {
+        char text[320];
+        const tl_account_component *entry = &account->component[i];
+        const tl_recorder_component counts = {entry->plain, entry->predicted, entry->executions, entry->caught_up,
+                                              entry->unstored};
+        int64_t difference = tl_run_component_difference(&counts);
+        if (difference > 0) {
+            (void)snprintf(text, sizeof text,
+                           "%s: %" PRId64 " executions more than predicted: results found no room (%" PRIu64
+                           ", see saving.nodes), or a committed step failed and was repeated",
+                           entry->name, difference, entry->unstored);
+            hear(context, text);
+        }
+    }
+}

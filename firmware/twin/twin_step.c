@@ -1,0 +1,161 @@
+/* One tick for the twin: see twin_step.h. */
+#include "firmware/twin/twin_step.h"
+
+#include <string.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/fmu/fmu_guard.h"
+#include "firmware/twin/twin_recorder.h"
+#include "firmware/twin/twin_verify.h"
+
+/* What takes system calls is looked after now and then, since a replayed tick may last less than a microsecond: more often than in a live run, where
+ * it is once a tick. The clock is looked at now and then as well. */
+enum { GUARD_TICKS = 16 };
+static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
+
+static bool is_within(unsigned value, unsigned greatest) {
+    return value <= greatest;
+}
+
+static bool is_sound_record(const tl_record *record, const tl_config *config, int64_t tick, int64_t least) {
+    bool sound = record->step >= least && record->step <= tick && is_within(record->outcome, TL_OUTCOMES - 1) &&
+                 is_within(record->stop, TL_STOP_TIME) && is_within(record->delay_state, TL_DELAY_LOST) &&
+                 record->flags < 2U * TL_LAST_FLAG;
+    for (size_t i = 0; sound && i < config->match_count; i++) {
+        sound = is_within(record->y_hat_quality[i], TL_OUTLIER);
+    }
+    return sound;
+}
+
+bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
+    return result->tick == tick && is_within((unsigned)result->status, TL_TRY_AGAIN) && result->ready <= 1 &&
+           (result->ready == 0 || is_sound_record(&result->record, config, tick, least));
+}
+
+/* As configured, but without a clock; if time cut the run's search short, exactly what it had time for. A plant searches nothing. */
+static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick, tl_twin_tells tells) {
+    tl_budget budget = {.evaluations = tells == TL_TELLS_OUTPUTS ? 1 : config->budget_evaluations};
+    if (tick->cut_short) {
+        budget.evaluations = tick->evaluations < budget.evaluations ? tick->evaluations : budget.evaluations;
+        budget.repeated = true;
+        budget.without_nominal = tick->without_nominal;
+        budget.executions = tick->executions;
+    }
+    return budget;
+}
+
+/* The FMUs begin anew if they did so in the recording; that the rescue has wanted it at the tick before is known already. */
+static void bring_back(const tl_assembly *assembly, const tl_recording_tick *tick) {
+    if (tick->resets) {
+        tl_twin_reset(assembly->twin);
+    }
+}
+
+/* As the run did: led along, made up, or searched. */
+static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                      tl_record *record, bool *ready, tl_error *error) {
+    if (tick->followed) {
+        return tl_twin_follow(assembly->twin, &tick->sample, tick->u, record, ready, error);
+    }
+    tl_budget budget = budget_of(&assembly->config, tick, tells);
+    return tick->made_up ? tl_twin_make_up(assembly->twin, &tick->sample, record, ready, error)
+                         : tl_twin_step(assembly->twin, &tick->sample, &budget, record, ready, error);
+}
+
+static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_result *result) {
+    if (tells == TL_TELLS_COUNTS) {
+        (void)tl_twin_recorder_count(assembly->twin, result->besides.counts);
+    } else if (tells == TL_TELLS_OUTPUTS) {
+        for (size_t i = 0; i < assembly->plan.output_count; i++) {
+            result->besides.outputs[i] = tl_twin_output(assembly->twin, i);
+        }
+    }
+}
+
+static void look_after_host(const tl_recording_tick *tick) {
+    static tl_time looked; /* of the process, as what is looked after */
+    tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : looked;
+    if (now - looked >= GUARD_INTERVAL) {
+        looked = now;
+        tl_fmu_guard_tick();
+    }
+}
+
+bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning) {
+    if (tunings->taken == tunings->count) {
+        return false;
+    }
+    memcpy(tuning, tunings->bytes + tunings->taken * sizeof *tuning, sizeof *tuning);
+    bool is_due = tuning->tick <= tick;
+    tunings->taken += is_due ? 1 : 0;
+    return is_due;
+}
+
+tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
+                               tl_error *error) {
+    tl_run_tuning tuning;
+    tl_status status = TL_OK;
+    while (status == TL_OK && tl_twin_tunings_next(tunings, tick, &tuning)) {
+        status = tl_assembly_retune(assembly, &tuning.values, error);
+        if (status == TL_OK) {
+            tl_lock_judge_retune(&rescue->judge, &tuning.values);
+        }
+    }
+    return status;
+}
+
+/* Whether the FMUs still come back to where they were. */
+static tl_status look(const tl_assembly *assembly, tl_error *error) {
+    tl_twin_look_news news;
+    tl_status status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, error);
+    if (news.found) {
+        tl_log(news.mended ? TL_LOG_WARNING : TL_LOG_ERROR, "%s", news.text);
+    }
+    return status;
+}
+
+/* Once a process. */
+static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
+    static bool told;
+    bool is_free = result->ready == 1 && (result->record.flags & TL_FLAG_NO_WAY_BACK) != 0;
+    char text[TL_TWIN_NO_WAY_BACK_TEXT];
+    if (is_free && !told) {
+        tl_twin_tell_no_way_back(assembly->twin, result->record.step, assembly->config.step, text);
+        tl_log(TL_LOG_WARNING, "%s", text);
+    }
+    told = told || is_free;
+}
+
+tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
+    const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
+    bool ready = false;
+    bring_back(assembly, tick);
+    if (!tick->followed) {
+        tl_lock_rescue_sample(rescue, &tick->sample);
+    }
+    tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
+    if (ready && tl_lock_rescue_step(rescue, &result->record, &change) &&
+        tells != TL_TELLS_OUTPUTS) { /* a plant is as it is */
+        tl_twin_reset(assembly->twin);
+    }
+    status = status == TL_OK ? look(assembly, error) : status;
+    result->tick = tick->sample.tick;
+    result->status = (int32_t)status;
+    result->ready = ready ? 1 : 0;
+    tell_free_run(assembly, result);
+    tell(assembly, tells, result);
+    look_after_host(tick);
+    return status;
+}
+
+void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_twin_result *result) {
+    bool ready = false;
+    tl_twin_finish(assembly->twin, &tick->sample, &result->record, &ready);
+    result->tick = tick->sample.tick;
+    result->status = (int32_t)TL_OK;
+    result->ready = ready ? 1 : 0;
+    tell(assembly, tells, result);
+}

@@ -1,0 +1,66 @@
+/* One tick for the twin, and what comes of it: what crosses between the process with the FMUs and the one with everything else.
+ *
+ * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
+ * Thread:  plain data; execute in the thread of the FMUs.
+ */
+#ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H
+#define TL_FIRMWARE_TWIN_TWIN_STEP_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/monitor/lock_rescue.h"
+#include "firmware/plant/recording.h"
+#include "firmware/store/run_types.h"
+#include "firmware/twin/assembly.h"
+
+/* What is told of each step besides its record. */
+typedef enum tl_twin_tells {
+    TL_TELLS_RECORDS, /* nothing */
+    TL_TELLS_COUNTS,  /* the ledger, for the recorder */
+    TL_TELLS_OUTPUTS  /* what `emulate` reads, for a plant */
+} tl_twin_tells;
+
+#define TL_TWIN_NO_TICK INT64_MIN
+
+/* Of one tick. In mode ahead the record is that of the step before. */
+typedef struct tl_twin_result {
+    int64_t tick;
+    int32_t status; /* tl_status of the step */
+    uint32_t ready; /* 1: there is a record */
+    tl_record record;
+    union {
+        tl_recorder_component counts[TL_RECORDER_COMPONENTS];
+        double outputs[TL_MAX_SIGNALS];
+    } besides; /* as far as there are some */
+} tl_twin_result;
+
+/* Whether what another process says of this tick can be one: outcomes and qualities that exist, a step that is not before `least`, nor after the
+ * tick. Numbers are not judged. */
+bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least);
+
+/* Tunings of a run that is repeated, tl_run_tuning one behind the other, anywhere; and how many of them were taken. Zeroed: none. */
+typedef struct tl_twin_tunings {
+    const unsigned char *bytes;
+    size_t count;
+    size_t taken;
+} tl_twin_tunings;
+
+/* The next one that is in force from this tick on. False: there is none. */
+bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
+
+/* Before the tick is executed: what is in force from it on. Errors: those of tl_twin_retune(). */
+tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
+                               tl_error *error);
+
+/* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
+ * the recording. `rescue` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
+tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error);
+
+/* Completes the last record with the sample after it (tl_twin_finish()). */
+void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
+                          tl_twin_result *result);
+
+#endif

@@ -1,0 +1,418 @@
+/* The watch: see watch.h. */
+#include "firmware/twin/watch.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* What a record is to a trouble. */
+typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
+
+void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
+    memset(watch, 0, sizeof *watch);
+    watch->config = config;
+    watch->journal = journal;
+    watch->skipped_since = TL_TIME_NEVER;
+    tl_noise_watch_init(&watch->noise, config);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        watch->rejected[i] = (tl_watch_rejected){.stamp = TL_TIME_NEVER, .accepted = (double)NAN};
+    }
+}
+
+/* ---- rejected readings ---- */
+
+static void tell_more_rejected(const tl_watch *watch, int64_t tick, size_t signal) {
+    const tl_watch_rejected *rejected = &watch->rejected[signal];
+    const tl_config_signal *of = &watch->config->signals[watch->config->signals[signal].of];
+    if (rejected->count > TL_WATCH_REJECTED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
+                         "plant.%s: %llu more readings were rejected within a minute, the furthest one %.6g",
+                         of->plan.name, (unsigned long long)(rejected->count - TL_WATCH_REJECTED), rejected->furthest);
+    }
+}
+
+static void tell_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
+    tl_watch_rejected *rejected = &watch->rejected[signal];
+    const tl_config_signal *own = &watch->config->signals[signal];
+    const tl_config_signal *of = &watch->config->signals[own->of];
+    double distance = fabs(value - rejected->accepted);
+    if (rejected->count == 0 || (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step) {
+        tell_more_rejected(watch, tick, signal);
+        rejected->count = 0;
+        rejected->since = tick;
+        rejected->distance = 0.0;
+    }
+    if (++rejected->count <= TL_WATCH_REJECTED) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "plant",
+            "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more than its "
+            "gate of %.6g",
+            of->plan.name, value, distance, watch->config->signals[own->shows].condition.gate);
+    } else if (distance > rejected->distance) {
+        rejected->distance = distance;
+        rejected->furthest = value;
+    }
+}
+
+static void watch_reading(tl_watch *watch, const tl_sample *sample, size_t signal) {
+    tl_watch_rejected *rejected = &watch->rejected[signal];
+    bool is_new = sample->stamps[signal] != rejected->stamp;
+    rejected->stamp = sample->stamps[signal];
+    if (is_new && sample->quality[signal] == TL_OUTLIER) {
+        tell_rejected(watch, sample->tick, signal, sample->values[signal]);
+    } else if (is_new && sample->quality[signal] == TL_GOOD) {
+        rejected->accepted = sample->values[signal];
+    }
+}
+
+/* ---- noise ---- */
+
+static void watch_noise(tl_watch *watch, const tl_sample *sample, size_t index) {
+    const tl_plan_match *match = &watch->config->match[index];
+    double sigma = 0.0;
+    switch (tl_noise_watch_sample(&watch->noise, sample, index, &sigma)) {
+    case TL_NOISE_IS_LARGE:
+        tl_journal_event(
+            watch->journal, sample->tick, TL_EVENT_WARNING, "twin",
+            "%s: its tolerance, %.6g, is below three times the noise of its readings, %.3g: the twin follows the noise",
+            match->variable, match->tolerance, sigma);
+        break;
+    case TL_NOISE_IS_SMALL:
+        tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "twin",
+                         "%s: its tolerance, %.6g, is three times the noise of its readings again, %.3g",
+                         match->variable, match->tolerance, sigma);
+        break;
+    case TL_NOISE_AS_BEFORE:
+        break;
+    }
+}
+
+/* ---- samples ---- */
+
+void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
+    for (size_t i = 0; i < watch->config->match_count; i++) {
+        watch_noise(watch, sample, i);
+    }
+    for (size_t i = 0; i < watch->config->signal_count; i++) {
+        if (watch->config->signals[i].is_reading) {
+            watch_reading(watch, sample, i);
+            continue;
+        }
+        if (sample->quality[i] == watch->quality[i]) {
+            continue;
+        }
+        watch->quality[i] = sample->quality[i];
+        const char *name = watch->config->signals[i].plan.name;
+        if (sample->quality[i] == TL_GOOD) {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_INFO, "plant", "plant.%s: good again", name);
+        } else {
+            tl_journal_event(watch->journal, sample->tick, TL_EVENT_WARNING, "plant",
+                             "plant.%s: %s; its last good value is held and takes no part in matching", name,
+                             tl_quality_name((tl_quality)sample->quality[i]));
+        }
+    }
+}
+
+/* For good, unless the FMUs begin anew. */
+static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool has_none = (record->flags & TL_FLAG_NO_WAY_BACK) != 0;
+    if (has_none && !watch->no_way_back) {
+        tl_journal_event(
+            watch->journal, tick, TL_EVENT_WARNING, "twin",
+            "the twin runs free from step %lld on: an FMU that is rolled back by replay is too far from its "
+            "beginning (replay_steps), or did not do again what it had done",
+            (long long)record->step);
+    } else if (!has_none && watch->no_way_back) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "all FMUs can be rolled back: synchronising again");
+    }
+    watch->no_way_back = has_none;
+}
+
+/* Of a step that was made up nobody knows. */
+static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool rests = (record->flags & TL_FLAG_RESTS) != 0;
+    if (rests == watch->rests || record->outcome == TL_MADE_UP || record->outcome == TL_FREE_RUN) {
+        return;
+    }
+    watch->rests = rests;
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                     rests ? "u rests at nominal from step %lld on: the twin that is left alone is nearer to the plant"
+                           : "u is searched again from step %lld on: the twin that rested was too far from the plant",
+                     (long long)record->step);
+}
+
+static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_WAY_BACK) == 0;
+    if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
+        return;
+    }
+    watch->free_run = free_run;
+    if (free_run) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "no matched signal is good: the twin runs free on the last good values");
+    } else {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
+    }
+}
+
+/* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
+static void write_objective(const tl_record *record, char *text, size_t size) {
+    if (isfinite(record->objective)) {
+        (void)snprintf(text, size, "J = %.3g", record->objective);
+    } else if (record->stop == TL_STOP_TIME || (record->flags & TL_FLAG_WITHOUT_NOMINAL) != 0) {
+        (void)snprintf(text, size, "no time to evaluate");
+    } else {
+        (void)snprintf(text, size, "J is not finite");
+    }
+}
+
+/* Only a search can show that a trouble is over, and one that was cut short shows nothing: it takes many of them, and some
+ * time, so that what comes and goes is told once. */
+static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
+    if (has) {
+        bool told = trouble->told;
+        trouble->told = true;
+        trouble->last = record->step;
+        trouble->without = 0;
+        trouble->count = told ? trouble->count + 1 : 1;
+        return told ? NOTHING_NEW : BEGUN;
+    }
+    trouble->without += trouble->told && record->stop != TL_STOP_NONE ? 1 : 0;
+    if (trouble->without < TL_WATCH_STEPS || record->step - trouble->last < TL_WATCH_REST / watch->config->step) {
+        return NOTHING_NEW;
+    }
+    trouble->told = false;
+    trouble->without = 0;
+    return ENDED;
+}
+
+static void watch_variable(tl_watch *watch, int64_t tick, const tl_record *record, size_t index) {
+    tl_watch_trouble *held = &watch->held[index];
+    const char *name = watch->config->adjust[index].variable;
+    switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "%s: the matched outputs do not react to it; held at nominal", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "%s: the matched outputs react to it again; steps held: %llu", name,
+                         (unsigned long long)held->count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_fallback(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const char *name = watch->config->fallback;
+    switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "the solver finds no more; the second one, %s, takes over", name);
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "the solver does without the second one, %s, again; searches it took over: %llu", name,
+                         (unsigned long long)watch->fallback.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *record) {
+    switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
+    case BEGUN:
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "a search made no progress and was ended");
+        break;
+    case ENDED:
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "searches make progress again; ended before: %llu",
+                         (unsigned long long)watch->stagnation.count);
+        break;
+    case NOTHING_NEW:
+        break;
+    }
+}
+
+static bool has_moved(const tl_watch *watch, const tl_record *record) {
+    return record->u[0] < watch->stroke_u || record->u[0] > watch->stroke_u;
+}
+
+/* The search of a stroke has ended. While strokes agree with the u in force there is nothing to tell. */
+static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    const char *name = watch->config->adjust[0].variable;
+    bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
+    tl_severity severity = out ? TL_EVENT_WARNING : TL_EVENT_INFO;
+    char objective[32];
+    write_objective(record, objective, sizeof objective);
+    if (has_moved(watch, record)) {
+        tl_journal_event(watch->journal, tick, severity, "twin",
+                         "stroke: %s from %.6g to %.6g (%s, %s, %llu evaluations)", name, watch->stroke_u, record->u[0],
+                         tl_outcome_name(record->outcome), objective, (unsigned long long)watch->stroke_evaluations);
+    } else if (out != watch->out_of_tolerance) {
+        tl_journal_event(watch->journal, tick, severity, "twin", "stroke: %s with %s at %.6g (%s)",
+                         out ? "out of tolerance" : "within tolerance again", name, record->u[0], objective);
+    }
+    watch->out_of_tolerance = out;
+}
+
+/* The first of a row is told, and how many there were when one is searched again. */
+static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool reset = (record->flags & TL_FLAG_RESET) != 0;
+    if (watch->abandoned++ == 0) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "stroke: not searched to its end; %s",
+                         reset ? "the FMUs began anew"
+                               : "it lasted too long, an edge fell into a gap of the measurements, there was no time "
+                                 "before the next one, or what was found failed");
+    }
+    if (has_moved(watch, record) && !reset) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "stroke: %s from %.6g to %.6g, the best so far",
+                         watch->config->adjust[0].variable, watch->stroke_u, record->u[0]);
+    }
+}
+
+static void tell_searched_again(tl_watch *watch, int64_t tick) {
+    if (watch->abandoned > 1) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
+    }
+    watch->abandoned = 0;
+}
+
+/* Event horizon: what became of a stroke. */
+static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
+    bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
+    watch->stroke_evaluations += record->evaluations;
+    if (record->step == 0) {
+        watch->stroke_u = record->u_hat[0];
+    }
+    if (abandoned) {
+        tell_abandoned(watch, tick, record);
+    }
+    if (ended) {
+        tell_searched_again(watch, tick);
+        tell_stroke(watch, tick, record);
+    }
+    if (ended || abandoned || (record->flags & TL_FLAG_RESET) != 0) {
+        watch->stroke_u = record->u[0];
+        watch->stroke_evaluations = 0;
+    }
+}
+
+static double milliseconds(tl_time time) {
+    return tl_seconds(time) * 1e3;
+}
+
+/* What was measured for the first time, what has moved by more than a step, what is not sure any more. */
+static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
+    tl_time input =
+        watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
+    tl_time delay = record->delay + input;
+    tl_time moved = delay > watch->delay ? delay - watch->delay : watch->delay - delay;
+    tl_delay_state before = watch->delay_state;
+    if (record->delay_state == TL_DELAY_LOST && before != TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use",
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_UNKNOWN) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms measured, and used from now on", milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && moved > watch->config->step) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                         "delay: \316\224o has drifted from %.3f ms to %.3f ms", milliseconds(watch->delay),
+                         milliseconds(delay));
+    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_LOST) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "delay: \316\224o = %.3f ms is measured surely again", milliseconds(delay));
+    } else {
+        return;
+    }
+    watch->delay_state = record->delay_state;
+    watch->delay = delay;
+}
+
+static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
+    if ((record->flags & TL_FLAG_RESET) != 0) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
+                         "begun anew: the FMUs have their start values before step %lld, and u is nominal",
+                         (long long)record->step);
+    }
+}
+
+/* What was found is an event of its own, which has no tick: a replay may find it at another one. */
+static void watch_difference(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
+    if (differed && !watch->differed) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "an FMU does not come back to where it was");
+    }
+    watch->differed = differed;
+}
+
+void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
+    if (record->outcome == TL_FOLLOWED) {
+        return; /* told by the run that it is of */
+    }
+    watch_way_back(watch, tick, record);
+    if (watch->config->event.start.signal != NULL) {
+        watch_stroke(watch, tick, record);
+        return;
+    }
+    watch_reset(watch, tick, record);
+    watch_difference(watch, tick, record);
+    watch_free_run(watch, tick, record);
+    watch_rest(watch, tick, record);
+    for (size_t i = 0; i < watch->config->adjust_count; i++) {
+        watch_variable(watch, tick, record, i);
+    }
+    watch_fallback(watch, tick, record);
+    watch_stagnation(watch, tick, record);
+    watch_delay(watch, tick, record);
+}
+
+void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change) {
+    static const tl_severity severities[TL_LOCK_STATES] = {[TL_LOCK_FREE] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOCKED] = TL_EVENT_INFO,
+                                                           [TL_LOCK_TRACKING] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_DEGRADED] = TL_EVENT_WARNING,
+                                                           [TL_LOCK_LOST] = TL_EVENT_ERROR};
+    tl_journal_event(watch->journal, tick, severities[change->to], "lock", "%s: %s", tl_lock_state_name(change->to),
+                     change->cause);
+}
+
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_judge *judge) {
+    for (size_t v = 0; v < watch->config->adjust_count; v++) {
+        double share = 0.0;
+        tl_bound_turn bound = tl_lock_judge_bound(judge, v, &share);
+        const char *name = watch->config->adjust[v].variable;
+        if (bound == TL_BOUND_REACHED) {
+            tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
+                             "%s was at a bound in %.0f %% of the last minute: it may not go as far as the plant asks",
+                             name, 100.0 * share);
+        } else if (bound == TL_BOUND_LEFT) {
+            tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                             "%s is off its bounds again, but for %.0f %% of the last minute", name, 100.0 * share);
+        }
+    }
+}
+
+void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash) {
+    tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "retune", "configuration %.12s in force", hash);
+}
+
+void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
+    watch->skipped += count;
+    if (watch->skipped == 0) {
+        return;
+    }
+    if (watch->skipped_since != TL_TIME_NEVER && now - watch->skipped_since < TL_SECOND) {
+        return;
+    }
+    watch->skipped_since = now;
+    tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "cycle", "%llu ticks missed and made up without a search",
+                     (unsigned long long)watch->skipped);
+    watch->skipped = 0;
+}

@@ -1,0 +1,222 @@
+/* The options of all verbs: values, defaults, rules between them; and the table they come from. */
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/cli/option_table.h"
+#include "firmware/cli/options.h"
+#include "firmware/report/show.h"
+#include "firmware/retune/control_wire.h"
+#include "tests/support/stderr_capture.h"
+
+enum { ARGUMENTS = 12, LONGEST = 128 };
+
+static tl_options options;
+static char *said;
+
+void setUp(void) {
+    said = NULL;
+}
+
+void tearDown(void) {
+    free(said);
+}
+
+/* Reads the words behind a verb; what standard error got is in `said`. */
+#define READ(verb, ...) read_words(verb, (const char *const[]){__VA_ARGS__, NULL})
+
+static tl_options_outcome read_words(tl_verb verb, const char *const *words) {
+    static char copies[ARGUMENTS][LONGEST];
+    char *argv[ARGUMENTS + 1] = {copies[0]};
+    int argc = 1;
+    for (; *words != NULL && argc < ARGUMENTS; words++) {
+        (void)snprintf(copies[argc], sizeof copies[argc], "%s", *words);
+        argv[argc] = copies[argc];
+        argc++;
+    }
+    free(said);
+    bool captured = tl_stderr_capture_begin();
+    tl_options_outcome outcome = tl_options_read(verb, argc, argv, &options);
+    said = captured ? tl_stderr_capture_end() : NULL;
+    return outcome;
+}
+
+static void expect_said(const char *words) {
+    TEST_ASSERT_TRUE_MESSAGE(said != NULL && strstr(said, words) != NULL, words);
+}
+
+static void expect_wrong(tl_verb verb, const char *option, const char *value, const char *expected) {
+    char words[LONGEST];
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OPTIONS_WRONG, READ(verb, "subject", option, value), value);
+    (void)snprintf(words, sizeof words, "twinlock %s: %s: found \"%s\", expected %s\nusage: twinlock %s",
+                   tl_verb_rows[verb].name, option, value, expected, tl_verb_rows[verb].name);
+    expect_said(words);
+}
+
+static void test_defaults(void) {
+    for (tl_verb verb = 0; verb < TL_VERB_COUNT; verb++) {
+        const tl_options wanted = {
+            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_CONTROL_RIGHTS};
+        TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(verb, "subject"));
+        TEST_ASSERT_EQUAL_STRING("subject", options.subject);
+        TEST_ASSERT_EQUAL_STRING("", said);
+        options.subject = NULL;
+        TEST_ASSERT_EQUAL_MEMORY(&wanted, &options, sizeof wanted);
+    }
+}
+
+static void test_every_option_sets_its_own(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_REPLAY, "--recording", "r", "--run", "7", "c", "--db", "d",
+                                                "--csv=t", "--report", "p", "--call-limit=0.5"));
+    TEST_ASSERT_EQUAL_STRING("r", options.recording);
+    TEST_ASSERT_EQUAL_UINT64(7, options.run);
+    TEST_ASSERT_EQUAL_STRING("c", options.subject);
+    TEST_ASSERT_EQUAL_STRING("d", options.database);
+    TEST_ASSERT_EQUAL_STRING("t", options.trajectory);
+    TEST_ASSERT_EQUAL_STRING("p", options.report);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, options.call_limit_s);
+    TEST_ASSERT_FALSE(options.json || options.plain || options.realtime);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_REPLAY, "--json", "--plain", "--realtime", "--", "-c"));
+    TEST_ASSERT_TRUE(options.json && options.plain && options.realtime);
+    TEST_ASSERT_EQUAL_STRING("-c", options.subject);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RUN, "c", "--supervise", "--watchdog", "w", "--state", "s",
+                                                "--watchdog-timeout", "3600", "--duration", "1e-3", "--status"));
+    TEST_ASSERT_TRUE(options.supervise && options.status);
+    TEST_ASSERT_EQUAL_STRING("w", options.watchdog);
+    TEST_ASSERT_EQUAL_STRING("s", options.state);
+    TEST_ASSERT_EQUAL_DOUBLE(3600, options.watchdog_s);
+    TEST_ASSERT_EQUAL_DOUBLE(1e-3, options.duration_s);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_PLANT, "c", "--for", "l", "--fifo", "f", "--real-bus", "--seed",
+                                                "18446744073709551615"));
+    TEST_ASSERT_EQUAL_STRING("l", options.listener);
+    TEST_ASSERT_EQUAL_STRING("f", options.fifo);
+    TEST_ASSERT_TRUE(options.real_bus);
+    TEST_ASSERT_EQUAL_UINT64(UINT64_MAX, options.seed);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_PLANT, "c", "--record", "w"));
+    TEST_ASSERT_EQUAL_STRING("w", options.record);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_CHECK, "c", "--variables", "--memory-limit", "2048"));
+    TEST_ASSERT_EQUAL_UINT64(2048, options.memory_limit_mib);
+    TEST_ASSERT_TRUE(options.variables);
+}
+
+static void test_the_lesser_right_counts(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "-", "--right", "retune", "--right", "commission"));
+    TEST_ASSERT_EQUAL_STRING("-", options.subject);
+    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_RETUNE, options.right);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "--right", "commission", "-", "--rig=read"));
+    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_READ, options.right);
+    expect_wrong(TL_VERB_RELOAD, "--right", "box", "read, retune or commission");
+}
+
+static void test_tables_and_runs_of_show(void) {
+    static const tl_show_csv_table tables[] = {TL_SHOW_OUTPUTS, TL_SHOW_ADJUSTMENTS, TL_SHOW_STEPS, TL_SHOW_SAMPLES,
+                                               TL_SHOW_EVENTS};
+    static const char *const names[] = {"outputs", "adjustments", "steps", "samples", "events"};
+    for (size_t i = 0; i < sizeof tables / sizeof tables[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_SHOW, "d", "--csv", names[i], "--events"));
+        TEST_ASSERT_TRUE(options.events);
+        TEST_ASSERT_EQUAL_INT(tables[i], options.table);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_SHOW, "d", "--run", "9223372036854775807"));
+    TEST_ASSERT_EQUAL_UINT64(INT64_MAX, options.run);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_SHOW, "d", "--run", "last"));
+    TEST_ASSERT_EQUAL_UINT64(0, options.run);
+}
+
+static void test_since(void) {
+    static const char *const backs[] = {"90s", "1.5m", "0.5h", "2d"};
+    static const double seconds[] = {90, 90, 1800, 172800};
+    for (size_t i = 0; i < sizeof backs / sizeof backs[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_SHOW, "d", "--since", backs[i]));
+        TEST_ASSERT_EQUAL_STRING(backs[i], options.since.text);
+        TEST_ASSERT_FALSE(options.since.is_date);
+        TEST_ASSERT_EQUAL_DOUBLE(seconds[i], options.since.back_s);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_SHOW, "d", "--since", "1970-01-02"));
+    TEST_ASSERT_TRUE(options.since.is_date);
+    TEST_ASSERT_EQUAL_INT64(86400000, options.since.at);
+}
+
+static void test_values_that_are_refused(void) {
+    static const char *const limits[] = {"0", "-1", "1e9", "nan", "inf", "1e999", "1e-310", "2 s", ""};
+    for (size_t i = 0; i < sizeof limits / sizeof limits[0]; i++) {
+        expect_wrong(TL_VERB_RUN, "--duration", limits[i], "seconds > 0 and below 1e9, for example 14");
+        expect_wrong(TL_VERB_CHECK, "--call-limit", limits[i], "seconds > 0 and below 1e9, for example 600");
+    }
+    static const char *const sizes[] = {"0", "63", "1048577", "-64", "64M", "1e3", "99999999999999999999", ""};
+    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
+        expect_wrong(TL_VERB_PLANT, "--memory-limit", sizes[i], "MiB from 64 to 1048576, for example 2048");
+    }
+    static const char *const timeouts[] = {"0", "0.5", "2.5", "3601", "soon", "-3", "nan", ""};
+    for (size_t i = 0; i < sizeof timeouts / sizeof timeouts[0]; i++) {
+        expect_wrong(TL_VERB_RUN, "--watchdog-timeout", timeouts[i], "whole seconds from 1 to 3600, for example 30");
+        expect_wrong(TL_VERB_RELOAD, "--shadow", timeouts[i], "whole seconds from 1 to 3600, for example 60");
+    }
+    static const char *const runs[] = {"0", "-1", "x", "1x", "", "9223372036854775808", "99999999999999999999"};
+    for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
+        expect_wrong(TL_VERB_REPLAY, "--run", runs[i], "the number of a run, for example 3");
+        expect_wrong(TL_VERB_SHOW, "--run", runs[i], "the number of a run, for example 3, or last");
+    }
+    expect_wrong(TL_VERB_REPLAY, "--run", "last", "the number of a run, for example 3");
+    expect_wrong(TL_VERB_PLANT, "--seed", " -5", "a whole number");
+    expect_wrong(TL_VERB_PLANT, "--seed", "18446744073709551616", "a whole number");
+    expect_wrong(TL_VERB_SHOW, "--since", "yesterday", "a date such as 2026-11-21T10:02, or 90s, 15m, 8h, 2d");
+    expect_wrong(TL_VERB_SHOW, "--csv", "step", "outputs, adjustments, steps, samples or events");
+}
+
+static void test_options_that_need_another(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--state", "s"));
+    expect_said("--state needs --supervise\n");
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--watchdog-timeout", "3", "--supervise"));
+    expect_said("--watchdog-timeout needs --watchdog DEVICE\n");
+}
+
+/* A run that is supervised has its own patience. */
+static void test_options_of_which_one_may_be_there(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RUN, "c", "--call-limit", "2.5"));
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, options.call_limit_s);
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RUN, "c", "--call-limit", "2.5", "--supervise"));
+    expect_said("expected at most one of --supervise, --call-limit\n");
+}
+
+/* What would be ignored is not taken. */
+static void test_options_of_no_use(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RELOAD, "c", "--state", "--probation", "3"));
+    expect_said("--probation is of no use with --state\n");
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_WRONG, READ(TL_VERB_RELOAD, "c", "--why", "x", "--confirm"));
+    expect_said("--why is of no use with --confirm\n");
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "c", "--versions", "--control", "s"));
+    TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "c", "--rollback", "--why", "x", "--wait"));
+}
+
+/* Each verb has its options once, and of values that are checked it is said what they should be. */
+static void test_the_table(void) {
+    for (size_t i = 0; i < TL_OPTION_COUNT; i++) {
+        const tl_option *option = &tl_option_rows[i];
+        TEST_ASSERT_NOT_NULL(option->name);
+        bool checked =
+            option->kind != TL_OPTION_HELP && option->kind != TL_OPTION_SWITCH && option->kind != TL_OPTION_TEXT;
+        TEST_ASSERT_EQUAL_MESSAGE(checked, option->expected != NULL, option->name);
+        TEST_ASSERT_EQUAL_MESSAGE(checked || option->kind == TL_OPTION_TEXT, option->value != NULL, option->name);
+        for (size_t k = 0; k < i; k++) {
+            bool same = strcmp(option->name, tl_option_rows[k].name) == 0;
+            TEST_ASSERT_FALSE_MESSAGE(same && (option->verbs & tl_option_rows[k].verbs) != 0, option->name);
+        }
+    }
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_defaults);
+    RUN_TEST(test_every_option_sets_its_own);
+    RUN_TEST(test_the_lesser_right_counts);
+    RUN_TEST(test_tables_and_runs_of_show);
+    RUN_TEST(test_since);
+    RUN_TEST(test_values_that_are_refused);
+    RUN_TEST(test_options_that_need_another);
+    RUN_TEST(test_options_of_which_one_may_be_there);
+    RUN_TEST(test_options_of_no_use);
+    RUN_TEST(test_the_table);
+    return UNITY_END();
+}

@@ -1,0 +1,74 @@
+/* Which names are allowed: lists, configurations, and what is none of these. What a change makes of them is in test_config_change.c. */
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/config/allowed_names.h"
+
+static tl_allowed_names allowed;
+static tl_error error;
+
+void setUp(void) {
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {
+    tl_allowed_names_free(&allowed);
+}
+
+/* More than there is room for at first. */
+static void test_a_list(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_allowed_names_add_list(&allowed, "", &error));
+    TEST_ASSERT_FALSE(tl_allowed_names_have(&allowed, TL_NAMES_FILE, ""));
+    for (int i = 0; i < 40; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_OK,
+                              tl_allowed_names_add_list(&allowed, "file /a\nlibrary \t /b c \r\n#file /d", &error));
+    }
+    TEST_ASSERT_TRUE(tl_allowed_names_have(&allowed, TL_NAMES_FILE, "/a"));
+    TEST_ASSERT_TRUE(tl_allowed_names_have(&allowed, TL_NAMES_LIBRARY, "/b c"));
+    TEST_ASSERT_FALSE(tl_allowed_names_have(&allowed, TL_NAMES_LIBRARY, "/a"));
+    TEST_ASSERT_FALSE(tl_allowed_names_have(&allowed, TL_NAMES_FILE, "/d"));
+    TEST_ASSERT_FALSE(tl_allowed_names_have(&allowed, TL_NAMES_FILE, "//a"));
+}
+
+static void test_a_configuration(void) {
+    const char *text =
+        "{\"components\": {\"a\": {\"fmu\": \"/opt/a.fmu\", \"libraries\": [\"/l\"], \"read\": [\"/r\"], \"set\":"
+        " {\"x\": \"/s\", \"y\": \"word\"}}}, \"sources\": {\"c\": {\"csv\": {\"file\": \"f\"}}}, \"record\":"
+        " {\"file\": \"/db\"}}";
+    static const struct {
+        tl_change_named kind;
+        const char *name;
+        bool is_there;
+    } cases[] = {{TL_NAMES_FMU, "/opt/a.fmu", true}, {TL_NAMES_LIBRARY, "/l", true}, {TL_NAMES_FILE, "/r", true},
+                 {TL_NAMES_FILE, "/s", true},        {TL_NAMES_FILE, "f", true},     {TL_NAMES_FILE, "word", false},
+                 {TL_NAMES_FILE, "/db", false},      {TL_NAMES_FILE, "/l", false},   {TL_NAMES_LIBRARY, "/r", false}};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_allowed_names_add_configuration(&allowed, text, &error));
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        TEST_ASSERT_EQUAL_MESSAGE(cases[i].is_there, tl_allowed_names_have(&allowed, cases[i].kind, cases[i].name),
+                                  cases[i].name);
+    }
+}
+
+static void test_lists_that_are_none(void) {
+    static const struct {
+        const char *list, *message;
+    } cases[] = {{"file /a\nfiles /b\n", "line 2: found \"files /b\", expected \"file NAME\""},
+                 {"library", "line 1: found \"library\""},
+                 {"file \t\n", "line 1: found \"file\""},
+                 {"\n\n/srv/a", "line 3: found \"/srv/a\""}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_allowed_names_add_list(&allowed, cases[i].list, &error));
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, cases[i].message), error.text);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_allowed_names_add_configuration(&allowed, "{", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_allowed_names_add_list(&allowed, "", &error));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_a_list);
+    RUN_TEST(test_a_configuration);
+    RUN_TEST(test_lists_that_are_none);
+    return UNITY_END();
+}

@@ -1,8 +1,0 @@
-/* A library with a variable: see table.h. */
-#include "tests/unit/firmware/copies/table.h"
-
-static int count;
-
-__attribute__((visibility("default"))) int table_count(void) {
-    return ++count;
-}

@@ -1,0 +1,598 @@
+/* modelDescription.xml: what is understood, what is inherited, and what every refusal says. */
+#include <locale.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/base/c_locale.h"
+#include "firmware/fmu/model_description.h"
+#include "firmware/fmu/xml_value.h"
+#include "tests/support/comma_locale.h"
+
+#define ROOT                                                                                                           \
+    "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n"                                                                     \
+    "<fmiModelDescription fmiVersion=\"2.0\" modelName=\"m\" guid=\"{g}\">\n"
+#define CO_SIMULATION "<CoSimulation modelIdentifier=\"m\"/>\n"
+#define END "</fmiModelDescription>\n"
+
+static tl_arena arena;
+static tl_model model;
+static tl_error error;
+
+void setUp(void) {
+    tl_arena_init(&arena);
+    memset(&model, 0xA5, sizeof model);
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {
+    tl_arena_release(&arena);
+}
+
+static tl_status parse(const char *xml) {
+    return tl_model_description_parse(xml, strlen(xml), "box.fmu", &arena, &model, &error);
+}
+
+static void expect_ok(const char *xml) {
+    tl_status status = parse(xml);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+}
+
+/* The text has the FMU's name, the line, and `part`. */
+static void expect_bad(const char *xml, unsigned line, const char *part) {
+    char where[80];
+    (void)snprintf(where, sizeof where, "box.fmu: modelDescription.xml, line %u: ", line);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, parse(xml), xml);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, error.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, where), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, part), error.text);
+}
+
+/* A document with these variables, which begin in line 5. */
+static const char *with_variables(const char *variables) {
+    static char xml[4096];
+    (void)snprintf(xml, sizeof xml, "%s%s<ModelVariables>\n%s\n</ModelVariables>\n" END, ROOT, CO_SIMULATION,
+                   variables);
+    return xml;
+}
+
+static const tl_variable *variable(const char *name) {
+    const tl_variable *found = tl_model_variable(&model, name);
+    TEST_ASSERT_NOT_NULL_MESSAGE(found, name);
+    return found;
+}
+
+/* ---- Understood ---------------------------------------------------------------------------------------- */
+
+static void test_root_and_capabilities(void) {
+    expect_ok("<fmiModelDescription fmiVersion='2.0' modelName='Big &amp; m&#246;ller' guid='{8c4e}' "
+              "generationTool='Tool 1'>"
+              "<ModelExchange modelIdentifier='other'/>"
+              "<CoSimulation modelIdentifier='motor_2' needsExecutionTool='true' "
+              "canHandleVariableCommunicationStepSize='1' canRunAsynchronuously='true' "
+              "canBeInstantiatedOnlyOncePerProcess='true' canNotUseMemoryManagementFunctions='true' "
+              "canGetAndSetFMUstate=' true ' canSerializeFMUstate='true' maxOutputDerivativeOrder='1'>"
+              "<SourceFiles><File name='a.c'/></SourceFiles></CoSimulation>"
+              "<DefaultExperiment startTime='0' stepSize='1e-2'/><ModelVariables/></fmiModelDescription>");
+    TEST_ASSERT_EQUAL_STRING("Big & m\xC3\xB6ller", model.name);
+    TEST_ASSERT_EQUAL_STRING("motor_2", model.identifier);
+    TEST_ASSERT_EQUAL_STRING("{8c4e}", model.guid);
+    TEST_ASSERT_EQUAL_STRING("2.0", model.version);
+    TEST_ASSERT_EQUAL_STRING("Tool 1", model.generation_tool);
+    TEST_ASSERT_EQUAL_DOUBLE(0.01, model.default_step);
+    TEST_ASSERT_TRUE(model.capabilities.needs_execution_tool);
+    TEST_ASSERT_TRUE(model.capabilities.can_handle_variable_step);
+    TEST_ASSERT_TRUE(model.capabilities.can_run_asynchronously);
+    TEST_ASSERT_TRUE(model.capabilities.can_be_instantiated_only_once);
+    TEST_ASSERT_TRUE(model.capabilities.can_not_use_memory_management);
+    TEST_ASSERT_TRUE(model.capabilities.can_get_and_set_state);
+    TEST_ASSERT_TRUE(model.capabilities.can_serialize_state);
+    TEST_ASSERT_EQUAL_size_t(0, model.variable_count);
+}
+
+static void test_capabilities_default_to_false(void) {
+    const tl_capabilities none = {0};
+    expect_ok(with_variables(""));
+    TEST_ASSERT_EQUAL_MEMORY(&none, &model.capabilities, sizeof none);
+    TEST_ASSERT_EQUAL_STRING("", model.generation_tool);
+    TEST_ASSERT_EQUAL_DOUBLE(0, model.default_step);
+}
+
+static void test_variables_of_all_types(void) {
+    expect_ok(
+        ROOT CO_SIMULATION
+        "<TypeDefinitions><SimpleType name='E'><Enumeration><Item name='a' value='1'/></Enumeration>"
+        "</SimpleType></TypeDefinitions><ModelVariables>"
+        "<ScalarVariable name='r' valueReference='4294967295' description='a real' causality='input'>"
+        "<Real start=' -1.5e3 ' min='-2e3' max='INF' nominal='10' unit='Pa'/></ScalarVariable>"
+        "<ScalarVariable name='i' valueReference='0' causality='output' variability='discrete'>"
+        "<Integer start='-2147483648' min='-5' max='7'/></ScalarVariable>"
+        "<ScalarVariable name='b' valueReference='0' causality='parameter' variability='tunable'>"
+        "<Boolean start='true'/></ScalarVariable>"
+        "<ScalarVariable name='s' valueReference='0' variability='fixed'><String start='&lt;t&gt;'/></ScalarVariable>"
+        "<ScalarVariable name='e' valueReference='9' variability='constant'>"
+        "<Enumeration declaredType='E' start='3'/></ScalarVariable>"
+        "</ModelVariables>" END);
+    TEST_ASSERT_EQUAL_size_t(5, model.variable_count);
+    const tl_variable *r = variable("r");
+    TEST_ASSERT_EQUAL_PTR(&model.variables[0], r);
+    TEST_ASSERT_EQUAL_STRING("a real", r->description);
+    TEST_ASSERT_EQUAL_UINT32(4294967295U, r->reference);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, r->type);
+    TEST_ASSERT_EQUAL_INT(TL_INPUT, r->causality);
+    TEST_ASSERT_TRUE(r->has_start);
+    TEST_ASSERT_EQUAL_INT(TL_REAL, r->start.type);
+    TEST_ASSERT_EQUAL_DOUBLE(-1500, r->start.real);
+    TEST_ASSERT_EQUAL_DOUBLE(-2000, r->minimum);
+    TEST_ASSERT_TRUE(isinf(r->maximum) && r->maximum > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(10, r->nominal);
+    TEST_ASSERT_EQUAL_STRING("Pa", r->unit->name);
+    TEST_ASSERT_EQUAL_INT(INT32_MIN, variable("i")->start.integer);
+    TEST_ASSERT_EQUAL_DOUBLE(-5, variable("i")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(7, variable("i")->maximum);
+    TEST_ASSERT_EQUAL_INT(1, variable("b")->start.integer);
+    TEST_ASSERT_EQUAL_INT(TL_BOOLEAN, variable("b")->start.type);
+    TEST_ASSERT_EQUAL_STRING("<t>", variable("s")->start.text);
+    TEST_ASSERT_EQUAL_INT(TL_ENUMERATION, variable("e")->type);
+    TEST_ASSERT_EQUAL_INT(3, variable("e")->start.integer);
+    TEST_ASSERT_NULL(tl_model_variable(&model, "x"));
+}
+
+static void test_what_is_not_given(void) {
+    expect_ok(with_variables("<ScalarVariable name='r' valueReference='1'><Real/></ScalarVariable>"));
+    const tl_variable *r = variable("r");
+    TEST_ASSERT_EQUAL_STRING("", r->description);
+    TEST_ASSERT_EQUAL_INT(TL_LOCAL, r->causality);
+    TEST_ASSERT_EQUAL_INT(TL_CONTINUOUS, r->variability);
+    TEST_ASSERT_EQUAL_INT(TL_INITIAL_CALCULATED, r->initial);
+    TEST_ASSERT_NULL(r->unit);
+    TEST_ASSERT_FALSE(r->has_start);
+    TEST_ASSERT_TRUE(isinf(r->minimum) && r->minimum < 0);
+    TEST_ASSERT_TRUE(isinf(r->maximum) && r->maximum > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(1, r->nominal);
+}
+
+static void test_defaults_of_variability_and_initial(void) {
+    static const struct {
+        const char *attributes;
+        const char *type;
+        tl_variability variability;
+        tl_initial initial;
+    } cases[] = {
+        {"causality='parameter'", "Real", TL_FIXED, TL_INITIAL_EXACT},
+        {"causality='parameter' variability='tunable'", "Real", TL_TUNABLE, TL_INITIAL_EXACT},
+        {"causality='calculatedParameter'", "Integer", TL_FIXED, TL_INITIAL_CALCULATED},
+        {"causality='input'", "Real", TL_CONTINUOUS, TL_INITIAL_NONE},
+        {"causality='input' initial='exact'", "Boolean", TL_DISCRETE, TL_INITIAL_NONE},
+        {"causality='independent'", "Real", TL_CONTINUOUS, TL_INITIAL_NONE},
+        {"causality='output'", "Integer", TL_DISCRETE, TL_INITIAL_CALCULATED},
+        {"causality='output' initial='exact'", "Real", TL_CONTINUOUS, TL_INITIAL_EXACT},
+        {"causality='output' variability='constant'", "Real", TL_CONSTANT, TL_INITIAL_EXACT},
+        {"causality='local' initial='approx'", "String", TL_DISCRETE, TL_INITIAL_APPROX},
+        {"causality='local' variability='fixed'", "Real", TL_FIXED, TL_INITIAL_CALCULATED},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char xml[256];
+        (void)snprintf(xml, sizeof xml, "<ScalarVariable name='v' valueReference='1' %s><%s/></ScalarVariable>",
+                       cases[i].attributes, cases[i].type);
+        expect_ok(with_variables(xml));
+        TEST_ASSERT_EQUAL_INT_MESSAGE(cases[i].variability, variable("v")->variability, cases[i].attributes);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(cases[i].initial, variable("v")->initial, cases[i].attributes);
+    }
+}
+
+static void test_units(void) {
+    expect_ok(
+        ROOT CO_SIMULATION
+        "<UnitDefinitions>"
+        "<Unit name='rpm'><BaseUnit s='-1' rad='1' factor='0.10471975511965977'/></Unit>"
+        "<Unit name='degC'><BaseUnit K='1' offset='273.15'/><DisplayUnit name='degF' factor='1.8' offset='32'/></Unit>"
+        "<Unit name='V'><BaseUnit kg='1' m='2' s='-3' A='-1' mol='4' cd='5'/></Unit>"
+        "<Unit name='pieces'/><Unit name=''><BaseUnit/></Unit></UnitDefinitions><ModelVariables>"
+        "<ScalarVariable name='a' valueReference='1'><Real unit='rpm'/></ScalarVariable>"
+        "<ScalarVariable name='b' valueReference='2'><Real unit='bar'/></ScalarVariable>"
+        "<ScalarVariable name='c' valueReference='3'><Real unit='bar'/></ScalarVariable>"
+        "<ScalarVariable name='d' valueReference='4'><Real unit=''/></ScalarVariable>"
+        "</ModelVariables>" END);
+    TEST_ASSERT_EQUAL_size_t(6, model.unit_count);
+    const tl_unit *rpm = tl_model_unit(&model, "rpm");
+    TEST_ASSERT_EQUAL_PTR(rpm, variable("a")->unit);
+    TEST_ASSERT_TRUE(rpm->has_base);
+    TEST_ASSERT_EQUAL_DOUBLE(0.10471975511965977, rpm->factor);
+    TEST_ASSERT_EQUAL_DOUBLE(0, rpm->offset);
+    const int speed[8] = {0, 0, -1, 0, 0, 0, 0, 1};
+    TEST_ASSERT_EQUAL_INT_ARRAY(speed, rpm->exponents, 8);
+    const tl_unit *celsius = tl_model_unit(&model, "degC");
+    TEST_ASSERT_EQUAL_DOUBLE(1, celsius->factor);
+    TEST_ASSERT_EQUAL_DOUBLE(273.15, celsius->offset);
+    const int all[8] = {1, 2, -3, -1, 0, 4, 5, 0};
+    TEST_ASSERT_EQUAL_INT_ARRAY(all, tl_model_unit(&model, "V")->exponents, 8);
+    TEST_ASSERT_FALSE(tl_model_unit(&model, "pieces")->has_base);
+    const tl_unit *bar = variable("b")->unit; /* nobody defined it */
+    TEST_ASSERT_EQUAL_PTR(bar, variable("c")->unit);
+    TEST_ASSERT_EQUAL_PTR(bar, tl_model_unit(&model, "bar"));
+    TEST_ASSERT_FALSE(bar->has_base);
+    TEST_ASSERT_NULL(variable("d")->unit);
+    TEST_ASSERT_NULL(tl_model_unit(&model, "K"));
+}
+
+static void test_declared_types_are_inherited(void) {
+    expect_ok(ROOT CO_SIMULATION
+              "<TypeDefinitions>"
+              "<SimpleType name='Speed'><Real unit='rad/s' min='-10' max='10' nominal='5'/></SimpleType>"
+              "<SimpleType name='Count'><Integer min='0' max='9'/></SimpleType></TypeDefinitions><ModelVariables>"
+              "<ScalarVariable name='a' valueReference='1'><Real declaredType='Speed'/></ScalarVariable>"
+              "<ScalarVariable name='b' valueReference='2'><Real declaredType='Speed' unit='rpm' max='99' nominal='0'/>"
+              "</ScalarVariable>"
+              "<ScalarVariable name='c' valueReference='3'><Integer declaredType='Count' min='-1'/></ScalarVariable>"
+              "</ModelVariables>" END);
+    TEST_ASSERT_EQUAL_STRING("rad/s", variable("a")->unit->name);
+    TEST_ASSERT_EQUAL_DOUBLE(-10, variable("a")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(10, variable("a")->maximum);
+    TEST_ASSERT_EQUAL_DOUBLE(5, variable("a")->nominal);
+    TEST_ASSERT_EQUAL_STRING("rpm", variable("b")->unit->name);
+    TEST_ASSERT_EQUAL_DOUBLE(-10, variable("b")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(99, variable("b")->maximum);
+    TEST_ASSERT_EQUAL_DOUBLE(1, variable("b")->nominal);
+    TEST_ASSERT_EQUAL_DOUBLE(-1, variable("c")->minimum);
+    TEST_ASSERT_EQUAL_DOUBLE(9, variable("c")->maximum);
+}
+
+static void test_many_variables_and_aliases(void) {
+    enum { COUNT = 3000, EACH = 100 };
+    char *xml = malloc((size_t)COUNT * EACH + 400);
+    TEST_ASSERT_NOT_NULL(xml);
+    size_t used = (size_t)sprintf(xml, ROOT CO_SIMULATION "<ModelVariables>");
+    for (int i = 0; i < COUNT; i++) { /* all share one value reference */
+        used += (size_t)sprintf(xml + used,
+                                "<ScalarVariable name='v%d' valueReference='7'><Real unit='u%d'/>"
+                                "</ScalarVariable>\n",
+                                i, i % 200);
+    }
+    (void)sprintf(xml + used, "</ModelVariables>" END);
+    tl_status status = parse(xml);
+    free(xml);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    TEST_ASSERT_EQUAL_size_t(COUNT, model.variable_count);
+    TEST_ASSERT_EQUAL_size_t(200, model.unit_count);
+    for (int i = 0; i < COUNT; i++) { /* in their order, each with its unit */
+        char name[16];
+        (void)snprintf(name, sizeof name, "v%d", i);
+        TEST_ASSERT_EQUAL_STRING(name, model.variables[i].name);
+        (void)snprintf(name, sizeof name, "u%d", i % 200);
+        TEST_ASSERT_EQUAL_STRING(name, model.variables[i].unit->name);
+    }
+}
+
+static void test_what_is_not_known_is_passed_over(void) {
+    expect_ok(ROOT CO_SIMULATION
+              "<LogCategories><Category name='c'/></LogCategories>"
+              "<VendorAnnotations><Tool name='t'><ModelVariables><ScalarVariable/></ModelVariables>"
+              "<CoSimulation/><fmiModelDescription/></Tool></VendorAnnotations>"
+              "<ModelVariables><ScalarVariable name='v' valueReference='1' later='yes'><Real/>"
+              "<Annotations><Tool name='t'><Real start='no'/></Tool></Annotations></ScalarVariable></ModelVariables>"
+              "<ModelStructure><Outputs><Unknown index='1'/></Outputs></ModelStructure>" END);
+    TEST_ASSERT_EQUAL_size_t(1, model.variable_count);
+}
+
+static void test_a_largest_double_that_is_none_is_no_limit(void) {
+    expect_ok(with_variables("<ScalarVariable name='v' valueReference='1'>"
+                             "<Real min='-1.79769313486232E+308' max='1.79769313486232E+308'/></ScalarVariable>"));
+    TEST_ASSERT_TRUE(isinf(variable("v")->minimum));
+    TEST_ASSERT_TRUE(isinf(variable("v")->maximum));
+}
+
+static void test_other_encodings(void) {
+    expect_ok("\xEF\xBB\xBF<?xml version='1.0'?><fmiModelDescription fmiVersion='2.0' modelName='n' guid='g'>"
+              "<CoSimulation modelIdentifier='m'/><ModelVariables/></fmiModelDescription>");
+    expect_ok("<?xml version='1.0' encoding='ISO-8859-1'?><fmiModelDescription fmiVersion='2.0' modelName='m\xF6' "
+              "guid='g'><CoSimulation modelIdentifier='m'/><ModelVariables/></fmiModelDescription>");
+    TEST_ASSERT_EQUAL_STRING("m\xC3\xB6", model.name);
+}
+
+/* ---- Refused ------------------------------------------------------------------------------------------- */
+
+static void test_versions(void) {
+    expect_bad("<?xml version='1.0'?>\n\n<fmiModelDescription fmiVersion='1.0' modelName='m' modelIdentifier='m' "
+               "guid='g'/>",
+               3, "this is FMI 1.0, only FMI 2.0 can be run");
+    expect_bad("<fmiModelDescription fmiVersion='3.0' modelName='m' instantiationToken='t'/>", 1, "this is FMI 3.0");
+    expect_bad("<fmiModelDescription modelName='m' guid='g'/>", 1, "no attribute fmiVersion");
+    expect_bad("<html><body/></html>", 1, "the root is <html>, not <fmiModelDescription>");
+}
+
+static void test_mandatory_parts(void) {
+    expect_bad("<fmiModelDescription fmiVersion='2.0' guid='g'/>", 1,
+               "<fmiModelDescription> has no attribute modelName");
+    expect_bad("<fmiModelDescription fmiVersion='2.0' modelName='m'/>", 1, "no attribute guid");
+    expect_bad(ROOT "<CoSimulation/>\n" END, 3, "<CoSimulation> has no attribute modelIdentifier");
+    expect_bad(ROOT "<ModelExchange modelIdentifier='m'/><ModelVariables/>" END, 4, "for Model Exchange only");
+    expect_bad(ROOT "<ModelVariables/>" END, 4, "there is no <CoSimulation>; export the model as FMI 2.0 for Co-Sim");
+    expect_bad(ROOT CO_SIMULATION END, 5, "there is no <ModelVariables>");
+    expect_bad(ROOT CO_SIMULATION CO_SIMULATION END, 4, "a second <CoSimulation>");
+    expect_bad(ROOT "<UnitDefinitions><Unit/></UnitDefinitions>" END, 3, "<Unit> has no attribute name");
+    expect_bad(ROOT "<TypeDefinitions><SimpleType/></TypeDefinitions>" END, 3, "<SimpleType> has no attribute name");
+    expect_bad(with_variables("<ScalarVariable valueReference='1'><Real/></ScalarVariable>"), 5,
+               "<ScalarVariable> has no attribute name");
+    expect_bad(with_variables("\n<ScalarVariable name='v'><Real/></ScalarVariable>"), 6, "no attribute valueReference");
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Enumeration/></ScalarVariable>"), 5,
+               "<Enumeration> has no attribute declaredType");
+}
+
+static void test_identifiers_stay_in_their_folder(void) {
+    expect_bad(ROOT "<CoSimulation modelIdentifier='../../m'/>" END, 3, "modelIdentifier=\"../../m\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='a/m'/>" END, 3, "is not the name of a file");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='a\\m'/>" END, 3, "is not the name of a file");
+    expect_bad(ROOT "<CoSimulation modelIdentifier=''/>" END, 3, "modelIdentifier=\"\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='..'/>" END, 3, "is not the name of a file");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m&#10;m'/>" END, 3, "is not the name of a file");
+}
+
+static void test_types_of_variables(void) {
+    expect_bad(with_variables("<ScalarVariable name='speed' valueReference='1'>\n\n</ScalarVariable>"), 5,
+               "variable \"speed\" has no type");
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/>\n<Integer/></ScalarVariable>"), 6,
+               "<Integer> is the second type");
+    expect_bad(ROOT "<TypeDefinitions><SimpleType name='T'/></TypeDefinitions>" END, 3,
+               "type \"T\" has none of <Real>");
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real declaredType='T'/></ScalarVariable>"),
+               5, "declaredType=\"T\" of variable \"v\" is not in <TypeDefinitions>");
+    expect_bad(ROOT CO_SIMULATION
+               "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType></TypeDefinitions>"
+               "<ModelVariables><ScalarVariable name='v' valueReference='1'><Integer declaredType='T'/>"
+               "</ScalarVariable></ModelVariables>" END,
+               4, "a type of another kind");
+}
+
+static void test_numbers(void) {
+    static const struct {
+        const char *type;
+        const char *part;
+    } cases[] = {
+        {"<Real start='INF'/>", "start=\"INF\" of <Real> is not a finite number"},
+        {"<Real start='-INF'/>", "not a finite number"},
+        {"<Real start='NaN'/>", "start=\"NaN\" of <Real> is not a number"},
+        {"<Real start='1e999'/>", "not a finite number"},
+        {"<Real start='1,5'/>", "start=\"1,5\""},
+        {"<Real start='0x10'/>", "not a number"},
+        {"<Real start=''/>", "not a number"},
+        {"<Real start='1.5 V'/>", "not a number"},
+        {"<Real start='infinity'/>", "not a number"},
+        {"<Real min='NaN'/>", "min=\"NaN\""},
+        {"<Real nominal='INF'/>", "nominal=\"INF\""},
+        {"<Real min='2' max='1'/>", "variable \"v\" has min 2 above max 1"},
+        {"<Integer start='1.0'/>", "start=\"1.0\" of <Integer> is not an integer"},
+        {"<Integer start='2147483648'/>", "not an integer of 32 bits"},
+        {"<Boolean start='True'/>", "start=\"True\" of <Boolean> is not true or false"},
+        {"<Boolean start='2'/>", "not true or false"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char xml[256];
+        (void)snprintf(xml, sizeof xml, "<ScalarVariable name='v' valueReference='1'>%s</ScalarVariable>",
+                       cases[i].type);
+        expect_bad(with_variables(xml), 5, cases[i].part);
+    }
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='-1'><Real/></ScalarVariable>"), 5,
+               "valueReference=\"-1\" of <ScalarVariable> is not an unsigned integer");
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='4294967296'><Real/></ScalarVariable>"), 5,
+               "valueReference=\"4294967296\"");
+    expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit m='0.5'/></Unit></UnitDefinitions>" END, 3, "m=\"0.5\"");
+    expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit factor='0'/></Unit></UnitDefinitions>" END, 3,
+               "factor=\"0\" of <BaseUnit> is not other than 0");
+    expect_bad(ROOT "<UnitDefinitions><Unit name='u'><BaseUnit/><BaseUnit/></Unit></UnitDefinitions>" END, 3,
+               "a second <BaseUnit> for unit \"u\"");
+    expect_bad(ROOT "<DefaultExperiment stepSize='-1'/>" END, 3, "stepSize=\"-1\"");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m' canGetAndSetFMUstate='yes'/>" END, 3,
+               "canGetAndSetFMUstate=\"yes\" of <CoSimulation> is not true or false");
+}
+
+static void test_words(void) {
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1' causality='Input'><Real/></ScalarVariable>"),
+               5,
+               "causality=\"Input\" of <ScalarVariable> is not one of parameter, calculatedParameter, input, output, "
+               "local, independent");
+    expect_bad(
+        with_variables("<ScalarVariable name='v' valueReference='1' variability='none'><Real/></ScalarVariable>"), 5,
+        "is not one of constant, fixed, tunable, discrete, continuous");
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1' initial='none'><Real/></ScalarVariable>"), 5,
+               "is not one of exact, approx, calculated");
+}
+
+static void test_names_given_twice(void) {
+    expect_bad(with_variables("<ScalarVariable name='v' valueReference='1'><Real/></ScalarVariable>\n"
+                              "<ScalarVariable name='w' valueReference='2'><Real/></ScalarVariable>\n"
+                              "<ScalarVariable name='v' valueReference='3'><Integer/></ScalarVariable>"),
+               7, "variable \"v\" is declared twice, first in line 5");
+    expect_bad(ROOT CO_SIMULATION
+               "<UnitDefinitions><Unit name='u'/>\n<Unit name='u'/></UnitDefinitions><ModelVariables/>" END,
+               5, "unit \"u\" is declared twice, first in line 4");
+    expect_bad(ROOT CO_SIMULATION "<TypeDefinitions><SimpleType name='T'><Real/></SimpleType>\n"
+                                  "<SimpleType name='T'><Real/></SimpleType></TypeDefinitions><ModelVariables/>" END,
+               5, "type \"T\" is declared twice");
+}
+
+static void test_xml_that_is_not_well_formed(void) {
+    expect_bad("", 1, "no well-formed XML");
+    expect_bad("no xml", 1, "no well-formed XML, column 1");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m'>\n", 4, "no well-formed XML");
+    expect_bad(ROOT CO_SIMULATION "</other>", 4, "mismatched tag");
+    expect_bad(ROOT "<CoSimulation modelIdentifier='m' modelIdentifier='m'/>", 3, "duplicate attribute");
+    expect_bad(ROOT CO_SIMULATION "&unknown;" END, 4, "undefined entity");
+    expect_bad("<?xml version='1.0' encoding='UTF-8'?><fmiModelDescription modelName='\xFF'/>", 1,
+               "no well-formed XML");
+}
+
+static void test_entities_cannot_expand(void) {
+    expect_bad("<?xml version='1.0'?>\n<!DOCTYPE lolz [<!ENTITY a 'ha'><!ENTITY b '&a;&a;&a;&a;&a;&a;&a;&a;'>"
+               "<!ENTITY c '&b;&b;&b;&b;&b;&b;&b;&b;'>]>\n<fmiModelDescription modelName='&c;'/>",
+               2, "<!DOCTYPE lolz> is refused");
+    expect_bad("<!DOCTYPE x SYSTEM 'http://localhost/x.dtd'>\n<x/>", 1, "<!DOCTYPE x> is refused");
+}
+
+static void test_depth_and_size(void) {
+    enum { DEEP = 100000 };
+    char *xml = malloc(3 * (size_t)DEEP + sizeof ROOT);
+    TEST_ASSERT_NOT_NULL(xml);
+    size_t used = (size_t)sprintf(xml, ROOT);
+    for (int i = 0; i < DEEP; i++) {
+        memcpy(xml + used, "<a>", 4);
+        used += 3;
+    }
+    expect_bad(xml, 3, "<a> is nested deeper than 64 elements");
+    free(xml);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse("", (size_t)TL_MODEL_DESCRIPTION_BYTES + 1, "box.fmu",
+                                                                  &arena, &model, &error));
+    TEST_ASSERT_EQUAL_STRING("box.fmu: modelDescription.xml is larger than 64 MiB; export fewer variables", error.text);
+}
+
+static void test_memory_is_out(void) {
+    tl_arena_seal(&arena);
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, parse(with_variables("")));
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "box.fmu: modelDescription.xml: out of memory"));
+}
+
+static void test_error_may_be_null(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse("<a/>", 4, "box.fmu", &arena, &model, NULL));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_read("/nowhere", "box.fmu", &arena, &model, NULL));
+}
+
+static void test_files(void) {
+    tl_status status = tl_model_description_read(TL_SOURCE_DIR "/fmus/motor/modelDescription.xml", "motor.fmu", &arena,
+                                                 &model, &error);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_OK, status);
+    TEST_ASSERT_EQUAL_INT(TL_TUNABLE, variable("d")->variability);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA,
+                          tl_model_description_read(TL_SOURCE_DIR "/none.xml", "box.fmu", &arena, &model, &error));
+    TEST_ASSERT_EQUAL_STRING("box.fmu: there is no modelDescription.xml in it: this is no FMU", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_read(TL_SOURCE_DIR, "box.fmu", &arena, &model, &error));
+    TEST_ASSERT_EQUAL_STRING("box.fmu: modelDescription.xml is no file: this is no FMU", error.text);
+}
+
+/* Every prefix of a good document is refused in an orderly way, and so is every document with one byte changed. */
+static void test_damaged_documents(void) {
+    char xml[1024];
+    (void)snprintf(xml, sizeof xml,
+                   ROOT CO_SIMULATION "<UnitDefinitions><Unit name='V'><BaseUnit kg='1'/></Unit></UnitDefinitions>"
+                                      "<TypeDefinitions><SimpleType name='T'><Real unit='V'/></SimpleType>"
+                                      "</TypeDefinitions><ModelVariables><ScalarVariable name='v' valueReference='1'>"
+                                      "<Real declaredType='T' start='1'/></ScalarVariable></ModelVariables>" END);
+    size_t length = strlen(xml);
+    for (size_t i = 0; i + 2 < length; i++) {
+        TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_model_description_parse(xml, i, "box.fmu", &arena, &model, &error));
+    }
+    for (size_t i = 0; i < length; i++) {
+        char good = xml[i];
+        static const char others[] = "<>'\"&/ 0x\n\xC3";
+        for (size_t k = 0; k + 1 < sizeof others; k++) {
+            xml[i] = others[k];
+            tl_status status = tl_model_description_parse(xml, length, "box.fmu", &arena, &model, &error);
+            TEST_ASSERT_TRUE(status == TL_OK || status == TL_BAD_DATA);
+        }
+        xml[i] = good;
+    }
+}
+
+/* ---- Values of attributes ------------------------------------------------------------------------------ */
+
+static void test_doubles(void) {
+    static const struct {
+        const char *text;
+        double value;
+    } good[] = {
+        {"0", 0},      {"-0.0", -0.0},         {"1.", 1},   {".5", 0.5}, {"+3e+2", 300}, {" \t7\n", 7}, {"1E-3", 1e-3},
+        {"00012", 12}, {"4.9e-324", 4.9e-324}, {"0.1", 0.1}};
+    static const char *const bad[] = {"",   " ",   ".",   "e5",  "1e",    "1e+",   "--1", "1 2", "1_0",
+                                      "1f", "Inf", "nan", "inf", "0x1p3", "1.2.3", "1d0", "+ 1", "1\xC2\xA0"};
+    for (size_t i = 0; i < sizeof good / sizeof good[0]; i++) {
+        double value = -1;
+        TEST_ASSERT_TRUE_MESSAGE(tl_xml_double(good[i].text, &value), good[i].text);
+        TEST_ASSERT_EQUAL_DOUBLE(good[i].value, value);
+    }
+    for (size_t i = 0; i < sizeof bad / sizeof bad[0]; i++) {
+        double value = 42;
+        TEST_ASSERT_FALSE_MESSAGE(tl_xml_double(bad[i], &value), bad[i]);
+        TEST_ASSERT_EQUAL_DOUBLE(42, value);
+    }
+    double value = 0;
+    TEST_ASSERT_TRUE(tl_xml_double("-INF", &value) && isinf(value) && value < 0);
+    TEST_ASSERT_TRUE(tl_xml_double("1e400", &value) && isinf(value) && value > 0);
+    TEST_ASSERT_TRUE(tl_xml_double("NaN", &value) && isnan(value));
+}
+
+static void test_doubles_in_a_locale_with_commas(void) {
+    double value = 0;
+    bool set = tl_comma_locale_set();
+    tl_locale_use();
+    bool understood = tl_xml_double("1.5", &value);
+    (void)setlocale(LC_ALL, "C");
+    TEST_ASSERT_TRUE_MESSAGE(set, "no locale with a decimal comma: run script/bootstrap");
+    TEST_ASSERT_TRUE(understood);
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, value);
+}
+
+static void test_integers_and_booleans(void) {
+    int32_t number = 0;
+    uint32_t reference = 0;
+    bool flag = false;
+    TEST_ASSERT_TRUE(tl_xml_int(" -2147483648 ", &number) && number == INT32_MIN);
+    TEST_ASSERT_TRUE(tl_xml_int("+2147483647", &number) && number == INT32_MAX);
+    TEST_ASSERT_TRUE(tl_xml_int("-0", &number) && number == 0);
+    TEST_ASSERT_FALSE(tl_xml_int("2147483648", &number));
+    TEST_ASSERT_FALSE(tl_xml_int("99999999999999999999999999", &number));
+    TEST_ASSERT_FALSE(tl_xml_int("", &number));
+    TEST_ASSERT_FALSE(tl_xml_int("-", &number));
+    TEST_ASSERT_FALSE(tl_xml_int("1e3", &number));
+    TEST_ASSERT_TRUE(tl_xml_unsigned("4294967295", &reference) && reference == UINT32_MAX);
+    TEST_ASSERT_FALSE(tl_xml_unsigned("4294967296", &reference));
+    TEST_ASSERT_FALSE(tl_xml_unsigned("-1", &reference));
+    TEST_ASSERT_TRUE(tl_xml_boolean("1", &flag) && flag);
+    TEST_ASSERT_TRUE(tl_xml_boolean(" false", &flag) && !flag);
+    TEST_ASSERT_FALSE(tl_xml_boolean("TRUE", &flag));
+    TEST_ASSERT_FALSE(tl_xml_boolean("", &flag));
+}
+
+static void test_names(void) {
+    TEST_ASSERT_EQUAL_STRING("calculatedParameter", tl_causality_name(TL_CALCULATED_PARAMETER));
+    TEST_ASSERT_EQUAL_STRING("tunable", tl_variability_name(TL_TUNABLE));
+    TEST_ASSERT_EQUAL_STRING("approx", tl_initial_name(TL_INITIAL_APPROX));
+    TEST_ASSERT_EQUAL_STRING("none", tl_initial_name(TL_INITIAL_NONE));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_root_and_capabilities);
+    RUN_TEST(test_capabilities_default_to_false);
+    RUN_TEST(test_variables_of_all_types);
+    RUN_TEST(test_what_is_not_given);
+    RUN_TEST(test_defaults_of_variability_and_initial);
+    RUN_TEST(test_units);
+    RUN_TEST(test_declared_types_are_inherited);
+    RUN_TEST(test_many_variables_and_aliases);
+    RUN_TEST(test_what_is_not_known_is_passed_over);
+    RUN_TEST(test_a_largest_double_that_is_none_is_no_limit);
+    RUN_TEST(test_other_encodings);
+    RUN_TEST(test_versions);
+    RUN_TEST(test_mandatory_parts);
+    RUN_TEST(test_identifiers_stay_in_their_folder);
+    RUN_TEST(test_types_of_variables);
+    RUN_TEST(test_numbers);
+    RUN_TEST(test_words);
+    RUN_TEST(test_names_given_twice);
+    RUN_TEST(test_xml_that_is_not_well_formed);
+    RUN_TEST(test_entities_cannot_expand);
+    RUN_TEST(test_depth_and_size);
+    RUN_TEST(test_memory_is_out);
+    RUN_TEST(test_error_may_be_null);
+    RUN_TEST(test_files);
+    RUN_TEST(test_damaged_documents);
+    RUN_TEST(test_doubles);
+    RUN_TEST(test_doubles_in_a_locale_with_commas);
+    RUN_TEST(test_integers_and_booleans);
+    RUN_TEST(test_names);
+    return UNITY_END();
+}

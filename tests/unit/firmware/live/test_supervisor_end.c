@@ -1,0 +1,133 @@
+/* The supervisor that is told to end: by a signal, by two, or by SIGKILL; and members that do not end when they are to. What each letter of a plan means: stage.h. */
+#include <signal.h>
+#include <stdlib.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/live/supervisor.h"
+#include "tests/support/stage.h"
+#include "tests/support/stderr_capture.h"
+
+static tl_stage *stage;
+
+void setUp(void) {
+    tl_stage_set();
+}
+
+void tearDown(void) {
+    tl_stage_clear();
+}
+
+/* The account survives the supervisor: here one in a process of its own, which is killed. */
+static void supervise_and_kill(void) {
+    (void)fflush(NULL);
+    pid_t supervisor = fork();
+    if (supervisor == 0) {
+        _exit(tl_supervise(&stage->settings, NULL));
+    }
+    for (int i = 0; i < 1000 && __atomic_load_n(&stage->last, __ATOMIC_ACQUIRE) == 0; i++) {
+        tl_stage_pause_ms(10);
+    }
+    tl_stage_pause_ms(100);
+    TEST_ASSERT_EQUAL_INT(0, kill(supervisor, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(supervisor, waitpid(supervisor, NULL, 0));
+}
+
+static void test_a_killed_supervisor_takes_its_child_along(void) {
+    tl_stage_cast(TL_MEMBER_TWIN, "w");
+    stage->settings.state = stage->scratch.folder;
+    supervise_and_kill();
+    for (int i = 0; i < 500 && kill(stage->last, 0) == 0; i++) {
+        tl_stage_pause_ms(10); /* until init has reaped it */
+    }
+    TEST_ASSERT_EQUAL_INT(-1, kill(stage->last, 0));
+    tl_stage_empty();
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("the supervisor was killed", stage->reason[0]);
+    TEST_ASSERT_TRUE(stage->again[0]);
+}
+
+static void test_told_to_end(void) {
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 200));
+}
+
+/* A child that does not end when it is told to is ended once it is silent; nobody begins a new one. */
+static void test_told_to_end_while_it_hangs(void) {
+    TEST_ASSERT_EQUAL_INT(75, tl_stage_end("s", SIGINT, 0));
+}
+
+/* It hangs, and yet its heart beats. That it was killed is an orderly end of the supervisor all the same. Two signals at once, as of a terminal and a
+ * shell, are one. */
+static void test_told_to_end_and_deaf(void) {
+    stage->settings.state = stage->scratch.folder;
+    TEST_ASSERT_EQUAL_INT(75, tl_stage_signal("b", SIGTERM, 200, 300));
+    TEST_ASSERT_EQUAL_INT(1, stage->starts);
+    tl_stage_expect_told(
+        "the twin failed when it was to end: it was told to end, and was still there 6 s later, in fmi2DoStep of "
+        "motor");
+    tl_stage_empty();
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_EQUAL_STRING("it was told to", stage->reason[0]);
+    TEST_ASSERT_FALSE(stage->again[0]);
+}
+
+/* Whoever presses Ctrl-C at once has done nothing wrong. */
+static void test_told_to_end_before_it_could_hear_it(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "d");
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("d", SIGTERM, 200));
+    char *log = tl_stderr_capture_end();
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    TEST_ASSERT_EQUAL_STRING("", log);
+    free(log);
+}
+
+/* Not before everybody hangs. */
+static int hurry(const char *plan) {
+    tl_time begun = tl_clock_now(NULL);
+    int code = tl_stage_signal(plan, SIGINT, 200, 1500);
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 12 * TL_SECOND);
+    return code;
+}
+
+/* Nobody waits for ever. */
+static void test_recorders_that_cannot_keep_all(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "bb");
+    TEST_ASSERT_EQUAL_INT(75, hurry("w"));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_RECORDER].starts);
+    tl_stage_expect_told(
+        "the recorder failed when it was to end: it was told to end, and was still there 2 s later, in fmi2DoStep "
+        "of motor");
+}
+
+/* The kernel gives no process any more: the end does not wait for one. */
+static void test_a_recorder_that_cannot_be_begun(void) {
+    tl_stage_cast(TL_MEMBER_RECORDER, "k------------------------------------------");
+    tl_time begun = tl_clock_now(NULL);
+    TEST_ASSERT_EQUAL_INT(75, tl_stage_end("w", SIGTERM, 500));
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 10 * TL_SECOND);
+    TEST_ASSERT_TRUE(stage->parts[TL_MEMBER_RECORDER].starts < 10);
+    tl_stage_expect_said("the recorder cannot be started: no process is left");
+}
+
+/* Whoever asks again waits for nobody. */
+static void test_asked_again_to_end(void) {
+    TEST_ASSERT_EQUAL_INT(75, hurry("b"));
+    tl_stage_expect_said("asked again to end: who has not ended in 2 s is killed");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_end");
+    RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
+    RUN_TEST(test_told_to_end);
+    RUN_TEST(test_told_to_end_while_it_hangs);
+    RUN_TEST(test_told_to_end_and_deaf);
+    RUN_TEST(test_told_to_end_before_it_could_hear_it);
+    RUN_TEST(test_recorders_that_cannot_keep_all);
+    RUN_TEST(test_a_recorder_that_cannot_be_begun);
+    RUN_TEST(test_asked_again_to_end);
+    return tl_stage_close(UNITY_END());
+}

@@ -1,0 +1,95 @@
+/* The supervisor and a service manager that has no turn: nobody waits for it, and what it is to know is told until it is heard. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/un.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/live/supervisor.h"
+#include "firmware/process/service.h"
+#include "tests/support/stage.h"
+
+static tl_stage *stage;
+
+void setUp(void) {
+    tl_stage_set();
+}
+
+void tearDown(void) {
+    tl_stage_clear();
+}
+
+static char notify_path[64];
+
+/* A socket that holds nothing more, and that nobody reads. */
+static int fill_notify_socket(void) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    (void)snprintf(notify_path, sizeof notify_path, "/tmp/twinlock-notify-%d", (int)getpid());
+    (void)snprintf(address.sun_path, sizeof address.sun_path, "%s", notify_path);
+    (void)unlink(notify_path);
+    int socket_ = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    int sender = socket(AF_UNIX, SOCK_DGRAM | SOCK_NONBLOCK, 0);
+    TEST_ASSERT_EQUAL_INT(0, bind(socket_, (struct sockaddr *)&address, sizeof address));
+    while (sendto(sender, "X", 1, 0, (struct sockaddr *)&address, sizeof address) == 1) {
+    }
+    (void)close(sender);
+    TEST_ASSERT_EQUAL_INT(0, setenv("NOTIFY_SOCKET", notify_path, 1));
+    return socket_;
+}
+
+/* It may be the hanging child that keeps it from having one. */
+static void test_nobody_waits_for_the_service_manager(void) {
+    int socket_ = fill_notify_socket();
+    tl_stage_expect_code("h0", 0);
+    (void)close(socket_);
+    (void)unlink(notify_path);
+}
+
+static bool hears(int socket_, const char *wanted) {
+    char text[TL_HEARTBEAT_STATUS] = "";
+    for (int i = 0; i < 500; i++) {
+        ssize_t size = recv(socket_, text, sizeof text - 1, 0);
+        text[size < 0 ? 0 : size] = '\0';
+        if (strcmp(text, wanted) == 0) {
+            return true;
+        }
+        tl_stage_pause_ms(size < 0 ? 10 : 0);
+    }
+    return false;
+}
+
+/* A service that is never ready is ended by systemd. */
+static void test_ready_is_told_until_it_is_heard(void) {
+    int socket_ = fill_notify_socket();
+    (void)setenv("WATCHDOG_USEC", "100000000", 1); /* who does not know that word was built without libsystemd */
+    pid_t self = getpid();
+    pid_t manager = fork();
+    if (manager == 0) {
+        tl_stage_pause_ms(500);
+        bool heard = hears(socket_, "READY=1");
+        (void)kill(self, SIGTERM);
+        _exit(heard ? 0 : 1);
+    }
+    tl_stage_expect_code("w", 0);
+    int how = 1;
+    TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
+    (void)close(socket_);
+    (void)unlink(notify_path);
+    if (tl_service_patience() == 0) {
+        TEST_IGNORE_MESSAGE("built without libsystemd");
+    }
+    TEST_ASSERT_EQUAL_INT(0, how);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
+    RUN_TEST(test_nobody_waits_for_the_service_manager);
+    RUN_TEST(test_ready_is_told_until_it_is_heard);
+    return tl_stage_close(UNITY_END());
+}

@@ -1,0 +1,204 @@
+/* The supervisor and a shadow: there on order, nobody's failure, and in the twin's place after a swap. What each letter of a plan means: stage.h. */
+#include <signal.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/live/supervisor.h"
+#include "tests/support/stage.h"
+
+static tl_stage *stage;
+
+void setUp(void) {
+    tl_stage_set();
+}
+
+void tearDown(void) {
+    tl_stage_clear();
+}
+
+/* So long after this was asked for the first time. */
+static bool is_later(tl_time time) {
+    tl_time now = tl_clock_now(NULL);
+    stage->at = stage->at == 0 ? now : stage->at;
+    return now - stage->at >= time;
+}
+
+static int supervise_both(const char *twin, const char *shadow, long ms, void (*play_)(bool, tl_orders *)) {
+    tl_stage_cast(TL_MEMBER_SHADOW, shadow);
+    stage->play_on = play_;
+    return tl_stage_signal_once(twin, SIGTERM, ms);
+}
+
+static void order_for_a_while(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->shadow = tl_stage_is_ready(TL_MEMBER_TWIN) && !is_later(TL_SECOND / 5);
+}
+
+static void test_a_shadow_is_there_on_order(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "w", 700, order_for_a_while));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].order);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].told);
+    TEST_ASSERT_EQUAL_INT(1, stage->starts);
+    tl_stage_expect_silence();
+}
+
+static void order_until_it_has_died(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->shadow = !tl_stage_has_died(TL_MEMBER_SHADOW);
+}
+
+/* Neither begun again, nor a failure: not in the account either. */
+static void expect_no_harm_by(const char *shadow) {
+    stage->settings.state = stage->scratch.folder;
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", shadow, 2500, order_until_it_has_died));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->starts);
+    tl_stage_expect_silence();
+    tl_stage_empty();
+    tl_stage_expect_code("0", 0);
+    TEST_ASSERT_EQUAL_UINT(0, stage->failures[0]);
+}
+
+static void test_a_shadow_that_crashes(void) {
+    expect_no_harm_by("c");
+}
+
+static void test_a_shadow_that_hangs(void) {
+    expect_no_harm_by("h");
+}
+
+static void test_a_shadow_that_cannot_begin(void) {
+    expect_no_harm_by("6");
+}
+
+static void test_a_shadow_that_thinks_that_all_is_over(void) {
+    expect_no_harm_by("0");
+}
+
+static void order_always(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->shadow = true;
+}
+
+static void test_the_shadow_ends_first(void) {
+    tl_stage_cast(TL_MEMBER_IO, "w");
+    tl_stage_cast(TL_MEMBER_RECORDER, "w");
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "w", 400, order_always));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].order);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_TWIN].order);
+    TEST_ASSERT_EQUAL_INT(4, stage->parts[TL_MEMBER_RECORDER].order);
+}
+
+/* And says nothing of the run. */
+static void test_a_shadow_that_does_not_end(void) {
+    tl_time begun = tl_clock_now(NULL);
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "b", 400, order_always));
+    TEST_ASSERT_TRUE(tl_clock_now(NULL) - begun < 6 * TL_SECOND);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
+    tl_stage_expect_silence();
+}
+
+/* ---- a swap ---- */
+
+/* Once both are well: they change places, and then the old twin is ended. */
+static void swap_and_let_go(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->swap = !stage->swapped && tl_stage_is_ready(TL_MEMBER_TWIN) && tl_stage_is_ready(TL_MEMBER_SHADOW);
+    orders->shadow = !stage->swapped && !orders->swap;
+}
+
+static void test_twin_and_shadow_change_places(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "w", 700, swap_and_let_go));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_SHADOW].order);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].starts);
+    tl_stage_expect_silence();
+}
+
+static void swap_and_kill(bool ends, tl_orders *orders) {
+    swap_and_let_go(ends, orders);
+    orders->shadow = true;
+    if (stage->swapped && !tl_stage_has_died(TL_MEMBER_SHADOW)) {
+        (void)kill(stage->parts[TL_MEMBER_SHADOW].pid, SIGKILL);
+    }
+}
+
+/* Now it is the twin, and followed by one in its place. */
+static void test_a_twin_that_was_a_shadow_and_dies(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "ww", 1000, swap_and_kill));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_SHADOW].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].starts);
+    TEST_ASSERT_EQUAL_INT(2, stage->starts);
+    TEST_ASSERT_TRUE(stage->again[1]);
+    TEST_ASSERT_EQUAL_UINT(1, stage->failures[1]);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 9, Killed", stage->reason[1]);
+}
+
+static void swap_with_a_dead_one(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->shadow = !stage->swapped && !tl_stage_has_died(TL_MEMBER_SHADOW);
+    orders->swap = !stage->swapped && tl_stage_has_died(TL_MEMBER_SHADOW) && tl_stage_is_ready(TL_MEMBER_TWIN);
+}
+
+/* It is not blamed for what it died of before. */
+static void test_a_shadow_that_is_dead_when_it_is_to_be_the_twin(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "cw", 1000, swap_with_a_dead_one));
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_SHADOW].starts);
+    TEST_ASSERT_EQUAL_INT(2, stage->starts);
+    TEST_ASSERT_TRUE(stage->again[1]);
+    TEST_ASSERT_EQUAL_UINT(0, stage->failures[1]);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 11, Segmentation fault, in fmi2DoStep of motor", stage->reason[1]);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].order); /* no longer ordered */
+}
+
+static void swap_once_the_twin_has_died(bool ends, tl_orders *orders) {
+    (void)ends;
+    bool is_time = tl_stage_has_died(TL_MEMBER_TWIN) && tl_stage_is_ready(TL_MEMBER_SHADOW);
+    orders->shadow = !stage->swapped && !is_time;
+    orders->swap = !stage->swapped && is_time;
+    if (!tl_stage_has_died(TL_MEMBER_TWIN) && tl_stage_is_ready(TL_MEMBER_TWIN) &&
+        tl_stage_is_ready(TL_MEMBER_SHADOW)) {
+        (void)kill(stage->parts[TL_MEMBER_TWIN].pid, SIGKILL);
+    }
+}
+
+/* The other one goes on; who has died is not needed any more. */
+static void test_a_twin_that_is_dead_when_another_one_is_to_take_over(void) {
+    TEST_ASSERT_EQUAL_INT(0, supervise_both("w", "w", 1000, swap_once_the_twin_has_died));
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_TWIN].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_SHADOW].starts);
+    tl_stage_expect_said("the twin failed: it was ended by signal 9, Killed");
+}
+
+static void kill_it(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->kill_twin = tl_stage_is_ready(TL_MEMBER_TWIN) && !tl_stage_has_died(TL_MEMBER_TWIN);
+}
+
+static void test_a_twin_that_does_not_hand_over(void) {
+    stage->play_on = kill_it;
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_signal_once("ww", SIGTERM, 700));
+    TEST_ASSERT_EQUAL_INT(2, stage->starts);
+    TEST_ASSERT_EQUAL_STRING("it did not end its run when another twin was to take over", stage->reason[1]);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_shadow");
+    RUN_TEST(test_a_shadow_is_there_on_order);
+    RUN_TEST(test_a_shadow_that_crashes);
+    RUN_TEST(test_a_shadow_that_hangs);
+    RUN_TEST(test_a_shadow_that_cannot_begin);
+    RUN_TEST(test_a_shadow_that_thinks_that_all_is_over);
+    RUN_TEST(test_the_shadow_ends_first);
+    RUN_TEST(test_a_shadow_that_does_not_end);
+    RUN_TEST(test_twin_and_shadow_change_places);
+    RUN_TEST(test_a_twin_that_was_a_shadow_and_dies);
+    RUN_TEST(test_a_shadow_that_is_dead_when_it_is_to_be_the_twin);
+    RUN_TEST(test_a_twin_that_is_dead_when_another_one_is_to_take_over);
+    RUN_TEST(test_a_twin_that_does_not_hand_over);
+    return tl_stage_close(UNITY_END());
+}

@@ -1,0 +1,113 @@
+/* Bringing back a twin that is lost: when, how often, and what is left alone. */
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/monitor/lock_rescue.h"
+
+enum { WINDOW = 100, PART = 10 }; /* steps of 10 ms */
+
+static tl_plan_adjust adjust[1];
+static tl_plan_match match[1];
+static tl_config config;
+static tl_account account;
+static tl_lock_rescue rescue;
+static tl_record record;
+static int64_t resets[32]; /* before these steps */
+static int count;
+
+void setUp(void) {
+    memset(&record, 0, sizeof record);
+    memset(&config, 0, sizeof config);
+    count = 0;
+    adjust[0].variable = "motor.d";
+    match[0] = (tl_plan_match){.variable = "motor.omega", .to = "plant.omega", .tolerance = 1, .weight = 1};
+    config.adjust = adjust;
+    config.adjust_count = 1;
+    config.match = match;
+    config.match_count = 1;
+    config.step = TL_SECOND / 100;
+    account.adjust[0] = (tl_account_adjust){.type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
+    tl_lock_rescue_init(&rescue, &config, &account);
+    record.outcome = TL_OPTIMISED;
+}
+
+void tearDown(void) {}
+
+/* Steps that are so many tolerances off, to one side and the other in turns. The twin begins anew when it shall. */
+static void run(double away, int steps) {
+    for (int i = 0; i < steps; i++) {
+        const tl_lock_change *change = NULL;
+        record.y[0] = i % 2 == 0 ? away : -away;
+        bool is_due = tl_lock_rescue_step(&rescue, &record, &change);
+        record.flags = is_due ? TL_FLAG_RESET : 0;
+        record.step++;
+        if (is_due) {
+            TEST_ASSERT_LESS_THAN_INT(32, count);
+            resets[count++] = record.step;
+        }
+    }
+}
+
+static void test_a_twin_in_lock_is_left_alone(void) {
+    run(0.5, 100 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(0, count);
+}
+
+/* Out of tolerance is not astray: a model that is not quite right would begin anew for ever. */
+static void test_a_twin_that_is_a_little_off_is_left_alone(void) {
+    run(4.9, 100 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(0, count);
+}
+
+static void test_a_twin_that_is_astray_begins_anew(void) {
+    run(0.5, 5 * WINDOW);
+    run(1000, 3 * PART);
+    TEST_ASSERT_EQUAL_INT(1, count);
+    TEST_ASSERT_EQUAL_INT64(5 * WINDOW + 3 * PART, resets[0]);
+    run(0.5, 100 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, count);
+}
+
+/* Each time it did not help, the pause is twice as long, up to ten minutes. */
+static void test_ever_more_seldom(void) {
+    run(1000, 100000);
+    TEST_ASSERT_GREATER_THAN_INT(5, count);
+    TEST_ASSERT_EQUAL_INT64(WINDOW, resets[0]);
+    for (int i = 2; i < count; i++) {
+        TEST_ASSERT_GREATER_THAN_INT64((resets[i - 1] - resets[i - 2]) * 3 / 2, resets[i] - resets[i - 1]);
+    }
+    run(1000, 400000);
+    int before = count;
+    run(1000, 2 * TL_LOCK_PAUSE_LAST * PART);
+    TEST_ASSERT_INT_WITHIN(1, before + 2, count);
+}
+
+/* In lock for some time it is as good as any, and is not kept waiting. */
+static void test_what_is_forgiven(void) {
+    run(1000, 10000);
+    int before = count;
+    run(0.5, (TL_LOCK_LEARNS + 20) * PART);
+    run(1000, 3 * PART);
+    TEST_ASSERT_EQUAL_INT(before + 1, count);
+}
+
+static void test_strokes_are_left_alone(void) {
+    config.event.start.signal = "plant.valve";
+    tl_lock_rescue_init(&rescue, &config, &account);
+    record.outcome = TL_NOMINAL;
+    record.objective = 1e9;
+    run(1000, 1000);
+    TEST_ASSERT_EQUAL_INT(0, count);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_a_twin_in_lock_is_left_alone);
+    RUN_TEST(test_a_twin_that_is_a_little_off_is_left_alone);
+    RUN_TEST(test_a_twin_that_is_astray_begins_anew);
+    RUN_TEST(test_ever_more_seldom);
+    RUN_TEST(test_what_is_forgiven);
+    RUN_TEST(test_strokes_are_left_alone);
+    return UNITY_END();
+}

@@ -1,0 +1,71 @@
+/* The words for the state of the lock, and what is enough of it. */
+#include <unity.h>
+
+#include "firmware/monitor/lock_tally.h"
+
+void setUp(void) {}
+
+void tearDown(void) {}
+
+static void expect_sentence(const char *expected, tl_lock_tally tally) {
+    char text[TL_LOCK_SENTENCE];
+    tl_lock_tally_write(&tally, text);
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+}
+
+static void test_the_sentence_at_the_end(void) {
+    expect_sentence("free: there was no step to judge", (tl_lock_tally){0});
+    expect_sentence("locked at the end; 100.0 % locked",
+                    (tl_lock_tally){.state = TL_LOCK_LOCKED, .steps = {[TL_LOCK_LOCKED] = 7}});
+    expect_sentence("lost at the end; 50.0 % locked, 10.0 % free, 15.0 % tracking, 5.0 % degraded, 20.0 % lost",
+                    (tl_lock_tally){.state = TL_LOCK_LOST, .steps = {10, 50, 15, 5, 20}});
+}
+
+/* No data must not look like a perfect fit. */
+static void test_a_run_that_was_never_in_lock(void) {
+    expect_sentence("never locked: no matched signal was ever good for long enough",
+                    (tl_lock_tally){.steps = {[TL_LOCK_FREE] = 1000}});
+    expect_sentence("lost at the end; never locked, 0.0 % locked, 100.0 % lost",
+                    (tl_lock_tally){.state = TL_LOCK_LOST, .steps = {[TL_LOCK_LOST] = 10}});
+}
+
+static void test_what_is_enough(void) {
+    const tl_lock_tally some = {
+        .steps = {[TL_LOCK_LOCKED] = 90, [TL_LOCK_TRACKING] = 5, [TL_LOCK_DEGRADED] = 5}, .windows = 9, .within = 90};
+    TEST_ASSERT_EQUAL_DOUBLE(95, tl_lock_tally_percent(&some));
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 0));
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&some, 95));
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&some, 95.1));
+}
+
+/* Without a percentage: once is enough, and who stops a run at its start has not failed. */
+static void test_what_ran_away_is_not_enough(void) {
+    const tl_lock_tally tally = {.steps = {[TL_LOCK_LOCKED] = 99, [TL_LOCK_LOST] = 1}, .ran_away = 1, .windows = 9};
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&tally, 0));
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&tally, 99));
+    expect_sentence("free at the end; 99.0 % locked, 1.0 % lost; ran away in 1 steps", tally);
+}
+
+static void test_what_is_enough_at_least(void) {
+    tl_lock_tally never = {.steps = {[TL_LOCK_FREE] = 5, [TL_LOCK_LOST] = 5}, .windows = 1};
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
+    never.within = 9;
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 0));
+    never.within = 10;
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&never, 0));
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 1));
+    never.within = 0;
+    never.windows = 0;
+    TEST_ASSERT_TRUE(tl_lock_tally_is_enough(&never, 0));
+    TEST_ASSERT_FALSE(tl_lock_tally_is_enough(&never, 1));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_the_sentence_at_the_end);
+    RUN_TEST(test_a_run_that_was_never_in_lock);
+    RUN_TEST(test_what_is_enough);
+    RUN_TEST(test_what_ran_away_is_not_enough);
+    RUN_TEST(test_what_is_enough_at_least);
+    return UNITY_END();
+}

@@ -1,0 +1,286 @@
+/* Bounds of a process and its folder, as the process that started it sees them. */
+#include "firmware/process/bounds.h"
+
+#include <fcntl.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "tests/support/scratch.h"
+
+enum { KILOBYTE = 1024, MEGABYTE = 1024 * 1024 };
+
+static tl_scratch scratch;
+static char text[TL_BOUNDS_TEXT];
+
+void setUp(void) {}
+
+void tearDown(void) {
+    tl_scratch_empty(&scratch);
+}
+
+static tl_bounds bounds(void) {
+    return (tl_bounds){.folder = scratch.folder, .bytes = 4 * MEGABYTE, .files = 600, .threads = 8};
+}
+
+static void write_file(const char *name, size_t kilobytes) {
+    char block[KILOBYTE];
+    FILE *file = fopen(tl_scratch_path(&scratch, name), "w");
+    TEST_ASSERT_NOT_NULL(file);
+    memset(block, 'a', sizeof block);
+    for (size_t i = 0; i < kilobytes; i++) {
+        TEST_ASSERT_EQUAL_size_t(1, fwrite(block, sizeof block, 1, file));
+    }
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+static void make_files(int first, int after_last) {
+    char name[32];
+    for (int i = first; i < after_last; i++) {
+        (void)snprintf(name, sizeof name, "%d", i);
+        write_file(name, 0);
+    }
+}
+
+/* ---- the folder ---- */
+
+static void what_is_within_is_kept_and_what_is_gone_too(void) {
+    tl_bounds kept = bounds();
+    write_file("file", 100);
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&kept, getpid(), text));
+    TEST_ASSERT_EQUAL_STRING("", text);
+    kept.folder = "/none/at/all";
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&kept, getpid(), text));
+    kept.folder = NULL;
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&kept, INT32_MAX, text));
+}
+
+static void too_many_bytes_are_found(void) {
+    tl_bounds broken = bounds();
+    write_file("file", 5 * KILOBYTE);
+    TEST_ASSERT_FALSE(tl_bounds_are_kept(&broken, getpid(), text));
+    TEST_ASSERT_EQUAL_STRING("more than 4 MB in the folder of the FMUs", text);
+    broken.bytes = 0;
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&broken, getpid(), text));
+}
+
+/* One of them is open twice, the other one only mapped, which root alone may see. That the disk has lost room is set here. */
+static void removed_files_are_counted_once_each(void) {
+    if (geteuid() != 0) {
+        TEST_IGNORE_MESSAGE("nobody but root may look at what is mapped");
+    }
+    tl_bounds looked = bounds();
+    looked.free_before = UINT64_MAX;
+    write_file("file", 3 * KILOBYTE);
+    write_file("other", 3 * KILOBYTE);
+    int one = open(tl_scratch_path(&scratch, "file"), O_RDONLY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(one >= 0);
+    int same = fcntl(one, F_DUPFD_CLOEXEC, 0);
+    int other = open(tl_scratch_path(&scratch, "other"), O_RDONLY | O_CLOEXEC);
+    TEST_ASSERT_TRUE(same >= 0 && other >= 0);
+    void *mapped = mmap(NULL, KILOBYTE, PROT_READ, MAP_PRIVATE, other, 0);
+    (void)close(other);
+    TEST_ASSERT_TRUE(mapped != MAP_FAILED);
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&scratch, "file")));
+    TEST_ASSERT_TRUE_MESSAGE(tl_bounds_are_kept(&looked, getpid(), text), text);
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&scratch, "other")));
+    looked.gone_before = 0;
+    TEST_ASSERT_FALSE(tl_bounds_are_kept(&looked, getpid(), text));
+    TEST_ASSERT_EQUAL_STRING("6 MB in files that FMUs have removed and hold open, of which 4 are allowed", text);
+    (void)munmap(mapped, KILOBYTE);
+    looked.gone_before = 0;
+    TEST_ASSERT_TRUE_MESSAGE(tl_bounds_are_kept(&looked, getpid(), text), text);
+    (void)close(same);
+    (void)close(one);
+}
+
+/* Holes take no space, and what a link leads to is somebody else's. */
+static void holes_and_links_do_not_count(void) {
+    tl_bounds kept = bounds();
+    int file = open(tl_scratch_path(&scratch, "sparse"), O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    TEST_ASSERT_TRUE(file >= 0 && ftruncate(file, (off_t)100 * MEGABYTE) == 0);
+    (void)close(file);
+    TEST_ASSERT_EQUAL_INT(0, symlink("/usr", tl_scratch_path(&scratch, "link")));
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&kept, getpid(), text));
+}
+
+/* A large folder is walked at each fifth look only. */
+static void too_many_files_are_found_within_five_looks(void) {
+    tl_bounds broken = bounds();
+    make_files(0, 599);
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&broken, getpid(), text));
+    make_files(599, 601);
+    int looks = 1;
+    while (looks < 10 && tl_bounds_are_kept(&broken, getpid(), text)) {
+        looks++;
+    }
+    TEST_ASSERT_EQUAL_INT(5, looks);
+    TEST_ASSERT_EQUAL_STRING("more than 600 files in the folder of the FMUs", text);
+}
+
+/* Makes `count` folders in each other and stays in the last; the way back. */
+static int go_down(int count, mode_t mode) {
+    int home = open(".", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    TEST_ASSERT_EQUAL_INT(0, chdir(scratch.folder));
+    for (int i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_INT(0, mkdir("deeper", mode));
+        TEST_ASSERT_EQUAL_INT(0, chdir("deeper"));
+    }
+    return home;
+}
+
+static void come_back(int count, int home) {
+    for (int i = 0; i < count; i++) {
+        TEST_ASSERT_EQUAL_INT(0, chdir(".."));
+        TEST_ASSERT_EQUAL_INT(0, rmdir("deeper"));
+    }
+    TEST_ASSERT_EQUAL_INT(0, fchdir(home));
+    (void)close(home);
+}
+
+static void folders_that_lie_too_deep_are_found(void) {
+    tl_bounds at = bounds();
+    int home = go_down(TL_BOUNDS_DEPTH - 1, 0700);
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&at, getpid(), text));
+    TEST_ASSERT_EQUAL_INT(0, mkdir("deeper", 0700));
+    bool kept = tl_bounds_are_kept(&at, getpid(), text);
+    TEST_ASSERT_EQUAL_INT(0, rmdir("deeper"));
+    come_back(TL_BOUNDS_DEPTH - 1, home);
+    TEST_ASSERT_FALSE(kept);
+    TEST_ASSERT_EQUAL_STRING("folders lie too deep in each other in the folder of the FMUs", text);
+}
+
+/* Root looks into everything, so another user looks. */
+static void a_folder_that_hides_is_found(void) {
+    int status = 0;
+    TEST_ASSERT_EQUAL_INT(0, chmod(scratch.folder, 0755));
+    TEST_ASSERT_EQUAL_INT(0, mkdir(tl_scratch_path(&scratch, "hidden"), 0300));
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        tl_bounds broken = bounds();
+        _exit((getuid() != 0 || setuid(65534) == 0) && !tl_bounds_are_kept(&broken, getpid(), text) &&
+                      strcmp(text, "a folder cannot be looked into in the folder of the FMUs") == 0
+                  ? EXIT_SUCCESS
+                  : EXIT_FAILURE);
+    }
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(tl_scratch_path(&scratch, "hidden")));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+
+/* ---- the process ---- */
+
+static void *wait_for_end(void *context) {
+    (void)pause();
+    return context;
+}
+
+/* A child that cannot be looked into, under a name that could be a line of its statistics, with threads and memory. It says when it is so far. */
+static pid_t start_child(int threads, size_t megabytes) {
+    int ready[2];
+    char said = '\0';
+    TEST_ASSERT_EQUAL_INT(0, pipe2(ready, O_CLOEXEC));
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        pthread_t thread;
+        (void)prctl(PR_SET_DUMPABLE, 0);
+        (void)prctl(PR_SET_NAME, "a) R 1 1 (b 1");
+        for (int i = 0; i < threads; i++) {
+            (void)pthread_create(&thread, NULL, wait_for_end, NULL);
+        }
+        char *memory = malloc(megabytes * MEGABYTE);
+        if (memory != NULL) {
+            memset(memory, 'y', megabytes * MEGABYTE);
+            (void)!write(ready[1], memory + megabytes * MEGABYTE - 1, 1); /* so that it is really written */
+        }
+        (void)pause();
+    }
+    (void)close(ready[1]);
+    TEST_ASSERT_EQUAL_INT(1, read(ready[0], &said, 1));
+    (void)close(ready[0]);
+    TEST_ASSERT_EQUAL_CHAR('y', said);
+    return child;
+}
+
+static void end_child(pid_t child) {
+    TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, NULL, 0));
+}
+
+static void threads_and_memory_of_another_process_are_found(void) {
+    tl_bounds at = bounds();
+    char expected[TL_BOUNDS_TEXT];
+    pid_t child = start_child(15, 64);
+    bool kept = tl_bounds_are_kept(&at, child, text);
+    (void)snprintf(expected, sizeof expected, "%s", text);
+    at.threads = 32; /* a sanitizer has some of its own */
+    bool kept_then = tl_bounds_are_kept(&at, child, text);
+    at.memory = (uint64_t)32 * MEGABYTE;
+    bool kept_last = tl_bounds_are_kept(&at, child, text);
+    end_child(child);
+    TEST_ASSERT_FALSE(kept);
+    TEST_ASSERT_NOT_NULL(strstr(expected, " threads, of which 8 are allowed"));
+    TEST_ASSERT_TRUE(strtol(expected, NULL, 10) >= 16);
+    TEST_ASSERT_TRUE(kept_then);
+    TEST_ASSERT_FALSE(kept_last);
+    TEST_ASSERT_NOT_NULL(strstr(text, " MB of memory, of which 33 are allowed"));
+    TEST_ASSERT_TRUE(strtol(text, NULL, 10) >= 64);
+}
+
+#if UINTPTR_MAX > UINT32_MAX /* else there is no room for so much */
+/* Looks at memory that is all zeroes, a place in each of the kernel's tables: the process itself has nothing in memory then. */
+static void look_at_nothing(void) {
+    static const size_t span = (size_t)1 << 35;
+    static const size_t apart = (size_t)2 * MEGABYTE;
+    char *memory = mmap(NULL, span, PROT_READ, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    char sum = '\0';
+    if (memory != MAP_FAILED && madvise(memory, span, MADV_NOHUGEPAGE) == 0) {
+        for (size_t at = 0; at < span; at += apart) {
+            sum = (char)(sum | *(const volatile char *)(memory + at));
+        }
+    }
+}
+
+static void tables_of_memory_count(void) {
+    tl_bounds at = {.memory = (uint64_t)48 * MEGABYTE};
+    TEST_ASSERT_TRUE(tl_bounds_are_kept(&at, getpid(), text));
+    (void)fflush(NULL);
+    pid_t child = fork();
+    if (child == 0) {
+        look_at_nothing();
+        _exit(tl_bounds_are_kept(&at, getpid(), text) ? EXIT_FAILURE : EXIT_SUCCESS);
+    }
+    int status = 0;
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+}
+#endif
+
+int main(void) {
+    UNITY_BEGIN();
+    tl_scratch_make(&scratch, "/tmp", "tl_bounds");
+    RUN_TEST(what_is_within_is_kept_and_what_is_gone_too);
+    RUN_TEST(too_many_bytes_are_found);
+    RUN_TEST(removed_files_are_counted_once_each);
+    RUN_TEST(holes_and_links_do_not_count);
+    RUN_TEST(too_many_files_are_found_within_five_looks);
+    RUN_TEST(folders_that_lie_too_deep_are_found);
+    RUN_TEST(a_folder_that_hides_is_found);
+    RUN_TEST(threads_and_memory_of_another_process_are_found);
+#if UINTPTR_MAX > UINT32_MAX
+    RUN_TEST(tables_of_memory_count);
+#endif
+    return tl_scratch_finish(&scratch, UNITY_END());
+}

@@ -1,0 +1,858 @@
+/* The versions on disk: what is kept, which one is active, what is found, what is removed, and which text runs at the start. */
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/retune/versions.h"
+#include "tests/support/config_text.h"
+#include "tests/support/scratch.h"
+#include "tests/support/stderr_capture.h"
+
+static tl_scratch state;
+static tl_scratch folder; /* STATE/versions */
+static tl_versions versions;
+static tl_version_choice choice;
+static tl_error error;
+
+void setUp(void) {
+    tl_scratch_empty(&folder);
+    (void)rmdir(folder.folder);
+    tl_scratch_empty(&state);
+    error = (tl_error){TL_OK, ""};
+    free(choice.text);
+    choice = (tl_version_choice){.text = NULL};
+}
+
+void tearDown(void) {
+    tl_versions_close(&versions);
+    free(choice.text);
+    choice.text = NULL;
+}
+
+static void open_here(void) {
+    tl_versions_close(&versions);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_open(state.folder, &versions, &error), error.text);
+}
+
+static uint64_t add_of(const char *text, tl_version_origin origin) {
+    uint64_t number = 0;
+    const tl_version_news news = {
+        text, strlen(text), "anna", "omega drifts", origin, TL_CHANGE_BY_RETUNE, TL_CHANGE_IN_PLACE};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&versions, &news, &number, &error), error.text);
+    return number;
+}
+
+static uint64_t add(const char *text) {
+    return add_of(text, TL_VERSION_BY_NETWORK);
+}
+
+static const tl_probation_account account = {
+    .terms = {60, 95.5, true}, .before_steps = 1000, .before_misses = 3, .left_ms = 60000};
+
+static void activate(uint64_t number, bool on_probation) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TL_OK, tl_versions_activate(&versions, number, on_probation ? &account : NULL, &error), error.text);
+}
+
+static void expect_result(uint64_t number, tl_version_result result, const char *reason) {
+    const tl_version *version = tl_versions_get(&versions, number);
+    TEST_ASSERT_NOT_NULL(version);
+    TEST_ASSERT_EQUAL_STRING(tl_version_result_name(result), tl_version_result_name(version->result));
+    TEST_ASSERT_EQUAL_STRING(reason, version->reason);
+}
+
+static void expect_text(uint64_t number, const char *expected) {
+    char *text = NULL;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_read(&versions, number, &text, &error), error.text);
+    TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
+}
+
+static void expect_choice(const char *file, const char *text, uint64_t number, bool is_candidate) {
+    free(choice.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        TL_OK, tl_versions_choose(&versions, file, file != NULL ? strlen(file) : 0, &choice, &error), error.text);
+    TEST_ASSERT_EQUAL_STRING(text, choice.text);
+    TEST_ASSERT_EQUAL_size_t(strlen(text), choice.size);
+    TEST_ASSERT_EQUAL_UINT64(number, choice.number);
+    TEST_ASSERT_EQUAL_INT(is_candidate, choice.is_candidate);
+}
+
+static void expect_no_choice(void) {
+    free(choice.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_choose(&versions, NULL, 0, &choice, &error));
+    TEST_ASSERT_EQUAL_STRING("there is no configuration: neither its file nor a version of it can be read", error.text);
+    TEST_ASSERT_NULL(choice.text);
+}
+
+/* The first one is "one", the active one; it was the file on the box. */
+static void begin(void) {
+    open_here();
+    expect_choice("one", "one", 0, true);
+    TEST_ASSERT_EQUAL_STRING("", choice.say);
+    activate(add_of("one", TL_VERSION_BY_START), false);
+}
+
+static void write_file(const char *name, const char *text) {
+    FILE *file = fopen(tl_scratch_path(&folder, name), "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+static bool exists(const char *name) {
+    return access(tl_scratch_path(&folder, name), F_OK) == 0;
+}
+
+/* The file of a version's text. */
+static const char *text_name(uint64_t number) {
+    static char name[TL_SHA256_TEXT + 8];
+    (void)snprintf(name, sizeof name, "%s.json", tl_versions_get(&versions, number)->hash);
+    return name;
+}
+
+/* ---- a life ---- */
+
+static void test_the_first_one(void) {
+    begin();
+    TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+    TEST_ASSERT_EQUAL_size_t(1, versions.count);
+    expect_result(1, TL_VERSION_ACTIVE, "");
+    open_here();
+    const tl_version *one = tl_versions_get(&versions, 1);
+    TEST_ASSERT_NOT_NULL(one);
+    TEST_ASSERT_EQUAL_UINT64(0, one->parent);
+    TEST_ASSERT_EQUAL_UINT64(3, one->size);
+    TEST_ASSERT_EQUAL_INT(TL_VERSION_BY_START, one->origin);
+    TEST_ASSERT_EQUAL_INT(TL_CHANGE_BY_RETUNE, one->right);
+    TEST_ASSERT_EQUAL_INT(TL_CHANGE_IN_PLACE, one->kind);
+    TEST_ASSERT_EQUAL_STRING("anna", one->who);
+    TEST_ASSERT_EQUAL_STRING("omega drifts", one->why);
+    TEST_ASSERT_EQUAL_size_t(64, strlen(one->hash));
+    TEST_ASSERT_EQUAL_size_t(24, strlen(one->at));
+    TEST_ASSERT_GREATER_THAN_UINT64(0, one->boottime_ms);
+    TEST_ASSERT_EQUAL_STRING(one->hash, versions.taken);
+    expect_result(1, TL_VERSION_ACTIVE, "");
+    expect_text(1, "one");
+    expect_choice("one", "one", 1, false);
+    expect_choice(NULL, "one", 1, false);
+}
+
+static void expect_probation(uint64_t left_ms) {
+    const tl_probation_account *kept = &versions.probation.account;
+    TEST_ASSERT_EQUAL_UINT64(2, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(2, versions.probation.version);
+    TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
+    TEST_ASSERT_EQUAL_UINT32(60, kept->terms.given_s);
+    TEST_ASSERT_EQUAL_DOUBLE(95.5, kept->terms.require_lock);
+    TEST_ASSERT_TRUE(kept->terms.must_confirm);
+    TEST_ASSERT_EQUAL_UINT64(1000, kept->before_steps);
+    TEST_ASSERT_EQUAL_UINT64(3, kept->before_misses);
+    TEST_ASSERT_EQUAL_UINT64(left_ms, kept->left_ms);
+    expect_result(2, TL_VERSION_PROBATION, "");
+    expect_result(1, TL_VERSION_ACTIVE, "");
+}
+
+static void test_probation(void) {
+    begin();
+    activate(add("two"), true);
+    expect_probation(60000);
+    open_here();
+    expect_probation(60000);
+    tl_probation_account passed = versions.probation.account;
+    passed.left_ms = 50000;
+    passed.steps = 1001;
+    passed.misses = 2;
+    passed.skipped = 1;
+    passed.lock[TL_LOCK_LOCKED] = 900;
+    passed.lock[TL_LOCK_LOST] = 101;
+    passed.lock_before[TL_LOCK_LOST] = 500;
+    passed.yardstick.match[1].tolerance = 0.1;
+    passed.yardstick.match[1].weight = 1e300;
+    (void)snprintf(passed.widened, sizeof passed.widened, "motor.omega: tolerance 1 → 3");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_pass(&versions, &passed, &error));
+    open_here();
+    expect_probation(50000);
+    TEST_ASSERT_EQUAL_UINT64(1001, versions.probation.account.steps);
+    TEST_ASSERT_EQUAL_UINT64(2, versions.probation.account.misses);
+    TEST_ASSERT_EQUAL_UINT64(1, versions.probation.account.skipped);
+    TEST_ASSERT_EQUAL_UINT64(900, versions.probation.account.lock[TL_LOCK_LOCKED]);
+    TEST_ASSERT_EQUAL_UINT64(101, versions.probation.account.lock[TL_LOCK_LOST]);
+    TEST_ASSERT_EQUAL_UINT64(500, versions.probation.account.lock_before[TL_LOCK_LOST]);
+    TEST_ASSERT_EQUAL_MEMORY(&passed.yardstick, &versions.probation.account.yardstick, sizeof passed.yardstick);
+    TEST_ASSERT_EQUAL_STRING("motor.omega: tolerance 1 → 3", versions.probation.account.widened);
+    expect_choice("one", "two", 2, false);
+}
+
+/* The file of an older program is no damaged one. */
+static void test_a_probation_without_a_yardstick(void) {
+    char path[PATH_MAX + 16];
+    begin();
+    activate(add("two"), true);
+    (void)snprintf(path, sizeof path, "%s/active.json", folder.folder);
+    char *text = tl_test_read_text(path);
+    char *key = strstr(text, "\"yardstick\"");
+    TEST_ASSERT_NOT_NULL(key);
+    key[1] = 'Y';
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT(0, fputs(text, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    free(text);
+    open_here();
+    expect_probation(60000);
+    TEST_ASSERT_FALSE(tl_lock_yardstick_is_there(&versions.probation.account.yardstick));
+}
+
+static void keep(uint64_t number) {
+    activate(number, true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "in lock", &error));
+}
+
+/* The one that somebody who may commission has brought, and that was kept; it is not removed, however many come. */
+static void test_the_version_that_was_commissioned_last(void) {
+    char text[32];
+    begin();
+    TEST_ASSERT_EQUAL_UINT64(1, tl_versions_commissioned(&versions)->number);
+    keep(add_of("by hand", TL_VERSION_BY_HAND));
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    activate(add_of("on probation", TL_VERSION_BY_HAND), true);
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
+    for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
+        (void)snprintf(text, sizeof text, "by retune %d", i);
+        keep(add(text));
+    }
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
+    expect_text(2, "by hand");
+}
+
+static void expect_after(uint64_t active, tl_version_result result, const char *reason) {
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_UINT64(active, versions.active);
+        TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
+        expect_result(2, result, reason);
+        expect_result(1, TL_VERSION_ACTIVE, "");
+        open_here();
+    }
+}
+
+static void test_kept(void) {
+    begin();
+    activate(add("two"), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "ben has confirmed it", &error));
+    expect_after(2, TL_VERSION_KEPT, "ben has confirmed it");
+    expect_choice("one", "two", 2, false);
+}
+
+static void test_returned(void) {
+    begin();
+    activate(add("two"), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "nobody confirmed it", &error));
+    expect_after(1, TL_VERSION_RETURNED, "nobody confirmed it");
+    expect_choice("one", "one", 1, false);
+}
+
+static void test_no_probation_is_under_way(void) {
+    begin();
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_keep(&versions, "", &error));
+    TEST_ASSERT_EQUAL_STRING("no version is on probation", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_return(&versions, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_pass(&versions, &account, &error));
+    TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+    expect_result(1, TL_VERSION_ACTIVE, "");
+}
+
+/* What is returned to is the last one that was good. */
+static void test_another_takes_its_place(void) {
+    begin();
+    activate(add("two"), true);
+    activate(add("three"), true);
+    TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_get(&versions, 3)->parent);
+    expect_result(2, TL_VERSION_RETURNED, "version 3 took its place");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
+    TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+    open_here();
+    expect_result(2, TL_VERSION_RETURNED, "version 3 took its place");
+    expect_result(3, TL_VERSION_RETURNED, "lost");
+}
+
+static void test_what_is_returned_to_needs_no_probation(void) {
+    begin();
+    activate(add("two"), true);
+    activate(1, true);
+    TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
+    expect_result(1, TL_VERSION_ACTIVE, "");
+    expect_result(2, TL_VERSION_RETURNED, "version 1 took its place");
+}
+
+/* One that was returned from is brought back. */
+static void test_another_life(void) {
+    begin();
+    activate(add("two"), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
+    activate(2, true);
+    for (int i = 0; i < 2; i++) {
+        expect_result(2, TL_VERSION_PROBATION, "");
+        TEST_ASSERT_EQUAL_UINT64(1, versions.probation.return_to);
+        open_here();
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost again", &error));
+    activate(2, false);
+    for (int i = 0; i < 2; i++) {
+        expect_result(2, TL_VERSION_ACTIVE, "");
+        open_here();
+    }
+}
+
+static void test_refused(void) {
+    begin();
+    uint64_t two = add_of("two", TL_VERSION_BY_RELOAD);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, two, "step_s is missing", &error));
+    for (int i = 0; i < 2; i++) {
+        expect_result(2, TL_VERSION_REFUSED, "step_s is missing");
+        TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+        expect_choice("two", "one", 1, false); /* it is not tried at each start */
+        open_here();
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add("three"), "", &error));
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.taken);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_refuse(&versions, 1, "", &error));
+    TEST_ASSERT_EQUAL_STRING("version 1 is active: it can be returned from, not refused", error.text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_refuse(&versions, 9, "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_activate(&versions, 9, NULL, &error));
+    TEST_ASSERT_EQUAL_STRING("there is no version 9", error.text);
+}
+
+static void test_words_of_strangers(void) {
+    uint64_t number = 0;
+    open_here();
+    const tl_version_news news = {"{}",
+                                  2,
+                                  "an\xFFna\x1b[31m",
+                                  "\"why\"\n\xC2\x9B",
+                                  TL_VERSION_BY_LIMITED,
+                                  TL_CHANGE_BY_COMMISSION,
+                                  TL_CHANGE_RESTART};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
+    open_here();
+    const tl_version *version = tl_versions_get(&versions, number);
+    TEST_ASSERT_EQUAL_STRING("an\\xFFna\\x1B[31m", version->who);
+    TEST_ASSERT_EQUAL_STRING("\"why\"\\x0A\\u{9B}", version->why);
+    TEST_ASSERT_EQUAL_STRING("limited", tl_version_origin_name(version->origin));
+}
+
+/* A reason that is no text, and one that is too long: what is written can be read. */
+static void test_reasons_of_strangers(void) {
+    char reason[3 * TL_VERSION_WHY];
+    for (size_t i = 0; i + 2 < sizeof reason; i += 2) {
+        memcpy(&reason[i], "\xC3\xA9", 3);
+    }
+    begin();
+    activate(add("two"), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "fmi2DoStep said \xC3\n", &error));
+    open_here();
+    expect_result(2, TL_VERSION_RETURNED, "fmi2DoStep said \\xC3\\x0A");
+    for (size_t cut = 0; cut < 2; cut++) {
+        activate(2, true);
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, reason + cut, &error));
+        open_here();
+        TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+        TEST_ASSERT_GREATER_THAN_size_t(TL_VERSION_WHY - 8, strlen(tl_versions_get(&versions, 2)->reason));
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add("three"), "\xFF", &error));
+    open_here();
+    expect_result(3, TL_VERSION_REFUSED, "\\xFF");
+}
+
+/* Bytes are kept as they are, a NUL too. */
+static void test_bytes(void) {
+    uint64_t number = 0;
+    char *text = NULL;
+    open_here();
+    const tl_version_news news = {"a\0b\r\n", 5, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
+    open_here();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_read(&versions, number, &text, &error));
+    TEST_ASSERT_EQUAL_MEMORY("a\0b\r\n", text, 6);
+    free(text);
+}
+
+/* ---- finding ---- */
+
+static void test_finding(void) {
+    char hash[TL_SHA256_TEXT];
+    begin();
+    (void)add("two");
+    (void)add("one");
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_find(&versions, "2", &error)->number);
+    (void)snprintf(hash, sizeof hash, "%s", tl_versions_get(&versions, 2)->hash);
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_find(&versions, hash, &error)->number);
+    hash[TL_VERSION_PREFIX] = '\0';
+    TEST_ASSERT_EQUAL_UINT64(2, tl_versions_find(&versions, hash, &error)->number);
+    (void)snprintf(hash, sizeof hash, "%s", tl_versions_get(&versions, 1)->hash);
+    TEST_ASSERT_EQUAL_UINT64(3, tl_versions_find(&versions, hash, &error)->number); /* the newest of that text */
+}
+
+static void test_finding_nothing(void) {
+    static const char *const wrong[] = {"", "4", "0", "-1", "latest", "1x", "aaaaa", "AAAAAA", "99999999999999999999"};
+    begin();
+    for (size_t i = 0; i < sizeof wrong / sizeof wrong[0]; i++) {
+        TEST_ASSERT_NULL_MESSAGE(tl_versions_find(&versions, wrong[i], &error), wrong[i]);
+    }
+    TEST_ASSERT_NULL(tl_versions_find(&versions, "latest", &error));
+    TEST_ASSERT_EQUAL_STRING(
+        "there is no version \"latest\": expected its number, or the first 6 digits of its hash or more", error.text);
+    TEST_ASSERT_NULL(tl_versions_find(&versions, "abcdef", &error));
+    TEST_ASSERT_EQUAL_STRING("no version has a hash that begins with abcdef", error.text);
+}
+
+/* Two texts whose hashes begin with the same six digits. */
+static void test_finding_several(void) {
+    enum { TEXTS = 20000, PREFIX = TL_VERSION_PREFIX };
+    char(*prefixes)[PREFIX + 1] = calloc(TEXTS, sizeof *prefixes);
+    char hash[TL_SHA256_TEXT];
+    char text[16];
+    char other[16] = "";
+    TEST_ASSERT_NOT_NULL(prefixes);
+    for (int i = 0; i < TEXTS && other[0] == '\0'; i++) {
+        int length = snprintf(text, sizeof text, "%d", i);
+        tl_sha256(text, (size_t)length, hash);
+        memcpy(prefixes[i], hash, PREFIX);
+        for (int k = 0; k < i && other[0] == '\0'; k++) {
+            if (memcmp(prefixes[k], hash, PREFIX) == 0) {
+                (void)snprintf(other, sizeof other, "%d", k);
+            }
+        }
+    }
+    free(prefixes);
+    TEST_ASSERT_NOT_EQUAL_INT('\0', other[0]);
+    open_here();
+    (void)add(text);
+    (void)add(other);
+    (void)snprintf(hash, sizeof hash, "%.*s", PREFIX, tl_versions_get(&versions, 1)->hash);
+    TEST_ASSERT_NULL(tl_versions_find(&versions, hash, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, " may be version 1 ("), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "): give more of its digits"), error.text);
+}
+
+/* ---- room ---- */
+
+static void test_the_newest_are_kept(void) {
+    char text[16];
+    begin();
+    activate(add("two"), false);
+    activate(add("three"), true);
+    for (int i = 0; i < 3 * TL_VERSIONS_MOST; i++) {
+        (void)snprintf(text, sizeof text, "%d", i % 2 == 0 ? 7 : i);
+        (void)add(text);
+        TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_VERSIONS_MOST, versions.count);
+    }
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_size_t(TL_VERSIONS_MOST, versions.count);
+        expect_text(1, "one");
+        expect_text(2, "two");
+        expect_text(3, "three");
+        expect_text(153, "149");
+        expect_text(152, "7");
+        expect_text(107, "103");
+        TEST_ASSERT_NULL(tl_versions_get(&versions, 106));
+        open_here();
+    }
+    /* a record each; one, two, three, "7" and 24 others; active.json */
+    TEST_ASSERT_EQUAL_INT(TL_VERSIONS_MOST + 4 + 24 + 1, tl_scratch_count(&folder));
+    TEST_ASSERT_EQUAL_UINT64(154, add("four"));
+}
+
+/* A parent that is needed is not the one that is returned to. */
+static void test_what_is_needed_is_kept(void) {
+    char text[16];
+    begin();
+    (void)add("x");
+    activate(add("two"), false);
+    activate(add("three"), true);
+    activate(add("four"), true); /* its parent is 4, and 3 is returned to */
+    for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
+        (void)snprintf(text, sizeof text, "%d", i);
+        (void)add(text);
+    }
+    TEST_ASSERT_EQUAL_UINT64(5, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(3, versions.probation.return_to);
+    TEST_ASSERT_NOT_NULL(tl_versions_get(&versions, 1));
+    TEST_ASSERT_NULL(tl_versions_get(&versions, 2));
+    for (uint64_t number = 3; number <= 5; number++) {
+        TEST_ASSERT_NOT_NULL(tl_versions_get(&versions, number));
+    }
+}
+
+static void test_bytes_are_bounded(void) {
+    enum { MEGABYTE = 1024 * 1024 };
+    char *text = malloc(MEGABYTE + 1);
+    TEST_ASSERT_NOT_NULL(text);
+    memset(text, 'x', MEGABYTE);
+    text[MEGABYTE] = '\0';
+    open_here();
+    for (int i = 0; i < 30; i++) {
+        text[0] = (char)('a' + i);
+        (void)add(text);
+        TEST_ASSERT_LESS_OR_EQUAL_size_t(16, versions.count);
+    }
+    TEST_ASSERT_EQUAL_size_t(16, versions.count);
+    TEST_ASSERT_NOT_NULL(tl_versions_get(&versions, 1));
+    TEST_ASSERT_NULL(tl_versions_get(&versions, 15));
+    TEST_ASSERT_NOT_NULL(tl_versions_get(&versions, 16));
+    TEST_ASSERT_EQUAL_INT(32, tl_scratch_count(&folder));
+    free(text);
+}
+
+/* ---- what is damaged ---- */
+
+static void test_damaged_record(void) {
+    static const char *const damages[] = {"", "{", "[]", "{\"version\": 2}", "\xFF"};
+    for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
+        setUp();
+        begin();
+        (void)add("two");
+        char name[TL_SHA256_TEXT + 8];
+        (void)snprintf(name, sizeof name, "%s", text_name(2));
+        write_file("2.record.json", damages[i]);
+        TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+        open_here();
+        char *said = tl_stderr_capture_end();
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(said, "/2.record.json: is damaged: version 2 cannot be brought back"),
+                                     said);
+        free(said);
+        TEST_ASSERT_EQUAL_size_t(1, versions.count);
+        TEST_ASSERT_TRUE(exists(name)); /* somebody may want to look */
+        TEST_ASSERT_EQUAL_UINT64(3, add("three"));
+    }
+}
+
+/* One value that cannot be. */
+static void test_record_that_cannot_be(void) {
+    static const char *const changes[][2] = {{"\"version\":\t1", "\"version\":\t2"},
+                                             {"\"parent\":\t0", "\"parent\":\t1"},
+                                             {"\"bytes\":\t3", "\"bytes\":\t16777217"},
+                                             {"\"bytes\":\t3", "\"bytes\":\t-3"},
+                                             {"\"origin\":\t\"start\"", "\"origin\":\t\"mars\""},
+                                             {"\"right\":\t\"retune\"", "\"right\":\t\"read\""},
+                                             {"\"kind\":\t\"in place\"", "\"kind\":\t\"\""},
+                                             {"\"result\":\t\"active\"", "\"result\":\t7"},
+                                             {"\"hash\":\t\"7", "\"hash\":\t\"g"},
+                                             {"\"who\":", "\"whom\":"}};
+    begin();
+    char *record = tl_test_read_text(tl_scratch_path(&folder, "1.record.json"));
+    TEST_ASSERT_NOT_NULL(record);
+    for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
+        char *changed = tl_test_replaced(record, changes[i][0], changes[i][1]);
+        TEST_ASSERT_NOT_NULL_MESSAGE(changed, changes[i][0]);
+        write_file("1.record.json", changed);
+        free(changed);
+        TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+        open_here();
+        free(tl_stderr_capture_end());
+        TEST_ASSERT_EQUAL_size_t_MESSAGE(0, versions.count, changes[i][1]);
+    }
+    write_file("1.record.json", record);
+    free(record);
+    open_here();
+    TEST_ASSERT_EQUAL_size_t(1, versions.count);
+}
+
+/* A stranger's number: the last one there can be. */
+static void test_no_number_is_left(void) {
+    uint64_t number = 0;
+    const tl_version_news news = {"two", 3, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    begin();
+    write_file("999999999999999.record.json", "");
+    (void)tl_stderr_capture_begin();
+    open_here();
+    free(tl_stderr_capture_end());
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_add(&versions, &news, &number, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/versions: there is a record with the last number"), error.text);
+    TEST_ASSERT_EQUAL_size_t(1, versions.count);
+    write_file("1000000000000000.record.json", ""); /* is not one of ours */
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&folder, "999999999999999.record.json")));
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(2, add("two"));
+}
+
+static void test_damaged_text(void) {
+    char *text = NULL;
+    begin();
+    activate(add("two"), false);
+    write_file(text_name(2), "twp");
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_read(&versions, 2, &text, &error));
+    TEST_ASSERT_NULL(text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "version 2 cannot be read: "), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "is damaged"), error.text);
+    write_file(text_name(2), "two and more");
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_read(&versions, 2, &text, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_read(&versions, 9, &text, &error));
+    TEST_ASSERT_EQUAL_UINT64(3, add("two")); /* which mends it */
+    expect_text(2, "two");
+}
+
+static void test_falling_back(void) {
+    begin();
+    activate(add("two"), false);
+    activate(add("three"), true);
+    TEST_ASSERT_EQUAL_INT(0, unlink(tl_scratch_path(&folder, text_name(3))));
+    expect_choice("one", "two", 2, false);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "version 3 cannot be read: "), choice.say);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "; version 2 runs in its place"), choice.say);
+    TEST_ASSERT_EQUAL_UINT64(2, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
+    write_file(text_name(2), "");
+    open_here();
+    expect_choice("one", "one", 1, false);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "version 1 runs in its place"), choice.say);
+    write_file(text_name(1), "");
+    expect_no_choice();
+    TEST_ASSERT_EQUAL_UINT64(1, versions.active);
+}
+
+/* The file on the box is the same as the damaged one: it mends it. */
+static void test_the_file_mends_the_active_one(void) {
+    begin();
+    write_file(text_name(1), "");
+    expect_choice("one", "one", 1, false);
+    expect_text(1, "one");
+}
+
+static void test_falling_back_to_the_file(void) {
+    begin();
+    activate(add("two"), true);
+    write_file(text_name(1), "");
+    write_file(text_name(2), "");
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("other", TL_VERSION_BY_RELOAD), "", &error));
+    expect_choice("other", "other", 0, true);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "the configuration's file runs in its place"), choice.say);
+    open_here();
+    TEST_ASSERT_EQUAL_UINT64(0, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(0, versions.probation.version);
+}
+
+static void test_damaged_active(void) {
+    static const char *const damages[] = {"", "{\"active\": 2}", "{\"active\": -1}", "[1]", NULL};
+    for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
+        setUp();
+        begin();
+        activate(add("two"), true);
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "good", &error));
+        activate(add("three"), true);
+        char *active = tl_test_read_text(tl_scratch_path(&folder, "active.json"));
+        char *changed = tl_test_replaced(active, "\"settled\":\t2", "\"settled\":\t1000000000000");
+        write_file("active.json", damages[i] != NULL ? damages[i] : changed);
+        free(active);
+        free(changed);
+        TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+        open_here();
+        char *said = tl_stderr_capture_end();
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(said,
+                                            "/active.json: is damaged; of the versions that are known to be good, "
+                                            "the newest is number 2\n"),
+                                     said);
+        free(said);
+        TEST_ASSERT_EQUAL_UINT64(2, versions.active);
+        expect_result(3, TL_VERSION_RETURNED, "it is not known why");
+        expect_choice("one", "two", 2, false); /* the file was not changed */
+        expect_choice("new", "new", 0, true);
+    }
+}
+
+/* A record that the power left behind what active.json says. */
+static void test_records_are_mended(void) {
+    begin();
+    activate(add("two"), true);
+    char *record = tl_test_read_text(tl_scratch_path(&folder, "2.record.json"));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_keep(&versions, "good", &error));
+    write_file("2.record.json", record);
+    free(record);
+    open_here();
+    expect_result(2, TL_VERSION_KEPT, "good");
+    write_file("active.json", ""); /* it is in the record now */
+    (void)tl_stderr_capture_begin();
+    open_here();
+    free(tl_stderr_capture_end());
+    TEST_ASSERT_EQUAL_UINT64(2, versions.active);
+}
+
+static void test_what_is_left_over(void) {
+    begin();
+    write_file("active.json.new-12-0", "{");
+    write_file("7.record.json.new-12-0", "{");
+    write_file("notes.txt", "mine");
+    write_file("0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef.json", "orphan");
+    open_here();
+    TEST_ASSERT_FALSE(exists("active.json.new-12-0"));
+    TEST_ASSERT_FALSE(exists("7.record.json.new-12-0"));
+    TEST_ASSERT_FALSE(exists("0123456789abcdef0123456789abcdef0123456789abcdef0123456789abcdef.json"));
+    TEST_ASSERT_TRUE(exists("notes.txt"));
+    TEST_ASSERT_EQUAL_size_t(1, versions.count);
+}
+
+/* ---- at the start ---- */
+
+static void test_an_edited_file(void) {
+    begin();
+    activate(add("two"), false);
+    expect_choice("one", "two", 2, false);
+    expect_choice("edited", "edited", 0, true);
+    TEST_ASSERT_EQUAL_STRING("the configuration's file was changed since it was taken last: it is tried", choice.say);
+    activate(add_of("edited", TL_VERSION_BY_START), true);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
+    open_here();
+    expect_choice("edited", "two", 2, false); /* it was tried */
+    expect_choice("one", "one", 0, true);     /* it was changed again */
+}
+
+/* Somebody copies what came by the network into the file: that is no change, and when another comes by the network, the file is not new. */
+static void test_a_file_that_follows(void) {
+    begin();
+    activate(add("two"), false);
+    expect_choice("two", "two", 2, false);
+    TEST_ASSERT_EQUAL_STRING(tl_versions_get(&versions, 2)->hash, versions.taken);
+    activate(add("three"), false);
+    open_here();
+    expect_choice("two", "three", 3, false);
+}
+
+/* An old one is brought back: the file stays as it is, and is not tried again. */
+static void test_a_file_that_was_left(void) {
+    begin();
+    activate(add_of("two", TL_VERSION_BY_RELOAD), false);
+    activate(1, true);
+    open_here();
+    expect_choice("two", "one", 1, false);
+}
+
+static void test_a_first_file_that_was_refused(void) {
+    open_here();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("one", TL_VERSION_BY_START), "bad", &error));
+    expect_choice("one", "one", 0, true);
+    TEST_ASSERT_EQUAL_STRING("", choice.say);
+    expect_no_choice();
+}
+
+/* ---- a disk that refuses ---- */
+
+static void test_a_folder_that_cannot_be(void) {
+    FILE *file = fopen(folder.folder, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_versions_open(state.folder, &versions, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/versions: expected a folder that this user may read and write"),
+                                 error.text);
+    TEST_ASSERT_EQUAL_INT(0, unlink(folder.folder));
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_versions_open(folder.folder, &versions, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/versions/versions: cannot be made: No such file or directory"),
+                                 error.text);
+    char name[PATH_MAX];
+    memset(name, 'x', sizeof name);
+    name[sizeof name - 20] = '\0';
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_versions_open(name, &versions, &error));
+    TEST_ASSERT_NULL(versions.list);
+}
+
+static struct rlimit usual;
+
+static void fill_disk(void) {
+    struct rlimit none = usual;
+    none.rlim_cur = 0;
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &none));
+}
+
+static void empty_disk(void) {
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &usual));
+}
+
+static void expect_as_before(tl_status status) {
+    empty_disk();
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "not everything could be written: File too large"), error.text);
+    for (int i = 0; i < 2; i++) {
+        TEST_ASSERT_EQUAL_size_t(3, versions.count);
+        expect_probation(60000);
+        expect_result(3, TL_VERSION_CANDIDATE, "");
+        TEST_ASSERT_EQUAL_INT(7, tl_scratch_count(&folder));
+        open_here();
+    }
+    fill_disk();
+}
+
+static void test_a_full_disk(void) {
+    uint64_t number = 0;
+    const tl_version_news news = {"four", 4, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    (void)signal(SIGXFSZ, SIG_IGN);
+    TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &usual));
+    begin();
+    activate(add("two"), true);
+    (void)add_of("three", TL_VERSION_BY_RELOAD);
+    fill_disk();
+    expect_as_before(tl_versions_add(&versions, &news, &number, &error));
+    expect_as_before(tl_versions_activate(&versions, 3, &account, &error));
+    expect_as_before(tl_versions_refuse(&versions, 3, "bad", &error));
+    expect_as_before(tl_versions_pass(&versions, &account, &error));
+    expect_as_before(tl_versions_keep(&versions, "", &error));
+    expect_as_before(tl_versions_return(&versions, "", &error));
+    expect_choice("edited", "edited", 0, true); /* a run begins all the same */
+    expect_choice("one", "two", 2, false);
+    empty_disk();
+}
+
+int main(void) {
+    tl_scratch_make(&state, TL_BINARY_DIR, "versions");
+    (void)snprintf(folder.folder, sizeof folder.folder, "%.*s/versions", PATH_MAX - 20, state.folder);
+    UNITY_BEGIN();
+    RUN_TEST(test_the_first_one);
+    RUN_TEST(test_probation);
+    RUN_TEST(test_a_probation_without_a_yardstick);
+    RUN_TEST(test_the_version_that_was_commissioned_last);
+    RUN_TEST(test_kept);
+    RUN_TEST(test_returned);
+    RUN_TEST(test_no_probation_is_under_way);
+    RUN_TEST(test_another_takes_its_place);
+    RUN_TEST(test_what_is_returned_to_needs_no_probation);
+    RUN_TEST(test_another_life);
+    RUN_TEST(test_refused);
+    RUN_TEST(test_words_of_strangers);
+    RUN_TEST(test_reasons_of_strangers);
+    RUN_TEST(test_bytes);
+    RUN_TEST(test_finding);
+    RUN_TEST(test_finding_nothing);
+    RUN_TEST(test_finding_several);
+    RUN_TEST(test_the_newest_are_kept);
+    RUN_TEST(test_what_is_needed_is_kept);
+    RUN_TEST(test_bytes_are_bounded);
+    RUN_TEST(test_damaged_record);
+    RUN_TEST(test_record_that_cannot_be);
+    RUN_TEST(test_no_number_is_left);
+    RUN_TEST(test_damaged_text);
+    RUN_TEST(test_falling_back);
+    RUN_TEST(test_the_file_mends_the_active_one);
+    RUN_TEST(test_falling_back_to_the_file);
+    RUN_TEST(test_damaged_active);
+    RUN_TEST(test_records_are_mended);
+    RUN_TEST(test_what_is_left_over);
+    RUN_TEST(test_an_edited_file);
+    RUN_TEST(test_a_file_that_follows);
+    RUN_TEST(test_a_file_that_was_left);
+    RUN_TEST(test_a_first_file_that_was_refused);
+    RUN_TEST(test_a_folder_that_cannot_be);
+    RUN_TEST(test_a_full_disk);
+    setUp();
+    return tl_scratch_finish(&state, UNITY_END());
+}

@@ -1,0 +1,261 @@
+/* Versions of much memory: any order, to the byte, whether the kernel tells what was written or all is compared. */
+#include <fcntl.h>
+#include <malloc.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_pages.h"
+#include "firmware/rollback/fmu_written.h"
+#include "tests/support/random_numbers.h"
+
+enum { SKIPPED = 77, FIXED = 40, GROWING = 200, VERSIONS = 24, ROUNDS = 3000, ALL = FIXED + GROWING, LASTING = 2000 };
+
+static unsigned char *memory; /* two ranges with a gap between them, the second one first in memory */
+static tl_fmu_pages *pages;
+static tl_fmu_version versions[VERSIONS];
+static unsigned char *copies[VERSIONS];
+static size_t used_of[VERSIONS];
+static size_t used;
+static tl_test_random dice;
+
+static unsigned char *fixed(void) {
+    return memory + (size_t)(GROWING + 3) * TL_FMU_PAGE;
+}
+
+void setUp(void) {
+    tl_error error;
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    memory = mmap(NULL, (size_t)(ALL + 3) * TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    TEST_ASSERT_TRUE(memory != MAP_FAILED);
+    const tl_fmu_place ranges[] = {{.begin = fixed(), .size = FIXED * TL_FMU_PAGE, .has_pages = true},
+                                   {.begin = memory, .size = GROWING * TL_FMU_PAGE, .has_pages = true}};
+    pages = tl_fmu_pages_open(ranges, 2, &error);
+    TEST_ASSERT_NOT_NULL(pages);
+    TEST_ASSERT_EQUAL_INT(tl_fmu_written_serves(), tl_fmu_pages_are_told(pages));
+    for (int i = 0; i < VERSIONS; i++) {
+        copies[i] = calloc(ALL, TL_FMU_PAGE);
+    }
+    used = 10000;
+    dice = (tl_test_random){20261125};
+}
+
+void tearDown(void) {
+    for (int i = 0; i < VERSIONS; i++) {
+        tl_fmu_pages_forget(pages, &versions[i]);
+        free(copies[i]);
+    }
+    (void)munmap(memory, (size_t)(ALL + 3) * TL_FMU_PAGE);
+}
+
+static size_t random_below(size_t most) {
+    return tl_test_random_below(&dice, most);
+}
+
+static void write_some(void) {
+    for (size_t i = random_below(6); i > 0; i--) {
+        fixed()[random_below((size_t)FIXED * TL_FMU_PAGE)]++;
+        memory[random_below(used)]++;
+    }
+    if (random_below(10) == 0 && used + 50000 < (size_t)GROWING * TL_FMU_PAGE) {
+        size_t more = random_below(50000);
+        memset(memory + used, 7, more);
+        used += more;
+    }
+}
+
+static void save(size_t i) {
+    tl_error error;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_pages_save(pages, used, &versions[i], &error));
+    memcpy(copies[i], fixed(), (size_t)FIXED * TL_FMU_PAGE);
+    memcpy(copies[i] + (size_t)FIXED * TL_FMU_PAGE, memory, used);
+    used_of[i] = used;
+}
+
+/* As the heap does: what lies behind is zero. */
+static void restore(size_t i) {
+    tl_fmu_pages_restore(pages, &versions[i]);
+    used = used_of[i];
+    memset(memory + used, 0, (size_t)GROWING * TL_FMU_PAGE - used);
+}
+
+static void expect(size_t i) {
+    TEST_ASSERT_EQUAL_MEMORY(copies[i], fixed(), (size_t)FIXED * TL_FMU_PAGE);
+    TEST_ASSERT_EQUAL_MEMORY(copies[i] + (size_t)FIXED * TL_FMU_PAGE, memory, used_of[i]);
+}
+
+static void test_any_order(void) {
+    for (int round = 0; round < ROUNDS; round++) {
+        size_t i = random_below(VERSIONS);
+        size_t what = random_below(8);
+        if (what < 4) {
+            write_some();
+            save(i);
+        } else if (what < 7 && versions[i].leaf != NULL) {
+            write_some();
+            restore(i);
+            expect(i);
+        } else if (what == 7 && random_below(4) == 0) {
+            tl_fmu_pages_forget(pages, &versions[i]);
+        }
+    }
+}
+
+/* Neither is the way back nor what is kept after it. */
+static void test_written_by_somebody_else(void) {
+    save(0);
+    memset(memory, 5, used);
+    tl_fmu_pages_lose(pages);
+    save(1);
+    restore(0);
+    expect(0);
+    restore(1);
+    expect(1);
+}
+
+/* EFAULT is what a page answers that nobody may write to. */
+static void test_a_system_call_may_write(void) {
+    int zeros = open("/dev/zero", O_RDONLY | O_CLOEXEC);
+    memset(fixed(), 9, (size_t)FIXED * TL_FMU_PAGE);
+    save(0);
+    TEST_ASSERT_EQUAL_INT(3 * TL_FMU_PAGE, read(zeros, fixed() + 100, 3 * TL_FMU_PAGE));
+    save(1);
+    restore(0);
+    expect(0);
+    restore(1);
+    expect(1);
+    TEST_ASSERT_EQUAL_INT(0, close(zeros));
+}
+
+/* Once it is seen what differs, a version is said to take that. */
+static void test_what_one_takes(void) {
+    save(0);
+    size_t supposed = tl_fmu_pages_size(pages);
+    for (size_t i = 1; i < VERSIONS; i++) {
+        fixed()[0]++;
+        memory[TL_FMU_PAGE]++;
+        save(i);
+    }
+    TEST_ASSERT_LESS_THAN_size_t(supposed / 16, tl_fmu_pages_size(pages));
+    TEST_ASSERT_GREATER_THAN_size_t(2 * TL_FMU_PAGE, tl_fmu_pages_size(pages));
+}
+
+static void write_all(void) {
+    for (size_t i = 0; i < FIXED; i++) {
+        fixed()[i * TL_FMU_PAGE]++;
+    }
+}
+
+/* Versions with much in them do not count if they are passed over, and count no more if it is measured anew. */
+static void test_what_says_nothing_of_those_to_come(void) {
+    test_what_one_takes();
+    size_t known = tl_fmu_pages_size(pages);
+    tl_fmu_pages_pass(pages, true);
+    write_all();
+    save(0);
+    restore(1);
+    restore(0);
+    tl_fmu_pages_pass(pages, false);
+    TEST_ASSERT_EQUAL_size_t(known, tl_fmu_pages_size(pages));
+    write_all();
+    save(1);
+    TEST_ASSERT_GREATER_THAN_size_t(FIXED * TL_FMU_PAGE, tl_fmu_pages_size(pages));
+    expect(1);
+    restore(0);
+    expect(0);
+    tl_fmu_pages_measure_anew(pages);
+    test_what_one_takes();
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(known + (size_t)FIXED * TL_FMU_PAGE / 2, tl_fmu_pages_size(pages));
+}
+
+/* What the C library has given out, and addresses that the process has. */
+typedef struct footprint {
+    size_t given_out;
+    unsigned long long pages;
+} footprint;
+
+static footprint footprint_now(void) {
+    static char text[64]; /* read by hand: a stream would allocate */
+    int file = open("/proc/self/statm", O_RDONLY | O_CLOEXEC);
+    ssize_t size = read(file, text, sizeof text - 1);
+    (void)close(file);
+    text[size > 0 ? size : 0] = '\0';
+    return (footprint){.given_out = mallinfo2().uordblks, .pages = strtoull(text, NULL, 10)};
+}
+
+static void write_to_three(void) {
+    for (size_t i = 0; i < 3; i++) {
+        memory[random_below(used)]++;
+    }
+}
+
+/* As a twin has it: the first versions tell how much one differs; then there is room for all, and none is made any more. */
+static void test_what_is_reserved_is_enough(void) {
+    for (size_t i = 0; i < 12; i++) {
+        write_to_three();
+        save(i % 2);
+        tl_fmu_pages_restore(pages, &versions[0]);
+    }
+    TEST_ASSERT_TRUE(tl_fmu_pages_reserve(pages, VERSIONS));
+    for (size_t i = 2; i < VERSIONS; i++) {
+        TEST_ASSERT_TRUE(tl_fmu_pages_reserve_version(pages, &versions[i]));
+    }
+    footprint before = footprint_now();
+    for (size_t i = 0; i < LASTING; i++) {
+        write_to_three();
+        save(i < VERSIONS ? i : random_below(VERSIONS));
+        tl_fmu_pages_restore(pages, &versions[random_below(i < VERSIONS ? i + 1 : VERSIONS)]);
+        footprint now = i % 16 == 0 || i + 1 == LASTING ? footprint_now() : before;
+        TEST_ASSERT_EQUAL_size_t(before.given_out, now.given_out);
+        TEST_ASSERT_EQUAL_UINT64(before.pages, now.pages);
+    }
+}
+
+static int run_all(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_is_reserved_is_enough);
+    RUN_TEST(test_any_order);
+    RUN_TEST(test_written_by_somebody_else);
+    RUN_TEST(test_a_system_call_may_write);
+    RUN_TEST(test_what_one_takes);
+    RUN_TEST(test_what_says_nothing_of_those_to_come);
+    return UNITY_END();
+}
+
+/* One that may open nothing when it begins: nobody tells it. */
+static int run_without_kernel(void) {
+    struct rlimit before;
+    (void)getrlimit(RLIMIT_NOFILE, &before);
+    const struct rlimit none = {.rlim_cur = 3, .rlim_max = before.rlim_max};
+    (void)setrlimit(RLIMIT_NOFILE, &none);
+    tl_fmu_written_begin();
+    (void)setrlimit(RLIMIT_NOFILE, &before);
+    return tl_fmu_written_serves() ? 1 : run_all();
+}
+
+int main(void) {
+    int status = 0;
+    if (!tl_fmu_allocation_serves()) {
+        printf("skipped: a sanitizer has an allocator of its own, and FMUs are not rolled back by their memory\n");
+        return SKIPPED;
+    }
+    (void)fflush(stdout);
+    pid_t child = fork();
+    if (child == 0) {
+        (void)close_range(3, ~0U, 0);
+        int result = run_without_kernel();
+        (void)fflush(stdout);
+        _exit(result);
+    }
+    bool is_right = child > 0 && waitpid(child, &status, 0) == child && status == 0;
+    printf("the kernel %s what was written\n", tl_fmu_written_serves() ? "tells" : "does not tell");
+    return run_all() != 0 || !is_right;
+}

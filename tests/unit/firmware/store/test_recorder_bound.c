@@ -1,0 +1,239 @@
+/* The recorder's bound: what is on disk stays below max_bytes, at every moment, and the oldest goes first. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include <sqlite3.h>
+
+#include "firmware/store/recorder.h"
+#include "tests/support/made_run.h"
+#include "tests/support/recorder_bench.h"
+#include "tests/support/sql.h"
+
+enum { MIB = 1024 * 1024 };
+
+static tl_recorder_bench bench;
+
+void setUp(void) {
+    tl_bench_begin(&bench);
+}
+
+void tearDown(void) {
+    tl_bench_end(&bench);
+}
+
+static tl_recorder_settings bounded(int64_t max_bytes) {
+    tl_recorder_settings settings = tl_made_settings(bench.path);
+    settings.max_bytes = max_bytes;
+    settings.wait_when_full = true;
+    return settings;
+}
+
+static void close_recorder(void) {
+    tl_bench_close(&bench, "end");
+    TEST_ASSERT_EQUAL_INT64(0, bench.counts.lost);
+}
+
+static int64_t size_of(const char *name) {
+    struct stat status;
+    return stat(name, &status) == 0 ? (int64_t)status.st_size : 0;
+}
+
+static int64_t size_on_disk(void) {
+    return size_of(bench.path) + size_of(bench.wal);
+}
+
+/* Puts ticks and looks at the disk all the while. */
+static int64_t put_watched(int64_t first, int64_t ticks) {
+    int64_t most = 0;
+    for (int64_t tick = first; tick < first + ticks; tick += 50) {
+        tl_made_put(bench.recorder, tick, 50);
+        int64_t size = size_on_disk();
+        most = size > most ? size : most;
+    }
+    return most;
+}
+
+/* A tick of the made run takes about 260 bytes on disk: 80,000 are 20 MiB. */
+static void expect_bound_within_one_run(int64_t max_bytes, int64_t ticks) {
+    const tl_recorder_settings settings = bounded(max_bytes);
+    tl_bench_open(&bench, &settings);
+    tl_recorder_event(bench.recorder, 0, TL_EVENT_INFO, "cycle", "the first event");
+    int64_t most = put_watched(0, ticks);
+    close_recorder();
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(max_bytes, most);
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(max_bytes, size_on_disk());
+    TEST_ASSERT_GREATER_THAN_INT64(max_bytes / 2, size_on_disk()); /* and it is used */
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(2 * ticks - 2 + 1, bench.counts.written);
+    TEST_ASSERT_EQUAL_INT64(ticks, tl_sql_integer(bench.path, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_STRING("the first event", tl_sql_text(bench.path, "SELECT text FROM events"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM configurations"));
+}
+
+/* What is left is the end of the run, without a gap, and the mark says where it begins. */
+static void expect_whole_end(int64_t ticks) {
+    int64_t first = tl_sql_integer(bench.path, "SELECT removed_before FROM runs");
+    TEST_ASSERT_GREATER_THAN_INT64(0, first);
+    TEST_ASSERT_EQUAL_INT64(first, tl_sql_integer(bench.path, "SELECT min(tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(first, tl_sql_integer(bench.path, "SELECT min(step) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(first, tl_sql_integer(bench.path, "SELECT min(step) FROM outputs"));
+    TEST_ASSERT_EQUAL_INT64(first, tl_sql_integer(bench.path, "SELECT min(step) FROM adjustments"));
+    TEST_ASSERT_EQUAL_INT64(ticks - 1, tl_sql_integer(bench.path, "SELECT max(tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64((ticks - first) * TL_MADE_PLANT,
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(ticks - first - 2, tl_sql_integer(bench.path, "SELECT count(*) FROM steps"));
+}
+
+static void test_within_one_run(void) {
+    expect_bound_within_one_run(2 * MIB, 80000);
+    expect_whole_end(80000);
+}
+
+static void test_the_smallest_bound(void) {
+    expect_bound_within_one_run(1000000, 20000);
+    expect_whole_end(20000);
+}
+
+static void test_several_runs(void) {
+    enum { RUNS = 8, TICKS = 10000 };
+    static char configuration[200000];
+    int64_t most = 0;
+    for (int run = 1; run <= RUNS; run++) {
+        tl_recorder_settings settings = bounded(2 * MIB);
+        memset(configuration, 'a' + run, sizeof configuration - 1); /* a large one, each time another */
+        settings.configuration = configuration;
+        tl_bench_open(&bench, &settings);
+        tl_recorder_event(bench.recorder, 0, TL_EVENT_INFO, "cycle", "an event");
+        int64_t seen = put_watched(0, TICKS);
+        close_recorder();
+        most = seen > most ? seen : most;
+        most = size_on_disk() > most ? size_on_disk() : most;
+    }
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(2 * MIB, most);
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+    TEST_ASSERT_EQUAL_INT64(RUNS, tl_sql_integer(bench.path, "SELECT max(run) FROM runs"));
+    TEST_ASSERT_LESS_THAN_INT64(4, tl_sql_integer(bench.path, "SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(tl_sql_integer(bench.path, "SELECT count(*) FROM runs"),
+                            tl_sql_integer(bench.path, "SELECT count(*) FROM configurations"));
+    /* nothing is left of runs that are gone */
+    static const char *const tables[] = {"signals", "samples", "steps", "outputs", "adjustments", "events"};
+    for (size_t i = 0; i < sizeof tables / sizeof tables[0]; i++) {
+        char sql[128];
+        (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM %s WHERE run NOT IN (SELECT run FROM runs)", tables[i]);
+        TEST_ASSERT_EQUAL_INT64_MESSAGE(0, tl_sql_integer(bench.path, sql), tables[i]);
+    }
+}
+
+static void test_a_run_that_is_partly_removed_says_so(void) {
+    tl_recorder_settings settings = bounded(0);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 6000);
+    close_recorder();
+    settings = bounded(2 * MIB);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 1000);
+    close_recorder();
+    int64_t mark = tl_sql_integer(bench.path, "SELECT removed_before FROM runs WHERE run = 1");
+    TEST_ASSERT_GREATER_THAN_INT64(0, mark);
+    TEST_ASSERT_EQUAL_INT64(mark, tl_sql_integer(bench.path, "SELECT min(tick) FROM samples WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(mark, tl_sql_integer(bench.path, "SELECT min(step) FROM steps WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(5999, tl_sql_integer(bench.path, "SELECT max(tick) FROM samples WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT removed_before IS NULL FROM runs WHERE run = 2"));
+    TEST_ASSERT_EQUAL_INT64(6000, tl_sql_integer(bench.path, "SELECT samples_written FROM runs WHERE run = 1"));
+}
+
+/* The file shrinks to a bound that was lowered, while the run goes on. */
+static void test_a_lowered_bound(void) {
+    tl_recorder_settings settings = bounded(0);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 40000);
+    close_recorder();
+    TEST_ASSERT_GREATER_THAN_INT64(8 * MIB, size_on_disk());
+    settings = bounded(2 * MIB);
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 20000);
+    close_recorder();
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(2 * MIB, size_on_disk());
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path, "SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_STRING("ok", tl_sql_text(bench.path, "PRAGMA integrity_check"));
+}
+
+/* The queue holds 512. */
+static void wait_for_events(int put) {
+    for (int i = 0; i < 1000 && tl_recorder_get_counts(bench.recorder).written < (uint64_t)put; i++) {
+        usleep(5000);
+    }
+}
+
+/* Events of the run that is written are kept as long as anything else can go, but not beyond the bound. */
+static void test_events_alone(void) {
+    const tl_recorder_settings settings = bounded(1000000);
+    char text[200];
+    int64_t most = 0;
+    memset(text, 'e', sizeof text - 1);
+    text[sizeof text - 1] = '\0';
+    tl_bench_open(&bench, &settings);
+    for (int i = 0; i < 8000; i++) {
+        tl_recorder_event(bench.recorder, i, TL_EVENT_WARNING, "plant", text);
+        if (i % 200 == 0) {
+            tl_made_put(bench.recorder, i, 2);
+            wait_for_events(i);
+            most = size_on_disk() > most ? size_on_disk() : most;
+        }
+    }
+    close_recorder();
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(1000000, most);
+    TEST_ASSERT_GREATER_OR_EQUAL_INT64(1000, tl_sql_integer(bench.path, "SELECT count(*) FROM events"));
+    TEST_ASSERT_EQUAL_INT64(7999, tl_sql_integer(bench.path, "SELECT max(tick) FROM events"));
+    TEST_ASSERT_EQUAL_INT64(8000, tl_sql_integer(bench.path, "SELECT events_written FROM runs"));
+}
+
+/* A reader that does not let go keeps the log from being written back: the bound holds, the recorder waits and says why. */
+static void test_a_reader_that_does_not_let_go(void) {
+    tl_recorder_settings settings = bounded(1000000);
+    sqlite3 *reader = NULL;
+    settings.wait_when_full = false;
+    tl_bench_open(&bench, &settings);
+    tl_made_put(bench.recorder, 0, 10);
+    usleep(100000);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &reader));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(reader, "BEGIN; SELECT count(*) FROM samples", NULL, NULL, NULL));
+    int64_t most = 0;
+    for (int64_t tick = 10; tick < 6010; tick += 50) {
+        tl_made_put(bench.recorder, tick, 50);
+        usleep(10000);
+        most = size_on_disk() > most ? size_on_disk() : most;
+    }
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(1000000, most);
+    TEST_ASSERT_LESS_THAN_UINT64(12000, tl_recorder_get_counts(bench.recorder).written);
+    (void)sqlite3_close(reader);
+    tl_recorder *closing = bench.recorder;
+    bench.recorder = NULL;
+    tl_bench_expect_ok(&bench, tl_recorder_close(closing, "end", &bench.counts, &bench.error));
+    TEST_ASSERT_EQUAL_INT64(12018, bench.counts.written + bench.counts.lost);
+    TEST_ASSERT_EQUAL_INT64(1, tl_sql_integer(bench.path,
+                                              "SELECT count(*) FROM events WHERE text LIKE 'cannot write: another"
+                                              " program has locked the database%'"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_sql_integer(bench.path, "SELECT count(*) FROM events WHERE text LIKE 'writes again after %'"));
+    TEST_ASSERT_LESS_OR_EQUAL_INT64(1000000, size_on_disk());
+}
+
+int main(void) {
+    /* In memory where that is possible: it is about sizes, and a disk would have to sync ten thousand times. */
+    tl_scratch_make(&bench.scratch, access("/dev/shm", W_OK) == 0 ? "/dev/shm" : TL_BINARY_DIR, "test_recorder_bound");
+    UNITY_BEGIN();
+    RUN_TEST(test_within_one_run);
+    RUN_TEST(test_the_smallest_bound);
+    RUN_TEST(test_several_runs);
+    RUN_TEST(test_a_run_that_is_partly_removed_says_so);
+    RUN_TEST(test_a_lowered_bound);
+    RUN_TEST(test_events_alone);
+    RUN_TEST(test_a_reader_that_does_not_let_go);
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
+}

@@ -1,0 +1,533 @@
+/* The writer: runs as they come out of outboxes, what a successor goes on with, what is waited for, and what is not believed. */
+#include <sqlite3.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/store/history.h"
+#include "firmware/store/outbox_parts.h"
+#include "firmware/store/recorder.h"
+#include "tests/support/faulty_vfs.h"
+#include "tests/support/made_run.h"
+#include "tests/support/sql.h"
+#include "tests/support/writer_bench.h"
+
+static tl_writer_bench bench;
+
+void setUp(void) {
+    tl_writer_bench_begin(&bench);
+    tl_log_set_level(TL_LOG_ERROR - 1);
+}
+
+void tearDown(void) {
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_end(&bench);
+}
+
+static int64_t ask(const char *sql) {
+    return tl_sql_integer(bench.path, sql);
+}
+
+static void write_now(void) {
+    tl_recorder_writer_write(bench.writer);
+}
+
+static uint64_t written(void) {
+    return tl_recorder_state_get(bench.state).written;
+}
+
+/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+
+static void test_a_run_is_what_its_beginning_says(void) {
+    tl_writer_bench_open(&bench);
+    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "before the run");
+    tl_outbox_event(&bench.twin, -1, TL_EVENT_INFO, "twin", "before the run");
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM runs")); /* they wait */
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).run);
+    tl_writer_bench_start(&bench, 12345);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(1, tl_recorder_state_get(bench.state).run);
+    TEST_ASSERT_EQUAL_STRING(bench.path, tl_recorder_writer_path(bench.writer));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL FROM runs"));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    write_now();
+    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "after the run");
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("run|SIGTERM|2026-11-21T00:00:00.000Z|2|0|10|10|3|0",
+                             tl_sql_text(bench.path, "SELECT verb || '|' || ended_reason || '|' || started || '|' ||"
+                                                     " prediction || '|' || lead || '|' || samples_written || '|' ||"
+                                                     " steps_written || '|' || events_written || '|' || entries_lost"
+                                                     " FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(12345, ask("SELECT start_ns FROM beginnings"));
+    TEST_ASSERT_EQUAL_STRING("unit 0, unit 1", tl_sql_text(bench.path, "SELECT group_concat(unit, ', ') FROM signals"
+                                                                       " WHERE kind = 'match'"));
+    TEST_ASSERT_EQUAL_STRING("motor.omega", tl_sql_text(bench.path, "SELECT name FROM signals WHERE kind = 'match'"));
+    TEST_ASSERT_EQUAL_STRING("component 0, component 1, component 2",
+                             tl_sql_text(bench.path, "SELECT group_concat(name, ', ') FROM components"));
+    TEST_ASSERT_EQUAL_UINT64(23, written());
+}
+
+static void test_stamps_count_from_the_start(void) {
+    const tl_time start = INT64_C(123456789012345);
+    tl_sample sample;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, start);
+    tl_made_sample(0, &sample);
+    sample.stamps[0] = start - 17;
+    sample.stamps[1] = start + 5;
+    sample.stamps[2] = TL_TIME_NEVER;
+    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "")); /* with what is put next it is handed over */
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_STRING("-17 5 never",
+                             tl_sql_text(bench.path, "SELECT group_concat(coalesce(stamp_ns, 'never'), ' ') FROM"
+                                                     " (SELECT stamp_ns FROM samples ORDER BY signal)"));
+    TEST_ASSERT_EQUAL_UINT64(1, written()); /* the start is no entry */
+}
+
+static void test_runs_follow_each_other(void) {
+    static tl_outbox_start start;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "first");
+    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = 8, .start = 2}};
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start)); /* its twin was killed */
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "second");
+    tl_writer_bench_put(&bench, 8, 10);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    start = (tl_outbox_start){.holds = true, .resumption = {.start = 3, .started = 1}};
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
+    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "third");
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("run not ended cleanly 10, run SIGTERM 10, hold open 10",
+                             tl_sql_text(bench.path, "SELECT group_concat(verb || ' ' || coalesce(ended_reason, 'open')"
+                                                     " || ' ' || samples_written, ', ') FROM runs"));
+    TEST_ASSERT_EQUAL_STRING("1 8 checkpoint",
+                             tl_sql_text(bench.path, "SELECT resumed_run || ' ' || resumed_tick || ' ' ||"
+                                                     " resumed_from FROM beginnings WHERE run = 2"));
+    TEST_ASSERT_EQUAL_STRING("1 first, 2 second, 3 third",
+                             tl_sql_text(bench.path, "SELECT group_concat(run || ' ' || text, ', ') FROM events"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM components WHERE run = 3"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM signals WHERE run = 3 AND kind <> 'plant'"));
+}
+
+static void test_checkpoints(void) {
+    size_t capacity = 0;
+    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, 5000));
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    for (int64_t tick = 0; tick < 40; tick += 10) {
+        tl_writer_bench_put(&bench, tick, 10);
+        memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+        tl_outbox_put_checkpoint(&bench.twin, tick + 9, 5000);
+        write_now();
+        TEST_ASSERT_EQUAL_UINT64((uint64_t)tick / 10 + 1, bench.state->taken[0].checkpoint);
+    }
+    memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+    tl_outbox_put_checkpoint(&bench.twin, INT64_MAX, 5000); /* which cannot be */
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_STRING("29, 39", tl_sql_text(bench.path, "SELECT group_concat(tick, ', ') FROM checkpoints"));
+}
+
+/* ---- Who goes on ------------------------------------------------------------------------------------------------- */
+
+static void test_a_run_goes_on_in_its_row(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_writer_bench_close_well(&bench); /* the process ends, the run does not */
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL FROM runs"));
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_put(&bench, 20, 10);
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("1 30 SIGTERM", tl_sql_text(bench.path, "SELECT run || ' ' || samples_written || ' ' ||"
+                                                                     " ended_reason FROM runs"));
+}
+
+/* Meanwhile another program has recorded into the file, and taken the run for one that was killed. */
+static void test_a_run_goes_on_after_another_program(void) {
+    tl_recorder *recorder = NULL;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    tl_writer_bench_close_well(&bench);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &bench.error));
+    tl_made_put(recorder, 0, 10);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "end", NULL, &bench.error));
+    TEST_ASSERT_EQUAL_STRING("not ended cleanly", tl_sql_text(bench.path, "SELECT ended_reason FROM runs"));
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL AND samples_written = 20 FROM runs WHERE run = 1"));
+}
+
+/* ---- What is waited for ------------------------------------------------------------------------------------------ */
+
+static void test_a_disk_that_is_full_at_first(void) {
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_NOT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).refused_since);
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_write_until(&bench, 20);
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).refused_since);
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %full%"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "writes again after %"));
+    TEST_ASSERT_EQUAL_INT(1, tl_scratch_count(&bench.scratch));
+}
+
+static void test_a_folder_that_comes_later(void) {
+    char folder[PATH_MAX];
+    char path[PATH_MAX + 8];
+    (void)snprintf(folder, sizeof folder, "%s", tl_scratch_path(&bench.scratch, "later"));
+    (void)snprintf(path, sizeof path, "%s/run.db", folder);
+    bench.record.path = path;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT(0, mkdir(folder, 0700));
+    tl_writer_bench_write_until(&bench, 20);
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(path, "SELECT samples_written FROM runs"));
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(folder));
+}
+
+static void test_a_lock_of_another_program(void) {
+    sqlite3 *other = NULL;
+    tl_writer_bench_record(&bench, 10);
+    tl_writer_bench_forget(&bench);
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_open(bench.path, &other));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "BEGIN IMMEDIATE", NULL, NULL, NULL));
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(0, written());
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_exec(other, "COMMIT", NULL, NULL, NULL));
+    TEST_ASSERT_EQUAL_INT(SQLITE_OK, sqlite3_close(other));
+    tl_writer_bench_write_until(&bench, 20);
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: another program has locked%"));
+}
+
+static void test_another_twinlock(void) {
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
+    tl_recorder *other = NULL;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &other, &bench.error));
+    bench.record.insistence = TL_DATABASE_IF_OURS;
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_try_open(&bench));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "another twinlock is writing it"));
+    bench.record.insistence = TL_DATABASE_ANYHOW;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(other, "end", NULL, &bench.error));
+    tl_writer_bench_write_until(&bench, 20);
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %another twinlock%"));
+}
+
+/* Said once, however often it is tried; and what there was no room for is counted. */
+static void test_what_a_full_disk_costs_is_counted(void) {
+    tl_sample sample;
+    uint64_t refused = 0;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_made_sample(10, &sample);
+    for (int64_t tick = 10; refused < 100; tick++) {
+        sample.tick = tick;
+        refused += tl_outbox_put_sample(&bench.twin, &sample) ? 0 : 1;
+    }
+    TEST_ASSERT_TRUE(tl_recorder_writer_is_pressed(bench.writer));
+    for (int i = 0; i < 10; i++) {
+        write_now();
+        TEST_ASSERT_FALSE(tl_recorder_writer_is_pressed(bench.writer)); /* each try costs, and would be in vain */
+    }
+    tl_faulty_vfs_refuse(SQLITE_OK, 0);
+    tl_writer_bench_close_well(&bench);
+    TEST_ASSERT_EQUAL_INT64(100, ask("SELECT entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "cannot write: %"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "100 samples, steps or events were lost: %"));
+}
+
+static void test_what_is_left_at_the_end(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    tl_faulty_vfs_refuse(SQLITE_FULL, 0);
+    tl_writer_bench_put(&bench, 10, 10);
+    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, "its last 21 entries could not be written: database or disk"),
+                                 bench.error.text);
+    TEST_ASSERT_EQUAL_UINT64(21, tl_recorder_state_get(bench.state).dropped);
+}
+
+/* What a power cut leaves: of a tick all or nothing, wherever a batch ends. */
+static void test_batches_end_between_ticks(void) {
+    bench.record.max_bytes = 1000000;
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    int64_t tick = 0;
+    unsigned batches = 0;
+    for (int64_t ticks = 1; ticks < 400; ticks += 7) {
+        tl_writer_bench_put(&bench, tick, ticks);
+        tick += ticks;
+        write_now();
+        for (int i = 0; i < 2; i++) { /* the last batch, and the one before */
+            const tl_recorder_mark *mark = &bench.state->marks[i];
+            TEST_ASSERT_EQUAL_UINT64(mark->totals.samples, mark->totals.steps);
+            batches += mark->totals.samples > 0 && mark->totals.samples + 1 < (uint64_t)tick ? 1 : 0;
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_UINT(20, batches);
+    tl_writer_bench_close_well(&bench);
+}
+
+/* ---- Outboxes that are not believed ------------------------------------------------------------------------------ */
+
+static void test_numbers_that_no_history_would_take(void) {
+    static tl_outbox_start start;
+    tl_sample sample;
+    tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_history *history = NULL;
+    const tl_history_run *run = NULL;
+    static const int64_t ticks[] = {INT64_MIN, -1, 5, INT64_MAX / 2, INT64_MAX};
+    tl_writer_bench_open(&bench);
+    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT,
+                                             .run = INT64_MAX,
+                                             .tick = INT64_MAX,
+                                             .start = INT64_MAX,
+                                             .started = INT64_MAX},
+                              .account = {.components = 1, .prediction = UINT32_MAX, .lead = UINT32_MAX}};
+    memcpy(start.account.component[0].name, "\xC3\xA4", 2);
+    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
+    for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
+        tl_made_sample(0, &sample);
+        sample.tick = ticks[i];
+        sample.stamps[0] = INT64_MIN;
+        sample.stamps[1] = INT64_MAX;
+        TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+        tl_made_record(0, &record);
+        record.step = ticks[i];
+        record.used = INT64_MIN;
+        memset(ledger, 0xFF, sizeof ledger);
+        TEST_ASSERT_TRUE(tl_outbox_put_step(&bench.twin, &record, ledger));
+        tl_outbox_event(&bench.twin, ticks[i], TL_EVENT_INFO, "\xFF", "\xC3");
+    }
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "\xFF"));
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_STRING("1 1 8", tl_sql_text(bench.path, "SELECT samples_written || ' ' || steps_written || ' ' ||"
+                                                              " entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_open(bench.path, &history, &bench.error), bench.error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_find(history, 1, &run, &bench.error), bench.error.text);
+    tl_history_ticks *walk = NULL;
+    tl_history_tick tick;
+    bool end = false;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, &walk, &bench.error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);
+    TEST_ASSERT_EQUAL_INT64(5, tick.sample.tick);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);
+    TEST_ASSERT_TRUE(end);
+    tl_history_ticks_end(walk);
+    const tl_run_component *components = NULL;
+    size_t count = 0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ledger(history, run, &components, &count, &bench.error),
+                                  bench.error.text);
+    tl_history_close(history);
+}
+
+/* It is said once; the others are written on; and a successor that has mended it is read on. */
+static void test_an_outbox_that_is_damaged(void) {
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_start(&bench, 1);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
+    tl_time before = tl_clock_now(NULL);
+    size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
+    tl_writer_bench_put(&bench, 10, 10);
+    memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
+    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    write_now();
+    write_now();
+    TEST_ASSERT_EQUAL_UINT64(21, written());
+    tl_time found = tl_recorder_writer_damage(bench.writer, 0);
+    TEST_ASSERT_TRUE(found >= before && found <= tl_clock_now(NULL));
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 1));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted by the process of the FMUs: it %"));
+    tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
+    tl_writer_bench_start(&bench, 2);
+    tl_writer_bench_put(&bench, 20, 10);
+    tl_writer_bench_write_until(&bench, 41);
+    TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 0));
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(
+        1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted by the process of the FMUs: it %"));
+}
+
+/* ---- Samples that do not come by the ring ---- */
+
+/* What io has read of a tick is told from what the twin hands over by its value. */
+static void take_of_plant(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
+    (void)context;
+    *sample = (tl_sample){.tick = tick, .instant = instant};
+    for (size_t i = 0; i < TL_MADE_PLANT; i++) {
+        sample->values[i] = 1e6;
+        sample->stamps[i] = instant;
+    }
+}
+
+static void open_with_plant(void) {
+    bench.plant = (tl_recorder_plant){.take = take_of_plant, .kept = 12 * TL_SECOND};
+    tl_writer_bench_open(&bench);
+}
+
+/* The next entry that the twin puts is written over. */
+static void spoil_next(void) {
+    size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.twin.written;
+    tl_writer_bench_put(&bench, 10, 10);
+    ((unsigned char *)bench.memory[0])[at + 30] ^= 1;
+}
+
+static void write_until_read_on(void) {
+    for (int i = 0; i < 1000 && bench.state->taken[0].ring != bench.twin.written; i++) {
+        write_now();
+        usleep(5000);
+    }
+    TEST_ASSERT_EQUAL_UINT64(bench.twin.written, bench.state->taken[0].ring);
+}
+
+static void expect_ticks(int64_t of_plant, int64_t all) {
+    TEST_ASSERT_EQUAL_INT64(all, ask("SELECT count(DISTINCT tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(all - 1, ask("SELECT max(tick) FROM samples"));
+    TEST_ASSERT_EQUAL_INT64(of_plant, ask("SELECT count(DISTINCT tick) FROM samples WHERE value = 1e6"));
+}
+
+/* Steps are lost with them, and nothing else is; also if another recorder goes on. */
+static void test_a_ring_that_is_skipped(void) {
+    open_with_plant();
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    spoil_next();
+    ((struct tl_outbox_control *)bench.memory[0])->lost += UINT64_C(1) << 40;
+    write_until_read_on();
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_open(&bench);
+    tl_writer_bench_put(&bench, 20, 10);
+    write_until_read_on();
+    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    tl_writer_bench_close_well(&bench);
+    expect_ticks(10, 30);
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT entries_lost FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(20, ask("SELECT count(*) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted %"));
+    tl_writer_bench_expect_whole(bench.path);
+}
+
+/* Up to where another run begins on the same clock; what the twin hands over after all replaces what io has read. */
+static void test_samples_that_the_twin_does_not_hand_over(void) {
+    tl_time start = tl_clock_now(NULL) - 11 * TL_SECOND;
+    open_with_plant();
+    tl_writer_bench_start(&bench, start);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    TEST_ASSERT_GREATER_THAN_INT64(
+        0, ask("SELECT count(*) FROM samples WHERE value = 1e6")); /* it may not come any more */
+    int64_t before = ask("SELECT max(tick) FROM samples");
+    TEST_ASSERT_TRUE(before > 9 && before < 400); /* but of these it may */
+    tl_writer_bench_put(&bench, 10, 1);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM samples WHERE tick = 10 AND value = 1e6"));
+    tl_writer_bench_start(&bench, start + 5 * TL_SECOND);
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(500, ask("SELECT count(DISTINCT tick) FROM samples WHERE run = 1"));
+    TEST_ASSERT_EQUAL_INT64(0, ask("SELECT sum(entries_lost) FROM runs"));
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+}
+
+/* Nobody knows to which run they belong. */
+static void test_a_beginning_that_is_skipped(void) {
+    open_with_plant();
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND);
+    tl_writer_bench_put(&bench, 0, 10);
+    write_now();
+    uint64_t at = bench.twin.written;
+    tl_writer_bench_start(&bench, tl_clock_now(NULL) - TL_SECOND / 2);
+    bench.twin.ring[at + 30] ^= 1;
+    write_until_read_on();
+    tl_writer_bench_put(&bench, 0, 20);
+    write_until_read_on();
+    TEST_ASSERT_EQUAL_INT64(1, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT count(*) FROM steps"));
+    TEST_ASSERT_EQUAL_INT64(10, ask("SELECT count(DISTINCT tick) FROM samples WHERE value <> 1e6"));
+    tl_writer_bench_start(&bench, tl_clock_now(NULL));
+    write_now();
+    TEST_ASSERT_EQUAL_INT64(2, ask("SELECT count(*) FROM runs"));
+    TEST_ASSERT_TRUE(ask("SELECT count(DISTINCT tick) FROM samples WHERE run = 1") >= 200);
+    tl_writer_bench_close_well(&bench);
+    tl_writer_bench_expect_whole(bench.path);
+}
+
+int main(void) {
+    tl_faulty_vfs_install();
+    tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_writer");
+    UNITY_BEGIN();
+    RUN_TEST(test_a_run_is_what_its_beginning_says);
+    RUN_TEST(test_stamps_count_from_the_start);
+    RUN_TEST(test_runs_follow_each_other);
+    RUN_TEST(test_checkpoints);
+    RUN_TEST(test_a_run_goes_on_in_its_row);
+    RUN_TEST(test_a_run_goes_on_after_another_program);
+    RUN_TEST(test_a_disk_that_is_full_at_first);
+    RUN_TEST(test_a_folder_that_comes_later);
+    RUN_TEST(test_a_lock_of_another_program);
+    RUN_TEST(test_another_twinlock);
+    RUN_TEST(test_what_a_full_disk_costs_is_counted);
+    RUN_TEST(test_what_is_left_at_the_end);
+    RUN_TEST(test_batches_end_between_ticks);
+    RUN_TEST(test_numbers_that_no_history_would_take);
+    RUN_TEST(test_an_outbox_that_is_damaged);
+    RUN_TEST(test_a_ring_that_is_skipped);
+    RUN_TEST(test_samples_that_the_twin_does_not_hand_over);
+    RUN_TEST(test_a_beginning_that_is_skipped);
+    return tl_scratch_finish(&bench.scratch, UNITY_END());
+}

@@ -1,0 +1,359 @@
+/* The checkpointer: when a twin is saved, and what is said where it is not. The clock is the real one, budgets are made up. */
+#include <stdio.h>
+#include <string.h>
+#include <unity.h>
+
+#include "firmware/base/clock.h"
+#include "firmware/twin/checkpointer.h"
+#include "firmware/twin/twin_recorder.h"
+#include "tests/support/scratch.h"
+#include "tests/support/sql.h"
+#include "tests/support/test_outbox.h"
+#include "tests/support/test_plan.h"
+
+enum { INTERVAL = 100 /* ticks: 10 s */, MUCH = 1 << 20 };
+
+static const tl_time STEP = TL_SECOND / 10;
+
+static tl_test_log call_log;
+static tl_test_fmu fmu;
+static tl_test_plan plan;
+static tl_test_run run;
+static tl_assembly assembly;
+static tl_journal journal;
+static tl_test_outbox box;
+static tl_checkpointer checkpointer;
+static tl_scratch scratch;
+static char path[PATH_MAX];
+static size_t padding; /* bytes that the FMU adds to its state */
+static tl_time delay;  /* that it takes for it */
+static fmi2SerializedFMUstateSizeTYPE *real_size;
+static fmi2SerializeFMUstateTYPE *real_serialize;
+
+static fmi2Status padded_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
+    fmi2Status status = real_size(component, state, size);
+    *size += padding;
+    return status;
+}
+
+static fmi2Status padded_serialize(fmi2Component component, fmi2FMUstate state, fmi2Byte *bytes, size_t size) {
+    tl_clock_sleep_until(tl_clock_now(NULL) + delay);
+    memset(bytes, 0, size);
+    return real_serialize(component, state, bytes, size);
+}
+
+void setUp(void) {
+    tl_test_log_clear(&call_log);
+    memset(&run, 0, sizeof run);
+    memset(&assembly, 0, sizeof assembly);
+    padding = 0;
+    delay = 0;
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "run.db"));
+    tl_test_fmu_init(&fmu, 1, false, &call_log);
+    fmu.model.capabilities.can_serialize_state = true;
+    real_size = fmu.functions.serialized_fmu_state_size;
+    real_serialize = fmu.functions.serialize_fmu_state;
+    fmu.functions.serialized_fmu_state_size = padded_size;
+    fmu.functions.serialize_fmu_state = padded_serialize;
+    tl_test_plan_init(&plan, STEP);
+    tl_test_plan_component(&plan, "motor", &fmu);
+    tl_test_plan_signal(&plan, "speed", TL_REAL, "");
+    tl_test_plan_adjust(&plan, "motor.u0", 1.0);
+    tl_test_plan_match(&plan, "motor.y0", "plant.speed", 0.5);
+}
+
+static void close_recorder(void) {
+    tl_test_outbox_close(&box);
+}
+
+void tearDown(void) {
+    close_recorder();
+    tl_twin_destroy(run.twin);
+    tl_test_fmu_end(&fmu);
+    tl_scratch_empty(&scratch);
+    TEST_ASSERT_EQUAL_STRING("", call_log.first_violation);
+}
+
+static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_outbox_event(context, tick, severity, source, text);
+}
+
+static void begin(size_t checkpoint_bytes) {
+    static const char *const COMPONENTS[] = {"motor", "plant"};
+    static const tl_recorder_signal SPEED = {.name = "plant.speed", .unit = "", .type = TL_REAL};
+    tl_test_run_init(&run, tl_test_plan_build(&plan));
+    TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
+    const tl_recorder_settings settings = {
+        .path = path,
+        .commit = TL_SECOND / 100,
+        .verb = "run",
+        .name = "test",
+        .configuration = "{}",
+        .step = STEP,
+        .plant = &SPEED,
+        .plant_count = 1,
+        .components = COMPONENTS,
+        .component_count = 2,
+    };
+    tl_test_outbox_open(&box, &settings, checkpoint_bytes);
+    tl_journal_init(&journal, NULL);
+    tl_journal_listen(&journal, put_event, &box.outbox);
+    assembly.twin = run.twin;
+    assembly.config.step = STEP;
+    assembly.config.record_resume = TL_SECOND;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    tl_twin_recorder_start(&box.outbox, run.twin, 0);
+}
+
+/* Ticks, after each of which so much of a budget of 50 ms has been used. */
+static void play(int64_t ticks, tl_time used) {
+    for (int64_t i = 0; i < ticks; i++) {
+        int64_t tick = run.sample.tick;
+        tl_test_run_step(&run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+        const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL) - used, .now = tl_clock_now};
+        tl_checkpointer_after(&checkpointer, tick, &budget);
+        if (tick % 10 == 0) {
+            tl_test_outbox_write(&box);
+        }
+    }
+}
+
+static int64_t checkpoints(void) {
+    return tl_sql_integer(path, "SELECT count(*) FROM checkpoints");
+}
+
+static void expect_event(const char *words, int64_t times) {
+    char sql[256];
+    (void)snprintf(sql, sizeof sql, "SELECT count(*) FROM events WHERE source = 'checkpoint' AND text LIKE '%%%s%%'",
+                   words);
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(times, tl_sql_integer(path, sql), words);
+    TEST_ASSERT_EQUAL_INT64(times, tl_sql_integer(path, "SELECT count(*) FROM events"));
+}
+
+/* ---- when ---- */
+
+static void test_after_the_first_tick_and_then_every_ten_seconds(void) {
+    begin(MUCH);
+    play(2 * INTERVAL + 20, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_STRING("100, 200",
+                             tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
+    expect_event("", 0);
+}
+
+static void test_never_after_a_tick_that_was_made_up(void) {
+    begin(MUCH);
+    for (int i = 0; i < 20; i++) {
+        int64_t tick = run.sample.tick;
+        tl_test_run_make_up(&run);
+        tl_checkpointer_after(&checkpointer, tick, NULL);
+    }
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+}
+
+static void test_the_first_one_is_there_at_once(void) {
+    begin(MUCH);
+    play(1, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+}
+
+/* What is saved is of before: the next one comes as soon as a tick has time for it, and the one after that an interval later. */
+static void test_soon_after_the_fmus_began_anew(void) {
+    begin(MUCH);
+    play(31, 0);
+    tl_checkpointer_hurry(&checkpointer, 30);
+    play(4, TL_SECOND / 20);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    play(INTERVAL + 5, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_STRING("35, 135",
+                             tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
+    expect_event("", 0);
+}
+
+/* The budget is used up by searches, tick after tick. It is said once, and saved again when there is time. */
+static void test_no_step_has_time_left(void) {
+    begin(MUCH);
+    play(1, 0);
+    play(5 * INTERVAL, TL_SECOND / 20);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    play(20, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(2, checkpoints());
+    expect_event("no step had", 1);
+}
+
+/* One that took longer than the budget, for whatever reason, is not the last. */
+static void test_one_takes_long(void) {
+    begin(MUCH);
+    play(INTERVAL, 0);
+    delay = TL_SECOND / 15;
+    play(1, 0);
+    delay = 0;
+    play(5 * INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_STRING("100, 501",
+                             tl_sql_text(path, "SELECT group_concat(tick, ', ') FROM checkpoints ORDER BY tick"));
+    expect_event("", 0);
+}
+
+/* ---- what it is not done for ---- */
+
+static void test_it_takes_too_long(void) {
+    delay = TL_SECOND / 15;
+    begin(MUCH);
+    play(3 * INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints()); /* that which told how long it takes */
+    expect_event("longer than the budget", 1);
+}
+
+static void test_it_is_too_large(void) {
+    padding = 200000;
+    begin(100000);
+    play(INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+    expect_event("too large", 1);
+}
+
+static void test_it_grows(void) {
+    begin(MUCH);
+    play(1, 0);
+    padding = 200000;
+    play(2 * INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    expect_event("has grown", 1);
+}
+
+static void test_an_fmu_that_cannot(void) {
+    fmu.model.capabilities.can_serialize_state = false;
+    begin(MUCH);
+    play(INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+    expect_event("canSerializeFMUstate", 1);
+}
+
+static void test_an_fmu_that_refuses(void) {
+    begin(MUCH);
+    play(1, 0);
+    uint64_t next = fmu.calls[TL_TEST_SERIALIZE] + 1;
+    tl_test_fmu_fail(&fmu, TL_TEST_SERIALIZE, TL_TEST_ERROR, next, next);
+    play(2 * INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    expect_event("fmi2SerializeFMUstate", 1);
+}
+
+static void test_it_is_not_wanted(void) {
+    begin(MUCH);
+    assembly.config.record_resume = 0;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    play(INTERVAL, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+    expect_event("", 0);
+}
+
+/* ---- a shadow ---- */
+
+static void step_and_rehearse(bool made_up) {
+    const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL), .now = tl_clock_now};
+    tl_test_run_step(&run);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, run.status, run.error.text);
+    tl_checkpointer_rehearse(&checkpointer, made_up ? NULL : &budget);
+}
+
+/* Nothing is put before its run begins; then it is there at once, and the next one as after any. */
+static void test_rehearsed_and_saved_once(void) {
+    size_t size = 0;
+    begin(MUCH);
+    step_and_rehearse(true);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    step_and_rehearse(false);
+    uint64_t calls = fmu.calls[TL_TEST_SERIALIZE];
+    step_and_rehearse(false); /* once is enough */
+    TEST_ASSERT_EQUAL_UINT64(calls, fmu.calls[TL_TEST_SERIALIZE]);
+    tl_test_outbox_write(&box);
+    TEST_ASSERT_EQUAL_INT64(0, checkpoints());
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_NOT_EQUAL_size_t(0, size);
+    tl_checkpointer_put(&checkpointer, run.sample.tick - 1, size);
+    tl_test_outbox_write(&box);
+    TEST_ASSERT_EQUAL_INT64(1, checkpoints());
+    play(INTERVAL + 2, 0);
+    close_recorder();
+    TEST_ASSERT_EQUAL_INT64(2, checkpoints());
+    expect_event("", 0);
+}
+
+/* What it will take is known, and is not begun if there is less left. */
+static void test_not_saved_without_time(void) {
+    size_t size = 1;
+    delay = TL_SECOND / 100;
+    begin(MUCH);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND / 200, &size));
+    TEST_ASSERT_EQUAL_size_t(0, size);
+    delay = 0;
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+}
+
+/* It is saved though nobody would go on with the run, since a replay begins with it. */
+static void test_a_shadow_that_nobody_goes_on_with(void) {
+    size_t size = 0;
+    begin(MUCH);
+    assembly.config.record_resume = 0;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    step_and_rehearse(false);
+    TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+}
+
+static void test_a_shadow_that_cannot_be_saved(void) {
+    size_t size = 0;
+    fmu.model.capabilities.can_serialize_state = false;
+    begin(MUCH);
+    assembly.config.record_resume = 0;
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
+}
+
+/* What was saved of these FMUs has ended a process. */
+static void test_fmus_whose_states_are_of_no_use_elsewhere(void) {
+    size_t size = 0;
+    begin(MUCH);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, false);
+    step_and_rehearse(false);
+    TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
+    TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, TL_BINARY_DIR, "test_checkpointer");
+    UNITY_BEGIN();
+    RUN_TEST(test_after_the_first_tick_and_then_every_ten_seconds);
+    RUN_TEST(test_never_after_a_tick_that_was_made_up);
+    RUN_TEST(test_the_first_one_is_there_at_once);
+    RUN_TEST(test_soon_after_the_fmus_began_anew);
+    RUN_TEST(test_no_step_has_time_left);
+    RUN_TEST(test_one_takes_long);
+    RUN_TEST(test_it_takes_too_long);
+    RUN_TEST(test_it_is_too_large);
+    RUN_TEST(test_it_grows);
+    RUN_TEST(test_an_fmu_that_cannot);
+    RUN_TEST(test_an_fmu_that_refuses);
+    RUN_TEST(test_it_is_not_wanted);
+    RUN_TEST(test_fmus_whose_states_are_of_no_use_elsewhere);
+    RUN_TEST(test_rehearsed_and_saved_once);
+    RUN_TEST(test_not_saved_without_time);
+    RUN_TEST(test_a_shadow_that_nobody_goes_on_with);
+    RUN_TEST(test_a_shadow_that_cannot_be_saved);
+    return tl_scratch_finish(&scratch, UNITY_END());
+}

@@ -1,0 +1,467 @@
+/* A past as bytes: what is written is read, and of what is not an image nothing is taken. */
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/twin/past.h"
+#include "tests/support/made_run.h"
+#include "tests/support/random_numbers.h"
+
+enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7 };
+
+static const tl_time NOW = 5000 * TL_SECOND;
+
+static tl_config config;
+static tl_run_tuning tunings[2];
+static tl_past_ticks ticks;
+static tl_past past; /* as it is made */
+static tl_past read; /* as it is read */
+static unsigned char checkpoint[CHECKPOINT];
+static unsigned char *image;
+static size_t size;
+static tl_error error;
+
+static void make_ticks(int64_t first, size_t count) {
+    tl_sample sample;
+    tl_record record;
+    tl_past_ticks_begin(&ticks, first);
+    for (size_t i = 0; i < count; i++) {
+        tl_made_sample(first + (int64_t)i, &sample);
+        tl_made_record(first + (int64_t)i, &record);
+        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, i < 3 ? NULL : record.u));
+        if (i % RESET_EVERY == 0) {
+            tl_past_ticks_set_reset(&ticks, first + (int64_t)i);
+        }
+    }
+    past.first = first;
+    past.last = first + (int64_t)count - 1;
+    past.ticks = ticks.bytes;
+}
+
+/* In force at the first tick, and taken after that. */
+static void make_tunings(void) {
+    for (size_t i = 0; i < 2; i++) {
+        tunings[i] = (tl_run_tuning){.tick = i == 0 ? 900 : 1010, .number = 2, .values = {.evaluations = 60}};
+        memset(tunings[i].hash, 'a' + (int)i, sizeof tunings[i].hash - 1);
+        tunings[i].values.matches = 1;
+        tunings[i].values.match[0] = (tl_tuning_match){.tolerance = 1.0 + (double)i, .weight = 1.0};
+    }
+    past.tunings = (const unsigned char *)tunings;
+    past.tuning_count = 2;
+}
+
+static void write(void) {
+    free(image);
+    size =
+        tl_past_image_bytes(&past.shape, (size_t)(past.last - past.first + 1), past.checkpoint_size, past.tuning_count);
+    image = malloc(size); /* as large as it is said: the sanitizers look */
+    TEST_ASSERT_NOT_NULL(image);
+    tl_past_write(&past, image);
+}
+
+void setUp(void) {
+    config = (tl_config){.signal_count = TL_MADE_PLANT,
+                         .adjust_count = TL_MADE_ADJUST,
+                         .step = TL_SECOND / 100,
+                         .record_resume = 60 * TL_SECOND};
+    ticks = (tl_past_ticks){.shape = tl_past_shape_of(&config)};
+    for (size_t i = 0; i < CHECKPOINT; i++) {
+        checkpoint[i] = (unsigned char)(i * 7);
+    }
+    past = (tl_past){
+        .from = TL_RESUMED_CHECKPOINT,
+        .run = 7,
+        .step = config.step,
+        .started = 1700000000123,
+        .checkpoint = checkpoint,
+        .checkpoint_size = CHECKPOINT,
+        .shape = ticks.shape,
+    };
+    make_tunings();
+    make_ticks(1001, TICKS);
+    past.start = NOW - tl_time_of_step(0, past.step, past.last) - TL_SECOND;
+    write();
+}
+
+void tearDown(void) {
+    tl_past_ticks_free(&ticks);
+    free(image);
+    image = NULL;
+}
+
+static void expect_read(void) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_past_read(image, size, &config, NOW, &read, &error), error.text);
+}
+
+static void expect_refused(const char *words) {
+    error.text[0] = '\0';
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, tl_past_read(image, size, &config, NOW, &read, &error), words);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, words), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "what is left of an earlier run is damaged: "), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, read.from);
+}
+
+/* ---- what is written is read ---- */
+
+static void expect_tick(int64_t tick) {
+    tl_past_tick found;
+    tl_sample sample;
+    tl_record record;
+    tl_made_sample(tick, &sample);
+    tl_made_record(tick, &record);
+    TEST_ASSERT_TRUE(tl_past_tick_at(&read, tick, &found));
+    TEST_ASSERT_EQUAL_INT64(tick, found.sample.tick);
+    TEST_ASSERT_EQUAL_INT64(read.start + tick * config.step, found.sample.instant);
+    TEST_ASSERT_EQUAL_MEMORY(sample.values, found.sample.values, TL_MADE_PLANT * sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(sample.quality, found.sample.quality, TL_MADE_PLANT);
+    for (size_t i = 0; i < TL_MADE_PLANT; i++) {
+        tl_time stamp = sample.stamps[i] == TL_TIME_NEVER ? TL_TIME_NEVER : sample.stamps[i] + read.start;
+        TEST_ASSERT_EQUAL_INT64(stamp, found.sample.stamps[i]);
+    }
+    TEST_ASSERT_EQUAL_UINT8(TL_NO_LINK, found.sample.quality[TL_MADE_PLANT]);
+    TEST_ASSERT_EQUAL_INT64(TL_TIME_NEVER, found.sample.stamps[TL_MADE_PLANT]);
+    bool has_u = tick >= read.first + 3;
+    const double none[TL_MADE_ADJUST] = {0};
+    TEST_ASSERT_EQUAL_INT(has_u, found.has_u);
+    TEST_ASSERT_EQUAL_INT(has_u && (tick - read.first) % RESET_EVERY == 0, found.resets);
+    TEST_ASSERT_EQUAL_MEMORY(has_u ? record.u : none, found.u, sizeof none);
+}
+
+static void test_all_of_it(void) {
+    tl_past_tick tick;
+    expect_read();
+    TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, read.from);
+    TEST_ASSERT_EQUAL_INT64(7, read.run);
+    TEST_ASSERT_EQUAL_INT64(1001, read.first);
+    TEST_ASSERT_EQUAL_INT64(1000 + TICKS, read.last);
+    TEST_ASSERT_EQUAL_INT64(config.step, read.step);
+    TEST_ASSERT_EQUAL_INT64(past.start, read.start);
+    TEST_ASSERT_EQUAL_INT64(1700000000123, read.started);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND, read.gap);
+    TEST_ASSERT_EQUAL_INT64(TICKS * config.step, read.age);
+    TEST_ASSERT_EQUAL_INT64(1000, read.checkpoint_tick);
+    TEST_ASSERT_EQUAL_size_t(CHECKPOINT, read.checkpoint_size);
+    TEST_ASSERT_EQUAL_MEMORY(checkpoint, read.checkpoint, CHECKPOINT);
+    for (int64_t i = read.first; i <= read.last; i++) {
+        expect_tick(i);
+    }
+    TEST_ASSERT_FALSE(tl_past_tick_at(&read, read.first - 1, &tick));
+    TEST_ASSERT_FALSE(tl_past_tick_at(&read, read.last + 1, &tick));
+}
+
+static void test_a_checkpoint_without_ticks(void) {
+    make_ticks(1041, 0);
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_INT64(1040, read.last);
+    TEST_ASSERT_EQUAL_INT64(0, read.age);
+}
+
+static void test_inputs_without_a_checkpoint(void) {
+    past.checkpoint_size = 0;
+    past.from = TL_RESUMED_INPUTS;
+    past.run = TL_PAST_UNNUMBERED;
+    write();
+    expect_read();
+    TEST_ASSERT_NULL(read.checkpoint);
+    TEST_ASSERT_EQUAL_INT64(-1, read.run);
+    expect_tick(1020);
+    make_ticks(0, TICKS);
+    past.from = TL_RESUMED_START;
+    past.start = NOW - past.last * config.step;
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_INT64(0, read.gap);
+    expect_tick(0);
+}
+
+/* It was not looked for in the same instant in which it is read, and in mode ahead the last tick may be the next one. */
+static void test_just_now(void) {
+    past.start = NOW - past.last * config.step + config.step / 2;
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_INT64(0, read.gap);
+    past.start = NOW - past.last * config.step - config.record_resume - 10 * TL_SECOND;
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_INT64(config.record_resume + 10 * TL_SECOND, read.gap);
+}
+
+/* A device may say any time; it keeps no twin from going on. */
+static void test_stamps_that_are_far_away(void) {
+    tl_sample sample;
+    tl_past_tick tick;
+    tl_made_sample(1001, &sample);
+    sample.stamps[0] = INT64_MAX;
+    sample.stamps[1] = INT64_MIN + 1;
+    tl_past_ticks_begin(&ticks, 1001);
+    TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, NULL));
+    past.last = 1001;
+    past.start = NOW - past.last * config.step;
+    write();
+    expect_read();
+    TEST_ASSERT_TRUE(tl_past_tick_at(&read, 1001, &tick));
+    TEST_ASSERT_EQUAL_INT64(TL_PAST_FAR + past.start, tick.sample.stamps[0]);
+    TEST_ASSERT_EQUAL_INT64(past.start - TL_PAST_FAR, tick.sample.stamps[1]);
+}
+
+static void test_names(void) {
+    char text[TL_PAST_NAME];
+    TEST_ASSERT_EQUAL_STRING("run 7", tl_past_name(7, text));
+    TEST_ASSERT_EQUAL_STRING("run 9223372036854775807", tl_past_name(INT64_MAX, text));
+    TEST_ASSERT_EQUAL_STRING("the run before", tl_past_name(TL_PAST_UNNUMBERED, text));
+}
+
+static void test_tunings(void) {
+    tl_run_tuning found[2];
+    expect_read();
+    TEST_ASSERT_EQUAL_size_t(2, read.tuning_count);
+    memcpy(found, read.tunings, sizeof found);
+    TEST_ASSERT_EQUAL_MEMORY(tunings, found, sizeof found);
+    past.tuning_count = 0;
+    write();
+    expect_read();
+    TEST_ASSERT_EQUAL_size_t(0, read.tuning_count);
+    expect_tick(1020);
+}
+
+/* Of all that a run took, what matters to who follows a part of it. */
+static void test_tunings_that_matter(void) {
+    static const int64_t ticks_of[] = {0, 5, 10, 20, 30};
+    tl_run_tuning taken[5];
+    for (size_t i = 0; i < 5; i++) {
+        taken[i] = (tl_run_tuning){.tick = ticks_of[i]};
+    }
+    TEST_ASSERT_EQUAL_size_t(3, tl_past_choose_tunings(taken, 5, 7, 20));
+    TEST_ASSERT_EQUAL_INT64(5, taken[0].tick);
+    TEST_ASSERT_EQUAL_INT64(20, taken[2].tick);
+    TEST_ASSERT_EQUAL_size_t(1, tl_past_choose_tunings(taken, 3, 25, 24)); /* no tick is followed */
+    TEST_ASSERT_EQUAL_INT64(20, taken[0].tick);
+    TEST_ASSERT_EQUAL_size_t(0, tl_past_choose_tunings(taken, 0, 25, 30));
+}
+
+/* ---- what is no image ---- */
+
+static void test_another_size(void) {
+    size_t whole = size;
+    unsigned char *longer = calloc(whole + 1, 1);
+    TEST_ASSERT_NOT_NULL(longer);
+    memcpy(longer, image, whole);
+    free(image);
+    image = longer;
+    for (size = 0; size < whole; size++) {
+        expect_refused(size < 104 ? "it has not its size" : "it does not begin as it should");
+    }
+    size = whole + 1;
+    expect_refused("it does not begin as it should");
+    size = TL_PAST_MOST + 1;
+    expect_refused("it has not its size");
+}
+
+static void test_another_configuration(void) {
+    config.signal_count--;
+    expect_refused("it has not the signals of this configuration");
+    config.signal_count++;
+    config.adjust_count++;
+    expect_refused("it has not the signals of this configuration");
+    config.adjust_count--;
+    config.step++;
+    expect_refused("it has not the signals of this configuration");
+}
+
+typedef struct damage {
+    size_t word; /* of the head, which is made of words of eight bytes */
+    uint64_t value;
+    const char *words;
+} damage;
+
+enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, TUNINGS, SIGNALS, ADJUSTS, FROM };
+
+static void test_a_damaged_head(void) {
+    static const damage damages[] = {
+        {MAGIC, 0, "it does not begin"},
+        {SIZE, 0, "it does not begin"},
+        {SIZE, UINT64_MAX, "it does not begin"},
+        {RUN, (uint64_t)-2, "where a run can"},
+        {RUN, INT64_MAX, "where a run can"},
+        {FIRST, (uint64_t)-1, "its ticks cannot be"},
+        {FIRST, 0, "its size"},
+        {FIRST, 1042, "its ticks cannot be"},
+        {FIRST, INT64_MAX, "its ticks cannot be"},
+        {FIRST, (uint64_t)INT64_MIN, "its ticks cannot be"},
+        {LAST, INT64_MAX, "its ticks cannot be"},
+        {LAST, (uint64_t)INT64_MIN, "its ticks cannot be"},
+        {LAST, 1001 + TL_PAST_TICKS, "its ticks cannot be"},
+        {LAST, 1000 + TL_PAST_TICKS, "its size"},
+        {STEP, 0, "signals"},
+        {START, INT64_MAX, "times cannot be"},
+        {START, (uint64_t)INT64_MIN, "times cannot be"},
+        {START, 0, "not of just now"},
+        {START, 6000 * (uint64_t)TL_SECOND, "not of just now"},
+        {STARTED, INT64_MAX, "times cannot be"},
+        {STARTED, (uint64_t)INT64_MIN, "times cannot be"},
+        {CHECKPOINT_SIZE, 0, "its size"},
+        {CHECKPOINT_SIZE, CHECKPOINT + 1, "its size"},
+        {CHECKPOINT_SIZE, UINT64_MAX - 50, "its size"},
+        {TUNINGS, 0, "its size"},
+        {TUNINGS, 3, "its size"},
+        {TUNINGS, TL_PAST_TUNINGS + 1, "its size"},
+        {TUNINGS, UINT64_MAX, "its size"},
+        {SIGNALS, 0, "signals"},
+        {SIGNALS, UINT64_MAX, "signals"},
+        {ADJUSTS, 9, "signals"},
+        {FROM, TL_RESUMED_NOT, "where a run can"},
+        {FROM, TL_RESUMED_START, "where a run can"},
+        {FROM, TL_RESUMED_INPUTS, "where a run can"},
+        {FROM, 4, "where a run can"},
+        {FROM, UINT64_C(0x100000001), "where a run can"},
+    };
+    for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
+        write();
+        memcpy(image + damages[i].word * 8, &damages[i].value, 8);
+        expect_refused(damages[i].words);
+    }
+}
+
+static void refuse_tuning(size_t index, const tl_run_tuning *bad) {
+    tl_run_tuning good = tunings[index];
+    tunings[index] = *bad;
+    write();
+    expect_refused("what was in force");
+    tunings[index] = good;
+}
+
+static void test_damaged_tunings(void) {
+    tl_run_tuning bad = tunings[1];
+    bad.tick = 899;
+    refuse_tuning(1, &bad);
+    bad.tick = -1;
+    refuse_tuning(0, &bad);
+    bad.tick = INT64_MAX;
+    refuse_tuning(1, &bad);
+    bad = tunings[1];
+    bad.hash[0] = '\0';
+    refuse_tuning(1, &bad);
+    bad.hash[0] = 'g';
+    refuse_tuning(1, &bad);
+    bad = tunings[1];
+    bad.values.match[0].tolerance = -1.0;
+    refuse_tuning(1, &bad);
+    bad.values.matches = UINT32_MAX;
+    refuse_tuning(0, &bad);
+}
+
+static void write_tick(size_t index, size_t at, const void *bytes, size_t count) {
+    size_t tick = tl_past_tick_bytes(&past.shape);
+    write();
+    memcpy(image + size - (TICKS - index) * tick + at, bytes, count);
+}
+
+static void test_damaged_ticks(void) {
+    static const double numbers[] = {(double)NAN, (double)INFINITY, -(double)INFINITY};
+    static const tl_time stamps[] = {TL_PAST_FAR + 1, -TL_PAST_FAR - 1, INT64_MAX, INT64_MIN + 1};
+    const unsigned char three = 3;
+    const unsigned char quality = TL_OUTLIER + 1;
+    const size_t words = TL_MADE_PLANT * 8;
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
+        write_tick(5, 1 + 8, &numbers[i], 8);
+        expect_refused("its tick 1006");
+        write_tick(TICKS - 1, 1 + 2 * words + 8, &numbers[i], 8);
+        expect_refused("its tick 1040");
+    }
+    for (size_t i = 0; i < sizeof stamps / sizeof stamps[0]; i++) {
+        write_tick(0, 1 + words, &stamps[i], 8);
+        expect_refused("its tick 1001");
+    }
+    write_tick(9, 0, &three, 1);
+    expect_refused("its tick 1010");
+    write_tick(9, 1 + 2 * words + TL_MADE_ADJUST * 8 + 2, &quality, 1);
+    expect_refused("its tick 1010");
+}
+
+/* By chance: either it is refused, or all that is read of it is what it should be. */
+static void test_mutants(void) {
+    tl_test_random random = {20261123};
+    size_t refused = 0;
+    for (int i = 0; i < 20000; i++) {
+        write();
+        for (size_t k = tl_test_random_between(&random, 1, 4); k > 0; k--) {
+            size_t at = tl_test_random_below(&random, tl_test_random_chance(&random, 50) ? 96 : size);
+            image[at] ^= (unsigned char)(1U << tl_test_random_below(&random, 8));
+        }
+        if (tl_past_read(image, size, &config, NOW, &read, &error) != TL_OK) {
+            refused++;
+            continue;
+        }
+        tl_past_tick tick;
+        for (int64_t number = read.first; number <= read.last; number++) {
+            TEST_ASSERT_TRUE(tl_past_tick_at(&read, number, &tick));
+            TEST_ASSERT_TRUE(isfinite(tick.sample.values[0]) && tick.sample.quality[1] <= TL_OUTLIER);
+        }
+    }
+    TEST_ASSERT_GREATER_THAN_size_t(1000, refused);
+}
+
+/* ---- which ticks can be followed ---- */
+
+static void expect_last(const char *with_u, int64_t last) {
+    tl_sample sample;
+    const double u[TL_MADE_ADJUST] = {1.0, 2.0};
+    tl_past_ticks_begin(&ticks, 10);
+    for (int64_t i = 0; with_u[i] != '\0'; i++) {
+        tl_made_sample(10 + i, &sample);
+        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, with_u[i] == 'u' ? u : NULL));
+    }
+    TEST_ASSERT_EQUAL_INT64_MESSAGE(last, tl_past_ticks_last(&ticks), with_u);
+}
+
+static void test_how_far_they_can_be_followed(void) {
+    expect_last("", 9);
+    expect_last("....", 9);
+    expect_last("u", 10);
+    expect_last("..uuu", 14);
+    expect_last("..uu..", 13);
+    expect_last("..uu.uuu", 13);
+}
+
+static void test_a_row_that_is_cut(void) {
+    const double u[TL_MADE_ADJUST] = {1.0, 2.0};
+    tl_sample sample;
+    tl_past_tick tick;
+    expect_last("uuuu", 13);
+    tl_past_ticks_cut(&ticks, 12);
+    TEST_ASSERT_EQUAL_INT64(12, ticks.first);
+    TEST_ASSERT_EQUAL_size_t(2, ticks.count);
+    tl_made_sample(12, &sample);
+    tl_past_tick_unpack(&ticks.shape, ticks.bytes, 0, &tick);
+    TEST_ASSERT_EQUAL_MEMORY(sample.values, tick.sample.values, TL_MADE_PLANT * sizeof(double));
+    tl_past_ticks_set_u(&ticks, 11, u); /* out of it by now */
+    tl_past_ticks_set_u(&ticks, 14, u);
+    tl_past_ticks_cut(&ticks, 14);
+    TEST_ASSERT_EQUAL_INT64(13, tl_past_ticks_last(&ticks));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_all_of_it);
+    RUN_TEST(test_a_checkpoint_without_ticks);
+    RUN_TEST(test_inputs_without_a_checkpoint);
+    RUN_TEST(test_just_now);
+    RUN_TEST(test_stamps_that_are_far_away);
+    RUN_TEST(test_names);
+    RUN_TEST(test_tunings);
+    RUN_TEST(test_tunings_that_matter);
+    RUN_TEST(test_damaged_tunings);
+    RUN_TEST(test_another_size);
+    RUN_TEST(test_another_configuration);
+    RUN_TEST(test_a_damaged_head);
+    RUN_TEST(test_damaged_ticks);
+    RUN_TEST(test_mutants);
+    RUN_TEST(test_how_far_they_can_be_followed);
+    RUN_TEST(test_a_row_that_is_cut);
+    return UNITY_END();
+}

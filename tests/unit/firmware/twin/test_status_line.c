@@ -1,0 +1,68 @@
+/* The line that a terminal and `reload --state` show of a run. */
+#include "firmware/twin/status_line.h"
+
+#include <string.h>
+
+#include <unity.h>
+
+static tl_plan_adjust adjust[2];
+static tl_plan_match match[2];
+static tl_config config;
+static tl_cycle_status status;
+static char line[TL_STATUS_LINE];
+
+void setUp(void) {
+    config =
+        (tl_config){.step = TL_SECOND / 100, .adjust_count = 1, .match_count = 1, .adjust = adjust, .match = match};
+    adjust[0].variable = "motor.d";
+    match[0].variable = "motor.omega";
+    status = (tl_cycle_status){.skipped = 3, .lock = {.state = TL_LOCK_LOCKED}};
+    status.record =
+        (tl_record){.step = 99, .outcome = TL_OPTIMISED, .used = 12000, .u = {1.5}, .u_hat = {1.0}, .y = {2.0}};
+    status.record.y_hat[0] = 2.5;
+    status.record.y_hat_quality[0] = TL_GOOD;
+}
+
+void tearDown(void) {}
+
+static void expect_words(const char *words) {
+    tl_status_line_write(&config, &status, line);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(line, words), line);
+}
+
+static void test_what_it_says(void) {
+    expect_words(
+        "    1.00 s  \316\224motor.d +0.5  optimised     locked    motor.omega 2 (plant 2.5)  0.01 ms  skipped 3");
+}
+
+static void test_that_u_rests(void) {
+    status.record.outcome = TL_NOMINAL;
+    expect_words("  nominal       locked ");
+    status.record.flags = TL_FLAG_RESTS;
+    expect_words("  rests         locked ");
+}
+
+static void test_a_measurement_that_is_not_good(void) {
+    status.record.y_hat_quality[0] = TL_NO_LINK;
+    expect_words("(plant 2.5, no link)");
+}
+
+static void test_names_that_are_longer_than_a_line(void) {
+    static char name[4096];
+    memset(name, 'a', sizeof name - 1);
+    adjust[0].variable = match[0].variable = name;
+    config.adjust_count = config.match_count = 2;
+    adjust[1].variable = match[1].variable = name;
+    tl_status_line_write(&config, &status, line);
+    TEST_ASSERT_LESS_THAN_size_t(TL_STATUS_LINE, strlen(line));
+    expect_words("skipped 3");
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_what_it_says);
+    RUN_TEST(test_that_u_rests);
+    RUN_TEST(test_a_measurement_that_is_not_good);
+    RUN_TEST(test_names_that_are_longer_than_a_line);
+    return UNITY_END();
+}

@@ -1,0 +1,92 @@
+/* Two twins in one process: the same to the bit if they are of one configuration, and if one is of another one, that is told. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/twin/twin_pair.h"
+#include "tests/support/config_text.h"
+#include "tests/support/read_assembly.h"
+#include "tests/support/scratch.h"
+
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
+
+static tl_scratch scratch;
+static tl_assembly first;
+static tl_assembly second;
+static tl_twin_pair_account account;
+static tl_error error;
+static bool differs;
+
+void setUp(void) {
+    TEST_ASSERT_EQUAL_INT(0, setenv("TWINLOCK_FMU_PATH", TL_BINARY_DIR "/fmus", 1));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &first));
+    account = (tl_twin_pair_account){.steps = 0};
+    error = (tl_error){TL_OK, ""};
+}
+
+void tearDown(void) {
+    tl_assembly_free(&first);
+    tl_assembly_free(&second);
+    tl_scratch_empty(&scratch);
+}
+
+/* The second twin's configuration is LOCK with a part replaced. */
+static tl_status compare_with(const char *old, const char *new) {
+    char path[PATH_MAX];
+    (void)snprintf(path, sizeof path, "%s", tl_scratch_path(&scratch, "config.json"));
+    TEST_ASSERT_TRUE_MESSAGE(tl_test_write_replaced(LOCK, path, old, new), old);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(path, &second));
+    return tl_twin_pair_compare(&first, &second, false, &account, &differs, &error);
+}
+
+static void test_the_same(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(LOCK, &second));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_pair_compare(&first, &second, false, &account, &differs, &error));
+    TEST_ASSERT_FALSE_MESSAGE(differs, error.text);
+    TEST_ASSERT_EQUAL_UINT32(1, account.has_second);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, account.steps);
+    TEST_ASSERT_EQUAL_STRING("", account.component);
+    TEST_ASSERT_EQUAL_STRING("", error.text);
+}
+
+/* What is adjusted moves, so there is something to be compared. */
+static void test_they_move(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_pair_compare(&first, &second, true, &account, &differs, &error));
+    TEST_ASSERT_GREATER_THAN_UINT32(9, account.steps);
+    for (uint32_t i = 1; i < account.steps; i++) {
+        TEST_ASSERT_NOT_EQUAL_UINT64(account.marks[0], account.marks[i]);
+    }
+    TEST_ASSERT_EQUAL_UINT32(0, account.has_second);
+    TEST_ASSERT_NULL(second.twin);
+}
+
+static void test_other_values(void) {
+    TEST_ASSERT_EQUAL_INT(TL_OK, compare_with("0.0515", "0.0516"));
+    TEST_ASSERT_TRUE(differs);
+    TEST_ASSERT_EQUAL_STRING("motor", account.component);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "its omega is "), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, " in a second instance"), error.text);
+}
+
+/* Nothing of it is said on the log. */
+static void test_a_second_that_cannot_be(void) {
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, compare_with("motor.fmu", "nowhere.fmu"));
+    TEST_ASSERT_EQUAL_STRING("motor", account.component);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "no file \"nowhere.fmu\""), error.text);
+    TEST_ASSERT_EQUAL_UINT32(1, account.has_second);
+    TEST_ASSERT_FALSE(differs);
+}
+
+int main(void) {
+    tl_scratch_make(&scratch, "/tmp", "twin_pair");
+    UNITY_BEGIN();
+    RUN_TEST(test_the_same);
+    RUN_TEST(test_they_move);
+    RUN_TEST(test_other_values);
+    RUN_TEST(test_a_second_that_cannot_be);
+    int failures = UNITY_END();
+    tl_scratch_remove(&scratch);
+    return failures;
+}
