@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""Arrows point down only: every #include is held against the rooms (rooms.py), the libraries against their owners.
+"""Arrows point down only: every #include is held against the plan (folders.py), the libraries against their owners.
 Neither headers nor pairs of a source and its header know each other in a circle."""
 import os
 import re
 
 import tree
-from rooms import FLOORS, MOST_FILES, ROOMS
+from folders import FIRMWARE, FLOORS, FOLDERS, MOST_ARROWS, MOST_FOLDERS, MOST_LEVELS
 
 FMUS = "fmus"
-# Outside of the rooms: folder -> folders of ours that it may include. One not named here takes what the one above it has.
+# Outside of the plan: folder -> folders of ours that it may include. One not named here takes what the one above it has.
 OUTSIDE = {
     FMUS: [FMUS],
     "tests": ["tests", *FLOORS],
@@ -23,24 +23,24 @@ C99 = set("assert complex ctype errno fenv float inttypes iso646 limits locale m
 FMI = re.compile(r"fmi2\w+\.h$")
 # Standard headers that would bring clocks, files, locales or signals into the master.
 NOT_IN_MASTER = {"time.h", "signal.h", "locale.h", "setjmp.h", "errno.h"}
-# Libraries, and the rooms and files they belong to.
+# Libraries, and the folders and files they belong to.
 OWNERS = {
     "nlopt.h": ("master/solve",),
     "modbus.h": ("board/modbus",),
     "gpiod.h": ("board/gpio",),
-    "cJSON.h": ("firmware/config", "firmware/config", "firmware/base/json_writer.c", "firmware/base/json_reader.c"),
-    "sqlite3.h": ("firmware/store", "firmware/store", "firmware/store"),
+    "cJSON.h": ("firmware/config", "firmware/base/json_writer.c", "firmware/base/json_reader.c"),
+    "sqlite3.h": ("firmware/store",),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/process",),
     "landlock.h": ("firmware/process",),
-    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/fmu/own_copies.c", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
-    "sd-daemon.h": ("firmware/live",),
+    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
+    "sd-daemon.h": ("firmware/process/service_systemd.c",),
     "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),
     "gnutls.h": ("firmware/serve/certificate.c",),
     "x509.h": ("firmware/serve/certificate.c",),
-    "grp.h": ("firmware/process", "firmware/rollback/fmu_keeping.c"),
+    "grp.h": ("firmware/process/privileges.c", "firmware/rollback/fmu_keeping.c"),
     "pwd.h": ("firmware/retune/talk.c", "firmware/rollback/fmu_keeping.c"),
     "iconv.h": ("firmware/rollback/fmu_keeping.c",),
     "libintl.h": ("firmware/rollback/fmu_keeping.c",),
@@ -74,7 +74,7 @@ def floor(path):
 
 
 def outside(path):
-    """What a file that is in no room may include."""
+    """What a file that is in no folder may include."""
     while path and path not in OUTSIDE:
         path = os.path.dirname(path)
     return OUTSIDE.get(path, [])
@@ -91,15 +91,15 @@ def resolve(path, name, quoted):
 
 def check_arrow(path, number, target):
     here, there = os.path.dirname(path), os.path.dirname(target)
-    if here not in ROOMS:
+    if here not in FOLDERS:
         if not any(below(target, allowed) for allowed in outside(path)):
             tree.finding(path, number, f"{here} may not know {target}")
     elif there != here:
-        public = ROOMS[there].public if there in ROOMS else ()
-        if there not in ROOMS[here].may:
+        public = FOLDERS[there].public if there in FOLDERS else ()
+        if there not in FOLDERS[here].may:
             tree.finding(path, number, f"{here} may not know {target}")
-        elif public and os.path.basename(target).removesuffix(".h") not in public:
-            tree.finding(path, number, f"{target} is private to {there}; public there: {', '.join(public)}")
+        elif target.endswith("_parts.h") or (public and os.path.basename(target).removesuffix(".h") not in public):
+            tree.finding(path, number, f"{target} is private to {there}" + (f"; public there: {', '.join(public)}" if public else ""))
 
 
 def check_ours(path, number, name, target):
@@ -159,19 +159,34 @@ def between_pairs(graph):
     return pairs
 
 
-def check_rooms(sources):
-    """Each source of the floors is in a room of the plan, and no room is crowded."""
-    counts = {}
+def check_folders(sources):
+    """Each source of the floors is in a folder of the plan."""
     for path in sources:
         if floor(path) not in (*FLOORS, FMUS, "tests"):
-            tree.finding(path, 0, f"{floor(path)} is no floor of the plan in tests/check/rooms.py")
-        elif floor(path) in FLOORS:
-            counts.setdefault(os.path.dirname(path), []).append(path)
-    for room, paths in sorted(counts.items()):
-        if room not in ROOMS:
-            tree.finding(paths[0], 0, f"{room} is no room of the plan in tests/check/rooms.py")
-        elif len(paths) > MOST_FILES:
-            tree.finding(room, 0, f"{len(paths)} files in one room; {MOST_FILES} are enough: divide it")
+            tree.finding(path, 0, f"{floor(path)} is no floor of the plan in tests/check/folders.py")
+        elif floor(path) in FLOORS and os.path.dirname(path) not in FOLDERS:
+            tree.finding(path, 0, f"{os.path.dirname(path)} is no folder of the plan in tests/check/folders.py")
+
+
+def level(folder, arrows):
+    return 1 + max((level(target, arrows) for target in arrows[folder]), default=0)
+
+
+def check_limits(graph):
+    """Firmware stays small to read: few folders, few arrows between them, few levels."""
+    arrows = {folder: set() for folder in FIRMWARE if folder != "firmware"}
+    for path, targets in graph.items():
+        here = os.path.dirname(path)
+        if here in arrows:
+            arrows[here] |= {os.path.dirname(target) for target in targets if os.path.dirname(target) in arrows} - {here}
+    if tree.has_findings(): # an arrow that points up might close a circle, which has no levels
+        return
+    counts = (("folders", len(arrows), MOST_FOLDERS), ("arrows between folders", sum(map(len, arrows.values())), MOST_ARROWS),
+              ("levels", max(level(folder, arrows) for folder in arrows), MOST_LEVELS))
+    print("firmware: " + ", ".join(f"{count} {what}" for what, count, _ in counts))
+    for what, count, most in counts:
+        if count > most:
+            tree.finding("firmware", 0, f"{count} {what}, expected at most {most}")
 
 
 def includes(text):
@@ -205,7 +220,8 @@ def main():
                 tree.finding(path, number, f'say "{name}", not <{name}>')
     find_circle(graph, "include cycle")
     find_circle(between_pairs(graph), "these pairs know each other in a circle")
-    check_rooms(sources)
+    check_folders(sources)
+    check_limits(graph)
     tree.finish(f"{len(sources)} files")
 
 

@@ -3,7 +3,7 @@
 
 The undefined symbols of every object of the master are held against master_symbols.txt: no malloc outside start-up,
 no printf, no clock, no file; those of the CAN driver, and what drivers share, against can_symbols.txt: nothing that could send. And every symbol
-that our libraries offer has the prefix tl_.
+that our libraries offer has the prefix tl_. By their calls folders do not know each other in a circle, nor do the files of a folder.
 """
 import fnmatch
 import os
@@ -80,6 +80,45 @@ def check_needs(build, floor, chosen, listed):
                 tree.finding(f"{floor}/{name}", 0, f"needs {symbol}, which {listed} does not allow there")
 
 
+def find_circles(graph):
+    """The sets of nodes that reach each other (Tarjan's strongly connected components)."""
+    index, low, stack, circles = {}, {}, [], []
+
+    def visit(node):
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for target in sorted(graph.get(node, ())):
+            if target not in index:
+                visit(target)
+                low[node] = min(low[node], low[target])
+            elif target in stack:
+                low[node] = min(low[node], index[target])
+        if low[node] == index[node]:
+            members = [stack.pop()]
+            while members[-1] != node:
+                members.append(stack.pop())
+            if len(members) > 1:
+                circles.append(sorted(members))
+
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
+    return circles
+
+
+def check_circles(floor, needs, offers):
+    """`needs`, `offers`: name of an object -> its symbols. What stands in the place of the C library's functions is called by all."""
+    home = {symbol: name for name, symbols_ in offers.items() for symbol in symbols_ if symbol.startswith("tl_")}
+    files, folders = {}, {}
+    for name, some in needs.items():
+        for target in {home[symbol] for symbol in some if symbol in home} - {name}:
+            files.setdefault(name, set()).add(target)
+            if os.path.dirname(target) != os.path.dirname(name):
+                folders.setdefault(os.path.dirname(name), set()).add(os.path.dirname(target))
+    for circle in find_circles(folders) + find_circles(files):
+        tree.finding(f"{floor}/{circle[0]}", 0, "call each other in a circle: " + ", ".join(circle))
+
+
 def main():
     build = os.path.abspath(sys.argv[2])
     for floor, (chosen, listed) in NEEDS.items():
@@ -90,6 +129,7 @@ def main():
         paths = [path for _, path in looked_at]
         needs, offers = needed(paths), offered(paths)
         count += len(looked_at)
+        check_circles(floor, {name: needs[path] for name, path in looked_at}, {name: offers[path] for name, path in looked_at})
         for name, path in looked_at:
             for symbol in needs[path]:
                 if WRITES.match(symbol):

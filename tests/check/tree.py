@@ -53,6 +53,10 @@ def finding(path, line, what):
     _findings.append((path, line, what))
 
 
+def has_findings():
+    return bool(_findings)
+
+
 def finish(looked_at):
     """Prints the findings and ends the script."""
     for path, line, what in sorted(_findings):

@@ -6,7 +6,7 @@ Names of a file's own count as well, since a reader who looks for one finds both
 import re
 
 import tree
-from rooms import FLOORS
+from folders import FLOORS
 
 # Contracts: each header declares the type, and each of its implementations has a definition of its own.
 CONTRACTS = {"tl_optimiser", "tl_plant_io", "tl_gpio_chip", "tl_gpio_line"}
