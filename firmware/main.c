@@ -1,6 +1,7 @@
 /* twinlock: the program, from its beginning to its end. */
 #include "firmware/base/c_locale.h"
 #include "firmware/cli/command_line.h"
+#include "firmware/cli/roles.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
@@ -10,5 +11,5 @@ int main(int argc, char **argv) {
     tl_process_begin();
     tl_crash_install();
     tl_locale_use();
-    tl_process_end(title != NULL ? tl_command_line_be(title) : tl_command_line_run(argc, argv));
+    tl_process_end(title != NULL ? tl_roles_run(title) : tl_command_line_run(argc, argv));
 }

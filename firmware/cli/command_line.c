@@ -7,11 +7,6 @@
 #include "firmware/cli/option_table.h"
 #include "firmware/cli/verb_program.h"
 #include "firmware/cli/verbs.h"
-#include "firmware/live/live_role.h"
-#include "firmware/live/live_twin.h"
-#include "firmware/retune/trial.h"
-#include "firmware/retune/validator.h"
-#include "firmware/twin/twin_child.h"
 #include "master/base/nearest.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
@@ -109,36 +104,4 @@ int tl_command_line_run(int argc, char **argv) {
         return tl_exit_code(TL_OK);
     }
     return refuse_verb(first);
-}
-
-const tl_twin_role_tasks tl_verb_twin_tasks = {.print_page = tl_verb_check_page, .live = tl_live_twin};
-
-static bool begins_with(const char *title, const char *role) {
-    return strncmp(title, role, strlen(role)) == 0;
-}
-
-int tl_command_line_be(const char *title) {
-    if (begins_with(title, "twin") || begins_with(title, TL_TWIN_READER)) {
-        return tl_twin_role_run(&tl_verb_twin_tasks);
-    }
-    if (begins_with(title, TL_LIVE_IO)) {
-        return tl_io_role_run();
-    }
-    if (begins_with(title, TL_LIVE_RECORDER)) {
-        return tl_recorder_role_run();
-    }
-    if (begins_with(title, TL_LIVE_ACTIVATOR)) {
-        return tl_activator_role_run();
-    }
-    if (begins_with(title, TL_VALIDATOR)) {
-        return tl_validator_role_run();
-    }
-    if (begins_with(title, TL_TRIAL_OF_STATES)) {
-        return tl_trial_of_states_role_run(&tl_verb_twin_tasks);
-    }
-    if (begins_with(title, TL_TRIAL)) {
-        return tl_trial_role_run(&tl_verb_twin_tasks);
-    }
-    (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
-    return tl_exit_code(TL_BAD_USAGE);
 }

@@ -3,7 +3,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
-#include "firmware/cli/verbs.h"
+#include "firmware/cli/check_page.h"
 #include "firmware/process/interrupt.h"
 
 bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config) {
@@ -37,7 +37,7 @@ tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_con
         .job = &job->order,
         .config = config,
         .page = page,
-        .print_page = tl_verb_check_page,
+        .print_page = tl_check_page_print,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
         .memory_limit = (uint64_t)job->options->memory_limit_mib * 1024 * 1024,
     };

@@ -1,10 +1,9 @@
 /* twinlock run: the tree of processes that keep a twin locked to the live plant. */
 
 #include <stdlib.h>
-#include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/cli/command_line.h"
+#include "firmware/cli/roles.h"
 #include "firmware/cli/verb_job.h"
 #include "firmware/cli/verbs.h"
 #include "firmware/live/tree.h"
@@ -14,7 +13,7 @@
 /* What main() does in a process of the run that cannot be executed anew. */
 static int be(const char *title, void *context) {
     (void)context;
-    return tl_command_line_be(title);
+    return tl_roles_run(title);
 }
 
 /* The file, or the version of it that is active. */
@@ -55,7 +54,7 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
         .allowed = options->allowed != NULL ? options->allowed : "/etc/twinlock/allowed",
         .watchdog = options->watchdog,
         .watchdog_s = (int)options->watchdog_s,
-        .tasks = &tl_verb_twin_tasks,
+        .tasks = &tl_roles_twin_tasks,
         .be = be,
     };
     return tl_tree_run(&settings, end);

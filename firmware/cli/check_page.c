@@ -1,0 +1,596 @@
+/* The page of a check: see check_page.h. */
+#include "firmware/cli/check_page.h"
+
+#include <inttypes.h>
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/clean_text.h"
+#include "firmware/base/clock.h"
+#include "firmware/base/log.h"
+#include "firmware/cli/advice.h"
+#include "firmware/cli/delay_page.h"
+#include "firmware/cli/prognosis.h"
+#include "firmware/config/measurements.h"
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/live/live_blocks.h"
+#include "firmware/retune/twin_cost.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/far_look.h"
+#include "firmware/twin/twin_places.h"
+#include "firmware/twin/twin_process.h"
+#include "master/twin/twin_timing.h"
+
+/* For the timing of one component. */
+static const tl_time LONGEST_TIMING = TL_SECOND / 10;
+
+static void print_start(const tl_variable *variable, FILE *output) {
+    if (!variable->has_start) {
+        (void)fprintf(output, "%12s", "");
+        return;
+    }
+    switch (variable->type) {
+    case TL_REAL:
+        (void)fprintf(output, "%12.6g", variable->start.real);
+        return;
+    case TL_STRING:
+        (void)fprintf(output, "%12.12s", variable->start.text);
+        return;
+    case TL_BOOLEAN:
+        (void)fprintf(output, "%12s", variable->start.integer != 0 ? "true" : "false");
+        return;
+    case TL_INTEGER:
+    case TL_ENUMERATION:
+        (void)fprintf(output, "%12" PRId32, variable->start.integer);
+        return;
+    }
+}
+
+static void print_variables(const tl_assembly *assembly, FILE *output) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        const tl_model *model = &assembly->fmus[i].model;
+        (void)fprintf(output, "\nvariables of %s (%s)\n", model->name, assembly->fmus[i].path);
+        for (size_t k = 0; k < model->variable_count; k++) {
+            const tl_variable *variable = &model->variables[k];
+            (void)fprintf(output, "  %-20s %-11s %-10s %-9s", variable->name, tl_type_name(variable->type),
+                          tl_variability_name(variable->variability), tl_causality_name(variable->causality));
+            print_start(variable, output);
+            (void)fprintf(output, " %-12s %s\n", variable->unit == NULL ? "" : variable->unit->name,
+                          variable->description);
+        }
+    }
+}
+
+static const tl_fmu *find_fmu(const tl_assembly *assembly, const tl_plan_component *component) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        if (&assembly->fmus[i].model == component->model) {
+            return &assembly->fmus[i];
+        }
+    }
+    return NULL;
+}
+
+/* Also of a twin that rolls nothing back. */
+static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component *component) {
+    tl_rollback way = fmu != NULL ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
+    if (way == TL_ROLLBACK_MEMORY) {
+        return "rolled back by its memory";
+    }
+    if (way == TL_ROLLBACK_FORK) {
+        return "rolled back by forking its process";
+    }
+    if (way == TL_ROLLBACK_REPLAY) {
+        return "rolled back by replay: reset, and given its inputs again";
+    }
+    if (way == TL_ROLLBACK_STATE && tl_fmu_is_given_again(fmu)) {
+        return "rolled back by its state, and given again what it had been given";
+    }
+    return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
+}
+
+/* How much faster than by its own states, if that is why. */
+static void print_choice(const tl_fmu *fmu, FILE *output) {
+    const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
+    if (times != NULL) {
+        (void)fprintf(output,
+                      ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
+                      (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
+    }
+}
+
+static void print_components(const tl_assembly *assembly, FILE *output) {
+    (void)fputs("components\n", output);
+    for (size_t i = 0; i < assembly->plan.component_count; i++) {
+        const tl_plan_component *component = &assembly->components[i];
+        const tl_fmu *fmu = find_fmu(assembly, component);
+        (void)fprintf(output, "  %-12s %s, %zu variables, %s", component->name, assembly->config.components[i].fmu,
+                      component->model->variable_count, describe_rollback(fmu, component));
+        print_choice(fmu, output);
+        (void)fputc('\n', output);
+    }
+    size_t signals = 0;
+    for (size_t i = 0; i < assembly->plan.signal_count; i++) {
+        signals += assembly->config.signals[i].is_reading ? 0 : 1;
+    }
+    (void)fprintf(output, "  %-12s %zu signal%s\n", "plant", signals, signals == 1 ? "" : "s");
+    (void)fputs("connections\n", output);
+    for (size_t i = 0; i < assembly->plan.connection_count; i++) {
+        (void)fprintf(output, "  %s \342\206\222 %s\n", assembly->plan.connections[i].from,
+                      assembly->plan.connections[i].to);
+    }
+}
+
+static const char *edge_name(const tl_plan_edge *edge) {
+    return edge->falls ? "not " : "";
+}
+
+/* An event horizon. */
+static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
+    const tl_plan_event *event = &config->event;
+    int64_t half = (event->window + config->step / 2) / config->step / 2;
+    (void)fprintf(output, "  search  %s; at most %" PRIu32 " evaluations a stroke, over as many cycles as they take\n",
+                  facts->algorithm, config->budget_evaluations);
+    (void)fprintf(output, "  stroke  from %s%s to %s%s, at most %g s; J over T_F = %" PRId64 " steps around its end\n",
+                  edge_name(&event->start), event->start.signal, edge_name(&event->end), event->end.signal,
+                  tl_seconds(event->longest), 2 * half);
+    (void)fprintf(output,
+                  "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
+                  "at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), config->measurements == TL_HOLD ? 0 : half, facts->lead);
+}
+
+static void print_mode(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (!config->synchronise) {
+        (void)fprintf(output, "free-running, one step every %g s; step i is computed at tick i + %" PRIu32 "\n",
+                      tl_seconds(config->step), facts.lead);
+        return;
+    }
+    (void)fprintf(output, "synchronised, one step every %g s\n", tl_seconds(config->step));
+    if (config->event.start.signal != NULL) {
+        print_event(config, &facts, output);
+        return;
+    }
+    (void)fprintf(output, "  search  %s%s%s; at most %" PRIu32 " evaluations a step\n", facts.algorithm,
+                  facts.fallback[0] != '\0' ? ", then " : "", facts.fallback, config->budget_evaluations);
+    (void)fprintf(output, "  horizon T_D = %" PRIu32 ", T_P = %" PRIu32 ", %s: %zu unknown%s\n", facts.distance,
+                  facts.prediction, config->shape == TL_DYNAMIC ? "dynamic" : "static", facts.unknowns,
+                  facts.unknowns == 1 ? "" : "s");
+    (void)fprintf(output, "  timing  measurements %s: step i is computed at tick i + %" PRIu32 "\n",
+                  tl_measurements_name(config->measurements), facts.lead);
+}
+
+/* What a step waits for the next reading of. */
+static void print_wait(const tl_config *config, const char *what, bool inputs, int32_t ticks, FILE *output) {
+    bool any = false;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_config_signal *signal = &config->signals[i];
+        bool waits = signal->between != TL_BETWEEN_LAST || (ticks > 0 && tl_condition_is_needed(&signal->condition));
+        any = any || (waits && inputs == tl_config_feeds(config, signal));
+    }
+    if (any) {
+        (void)fprintf(output, "  between %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,
+                      ticks == 1 ? "" : "s");
+    }
+}
+
+static void print_adjusted(const tl_assembly *assembly, size_t index, FILE *output) {
+    const tl_plan_adjust *adjust = &assembly->config.adjust[index];
+    (void)fprintf(output, "  adjust  %s", adjust->variable);
+    if (!tl_twin_get_adjusted(assembly->twin, index).is_real) {
+        (void)fprintf(output, ", off or on");
+    } else if (adjust->step > 0.0) {
+        (void)fprintf(output, ", first step %g %s", adjust->step, tl_twin_adjust_unit(assembly->twin, index));
+    }
+    if (isfinite(adjust->lower) || isfinite(adjust->upper)) {
+        (void)fprintf(output, ", within %g \342\200\246 %g", adjust->lower, adjust->upper);
+    }
+    if (adjust->dwell > 0) {
+        (void)fprintf(output, ", each for at least %g s", tl_seconds(adjust->dwell));
+    }
+    (void)fputc('\n', output);
+}
+
+static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
+    const tl_config *config = &assembly->config;
+    for (size_t i = 0; i < config->match_count; i++) {
+        const tl_plan_match *match = &config->match[i];
+        if (config->synchronise && match->weight > 0.0) {
+            const char *unit = tl_twin_match_unit(assembly->twin, i);
+            (void)fprintf(output, "  match   %s \342\206\224 %s, tolerance %g%s%s, weight %g\n", match->variable,
+                          match->to, match->tolerance, unit[0] != '\0' ? " " : "", unit, match->weight);
+        } else {
+            (void)fprintf(output, "  compare %s \342\206\224 %s\n", match->variable, match->to);
+        }
+    }
+    print_wait(config, "readings that are matched", false, config->output_lookup.ticks, output);
+    print_wait(config, "readings that feed inputs", true, config->input_lookup.ticks, output);
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        print_adjusted(assembly, i, output);
+    }
+}
+
+static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time cost, FILE *output) {
+    (void)fprintf(output, "  %-16s %4" PRIu32, entry->name, entry->reach);
+    if (entry->on_a_way) {
+        (void)fprintf(output, " %4" PRIu32, entry->longer);
+    } else {
+        (void)fprintf(output, " %4s", "-");
+    }
+    (void)fprintf(output, " %6" PRIu32 " %6" PRIu32 " %6" PRIu32, prediction, entry->first_need, entry->next_need);
+    if (entry->nodes != 0) {
+        (void)fprintf(output, " %6" PRIu32 " %9.1f", entry->nodes, (double)entry->memory / 1024.0);
+    } else {
+        (void)fprintf(output, " %6s %9s", "-", "-");
+    }
+    if (cost != 0) {
+        (void)fprintf(output, " %8.2f\n", tl_seconds(cost) * 1e6);
+    } else {
+        (void)fprintf(output, " %8s\n", "-");
+    }
+}
+
+/* The graph's part of the bill: eq. 4.5 and 4.13. */
+static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    double plain = (double)prognosis->plain;
+    if (facts.unknowns == 0 || assembly->config.event.start.signal != NULL) {
+        return;
+    }
+    (void)fprintf(output,
+                  "executions of an evaluation, saved by structure: %s, by sequences: %s\n"
+                  "  component         \316\223_k  C_k  plain  first   then  nodes cache KiB  \302\265s each\n",
+                  facts.structure ? "yes" : "no", facts.sequences ? "yes" : "no");
+    for (size_t k = 0; k < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        print_need(&entry, facts.prediction, prognosis->cost[k], output);
+    }
+    (void)fprintf(output, "  %-26s %6" PRIu64 " %6" PRIu64 " %6" PRIu64 "\n", "sum", prognosis->plain, prognosis->first,
+                  prognosis->next);
+    (void)fprintf(output, "  %-26s %6.3f %6.3f %6.3f\n", "ratio", 1.0, (double)prognosis->first / plain,
+                  (double)prognosis->next / plain);
+    (void)fputs("  plain: if nothing were saved; first: at most, of a step's first evaluation;\n"
+                "  then: of each later one; the FMUs' states are not in KiB\n",
+                output);
+}
+
+static void print_worst(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    (void)fprintf(output, "  worst step   %" PRIu64 " executions: %" PRIu32 " evaluations and the commit\n",
+                  prognosis->worst, config->budget_evaluations);
+    if (prognosis->worst_time != 0) {
+        double worst = tl_seconds(prognosis->worst_time);
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of its budget of %g ms\n", worst * 1e6,
+                      100.0 * worst / tl_seconds(config->budget_time), tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
+/* The search of a stroke takes the time that the cycles leave. */
+static void print_stroke(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
+    tl_time each = config->budget_time - prognosis->step_time;
+    (void)fprintf(output, "  evaluation   %" PRIu64 " executions at most\n", prognosis->plain);
+    (void)fprintf(output, "  worst stroke %" PRIu64 " executions: %" PRIu32 " evaluations\n", prognosis->worst,
+                  config->budget_evaluations);
+    if (prognosis->worst_time != 0 && each > 0) {
+        (void)fprintf(output, "               %.4g ms here: %" PRId64 " cycles of the budget of %g ms\n",
+                      tl_seconds(prognosis->worst_time) * 1e3, prognosis->worst_time / each + 1,
+                      tl_seconds(config->budget_time) * 1e3);
+    }
+}
+
+/* Bytes for people: "10.6 KiB", "130.1 MiB". */
+static void print_size(FILE *output, double bytes) {
+    double kibibytes = bytes / 1024.0;
+    bool large = kibibytes >= 10000.0;
+    (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
+}
+
+static void print_spread(const char *name, const tl_twin_spread *spread, FILE *output) {
+    (void)fprintf(output, "    %-8s %10.2f %10.2f %10.2f\n", name, tl_seconds(spread->median) * 1e6,
+                  tl_seconds(spread->high) * 1e6, tl_seconds(spread->worst) * 1e6);
+}
+
+static void print_timing(const tl_twin_ledger *entry, const tl_twin_timing *timing, FILE *output) {
+    (void)fprintf(output, "  %-27s", entry->name);
+    if (entry->state_size != 0) {
+        (void)fputs(" a state takes ", output);
+        print_size(output, (double)entry->state_size);
+        (void)fprintf(output, ", %" PRIu32 " of them ", entry->states);
+        print_size(output, (double)entry->state_size * entry->states);
+    }
+    (void)fputs("\n", output);
+    print_spread("step", &timing->step, output);
+    print_spread("save", &timing->save, output);
+    print_spread("restore", &timing->restore, output);
+}
+
+/* Of each component that is rolled back, what a search has of it. The FMUs step on: after all else that is measured. */
+static void print_timings(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    bool has_title = false;
+    for (size_t k = 0; k + 1 < facts.components && facts.unknowns != 0 && prognosis->steps != 0; k++) {
+        tl_twin_timing timing;
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        tl_twin_time_component(assembly->twin, k, tl_clock_now, NULL, LONGEST_TIMING, &timing);
+        if (timing.rounds != 0) {
+            (void)fputs(has_title ? "" : "going back, \302\265s   median       99 %      worst\n", output);
+            has_title = true;
+            print_timing(&entry, &timing, output);
+        }
+    }
+}
+
+/* They are the FMUs' own, beside `memory`. */
+static void print_states(const tl_assembly *assembly, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    tl_twin_ledger largest = {0};
+    for (size_t k = 0; k + 1 < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        largest = entry.state_size > largest.state_size ? entry : largest;
+    }
+    if (largest.state_size != 0) {
+        (void)fputs("  states       ", output);
+        print_size(output, (double)facts.state_memory);
+        (void)fprintf(output, " of the FMUs' own at most; one of %s takes ", largest.name);
+        print_size(output, (double)largest.state_size);
+        (void)fputs("\n", output);
+    }
+}
+
+/* A way back takes as long as the way was: until when there is one, and until when one fits into a step's budget. */
+static void print_replay(const tl_config *config, const tl_twin_ledger *entry, tl_time each, FILE *output) {
+    const tl_fmi2_replay *replay = &entry->replay;
+    tl_time longest = replay->beginning + each * (tl_time)replay->most;
+    (void)fprintf(output,
+                  "  replay       %s is rolled back within %" PRIu32 " steps of its beginning, %g s of plant time, and "
+                  "runs free\n               afterwards; its inputs take ",
+                  entry->name, replay->most, tl_seconds(config->step * (tl_time)replay->most));
+    print_size(output, (double)replay->bytes);
+    if (each == 0) {
+        (void)fputs("\n", output);
+        return;
+    }
+    (void)fprintf(output, ", a rollback %.4g \302\265s there", tl_seconds(longest) * 1e6);
+    if (longest <= config->budget_time) {
+        (void)fputs("\n", output);
+        return;
+    }
+    tl_time left = config->budget_time - replay->beginning;
+    tl_time fitting = left > 0 ? left / each : 0;
+    (void)fprintf(output, ":\n               from %g s on one takes longer than the budget of %g ms\n",
+                  tl_seconds(config->step * fitting), tl_seconds(config->budget_time) * 1e3);
+}
+
+static void print_replays(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    for (size_t k = 0; k + 1 < facts.components; k++) {
+        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
+        if (entry.replay.most != 0) {
+            print_replay(&assembly->config, &entry, prognosis->cost[k], output);
+        }
+    }
+}
+
+static void print_block(const char *name, size_t bytes, const char *purpose, FILE *output) {
+    if (bytes != 0) {
+        (void)fprintf(output, "  %-13s", name);
+        print_size(output, (double)bytes);
+        (void)fprintf(output, " %s\n", purpose);
+    }
+}
+
+/* Bytes of the twin as it is saved, after the dry run; 0: it is not, or cannot be. */
+static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *prognosis) {
+    bool is_saved = assembly->config.record_resume != 0 && prognosis->steps != 0 && tl_twin_can_save(assembly->twin);
+    size_t size = 0;
+    tl_error error;
+    return is_saved && tl_twin_save(assembly->twin, NULL, 0, &size, &error) == TL_OK ? size : 0;
+}
+
+/* Of plants that are read live. */
+static void print_blocks(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_live_blocks blocks;
+    if (assembly->config.source_count == 0) {
+        return;
+    }
+    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
+    print_block("mail", blocks.mail, "for the plant's newest readings, in `run`", output);
+    print_block("outbox", blocks.outbox, "for what waits for the recorder, in `run`", output);
+    print_block("checkpoint", blocks.checkpoints, "for the saved twin, in `run`", output);
+    print_block("past", blocks.past, "at most, while `run` goes on with an earlier one", output);
+    print_block("shadow", blocks.shadow, "more, at most, for a second twin beside that of `run`", output);
+}
+
+static void print_free_twin(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    if (tl_twin_get_facts(assembly->twin).has_free_twin) {
+        (void)fprintf(output,
+                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
+                      "               searched: in that time\n",
+                      prognosis->step);
+    }
+}
+
+static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    const tl_config *config = &assembly->config;
+    (void)fputs("cost\n", output);
+    (void)fprintf(output, "  free step    %" PRIu64 " executions\n", prognosis->step);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "               %.4g \302\265s here: %.3g %% of the period\n",
+                      tl_seconds(prognosis->step_time) * 1e6,
+                      100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
+    }
+    print_free_twin(assembly, prognosis, output);
+    if (config->event.start.signal != NULL) {
+        print_stroke(config, prognosis, output);
+    } else if (config->adjust_count != 0) {
+        print_worst(config, prognosis, output);
+    }
+    (void)fprintf(output, "  memory       %.1f KiB of ours, taken at start-up\n",
+                  (double)tl_twin_get_facts(assembly->twin).memory / 1024.0);
+    (void)fprintf(output, "               and %d MiB of stack for FMUs%s\n", TL_FMU_THREAD_STACK >> 20,
+                  config->realtime_lock_memory ? ", all of it resident in `run`" : "");
+    print_states(assembly, output);
+    print_replays(assembly, prognosis, output);
+    print_blocks(assembly, prognosis, output);
+    if (prognosis->steps != 0) {
+        (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
+                      prognosis->steps);
+    } else {
+        (void)fputs("  time is not told: the FMUs cannot step with the plant's initial values\n", output);
+    }
+}
+
+/* The limits, and the places besides what all programs are made of. */
+static void print_places(const tl_assembly *assembly, uint64_t memory, FILE *output) {
+    tl_twin_places places = {.count = 0};
+    (void)fprintf(output, "  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
+                  memory >> 20, TL_TWIN_FOLDER_MIB, TL_TWIN_THREADS);
+    tl_twin_places_find(assembly, &places);
+    for (size_t i = 0; i < places.count; i++) {
+        char clean[PATH_MAX];
+        (void)tl_clean_text(places.path[i], strlen(places.path[i]), clean, sizeof clean);
+        (void)fprintf(output, "%s    %s\n", i == 0 ? "  FMUs may read, besides what programs are made of\n" : "",
+                      clean);
+    }
+    tl_twin_places_free(&places);
+    if (geteuid() == 0) {
+        (void)fputs("  FMUs stay root, without capabilities: TMPDIR is closed to other users\n", output);
+    }
+}
+
+/* Of a twin that goes back; a trial is waited for, and looks no further. */
+static void print_far_look(const tl_assembly *assembly, const tl_far_look *look, FILE *output) {
+    tl_time step = assembly->config.step;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (facts.proved_executions != 0) {
+        (void)fprintf(output, "rollback\n  proved at the start by %" PRIu64 " executions, which no other count has\n",
+                      facts.proved_executions);
+    }
+    if (look->times != 0) {
+        (void)fprintf(output, "  looked at %" PRIu64 " times, %g \342\200\246 %g s from the start: %s\n", look->times,
+                      tl_seconds(tl_time_of_step(0, step, look->first)),
+                      tl_seconds(tl_time_of_step(0, step, look->first + look->steps)),
+                      look->news.found ? "not exact" : "exact");
+    }
+}
+
+static const char *describe_read_back(const tl_read_back_component *found) {
+    switch (found->finding) {
+    case TL_READ_BACK_IS_EXACT:
+        return found->must_initialise ? "read back exactly; but it must initialise first" : "read back exactly";
+    case TL_READ_BACK_ENDS:
+        return "ends the process that loads it";
+    case TL_READ_BACK_IS_REFUSED:
+        return "refused";
+    case TL_READ_BACK_IS_OTHER:
+        return "loaded, and goes on otherwise";
+    case TL_READ_BACK_NOR_HERE:
+        return "goes on otherwise, and so it does in the process that has saved it";
+    case TL_READ_BACK_UNKNOWN:
+        break;
+    }
+    return "not known: it could not be tried";
+}
+
+/* If their states can be saved. */
+static void print_read_back(const tl_assembly *assembly, const tl_read_back_report *report, FILE *output) {
+    if (report->is_tried) {
+        (void)fputs("saved states, loaded by another process\n", output);
+    }
+    for (size_t i = 0; i < report->count && report->is_tried; i++) {
+        (void)fprintf(output, "  %-12s %s\n", assembly->config.components[i].name, describe_read_back(&report->of[i]));
+    }
+}
+
+/* For a program. */
+static void print_figures(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    tl_live_blocks blocks;
+    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
+    const tl_twin_cost cost = {
+        .least = prognosis->step_time,
+        .worst = prognosis->worst_time,
+        .memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints,
+    };
+    tl_twin_cost_print(&cost, output);
+}
+
+static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
+                            FILE *output, uint32_t *warnings) {
+    const tl_config *config = &assembly->config;
+    tl_prognosis prognosis;
+    tl_far_look look = {.times = 0};
+    tl_read_back_report states;
+    tl_prognosis_make(assembly, &prognosis);
+    if (tl_twin_get_facts(assembly->twin).cannot_return || prognosis.error.status == TL_FMU_FATAL) {
+        tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
+        return prognosis.error.status;
+    }
+    (void)fprintf(output, "%s: %s\n", config->path, config->name);
+    print_components(assembly, output);
+    print_mode(assembly, output);
+    print_synchronisation(assembly, output);
+    tl_delay_page_print(config, output);
+    print_needs(assembly, &prognosis, output);
+    print_costs(assembly, &prognosis, output);
+    if (prognosis.steps != 0 && !job->cost) {
+        tl_far_look_take(assembly, prognosis.next_tick, &look);
+    }
+    print_far_look(assembly, &look, output);
+    tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, true, &states);
+    print_read_back(assembly, &states, output);
+    if (!job->cost) {
+        print_timings(assembly, &prognosis, output);
+    }
+    if (!job->unconfined) {
+        print_places(assembly, job->memory, output);
+    }
+    *warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
+    if (job->cost) {
+        print_figures(assembly, &prognosis, output);
+    }
+    return TL_OK;
+}
+
+/* Steps before a state is saved to be tried, besides those of the proof. */
+enum { TRIED_AFTER = 20 };
+
+/* A line: why saved states are of no use to another process; an empty one: nothing speaks against them. What cannot be tried is believed, as it was before. */
+static tl_status print_states_only(const tl_assembly *assembly, const tl_read_back_host *host, FILE *output) {
+    tl_read_back_report report;
+    tl_error error;
+    tl_status status =
+        tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &error);
+    tl_read_back_take(assembly, status == TL_OK ? host : NULL, false, &report);
+    for (size_t i = 0; i < report.count; i++) {
+        const tl_read_back_component *found = &report.of[i];
+        if (tl_read_back_is_useless(found->finding)) {
+            (void)fprintf(output, "a saved state of %.40s %s (%.250s)", assembly->config.components[i].name,
+                          tl_read_back_words(found->finding), found->text);
+            break;
+        }
+    }
+    (void)fputc('\n', output);
+    return TL_OK;
+}
+
+tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
+                              const tl_read_back_host *host, FILE *page, uint32_t *warnings) {
+    *warnings = 0;
+    if (job->states_only) {
+        return status == TL_OK ? print_states_only(assembly, host, page) : status;
+    }
+    if (status == TL_OK) {
+        status = print_page(assembly, job, host, page, warnings);
+    } else if (assembly->problems.report.count > 1) {
+        tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
+    }
+    if (job->variables) {
+        print_variables(assembly, page);
+    }
+    return status;
+}

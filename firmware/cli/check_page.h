@@ -1,0 +1,17 @@
+/* The page that `twinlock check` prints of an assembled twin.
+ *
+ * Purpose: components, synchronisation, costs, rollback and memory, for people. Printed in the process with the FMUs (twin_role.h).
+ * Thread:  the one that calls the FMUs.
+ */
+#ifndef TL_FIRMWARE_CLI_CHECK_PAGE_H
+#define TL_FIRMWARE_CLI_CHECK_PAGE_H
+
+#include <stdio.h>
+
+#include "firmware/twin/twin_role.h"
+
+/* Prints to `page` what the job asks for. `status`: of assembling, which is returned if it is not TL_OK. `warnings`: how many were printed. */
+tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
+                              const tl_read_back_host *host, FILE *page, uint32_t *warnings);
+
+#endif
