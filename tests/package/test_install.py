@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The package on a bare Debian 12: apt finds all it depends on; what it installs runs and can be administered; and it
+"""The package on a bare Debian of this machine's release: apt finds all it depends on; what it installs runs and can be administered; and it
 goes away as it should. The Debian is made for this test, in a folder (mmdebstrap), and forgotten.
 
 `test_install.py` makes it; `test_install.py --inside ROOT` is what runs in it, before it is forgotten.
@@ -29,16 +29,6 @@ ROOT = Path(sys.argv[2]) if sys.argv[1:2] == ["--inside"] else None
 
 
 # ---- The Debian ------------------------------------------------------------------------------------------------------
-def sources():
-    """Debian's archive as this machine is configured to reach it: lines for sources.list."""
-    line = "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $(REPO_URI) $(RELEASE) $(COMPONENT)"
-    found = output_of("apt-get", "indextargets", "--format", line, "Created-By: Packages", "Origin: Debian",
-                      "Label: Debian")
-    if not found:
-        raise Skip("apt knows no archive of Debian's here")
-    return "".join(f"{line}\n" for line in sorted(set(found.splitlines())))
-
-
 def make_and_enter():
     """The exit code of the tests inside; raises Skip where there is no network."""
     debian.need("mmdebstrap")
@@ -51,8 +41,8 @@ def make_and_enter():
                f"--include={copied}", f"--include={serve}", "--include=curl",
                f"--setup-hook=mkdir -p \"$1{copied.parent}\" \"$1/srv\" && cp '{copied}' '{serve}' \"$1{copied.parent}\"",
                f"--customize-hook=cp '{copied}' \"$1{AGAIN}\"",
-               f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", "bookworm", "-", "-"]
-    done = subprocess.run(command, input=sources(), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
+               f"--customize-hook='{sys.executable}' '{__file__}' --inside \"$1\"", debian.release(), "-", "-"]
+    done = subprocess.run(command, input=debian.archive(debian.release()), stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False,
                           encoding="utf-8", errors="replace")
     print(done.stdout, end="")
     if done.returncode != 0 and "apt-get update" in done.stdout and "test_" not in done.stdout:

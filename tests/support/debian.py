@@ -1,5 +1,6 @@
 """What the tests of the Debian package share: making it, and looking into it."""
 import os
+import platform
 import re
 import subprocess
 from pathlib import Path
@@ -27,6 +28,20 @@ def sources(*below, root=SOURCE):
     """Paths of what git tracks or would add. It does not trust a clone that is another user's, unless told for this one command."""
     return [name for name in output_of("git", "-c", f"safe.directory={root.resolve()}", "-C", root, "ls-files", "-z", "--cached",
                                        "--others", "--exclude-standard", *below).split("\0") if name]
+
+
+def release():
+    """The code name of this machine's Debian."""
+    return platform.freedesktop_os_release()["VERSION_CODENAME"]
+
+
+def archive(name):
+    """Lines of sources.list for Debian's release `name`, from the mirror that this machine's apt uses."""
+    line = "deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] $(REPO_URI) $(CODENAME) $(COMPONENT)"
+    found = output_of("apt-get", "indextargets", "--format", line, "Created-By: Packages", "Origin: Debian", "Label: Debian")
+    if not found:
+        raise Skip("apt knows no archive of Debian's here")
+    return "".join(f"{line}\n" for line in sorted(set(found.replace(f" {release()}", f" {name}").splitlines())))
 
 
 def make(build=BUILD, umask=0o022, name="twinlock", **environment):

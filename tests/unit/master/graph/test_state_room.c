@@ -194,7 +194,8 @@ static void memory_is_within_what_is_told(void) {
     TEST_ASSERT_TRUE(large.state_size >= MEGABYTE && large.state_size < MEGABYTE + 8192);
     TEST_ASSERT_TRUE(large.states >= 10 && large.states <= 15);
     TEST_ASSERT_EQUAL_UINT32(small.nodes, small.states);
-    TEST_ASSERT_TRUE(small.state_size > 0 && small.state_size < 4096);
+    TEST_ASSERT_TRUE(small.state_size <
+                     4096); /* 0 if the C library reuses freed memory, as glibc 2.41 does for calloc() */
 }
 
 /* An FMU with an allocator of its own, that says what its states take. */
