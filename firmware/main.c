@@ -1,5 +1,5 @@
 /* twinlock: the program, from its beginning to its end. */
-#include "firmware/base/c_locale.h"
+#include "firmware/base/os.h"
 #include "firmware/cli/command_line.h"
 #include "firmware/cli/roles.h"
 #include "firmware/process/crash.h"

@@ -136,7 +136,7 @@ static const char *cut_cell(char **rest) {
     return cell;
 }
 
-/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/base/c_locale.h). */
+/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/base/os.h). */
 static bool number_of(const char *text, double *number) {
     char *end = NULL;
     *number = 0;

@@ -1,6 +1,6 @@
-/* What must be the same so that a run can be gone on with: the FMUs, the system since it was booted, and who reads a checkpoint.
+/* Identities: SHA-256 of bytes and files.
  *
- * Thread: any.
+ * Thread:  any.
  */
 #ifndef TL_FIRMWARE_BASE_IDENTITY_H
 #define TL_FIRMWARE_BASE_IDENTITY_H
@@ -9,7 +9,22 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/base/sha256.h"
+/* ---- SHA-256: the fingerprint that ties a recording to the configuration it was made with.
+ *
+ * Purpose: none of the libraries that the program with FMUs links offers it. GnuTLS does, and is linked by those of the network only.
+ * Source:  FIPS 180-4, section 6.2.
+ * Thread:  pure function.
+ */
+
+enum { TL_SHA256_TEXT = 65 }; /* 64 hexadecimal digits and the end of the text */
+
+/* The digest of `size` bytes, in lower-case hexadecimal. */
+void tl_sha256(const void *data, size_t size, char text[TL_SHA256_TEXT]);
+
+/* ---- What must be the same so that a run can be gone on with: the FMUs, the system since it was booted, and who reads a checkpoint.
+ *
+ * Thread: any.
+ */
 
 enum { TL_IDENTITY_TEXT = 128, TL_IDENTITY_FILES = 64 };
 

@@ -6,7 +6,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/clean_text.h"
+#include "firmware/base/text.h"
 
 void tl_relay_clean(const char *bytes, size_t size, char clean[TL_RELAY_CLEAN]) {
     (void)tl_clean_text(bytes, size, clean, TL_RELAY_CLEAN);

@@ -1,6 +1,6 @@
 /* A relay: what another process prints into a pipe, as lines that can be shown.
  *
- * Purpose: nothing that an FMU prints can command the terminal, forge a line's end or turn its direction (clean_text.h).
+ * Purpose: nothing that an FMU prints can command the terminal, forge a line's end or turn its direction (text.h).
  * Lines:   whole ones. One that is longer than TL_RELAY_LINE bytes comes in pieces, each as a line.
  * Bounds:  a drain reads at most TL_RELAY_DRAIN bytes, so that who never stops printing does not keep it. There is no limit per second:
  *          what is not read stays in the pipe, and who prints waits.

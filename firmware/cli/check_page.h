@@ -1,6 +1,5 @@
-/* The page that `twinlock check` prints of an assembled twin.
+/* The page of `twinlock check`: an assembled twin, its delays, its costs and a forecast.
  *
- * Purpose: components, synchronisation, costs, rollback and memory, for people. Printed in the process with the FMUs (twin_role.h).
  * Thread:  the one that calls the FMUs.
  */
 #ifndef TL_FIRMWARE_CLI_CHECK_PAGE_H

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/cli/option_table.h"
+#include "firmware/cli/options.h"
 #include "firmware/cli/verb_program.h"
 #include "firmware/cli/verbs.h"
 #include "master/base/nearest.h"

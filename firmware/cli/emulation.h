@@ -1,9 +1,6 @@
-/* An emulated plant: rows of values in time, played from a recording or made by FMUs as the true plant.
+/* A plant from a simulation: the twin's outputs with noise.
  *
- * Purpose: what `twinlock plant` serves. From FMUs: the configuration's co-simulation runs free, its `emulate` columns
- *          are read with seeded noise at random message times.
- * Time:    of rows starts at 0; a row tells the plant as it was at its time (the newest step at or before it).
- * Thread:  one thread.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_CLI_EMULATION_H
 #define TL_FIRMWARE_CLI_EMULATION_H
@@ -15,6 +12,32 @@
 #include "firmware/config/config.h"
 #include "firmware/twin/twin_feed.h"
 #include "master/base/status.h"
+
+/* ---- Seeded noise: the same numbers on every machine.
+ *
+ * Purpose: measurement noise and message times of an emulated plant; C's rand() differs between libraries.
+ * Method:  SplitMix64 for uniform bits, Marsaglia's polar method for the normal distribution.
+ * Thread:  one generator belongs to one thread.
+ */
+
+/* Any value is a seed. */
+typedef struct tl_noise {
+    uint64_t state;
+} tl_noise;
+
+/* Uniform in [0, 1). */
+double tl_noise_uniform(tl_noise *noise);
+
+/* Normal with mean 0 and standard deviation 1. */
+double tl_noise_normal(tl_noise *noise);
+
+/* ---- An emulated plant: rows of values in time, played from a recording or made by FMUs as the true plant.
+ *
+ * Purpose: what `twinlock plant` serves. From FMUs: the configuration's co-simulation runs free, its `emulate` columns
+ *          are read with seeded noise at random message times.
+ * Time:    of rows starts at 0; a row tells the plant as it was at its time (the newest step at or before it).
+ * Thread:  one thread.
+ */
 
 typedef struct tl_emulation tl_emulation;
 

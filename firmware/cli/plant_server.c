@@ -18,8 +18,7 @@
 #include <unistd.h>
 
 #include "board/io/wake.h"
-#include "firmware/base/c_locale.h"
-#include "firmware/base/side_thread.h"
+#include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 
 enum {

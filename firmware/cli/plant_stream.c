@@ -17,7 +17,7 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 #define PATIENCE (TL_SECOND / 20)
 

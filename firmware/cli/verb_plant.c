@@ -2,13 +2,12 @@
 #include <inttypes.h>
 #include <limits.h>
 #include <stdint.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/base/progress.h"
+#include "firmware/base/os.h"
+#include "firmware/base/output.h"
 #include "firmware/cli/emulation.h"
 #include "firmware/cli/plant_bus.h"
 #include "firmware/cli/plant_server.h"

@@ -6,15 +6,13 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/clean_text.h"
-#include "firmware/base/file_bytes.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/base/output.h"
+#include "firmware/base/text.h"
 #include "firmware/cli/verbs.h"
-#include "firmware/retune/control_words.h"
-#include "firmware/retune/last_word.h"
+#include "firmware/retune/control.h"
 #include "firmware/retune/talk.h"
-#include "firmware/retune/talk_page.h"
 
 typedef struct reload {
     const tl_options *options;

@@ -1,11 +1,10 @@
 /* twinlock replay: a recording through the twin. */
 #include <limits.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/cli/verb_job.h"
 #include "firmware/cli/verbs.h"
@@ -16,7 +15,7 @@
 #include "firmware/twin/journal.h"
 #include "firmware/twin/replay.h"
 #include "firmware/twin/twin_recorder.h"
-#include "firmware/twin/twin_verify.h"
+#include "firmware/twin/twin_step.h"
 #include "firmware/twin/watch.h"
 
 /* Events on their way to the database and the report. */

@@ -1,4 +1,4 @@
-/* The verbs of the command line. Each runs with options that were read and checked, and returns the exit code of the process (option_table.h).
+/* The verbs of the command line. Each runs with options that were read and checked, and returns the exit code of the process (options.h).
  *
  * Thread: the main thread.
  */

@@ -234,7 +234,7 @@ uint32_t tl_config_free_twin_guard(const tl_config *config);
 /* Is its live value polled, so that a value may be read several times (Modbus)? */
 bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal);
 
-/* Of a signal that is polled: ns after a reading in which a poll that finds the same value is that reading again (repeated_reading.h): until the next
+/* Of a signal that is polled: ns after a reading in which a poll that finds the same value is that reading again (plant_reader.h): until the next
  * one may be due, or half of `stale_s` is over, less a poll. 0: each poll is a reading. */
 tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal);
 

@@ -1,9 +1,532 @@
-/* The differences of two texts, each with what it needs. */
+/* A change of the configuration: what differs, which right each key needs, and how it takes effect: see config_change.h. */
 #include "firmware/config/config_change.h"
 
-#include <stdbool.h>
+#include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+
+#include "master/plan/tuning.h"
+
+/* ---- allowed names ---- */
+
+struct tl_allowed_name {
+    tl_change_named kind;
+    char *text;
+};
+
+static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char *text, size_t length,
+                     tl_error *error) {
+    if (allowed->count == allowed->room) {
+        size_t room = allowed->room == 0 ? 16 : 2 * allowed->room;
+        struct tl_allowed_name *names = realloc(allowed->names, room * sizeof *names);
+        if (names == NULL) {
+            return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
+        }
+        allowed->names = names;
+        allowed->room = room;
+    }
+    struct tl_allowed_name *name = &allowed->names[allowed->count];
+    name->kind = kind;
+    name->text = strndup(text, length);
+    if (name->text == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
+    }
+    allowed->count++;
+    return TL_OK;
+}
+
+/* ---- a list ---- */
+
+/* "file NAME": the name, which may have spaces within; NULL: the line is none of this kind. */
+static const char *name_behind(const char *line, size_t length, const char *word) {
+    size_t letters = strlen(word);
+    if (length <= letters || strncmp(line, word, letters) != 0) {
+        return NULL;
+    }
+    size_t blanks = strspn(line + letters, " \t");
+    return blanks > 0 && letters + blanks < length ? line + letters + blanks : NULL;
+}
+
+static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t length, unsigned number,
+                          tl_error *error) {
+    static const struct {
+        const char *word;
+        tl_change_named kind;
+    } kinds[] = {{"file", TL_NAMES_FILE}, {"library", TL_NAMES_LIBRARY}};
+    while (length > 0 && strchr(" \t\r", line[length - 1]) != NULL) {
+        length--;
+    }
+    if (length == 0 || line[0] == '#') {
+        return TL_OK;
+    }
+    for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
+        const char *name = name_behind(line, length, kinds[i].word);
+        if (name != NULL) {
+            return add(allowed, kinds[i].kind, name, length - (size_t)(name - line), error);
+        }
+    }
+    return tl_fail(error, TL_BAD_DATA, "line %u: found \"%.*s\", expected \"file NAME\" or \"library NAME\"", number,
+                   (int)(length < 80 ? length : 80), line);
+}
+
+tl_status tl_allowed_names_add_list(tl_allowed_names *allowed, const char *text, tl_error *error) {
+    tl_status status = TL_OK;
+    const char *line = text;
+    for (unsigned number = 1; line[0] != '\0' && status == TL_OK; number++) {
+        size_t length = strcspn(line, "\n");
+        status = add_line(allowed, line, length, number, error);
+        line += length + (line[length] == '\n' ? 1 : 0);
+    }
+    return status;
+}
+
+/* ---- a configuration ---- */
+
+typedef struct name_search {
+    tl_allowed_names *allowed;
+    tl_status status;
+    tl_error error;
+} name_search;
+
+static void collect(const tl_json_difference *difference, void *context) {
+    name_search *c = context;
+    tl_change_needs needs = tl_change_needs_of(difference);
+    if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT) {
+        const char *text = difference->after.text;
+        c->status = add(c->allowed, needs.names, text, strlen(text), &c->error);
+    }
+}
+
+tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const char *text, tl_error *error) {
+    const tl_json_source nothing = {"{}", strlen("{}"), "nothing"};
+    const tl_json_source all = {text, strlen(text), "a configuration"};
+    name_search c = {.allowed = allowed, .status = TL_OK};
+    tl_status status = tl_json_compare(&nothing, &all, collect, &c, error);
+    return status != TL_OK ? status : c.status == TL_OK ? TL_OK : tl_fail(error, c.status, "%s", c.error.text);
+}
+
+/* ---- asking ---- */
+
+bool tl_allowed_names_have(const tl_allowed_names *allowed, tl_change_named kind, const char *name) {
+    for (size_t i = 0; i < allowed->count; i++) {
+        if (allowed->names[i].kind == kind && strcmp(allowed->names[i].text, name) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+void tl_allowed_names_free(tl_allowed_names *allowed) {
+    for (size_t i = 0; i < allowed->count; i++) {
+        free(allowed->names[i].text);
+    }
+    free(allowed->names);
+    *allowed = (tl_allowed_names){.count = 0};
+}
+
+/* ---- The table of rules, and how a path finds its own. */
+
+/* ---- values ---- */
+
+static bool is_path(const tl_json_value *value) {
+    return value->type == TL_JSON_TEXT && strchr(value->text, '/') != NULL;
+}
+
+static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
+    needs->right = TL_CHANGE_BY_COMMISSION; /* if it is gone */
+    if (after->type != TL_JSON_ABSENT) {
+        needs->right = TL_CHANGE_ON_THE_BOX;
+        needs->names = what;
+    }
+}
+
+static void judge_file(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    name(after, TL_NAMES_FILE, needs);
+}
+
+static void judge_library(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    name(after, TL_NAMES_LIBRARY, needs);
+}
+
+/* A value of `set` that is a text may name a file, which the FMU may read then. */
+static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    if (is_path(after)) {
+        name(after, TL_NAMES_FILE, needs);
+    } else if (after->type == TL_JSON_TEXT) {
+        needs->right = TL_CHANGE_BY_COMMISSION;
+    }
+}
+
+/* A name is looked up among the FMUs that are installed, and its hash says which file is meant; a path is any file. */
+static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    (void)before;
+    if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
+        name(after, TL_NAMES_FMU, needs);
+    }
+}
+
+/* What stands in place of a key that is left out, only a new twin finds in the FMU. */
+static void judge_given(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (before->type == TL_JSON_ABSENT || after->type == TL_JSON_ABSENT) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+static double number_of(const tl_json_value *value, double otherwise) {
+    if (value->type == TL_JSON_ABSENT) {
+        return otherwise;
+    }
+    return value->type == TL_JSON_NUMBER ? value->number : (double)NAN;
+}
+
+/* Whether an output is matched at all decides how far a horizon has to reach. */
+static void judge_weight(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    const double usual = 1.0;
+    if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+/* From 1 tolerance on J is below 1 for the same differences as without it; a smaller one makes larger differences pass for within tolerance. */
+static void judge_huber(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    const double least = 1.0;
+    (void)before;
+    if (!(number_of(after, least) >= least)) {
+        needs->right = TL_CHANGE_BY_COMMISSION;
+    }
+}
+
+/* A twin has room for so many as it began with, and for as many as are usual. */
+static void judge_evaluations(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    const double usual = TL_TUNING_ROOM;
+    double most = fmax(usual, number_of(before, usual));
+    if (!(number_of(after, usual) <= most)) {
+        needs->kind = TL_CHANGE_NEW_TWIN;
+    }
+}
+
+static bool has_sibling(const tl_json_value *before, const tl_json_value *after, const char *key) {
+    return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
+}
+
+/* Which Modbus polls repeat a reading is decided where they are read: tl_config_repeats(). */
+static void judge_polls(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (has_sibling(before, after, "modbus")) {
+        needs->kind = TL_CHANGE_RESTART;
+    }
+}
+
+static void judge_stale(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+    if (has_sibling(before, after, "every_s")) {
+        judge_polls(before, after, needs);
+    }
+}
+
+/* ---- the table ---- */
+
+#define IN_PLACE                                                                                                       \
+    { TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+#define NEW_TWIN                                                                                                       \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+#define NEW_TWIN_COMMISSIONED                                                                                          \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
+#define NEW_TWIN_ON_THE_BOX                                                                                            \
+    { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
+#define RESTART_ON_THE_BOX                                                                                             \
+    { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
+#define RESTART                                                                                                        \
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+#define RESTART_COMMISSIONED                                                                                           \
+    { TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
+
+/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
+static const tl_change_rule rules[] = {
+    /* what is about the whole */
+    {"$schema", IN_PLACE, NULL},
+    {"twinlock", RESTART, NULL},
+    {"name", RESTART, NULL},                /* titles and units are by it */
+    {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock is judged over steps */
+    {"duration_s", RESTART_COMMISSIONED, NULL},
+    /* FMUs */
+    {"components", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.fmu", NEW_TWIN_COMMISSIONED, judge_fmu},
+    {"components.*.sha256", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.set", NEW_TWIN, NULL},
+    {"components.*.set.*", NEW_TWIN, judge_set},
+    {"components.*.keep", NEW_TWIN, NULL},
+    {"components.*.rollback", NEW_TWIN, NULL},
+    {"components.*.replay_steps", NEW_TWIN, NULL},
+    {"components.*.fork_nodes", NEW_TWIN, NULL},
+    {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, judge_library},
+    {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},
+    {"components.*.read[]", NEW_TWIN_COMMISSIONED, judge_file},
+    {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
+    {"components.*.logging", NEW_TWIN, NULL},
+    /* where live signals come from: the process that reads them takes another one only with another run */
+    {"sources", RESTART_COMMISSIONED, NULL},
+    {"sources.*", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.host", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.port", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_tcp.any_unit_id", RESTART, NULL},
+    {"sources.*.modbus_tcp.period_s", RESTART, NULL},
+    {"sources.*.modbus_tcp.timeout_s", RESTART, NULL},
+    {"sources.*.modbus_rtu", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.device", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.baud", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.parity", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.stop_bits", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.rs485", RESTART_COMMISSIONED, NULL},
+    {"sources.*.modbus_rtu.period_s", RESTART, NULL},
+    {"sources.*.modbus_rtu.timeout_s", RESTART, NULL},
+    {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
+    {"sources.*.gpio.period_s", RESTART, NULL},
+    {"sources.*.csv", RESTART_COMMISSIONED, NULL},
+    {"sources.*.csv.file", RESTART_COMMISSIONED, judge_file},
+    {"sources.*.csv.time_column", RESTART, NULL},
+    {"sources.*.csv.period_s", RESTART, NULL},
+    {"sources.*.can", RESTART_COMMISSIONED, NULL},
+    {"sources.*.can.interface", RESTART_COMMISSIONED, NULL},
+    /* signals: what is measured is what the twin is judged by */
+    {"plant", RESTART_COMMISSIONED, NULL},
+    {"plant.*", RESTART_COMMISSIONED, NULL},
+    {"plant.*.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.unit", NEW_TWIN, NULL},
+    {"plant.*.min", NEW_TWIN_COMMISSIONED, NULL}, /* what is out of range is not compared */
+    {"plant.*.max", NEW_TWIN_COMMISSIONED, NULL},
+    {"plant.*.stale_s", NEW_TWIN_COMMISSIONED, judge_stale},
+    {"plant.*.between", NEW_TWIN, NULL},
+    {"plant.*.every_s", NEW_TWIN, judge_polls},
+    {"plant.*.initial", NEW_TWIN, NULL},
+    {"plant.*.csv", RESTART_COMMISSIONED, NULL},
+    {"plant.*.csv.column", RESTART_COMMISSIONED, NULL},
+    {"plant.*.csv.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.unit_id", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.table", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.address", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.words", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.bytes", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.scale", RESTART_COMMISSIONED, NULL},
+    {"plant.*.modbus.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.id", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.extended", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.bytes", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.fd", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.start", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.length", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.order", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.type", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.scale", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.multiplex", RESTART_COMMISSIONED, NULL},
+    {"plant.*.can.multiplex.**", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.source", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.line", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.offset", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.bias", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.active_low", RESTART_COMMISSIONED, NULL},
+    {"plant.*.gpio.debounce_s", RESTART_COMMISSIONED, NULL},
+    {"recording", RESTART, NULL},
+    {"recording.file", RESTART_COMMISSIONED, NULL},
+    {"recording.time_column", RESTART, NULL},
+    /* the twin */
+    {"connect", NEW_TWIN, NULL},
+    {"connect[]", NEW_TWIN, NULL},
+    {"connect[][]", NEW_TWIN, NULL},
+    {"compare", NEW_TWIN, NULL},
+    {"compare.*", NEW_TWIN, NULL},
+    {"compare.*.to", NEW_TWIN, NULL},
+    {"compare.*.between", NEW_TWIN, NULL},
+    {"synchronise", NEW_TWIN, NULL},
+    {"synchronise.adjust", NEW_TWIN, NULL},
+    {"synchronise.adjust.*", NEW_TWIN, NULL},
+    {"synchronise.adjust.*.step", NEW_TWIN, NULL},
+    {"synchronise.adjust.*.nominal", IN_PLACE, judge_given},
+    {"synchronise.adjust.*.min", IN_PLACE, NULL},
+    {"synchronise.adjust.*.max", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty.deviation", IN_PLACE, NULL},
+    {"synchronise.adjust.*.penalty.rate", IN_PLACE, NULL},
+    {"synchronise.adjust.*.dwell_s", NEW_TWIN, NULL},
+    {"synchronise.match", NEW_TWIN, NULL},
+    {"synchronise.match.*", NEW_TWIN, NULL},
+    {"synchronise.match.*.to", NEW_TWIN, NULL},
+    {"synchronise.match.*.between", NEW_TWIN, NULL},
+    {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
+    {"synchronise.match.*.weight", IN_PLACE, judge_weight},
+    {"synchronise.match.*.huber", IN_PLACE, judge_huber},
+    {"synchronise.match.*.condition", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
+    {"synchronise.match.*.condition.median", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.match.*.condition.low_pass_s", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.match.*.condition.gate", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.epsilon", NEW_TWIN, NULL},
+    {"synchronise.horizon", NEW_TWIN, NULL},
+    {"synchronise.horizon.prediction", NEW_TWIN, NULL},
+    {"synchronise.horizon.shape", NEW_TWIN, NULL},
+    {"synchronise.horizon.measurements", NEW_TWIN, NULL},
+    {"synchronise.horizon.event", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.start", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.end", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.window_s", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.longest_s", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.algorithm", NEW_TWIN, NULL},
+    {"synchronise.fallback", NEW_TWIN, NULL},
+    {"synchronise.stagnation", NEW_TWIN, NULL},
+    {"synchronise.noise_floor", IN_PLACE, NULL},
+    {"synchronise.verify_every", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.free_twin", NEW_TWIN, NULL},
+    {"synchronise.saving", NEW_TWIN, NULL},
+    {"synchronise.saving.structure", NEW_TWIN, NULL},
+    {"synchronise.saving.sequences", NEW_TWIN, NULL},
+    {"synchronise.saving.nodes", NEW_TWIN, NULL},
+    {"synchronise.saving.memory_mb", NEW_TWIN, NULL},
+    {"synchronise.margin", IN_PLACE, NULL},
+    {"synchronise.budget", IN_PLACE, NULL},
+    {"synchronise.budget.evaluations", IN_PLACE, judge_evaluations},
+    {"synchronise.budget.time_s", IN_PLACE, NULL},
+    /* delays */
+    {"delays", NEW_TWIN, NULL},
+    {"delays.measure", NEW_TWIN, NULL},
+    {"delays.measure.range_s", NEW_TWIN, NULL},
+    {"delays.participants", NEW_TWIN, NULL},
+    {"delays.participants.*", NEW_TWIN, NULL},
+    {"delays.participants.*.dead_s", NEW_TWIN, NULL},
+    {"delays.participants.*.cycle_s", NEW_TWIN, NULL},
+    {"delays.synchronous", NEW_TWIN, NULL},
+    {"delays.synchronous[]", NEW_TWIN, NULL},
+    {"delays.synchronous[][]", NEW_TWIN, NULL},
+    {"delays.take", NEW_TWIN, NULL},
+    {"delays.input", NEW_TWIN, NULL},
+    {"delays.input.plant", NEW_TWIN, NULL},
+    {"delays.input.plant[]", NEW_TWIN, NULL},
+    {"delays.input.simulation", NEW_TWIN, NULL},
+    {"delays.input.simulation[]", NEW_TWIN, NULL},
+    {"delays.output", NEW_TWIN, NULL},
+    {"delays.output.plant", NEW_TWIN, NULL},
+    {"delays.output.plant[]", NEW_TWIN, NULL},
+    {"delays.output.simulation", NEW_TWIN, NULL},
+    {"delays.output.simulation[]", NEW_TWIN, NULL},
+    /* the database, the process, the emulated plant */
+    {"record", RESTART_COMMISSIONED, NULL},
+    {"record.file", RESTART_ON_THE_BOX, NULL},
+    {"record.max_mb", RESTART_COMMISSIONED, NULL},
+    {"record.commit_s", RESTART, NULL},
+    {"record.resume_s", RESTART, NULL},
+    {"realtime", RESTART_COMMISSIONED, NULL},
+    {"realtime.priority", RESTART_COMMISSIONED, NULL},
+    {"realtime.lock_memory", RESTART_COMMISSIONED, NULL},
+    {"realtime.hang_s", RESTART_COMMISSIONED, NULL},
+    {"emulate", RESTART, NULL},
+    {"emulate.columns", RESTART, NULL},
+    {"emulate.columns.*", RESTART, NULL},
+    {"emulate.columns.*.from", RESTART, NULL},
+    {"emulate.columns.*.noise", RESTART, NULL},
+    {"emulate.message_s", RESTART, NULL},
+    {"emulate.message_s[]", RESTART, NULL},
+    {NULL, RESTART_COMMISSIONED, NULL},
+};
+
+const tl_change_rule *tl_change_rules(void) {
+    return rules;
+}
+
+/* ---- looking up ---- */
+
+/* The next part of a pattern: "[]", or a key. */
+static size_t part_length(const char *pattern) {
+    return pattern[0] == '[' ? 2 : strcspn(pattern, ".[");
+}
+
+static bool fits(const char *part, size_t length, const tl_json_step *step) {
+    if (step->key == NULL) {
+        return part[0] == '[';
+    }
+    return (length == 1 && part[0] == '*') || (strlen(step->key) == length && strncmp(part, step->key, length) == 0);
+}
+
+static bool matches(const char *pattern, const tl_json_step *way, size_t depth) {
+    for (size_t i = 0; i < depth; i++) {
+        if (strcmp(pattern, "**") == 0) {
+            return true;
+        }
+        size_t length = part_length(pattern);
+        if (length == 0 || !fits(pattern, length, &way[i])) {
+            return false;
+        }
+        pattern += length;
+        pattern += pattern[0] == '.' ? 1 : 0;
+    }
+    return depth > 0 && pattern[0] == '\0';
+}
+
+const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
+    for (const tl_change_rule *rule = rules; rule->pattern != NULL; rule++) {
+        if (matches(rule->pattern, way, depth)) {
+            return rule;
+        }
+    }
+    return NULL;
+}
+
+/* A tuning tells numbers by the places of what they are of, a mail signals. */
+static tl_change_needs needs_of_order(const tl_change_rule *rule) {
+    static const struct {
+        const char *pattern;
+        tl_change_kind kind;
+    } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
+                 {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
+                 {"plant", TL_CHANGE_RESTART}};
+    tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
+    for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
+        needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
+    }
+    return needs;
+}
+
+tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
+    tl_change_needs needs = RESTART_COMMISSIONED;
+    const tl_change_rule *rule = tl_change_rule_of(difference->way, difference->depth);
+    if (difference->is_order) {
+        return needs_of_order(rule);
+    }
+    if (rule != NULL) {
+        needs = rule->needs;
+        if (rule->judge != NULL) {
+            rule->judge(&difference->before, &difference->after, &needs);
+        }
+    }
+    return needs;
+}
+
+const char *tl_change_kind_name(tl_change_kind kind) {
+    static const char *const names[TL_CHANGE_KINDS] = {[TL_CHANGE_NONE] = "none",
+                                                       [TL_CHANGE_IN_PLACE] = "in place",
+                                                       [TL_CHANGE_NEW_TWIN] = "new twin",
+                                                       [TL_CHANGE_RESTART] = "restart"};
+    return names[kind];
+}
+
+const char *tl_change_right_name(tl_change_right right) {
+    static const char *const names[TL_CHANGE_RIGHTS] = {[TL_CHANGE_BY_RETUNE] = "retune",
+                                                        [TL_CHANGE_BY_COMMISSION] = "commission",
+                                                        [TL_CHANGE_ON_THE_BOX] = "on the box"};
+    return names[right];
+}
+
+/* ---- The differences of two texts, each with what it needs. */
 
 typedef struct collection {
     tl_config_change *change;
@@ -77,7 +600,7 @@ static tl_change_needs needs_of(collection *c, const tl_json_difference *differe
     return needs;
 }
 
-static void collect(const tl_json_difference *difference, void *context) {
+static void collect_change(const tl_json_difference *difference, void *context) {
     collection *c = context;
     tl_change_needs needs = needs_of(c, difference);
     if (needs.kind == TL_CHANGE_NONE) {
@@ -108,7 +631,7 @@ tl_status tl_config_change_find(const char *in_force, size_t in_force_size, cons
     tl_json_source before = {in_force, in_force_size, "the configuration in force"};
     tl_json_source after = {candidate, candidate_size, "the new configuration"};
     *change = (tl_config_change){.count = 0};
-    tl_status status = tl_json_compare(&before, &after, collect, &c, error);
+    tl_status status = tl_json_compare(&before, &after, collect_change, &c, error);
     if (status == TL_OK) {
         list_last(&c);
     } else {

@@ -1,11 +1,10 @@
 /* `delays`: the chains by which signals reach the plant and the simulation, and what they amount to. */
 #include "firmware/config/config_parts.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config/config_names.h"
+#include "firmware/config/config_reader.h"
 #include "master/plan/plan.h"
 
 enum { FOUND = 128, EXPECTED = 320, NOBODY = TL_CONFIG_PARTICIPANTS };

@@ -2,8 +2,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config/config_names.h"
 #include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 
 void tl_config_read_gpio_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
     tl_config_object object;

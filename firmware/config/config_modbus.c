@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config/config_names.h"
 #include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 
 /* ---- sources.NAME ---- */
 

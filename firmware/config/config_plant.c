@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/config/config_names.h"
+#include "firmware/config/config_reader.h"
 
 static const tl_config_map SOURCES = {.most = TL_MAX_SIGNALS,
                                       .example = "{\"plc\": {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}}"};

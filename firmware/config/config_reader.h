@@ -1,4 +1,19 @@
-/* Reads typed values out of a parsed configuration and says what is wrong with them.
+/* Reads values of a configuration and reports its problems; private to this folder but for the problems.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_CONFIG_CONFIG_READER_H
+#define TL_FIRMWARE_CONFIG_CONFIG_READER_H
+
+#include <cjson/cJSON.h>
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "firmware/config/json_document.h"
+#include "master/base/arena.h"
+#include "master/base/status.h"
+
+/* ---- Reads typed values out of a parsed configuration and says what is wrong with them.
  *
  * Purpose: so that each key of config/SPEC.md is one call that names its type, range, default and example.
  * Problems: all have one shape, "line 12: found "0.1" (text), expected a number > 0, for example 0.1", reported at
@@ -7,17 +22,6 @@
  * Unknown keys: an object remembers which keys were asked for; tl_config_done() reports the others.
  * Owner:   texts point into the JSON tree, paths into the reader's arena.
  */
-#ifndef TL_FIRMWARE_CONFIG_CONFIG_READER_H
-#define TL_FIRMWARE_CONFIG_CONFIG_READER_H
-
-#include <stdbool.h>
-#include <stddef.h>
-
-#include <cjson/cJSON.h>
-
-#include "firmware/config/json_document.h"
-#include "master/base/arena.h"
-#include "master/base/status.h"
 
 enum { TL_CONFIG_KEYS = 16 }; /* the most keys that one object of the format knows */
 
@@ -124,5 +128,34 @@ void *tl_config_take(tl_config_reader *reader, size_t count, size_t size);
 
 /* A path to keep; "" where memory is out. */
 const char *tl_config_keep(tl_config_reader *reader, const char *path);
+
+/* ---- Names in a configuration: what they may look like, and what they refer to.
+ *
+ * Names:      of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
+ * References: "component.variable" and "plant.signal". That the component or signal exists is checked here, so that
+ *             it is reported with everything else; whether the variable exists, only the FMU can tell (twin.h).
+ */
+
+/* Reports the key of an entry where it is no name. */
+void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);
+
+/* Has the entry a member that is called as one of `kinds`, which end with NULL? */
+bool tl_config_is_of_kind(const cJSON *entry, const char *const *kinds);
+
+/* "WHAT: one of a, b, c", the keys of a section; where `kinds` are given, of those entries that are of one. Just WHAT
+ * where there are none; cut where it does not fit. */
+void tl_config_list_names(const char *what, const cJSON *section, const char *const *kinds, char *text, size_t size);
+
+/* What a reference may lead to. */
+typedef enum tl_config_target {
+    TL_CONFIG_VARIABLE = 1, /* component.variable */
+    TL_CONFIG_SIGNAL = 2,   /* plant.signal */
+    TL_CONFIG_EITHER = 3
+} tl_config_target;
+
+/* Reports `text`, which stands at `path`, where it does not lead to such a thing. Silent where the section it leads to
+ * is missing or no object: that was reported already. */
+void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
+                               tl_config_target target);
 
 #endif

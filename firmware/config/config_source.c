@@ -1,8 +1,8 @@
 /* What sources of every kind have: a period, and a name by which signals call them. */
 #include <string.h>
 
-#include "firmware/config/config_names.h"
 #include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 
 void tl_config_read_period(tl_config_object *object, tl_config_source *source, const tl_config *config) {
     static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};

@@ -6,9 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/json_text.h"
+#include "firmware/base/json.h"
 #include "firmware/config/json_document.h"
-#include "firmware/config/json_walk.h"
 
 /* ---- the documents ---- */
 

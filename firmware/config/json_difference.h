@@ -1,6 +1,6 @@
 /* What is different between two JSON documents, path by path.
  *
- * Purpose: two texts that passed json_text.h are the same if they have the same values at the same paths. White space counts as nothing, and 5, 5.0
+ * Purpose: two texts that passed json.h are the same if they have the same values at the same paths. White space counts as nothing, and 5, 5.0
  *          and 5e0 are one number; a key that is left out is not the same as one with any value. If keys that an object has on both sides are in another
  *          order, that is told too, for who it means something to (`is_order`).
  * Arrays:  elements that are the same at the beginning and at the end are paired; those between by their order. So one that was put in or taken out
@@ -17,7 +17,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/config/json_path.h"
+#include "firmware/config/json_document.h"
 #include "master/base/status.h"
 
 typedef enum tl_json_type {

@@ -1,14 +1,54 @@
-/* cJSON's tree, walked in the order of the text. */
+/* A JSON document: parsing with lines, paths to its values: see json_document.h. */
 #include "firmware/config/json_document.h"
 
 #include <assert.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/json_text.h"
-#include "firmware/config/json_walk.h"
+/* ---- See json_document.h. */
+
+cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item) {
+    if (item->child != NULL && walk->depth < TL_JSON_MAX_DEPTH) {
+        walk->around[walk->depth++] = item;
+        return item->child;
+    }
+    while (walk->depth > 0 && item->next == NULL) {
+        item = walk->around[--walk->depth];
+    }
+    return walk->depth > 0 ? item->next : NULL;
+}
+
+/* ---- See json_document.h. */
+
+void tl_json_member_path(char *path, const char *parent, const char *key) {
+    char joined[TL_JSON_PATH + 1]; /* one more than fits, so that cutting is seen */
+    char shown[TL_JSON_PATH];
+    tl_text_for_people(key, shown, sizeof shown);
+    (void)snprintf(joined, sizeof joined, "%s%s%s", parent, parent[0] == '\0' ? "" : ".", shown);
+    tl_text_for_people(joined, path, TL_JSON_PATH);
+}
+
+void tl_json_element_path(char *path, const char *parent, size_t index) {
+    char joined[TL_JSON_PATH + 1];
+    (void)snprintf(joined, sizeof joined, "%s[%zu]", parent, index);
+    tl_text_for_people(joined, path, TL_JSON_PATH);
+}
+
+void tl_json_way_path(char *path, const tl_json_step *way, size_t depth) {
+    path[0] = '\0';
+    for (size_t i = 0; i < depth; i++) {
+        if (way[i].key != NULL) {
+            tl_json_member_path(path, path, way[i].key);
+        } else {
+            tl_json_element_path(path, path, way[i].index);
+        }
+    }
+}
+
+/* ---- cJSON's tree, walked in the order of the text. */
 
 /* ---- paths ---- */
 

@@ -13,7 +13,7 @@
 #include <unistd.h>
 #include <zip.h>
 
-#include "firmware/base/shortage.h"
+#include "firmware/base/os.h"
 
 #define KIND "fmu" /* of folder */
 

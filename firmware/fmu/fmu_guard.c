@@ -1,17 +1,634 @@
-/* The guard in front of an FMU's functions: see fmu_guard.h. */
+/* The guard in front of an FMU: a table of FMI functions of ours that calls the FMU's own: see fmu_guard.h. */
 #include "firmware/fmu/fmu_guard.h"
 
 #include <ctype.h>
-#include <locale.h>
-#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
-#include "firmware/fmu/fmu_guarded.h"
-#include "firmware/fmu/fmu_ladder.h"
-#include "firmware/process/fp_control.h"
 #include "firmware/process/host_state.h"
-#include "master/fmi/component.h"
+
+/* ---- The bytes of an FMU that is led back by copies of its memory, though its own states are exact.
+ *
+ * Purpose: a checkpoint is read by another process, in which a copy of memory is of no use. So the FMU is led to the copy, makes its own state there, and turns that into
+ *          bytes; the other way round a state of its own is made from bytes, and the FMU is copied as it is with it. In between it is as if nothing had been called.
+ * Source:  FMI 2.0.4, section 2.1.8 (fmi2SerializeFMUstate). The functions are those of FMI's table, for an instance behind the guard (fmu_guard.h), and for states that are copies.
+ * Errors:  fmi2Error: there is no memory for it, the FMU has what no copy takes back, or has refused.
+ * Thread:  that of the FMUs.
+ */
+
+/* ---- Ways in which an FMU is led back, one below the other: what stands in the place of its functions for states.
+ *
+ * Purpose: its own states; a copy of its memory; its own states, after which it is given again what it had been given; replay. Each has the same functions in the table, and
+ *          what is wrong in a proof is given up for the next (tl_fmi2_aside), from where the proof began. After it nothing is given up but own states, for a copy.
+ * Thread:  that of the FMUs.
+ */
+
+/* ---- fmu given ---- */
+
+static size_t bytes_of(const tl_ports *ports) {
+    return ports->real_count * sizeof(double) + ports->integer_count * sizeof(fmi2Integer) +
+           ports->boolean_count * sizeof(fmi2Boolean);
+}
+
+static fmi2Integer *integers_in(const tl_ports *ports, double *values) {
+    return (fmi2Integer *)(void *)(values + ports->real_count);
+}
+
+static fmi2Boolean *booleans_in(const tl_ports *ports, double *values) {
+    return integers_in(ports, values) + ports->integer_count; /* the same C type */
+}
+
+static void copy(void *to, const void *from, size_t size) {
+    if (size != 0) {
+        memcpy(to, from, size);
+    }
+}
+
+bool tl_fmu_given_open(tl_fmu_given *given, const tl_ports *ports) {
+    *given = (tl_fmu_given){.ports = ports, .bytes = bytes_of(ports)};
+    given->values = malloc(given->bytes + sizeof(double));
+    if (given->values == NULL) {
+        return false;
+    }
+    copy(given->values, ports->reals, ports->real_count * sizeof(double));
+    copy(integers_in(ports, given->values), ports->integers, ports->integer_count * sizeof(fmi2Integer));
+    copy(booleans_in(ports, given->values), ports->booleans, ports->boolean_count * sizeof(fmi2Boolean));
+    return true;
+}
+
+void tl_fmu_given_close(tl_fmu_given *given) {
+    free(given->values);
+    *given = (tl_fmu_given){.values = NULL};
+}
+
+void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                       const void *values) {
+    const tl_ports *ports = given->ports;
+    if (kind == TL_PROLOGUE_SET_REAL && references == ports->real_references) {
+        copy(given->values, values, ports->real_count * sizeof(double));
+    } else if (kind == TL_PROLOGUE_SET_INTEGER && references == ports->integer_references) {
+        copy(integers_in(ports, given->values), values, ports->integer_count * sizeof(fmi2Integer));
+    } else if (kind == TL_PROLOGUE_SET_BOOLEAN && references == ports->boolean_references) {
+        copy(booleans_in(ports, given->values), values, ports->boolean_count * sizeof(fmi2Boolean));
+    }
+}
+
+tl_fmu_given_state *tl_fmu_given_make_state(const tl_fmu_given *given) {
+    tl_fmu_given_state *state = malloc(sizeof *state + given->bytes);
+    if (state != NULL) {
+        state->own = NULL;
+        tl_fmu_given_keep(given, state);
+    }
+    return state;
+}
+
+void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state) {
+    copy(state->values, given->values, given->bytes);
+}
+
+fmi2Status tl_fmu_given_give_again(const tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
+                                   fmi2Component instance) {
+    const tl_ports *ports = given->ports;
+    fmi2Status status = fmi2OK;
+    copy(given->values, state->values, given->bytes);
+    if (ports->real_count != 0) {
+        status = fmi->set_real(instance, ports->real_references, ports->real_count, given->values);
+    }
+    if (status <= fmi2Warning && ports->integer_count != 0) {
+        status = fmi->set_integer(instance, ports->integer_references, ports->integer_count,
+                                  integers_in(ports, given->values));
+    }
+    if (status <= fmi2Warning && ports->boolean_count != 0) {
+        status = fmi->set_boolean(instance, ports->boolean_references, ports->boolean_count,
+                                  booleans_in(ports, given->values));
+    }
+    return status;
+}
+
+/* ---- fmu bytes ---- */
+
+static bool save(tl_fmu_guarded *self, void **copy) {
+    tl_error error;
+    if (tl_fmu_memory_save(&self->guard->memory, copy, &error) != TL_OK) {
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        return false;
+    }
+    return true;
+}
+
+/* What states of its own take is no measure of copies. */
+static bool begin(tl_fmu_guarded *self, void **here) {
+    *here = NULL;
+    tl_fmu_memory_pass(&self->guard->memory, true);
+    if (!save(self, here)) {
+        tl_fmu_memory_pass(&self->guard->memory, false);
+        return false;
+    }
+    return true;
+}
+
+/* Where it was, and no state of its own is there that was made since. */
+static void leave(tl_fmu_guarded *self, void *here) {
+    tl_fmu_memory_restore(&self->guard->memory, here);
+    tl_fmu_memory_pass(&self->guard->memory, false);
+    tl_fmu_memory_forget(here);
+}
+
+/* To a copy, and a state of its own there. */
+static fmi2Status visit(tl_fmu_guarded *self, fmi2FMUstate copy, void **here, fmi2FMUstate *state) {
+    *state = NULL;
+    if (!begin(self, here)) {
+        return fmi2Error;
+    }
+    tl_fmu_memory_restore(&self->guard->memory, copy);
+    fmi2Status status = self->guard->by_states.get_fmu_state(self, state);
+    if (status > fmi2Warning) {
+        leave(self, *here);
+    }
+    return status;
+}
+
+static fmi2Status tl_fmu_bytes_size(fmi2Component component, fmi2FMUstate copy, size_t *size) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    fmi2FMUstate state;
+    fmi2Status status = visit(self, copy, &here, &state);
+    if (status <= fmi2Warning) {
+        status = self->guard->by_states.serialized_fmu_state_size(component, state, size);
+        leave(self, here);
+    }
+    return status;
+}
+
+static fmi2Status tl_fmu_bytes_write(fmi2Component component, fmi2FMUstate copy, fmi2Byte bytes[], size_t size) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    fmi2FMUstate state;
+    fmi2Status status = visit(self, copy, &here, &state);
+    if (status <= fmi2Warning) {
+        status = self->guard->by_states.serialize_fmu_state(component, state, bytes, size);
+        leave(self, here);
+    }
+    return status;
+}
+
+/* What it has made of the bytes, once it stands there. */
+static fmi2Status read_state(tl_fmu_guarded *self, const fmi2Byte bytes[], size_t size) {
+    const tl_fmi2 *own = &self->guard->by_states;
+    fmi2FMUstate state = NULL;
+    fmi2Status status = own->deserialize_fmu_state(self, bytes, size, &state);
+    if (status > fmi2Warning) {
+        return status;
+    }
+    status = own->set_fmu_state(self, state);
+    fmi2Status freed = own->free_fmu_state(self, &state);
+    return status > freed ? status : freed;
+}
+
+static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *copy) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    if (!begin(self, &here)) {
+        return fmi2Error;
+    }
+    fmi2Status status = read_state(self, bytes, size);
+    if (status <= fmi2Warning) {
+        status = save(self, copy) ? status : fmi2Error;
+    }
+    leave(self, here);
+    return status;
+}
+
+/* ---- fmu ladder ---- */
+
+/* ---- states that are its memory: no call of the FMU ---- */
+
+/* While the rollback is proved. */
+static bool may_descend(const tl_fmu_guarded *self) {
+    return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
+}
+
+/* Why it cannot be; if there is another way, that is no error. */
+static void say_why_not(tl_fmu_guarded *self, const char *text) {
+    tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
+    tl_fmu_logger_say(&self->guard->logger, level, "", text);
+}
+
+/* It has what is in no copy, since it was saved or before. Said once, and not of one that is proved by its own states: nobody needs a copy of it. */
+static fmi2Status refuse_to_copy(tl_fmu_guarded *self) {
+    tl_error error;
+    bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
+    (void)tl_fail(&error, TL_FMU_FAILED, "has %s, which no copy of its memory takes back%s",
+                  tl_fmu_memory_left(&self->guard->memory),
+                  was_exact ? "; its own states may: \"rollback\": \"state\"" : "");
+    bool matters = self->guard->by_memory || !self->guard->was_proved;
+    if (matters && !self->guard->was_left_told) {
+        say_why_not(self, error.text);
+        self->guard->was_left_told = true;
+    }
+    return fmi2Error;
+}
+
+static fmi2Status save_memory(fmi2Component component, fmi2FMUstate *state) {
+    tl_fmu_guarded *self = component;
+    tl_error error;
+    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+        return refuse_to_copy(self);
+    }
+    if (tl_fmu_memory_save(&self->guard->memory, state, &error) != TL_OK) {
+        say_why_not(self, error.text);
+        return fmi2Error;
+    }
+    return fmi2OK;
+}
+
+static fmi2Status restore_memory(fmi2Component component, fmi2FMUstate state) {
+    tl_fmu_guarded *self = component;
+    if (tl_fmu_memory_left(&self->guard->memory) != NULL) {
+        return refuse_to_copy(self);
+    }
+    tl_fmu_memory_restore(&self->guard->memory, state);
+    return fmi2OK;
+}
+
+static fmi2Status forget_memory(fmi2Component component, fmi2FMUstate *state) {
+    (void)component;
+    tl_fmu_memory_forget(*state);
+    *state = NULL;
+    return fmi2OK;
+}
+
+static fmi2Status reserve_memory(fmi2Component component, size_t states) {
+    tl_fmu_guarded *self = component;
+    tl_error error;
+    if (tl_fmu_memory_reserve(&self->guard->memory, states, &error) != TL_OK) {
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        return fmi2Error;
+    }
+    return fmi2OK;
+}
+
+static size_t memory_size(fmi2Component component) {
+    const tl_fmu_guarded *self = component;
+    return tl_fmu_memory_size(&self->guard->memory);
+}
+
+/* ---- states that are positions in what it was given; another instance may still have its own ---- */
+
+static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
+    tl_fmu_guarded *self = component;
+    return self->by_replay ? tl_fmu_replay_keep(self->replay, state)
+                           : self->guard->by_states.get_fmu_state(component, state);
+}
+
+static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
+    tl_fmu_guarded *self = component;
+    return self->by_replay ? tl_fmu_replay_lead(self->replay, state)
+                           : self->guard->by_states.set_fmu_state(component, state);
+}
+
+static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) {
+    tl_fmu_guarded *self = component;
+    if (!self->by_replay) {
+        return self->guard->by_states.free_fmu_state(component, state);
+    }
+    tl_fmu_replay_give_back(self->replay, state);
+    return fmi2OK;
+}
+
+/* ---- states of its own, with what it was given before them ---- */
+
+static fmi2Status keep_given(fmi2Component component, fmi2FMUstate *state) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_given_state *kept = *state != NULL ? *state : tl_fmu_given_make_state(self->given);
+    if (kept == NULL) {
+        return fmi2Error;
+    }
+    tl_fmu_given_keep(self->given, kept);
+    *state = kept;
+    return self->guard->by_states.get_fmu_state(component, &kept->own);
+}
+
+static fmi2Status give_again(fmi2Component component, fmi2FMUstate state) {
+    tl_fmu_guarded *self = component;
+    const tl_fmu_given_state *kept = state;
+    fmi2Status status = self->guard->by_states.set_fmu_state(component, kept->own);
+    return status <= fmi2Warning ? tl_fmu_given_give_again(self->given, kept, &self->guard->functions, component)
+                                 : status;
+}
+
+static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
+    const tl_fmu_guarded *self = component;
+    tl_fmu_given_state *kept = *state;
+    fmi2Status status = kept->own != NULL ? self->guard->by_states.free_fmu_state(component, &kept->own) : fmi2OK;
+    free(kept);
+    *state = NULL;
+    return status;
+}
+
+/* What steps set is known, and has been set: it may have to be set again. */
+static void tl_fmu_ladder_know_ports(tl_fmu_guarded *self, const tl_ports *inputs) {
+    bool may_need_it = self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL;
+    if (!may_need_it || self->given != NULL) {
+        return;
+    }
+    self->given = malloc(sizeof *self->given);
+    if (self->given != NULL && !tl_fmu_given_open(self->given, inputs)) {
+        free(self->given);
+        self->given = NULL;
+    }
+}
+
+/* What it is given is noted no more. */
+static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
+    if (self->given != NULL) {
+        tl_fmu_given_close(self->given);
+        free(self->given);
+        self->given = NULL;
+    }
+    if (self->replay != NULL) {
+        tl_fmu_replay_end(self->replay);
+        free(self->replay);
+        self->replay = NULL;
+    }
+}
+
+/* ---- the ladder: which way is next if one is wrong ---- */
+
+static void roll_back_by_states(tl_fmu_guard *guard);
+static void roll_back_by_memory(tl_fmu_guard *guard);
+static void roll_back_by_replay(tl_fmu_guard *guard);
+static void give_all_again(tl_fmu_guard *guard);
+
+/* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
+static fmi2Status keep_aside(fmi2Component component) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    if (self->replay != NULL && !guard->was_proved) {
+        tl_fmu_replay_wait(self->replay);
+    }
+    bool has_copy = guard->memory.heap != NULL && !self->by_replay && !guard->gives_again &&
+                    (guard->by_memory ? tl_fmu_memory_left(&guard->memory) == NULL : true) &&
+                    save_memory(component, &guard->aside) == fmi2OK;
+    return has_copy || may_descend(self) ? fmi2OK : fmi2Error;
+}
+
+static void drop_copy(tl_fmu_guard *guard) {
+    tl_fmu_memory_forget(guard->aside);
+    guard->aside = NULL;
+}
+
+static size_t size_aside(fmi2Component component) {
+    const tl_fmu_guarded *self = component;
+    return self->guard->memory.heap != NULL && !self->by_replay && !self->guard->gives_again
+               ? tl_fmu_memory_size(&self->guard->memory)
+               : 0;
+}
+
+static fmi2Status replay_from_beginning(tl_fmu_guarded *self) {
+    return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
+               ? tl_fmu_replay_lead_to_beginning(self->replay)
+               : fmi2Error;
+}
+
+static fmi2Status come_back(fmi2Component component) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    if (guard->aside != NULL && !self->by_replay) {
+        return restore_memory(component, guard->aside);
+    }
+    fmi2Status status = guard->was_proved ? fmi2Error : replay_from_beginning(self);
+    if (self->replay != NULL && !self->by_replay && !guard->was_proved) {
+        self->replay->phase = TL_FMU_REPLAY_WAITS;
+    }
+    return status;
+}
+
+/* `why`: "", or in which way it was wrong. */
+static fmi2Status descend(tl_fmu_guarded *self, const char *otherwise, const char *why, const char *instead) {
+    tl_fmu_call call = {.fmu = ""};
+    tl_error text;
+    bool is_known = why[0] != '\0';
+    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    (void)tl_fail(&text, TL_FMU_FAILED, "does not come back to where it was %s%s%s%s: %s", otherwise,
+                  is_known ? " (" : "", why, is_known ? ")" : "", instead);
+    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text.text);
+    return fmi2OK;
+}
+
+static void forget_beginning(tl_fmu_guarded *self) {
+    if (self->guard->beginning != NULL) {
+        (void)self->guard->by_states.free_fmu_state(self, &self->guard->beginning);
+        self->guard->beginning = NULL;
+    }
+}
+
+/* Copies are proved. What this changes in its memory is the same in all that are to come. */
+static void end_choice(tl_fmu_guarded *self) {
+    tl_fmu_guard *guard = self->guard;
+    void *copy = NULL;
+    tl_fmu_memory_pass(&guard->memory, true);
+    forget_beginning(self);
+    (void)save_memory(self, &copy);
+    tl_fmu_memory_forget(copy);
+    tl_fmu_memory_pass(&guard->memory, false);
+}
+
+static void let_go(fmi2Component component) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    if (guard->beginning != NULL) {
+        end_choice(self);
+    }
+    if (guard->gives_again && !guard->was_proved) {
+        (void)descend(self, "by its states alone", "parameters kept",
+                      "it is given again after each restore what it had been given");
+    }
+    drop_copy(guard);
+    guard->was_proved = true;
+    guard->functions.replay.steps = 0;
+    if (!self->by_replay && !guard->gives_again) {
+        tl_fmu_ladder_end_notes(self);
+    }
+}
+
+/* By replay, or that in its other way. */
+static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
+    tl_fmu_guard *guard = self->guard;
+    if (!may_descend(self)) {
+        return fmi2Error;
+    }
+    if (self->given != NULL && !self->by_replay && !guard->gives_again) {
+        drop_copy(guard);
+        give_all_again(guard);
+        return come_back(self);
+    }
+    guard->gives_again = false;
+    drop_copy(guard);
+    guard->renews = guard->renews || self->by_replay;
+    if (!self->by_replay) {
+        self->by_replay = true;
+        roll_back_by_replay(guard);
+        (void)descend(self, "otherwise", why, "it is reset and given its inputs again instead, which is called replay");
+    }
+    return replay_from_beginning(self);
+}
+
+/* While copies are proved it is where the proof began; later the copy that was kept is all there is. */
+static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
+    tl_fmu_guard *guard = self->guard;
+    fmi2Status status =
+        guard->beginning != NULL ? guard->by_states.set_fmu_state(self, guard->beginning) : come_back(self);
+    if (status > fmi2Warning) {
+        return status;
+    }
+    forget_beginning(self);
+    roll_back_by_states(guard);
+    return descend(self, "by its memory", why, "it is rolled back by its own states, which are slower");
+}
+
+static fmi2Status give_up_states(fmi2Component component, const char *why) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    if (guard->is_by_choice) {
+        return return_to_states(self, why);
+    }
+    bool may_be_by_memory = guard->aside != NULL && !guard->by_memory && !self->by_replay;
+    if (!may_be_by_memory || come_back(component) != fmi2OK) {
+        return give_up_all_else(self, why);
+    }
+    roll_back_by_memory(guard);
+    return descend(self, "by its own states", why, "it is rolled back by its memory instead");
+}
+
+/* ---- two that are exact ---- */
+
+static bool has_choice(fmi2Component component) {
+    const tl_fmu_guarded *self = component;
+    const tl_fmu_guard *guard = self->guard;
+    return guard->aside != NULL && tl_fmu_memory_left(&guard->memory) == NULL && !guard->was_proved &&
+           !guard->by_memory && !guard->gives_again && !self->by_replay;
+}
+
+/* Its own state is made first, so that each copy knows of it. */
+static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *times) {
+    tl_fmu_guarded *self = component;
+    tl_fmu_guard *guard = self->guard;
+    guard->beginning = NULL;
+    if (guard->by_states.get_fmu_state(component, &guard->beginning) > fmi2Warning ||
+        save_memory(component, &guard->aside) != fmi2OK) {
+        forget_beginning(self);
+        return fmi2Error;
+    }
+    guard->is_by_choice = true;
+    guard->times = *times;
+    roll_back_by_memory(guard);
+    return fmi2OK;
+}
+
+/* ---- what stands in the table ---- */
+
+static void roll_back_by_states(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = false;
+    guard->is_by_choice = false;
+    guard->memory.has_flags = false;
+    functions->is_unaware = false;
+    functions->get_fmu_state = guard->by_states.get_fmu_state;
+    functions->set_fmu_state = guard->by_states.set_fmu_state;
+    functions->free_fmu_state = guard->by_states.free_fmu_state;
+    functions->state_size = guard->by_states.state_size;
+    functions->reserve_states = guard->by_states.reserve_states;
+    functions->serialized_fmu_state_size = guard->by_states.serialized_fmu_state_size;
+    functions->serialize_fmu_state = guard->by_states.serialize_fmu_state;
+    functions->deserialize_fmu_state = guard->by_states.deserialize_fmu_state;
+}
+
+/* A copy is made its own state for it. */
+static void own_bytes_of_copies(tl_fmu_guard *guard) {
+    if (guard->by_states.serialize_fmu_state != NULL) {
+        guard->functions.serialized_fmu_state_size = tl_fmu_bytes_size;
+        guard->functions.serialize_fmu_state = tl_fmu_bytes_write;
+        guard->functions.deserialize_fmu_state = tl_fmu_bytes_read;
+    }
+}
+
+static void own_no_bytes(tl_fmi2 *functions) {
+    functions->serialized_fmu_state_size = NULL;
+    functions->serialize_fmu_state = NULL;
+    functions->deserialize_fmu_state = NULL;
+}
+
+/* Its own functions are used only to make bytes, if they are exact. */
+static void roll_back_by_memory(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = true;
+    guard->memory.has_flags = true;
+    functions->is_unaware = true;
+    tl_fmu_memory_measure_anew(&guard->memory);
+    functions->get_fmu_state = save_memory;
+    functions->set_fmu_state = restore_memory;
+    functions->free_fmu_state = forget_memory;
+    functions->state_size = memory_size;
+    functions->reserve_states = reserve_memory;
+    own_no_bytes(functions);
+    if (guard->is_by_choice) {
+        own_bytes_of_copies(guard);
+    }
+}
+
+static void give_all_again(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = false;
+    guard->gives_again = true;
+    guard->memory.has_flags = false;
+    functions->is_unaware = false;
+    functions->get_fmu_state = keep_given;
+    functions->set_fmu_state = give_again;
+    functions->free_fmu_state = forget_given;
+    functions->state_size = NULL;
+    functions->reserve_states = NULL;
+    own_no_bytes(functions);
+}
+
+static void roll_back_by_replay(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = false;
+    guard->by_replay = true;
+    guard->memory.has_flags = false;
+    functions->is_unaware = true;
+    functions->get_fmu_state = keep_position;
+    functions->set_fmu_state = go_to_position;
+    functions->free_fmu_state = forget_position;
+    functions->state_size = NULL;
+    functions->reserve_states = NULL;
+    functions->replay.most = guard->most;
+    own_no_bytes(functions);
+}
+
+/* ---- the first of them ---- */
+
+static void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
+    static const tl_fmi2_aside aside = {.keep = keep_aside,
+                                        .come_back = come_back,
+                                        .give_up_states = give_up_states,
+                                        .let_go = let_go,
+                                        .size = size_aside,
+                                        .has_choice = has_choice,
+                                        .prefer_copy = prefer_copy};
+    guard->by_states = guard->functions;
+    if (guard->by_memory) {
+        roll_back_by_memory(guard);
+    } else if (guard->by_replay) {
+        roll_back_by_replay(guard);
+    }
+    if (guard->may_replay || (guard->memory.heap != NULL && !guard->by_memory)) {
+        guard->functions.aside = &aside;
+    }
+}
+
+/* ---- fmu guard ---- */
 
 typedef tl_fmu_guarded guarded;
 
@@ -69,7 +686,7 @@ static inline void leave_memory(const guarded *self) {
 }
 
 /* After an ordinary call: no system call. */
-static inline fmi2Status leave(guarded *self, fmi2Status status) {
+static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
     leave_memory(self);
     if (!holds_all(self)) {
         put_back_some(self, NULL);
@@ -268,7 +885,7 @@ static fmi2Status get_real(fmi2Component component, const fmi2ValueReference ref
                            fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_REAL);
-    fmi2Status status = leave(self, self->own->get_real(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->get_real(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_GET_REAL, references, count, values, status);
 }
 
@@ -276,7 +893,7 @@ static fmi2Status get_integer(fmi2Component component, const fmi2ValueReference 
                               fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_INTEGER);
-    fmi2Status status = leave(self, self->own->get_integer(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->get_integer(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_GET_INTEGER, references, count, values, status);
 }
 
@@ -284,7 +901,7 @@ static fmi2Status get_boolean(fmi2Component component, const fmi2ValueReference 
                               fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_GET_BOOLEAN);
-    fmi2Status status = leave(self, self->own->get_boolean(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->get_boolean(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_GET_BOOLEAN, references, count, values, status);
 }
 
@@ -292,7 +909,7 @@ static fmi2Status set_real(fmi2Component component, const fmi2ValueReference ref
                            const fmi2Real values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_REAL);
-    fmi2Status status = leave(self, self->own->set_real(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->set_real(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_SET_REAL, references, count, values, status);
 }
 
@@ -300,7 +917,7 @@ static fmi2Status set_integer(fmi2Component component, const fmi2ValueReference 
                               const fmi2Integer values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_INTEGER);
-    fmi2Status status = leave(self, self->own->set_integer(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->set_integer(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_SET_INTEGER, references, count, values, status);
 }
 
@@ -308,7 +925,7 @@ static fmi2Status set_boolean(fmi2Component component, const fmi2ValueReference 
                               const fmi2Boolean values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_BOOLEAN);
-    fmi2Status status = leave(self, self->own->set_boolean(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->set_boolean(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_SET_BOOLEAN, references, count, values, status);
 }
 
@@ -316,7 +933,7 @@ static fmi2Status set_string(fmi2Component component, const fmi2ValueReference r
                              const fmi2String values[]) {
     guarded *self = component;
     enter(self, TL_FMU_SET_STRING);
-    fmi2Status status = leave(self, self->own->set_string(self->instance, references, count, values));
+    fmi2Status status = leave_guard(self, self->own->set_string(self->instance, references, count, values));
     return noted(self, TL_PROLOGUE_SET_STRING, references, count, values, status);
 }
 
@@ -336,7 +953,7 @@ static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status 
 static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, fmi2Boolean final) {
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
-    fmi2Status status = leave(self, self->own->do_step(self->instance, now, step, final));
+    fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now, step, final));
     if (self->replay != NULL) {
         const tl_fmi2_step made = {.now = now, .size = step, .final = final};
         note_step(self, &made, status);
@@ -345,7 +962,7 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
 }
 
 /* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
- * bits do (fp_control.h), and at the table of characters, which another locale brings with it unless it was made from ours. */
+ * bits do (host_state.h), and at the table of characters, which another locale brings with it unless it was made from ours. */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
     leave_memory(self);
     bool holds = last ? holds_all(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
@@ -420,38 +1037,39 @@ static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Sta
 static fmi2Status get_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_GET_STATE);
-    return leave(self, expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
+    return leave_guard(self, expect_state(self, state, self->own->get_fmu_state(self->instance, state)));
 }
 
 static fmi2Status set_fmu_state(fmi2Component component, fmi2FMUstate state) {
     guarded *self = component;
     enter(self, TL_FMU_SET_STATE);
-    return leave(self, self->own->set_fmu_state(self->instance, state));
+    return leave_guard(self, self->own->set_fmu_state(self->instance, state));
 }
 
 static fmi2Status free_fmu_state(fmi2Component component, fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_FREE_STATE);
-    return leave(self, self->own->free_fmu_state(self->instance, state));
+    return leave_guard(self, self->own->free_fmu_state(self->instance, state));
 }
 
 static fmi2Status serialized_fmu_state_size(fmi2Component component, fmi2FMUstate state, size_t *size) {
     guarded *self = component;
     enter(self, TL_FMU_SERIALIZED_SIZE);
-    return leave(self, self->own->serialized_fmu_state_size(self->instance, state, size));
+    return leave_guard(self, self->own->serialized_fmu_state_size(self->instance, state, size));
 }
 
 static fmi2Status serialize_fmu_state(fmi2Component component, fmi2FMUstate state, fmi2Byte bytes[], size_t size) {
     guarded *self = component;
     enter(self, TL_FMU_SERIALIZE);
-    return leave(self, self->own->serialize_fmu_state(self->instance, state, bytes, size));
+    return leave_guard(self, self->own->serialize_fmu_state(self->instance, state, bytes, size));
 }
 
 static fmi2Status deserialize_fmu_state(fmi2Component component, const fmi2Byte bytes[], size_t size,
                                         fmi2FMUstate *state) {
     guarded *self = component;
     enter(self, TL_FMU_DESERIALIZE);
-    return leave(self, expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
+    return leave_guard(self,
+                       expect_state(self, state, self->own->deserialize_fmu_state(self->instance, bytes, size, state)));
 }
 
 /* ---- the guard ---- */

@@ -9,13 +9,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/shortage.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
-#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_heap.h"
 #include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */

@@ -1,4 +1,36 @@
-/* Reads modelDescription.xml of FMI 2.0 for Co-Simulation into a tl_model.
+/* The model description of an FMU: XML into what the master knows of a model.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
+#define TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/arena.h"
+#include "master/base/status.h"
+#include "master/fmi/model.h"
+
+/* ---- Texts of XML attributes to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
+ *
+ * Purpose: strict. White space around a value is allowed, as XML Schema says; anything else that is not part of it is not.
+ * Errors:  false, and *value is unchanged.
+ * Thread:  any that has a locale with a decimal point (os.h).
+ */
+
+/* Decimal or scientific notation, and INF, -INF, NaN. What is too large for a double becomes infinite (exporters
+ * write a largest double that is none). */
+bool tl_xml_double(const char *text, double *value);
+
+bool tl_xml_int(const char *text, int32_t *value);
+bool tl_xml_unsigned(const char *text, uint32_t *value);
+
+/* true, false, 1, 0. */
+bool tl_xml_boolean(const char *text, bool *value);
+
+/* ---- Reads modelDescription.xml of FMI 2.0 for Co-Simulation into a tl_model.
  *
  * Purpose: everything the twin needs, checked once: variables of all types with what they inherit from their declared
  *          type, units, capabilities. What the schema demands and the twin would rely on is enforced; what it does
@@ -10,14 +42,6 @@
  * Owner:   the arena holds all that the model points to, also after a failure.
  * Thread:  any.
  */
-#ifndef TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
-#define TL_FIRMWARE_FMU_MODEL_DESCRIPTION_H
-
-#include <stddef.h>
-
-#include "master/base/arena.h"
-#include "master/base/status.h"
-#include "master/fmi/model.h"
 
 enum { TL_MODEL_DESCRIPTION_BYTES = 64 * 1024 * 1024, TL_MODEL_DESCRIPTION_DEPTH = 64 };
 

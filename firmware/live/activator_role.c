@@ -1,5 +1,4 @@
 /* The process that changes the configuration of the run. No plant, no FMU, no network, no database. See live_role.h. */
-#include <stdio.h>
 #include <string.h>
 
 #include "firmware/base/log.h"

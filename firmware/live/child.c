@@ -1,11 +1,64 @@
-/* A child of the supervisor: see child.h. */
+/* Child processes of the supervisor: starting, reaping, looking at them: see child.h. */
 #include "firmware/live/child.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
 #include <signal.h>
+#include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+
+/* ---- reaper ---- */
+
+/* It has one call to make; and locked memory is dear. */
+enum { STACK_BYTES = 256 * 1024 };
+
+static void *reap(void *context) {
+    pid_t *dead = context;
+    siginfo_t info;
+    id_t number = (id_t)*dead;
+    free(dead);
+    (void)waitid(P_PID, number, &info, WEXITED);
+    return NULL;
+}
+
+void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
+    pid_t *copy = malloc(sizeof *copy); /* the thread's: it may begin after whoever made it is gone */
+    int result = ENOMEM;
+    if (copy != NULL) {
+        *copy = dead;
+        result = tl_side_thread_start(&reaper->thread, STACK_BYTES, reap, copy);
+    }
+    reaper->works = result == 0;
+    if (result != 0) {
+        free(copy);
+        tl_log(TL_LOG_WARNING, "the dead process %d stays in the list of processes until this one ends: %s", (int)dead,
+               strerror(result));
+    }
+}
+
+bool tl_reaper_rests(tl_reaper *reaper) {
+    if (reaper->works && pthread_tryjoin_np(reaper->thread, NULL) == 0) {
+        reaper->works = false;
+    }
+    return !reaper->works;
+}
+
+void tl_reaper_leave(tl_reaper *reaper) {
+    if (!tl_reaper_rests(reaper)) {
+        (void)pthread_detach(reaper->thread);
+        reaper->works = false;
+    }
+}
+
+/* ---- child ---- */
 
 void tl_child_prepare(tl_child *child) {
     tl_heartbeats_clear(child->beats);
@@ -149,4 +202,48 @@ void tl_child_bury(tl_child *child) {
 
 bool tl_child_is_buried(tl_child *child) {
     return tl_reaper_rests(&child->reaper);
+}
+
+/* ---- onlooker ---- */
+
+/* The first lines of a thread's status, with its name, which nobody can put a line's end into, its state and who traces it. */
+enum { STATUS = 1024 };
+
+/* What stands behind this name; "": nothing. */
+static const char *find(const char *status, const char *name) {
+    const char *found = strstr(status, name);
+    return found != NULL ? found + strlen(name) : "";
+}
+
+static bool is_held(const char *status) {
+    char state = *find(status, "\nState:\t");
+    return state == 'T' || state == 't' || strtol(find(status, "\nTracerPid:\t"), NULL, 10) != 0;
+}
+
+/* One that has ended meanwhile is not held. */
+static bool is_thread_held(int tasks, const char *name) {
+    char path[64];
+    char status[STATUS + 1];
+    (void)snprintf(path, sizeof path, "%.20s/status", name);
+    int file = openat(tasks, path, O_RDONLY | O_CLOEXEC);
+    ssize_t length = file >= 0 ? read(file, status, STATUS) : 0;
+    if (file >= 0) {
+        (void)close(file);
+    }
+    status[length > 0 ? length : 0] = '\0';
+    return is_held(status);
+}
+
+bool tl_onlooker_holds(pid_t process) {
+    char path[64];
+    (void)snprintf(path, sizeof path, "/proc/%ld/task", (long)process);
+    DIR *tasks = opendir(path);
+    bool holds = false;
+    for (const struct dirent *entry = NULL; !holds && tasks != NULL && (entry = readdir(tasks)) != NULL;) {
+        holds = entry->d_name[0] != '.' && is_thread_held(dirfd(tasks), entry->d_name);
+    }
+    if (tasks != NULL) {
+        (void)closedir(tasks);
+    }
+    return holds;
 }

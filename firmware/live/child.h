@@ -1,21 +1,54 @@
-/* A child of the supervisor: a process with a role, watched by its heartbeats until it has ended.
+/* Child processes of the supervisor: starting, reaping, looking at them.
  *
- * Purpose: one child is silent, is killed, is told to end, has ended, and why: the same for all of them. What follows from it is
- *          the supervisor's to decide (supervisor.h).
- * Trust:   what is in its heartbeats may be a lie. Numbers are bounded, names are shown without control characters.
- * Reaping: no thread of a real-time priority does it (reaper.h).
  * Thread:  the supervisor's.
  */
 #ifndef TL_FIRMWARE_LIVE_CHILD_H
 #define TL_FIRMWARE_LIVE_CHILD_H
 
+#include <pthread.h>
 #include <stdbool.h>
 #include <sys/types.h>
 
-#include "firmware/live/reaper.h"
 #include "firmware/live/restarts.h"
 #include "firmware/process/heartbeat.h"
 #include "master/base/simtime.h"
+
+/* ---- The reaper: makes the kernel forget a child that is dead, so that nobody of a real-time priority has to.
+ *
+ * Purpose: the last wait for a dead process takes its entries out of /proc. The kernel spins there while somebody else is half-way
+ *          through the same: a thread of the dead process that is not quite gone, or whoever was reading about it. A spin at a
+ *          real-time priority, on the processor that the other one needs, lasts until the kernel throttles it, or for ever. So a
+ *          thread of ordinary priority waits, and lives for no longer than that.
+ * Before:  whoever has a child reaped knows already how it ended (waitid() with WNOWAIT). Memory, files, locks and devices of the
+ *          child are free by then.
+ * fork():  only while the reaper rests, since the process has one thread then.
+ * Thread:  the supervisor's.
+ */
+
+/* Zeroed: it rests. Fields are private. */
+typedef struct tl_reaper {
+    pthread_t thread;
+    bool works; /* there is a thread */
+} tl_reaper;
+
+/* A child that has ended, while the reaper rests; its number means nothing any more. Where no thread can be had, that is said on the
+ * log, and the dead child stays in the list of processes until its parent ends. */
+void tl_reaper_take(tl_reaper *reaper, pid_t dead);
+
+/* False while it works. Does not wait. */
+bool tl_reaper_rests(tl_reaper *reaper);
+
+/* The process ends: nobody asks any more. */
+void tl_reaper_leave(tl_reaper *reaper);
+
+/* ---- A child of the supervisor: a process with a role, watched by its heartbeats until it has ended.
+ *
+ * Purpose: one child is silent, is killed, is told to end, has ended, and why: the same for all of them. What follows from it is
+ *          the supervisor's to decide (supervisor.h).
+ * Trust:   what is in its heartbeats may be a lie. Numbers are bounded, names are shown without control characters.
+ * Reaping: no thread of a real-time priority does it (child.h).
+ * Thread:  the supervisor's.
+ */
 
 /* How a child ended. */
 typedef struct tl_child_end {
@@ -87,5 +120,17 @@ void tl_child_bury(tl_child *child);
 
 /* It is reaped, or there was nothing to reap. */
 bool tl_child_is_buried(tl_child *child);
+
+/* ---- Somebody who looks at a process: it is silent because he holds it, and not because it hangs.
+ *
+ * Purpose: who debugs an FMU stops its process for as long as he likes, and so does Ctrl-Z or `kill -STOP`. That is told from a hang by what the kernel says of
+ *          each thread: that it is stopped, or that another process traces it (gdb, strace).
+ * Cost:    some files of /proc for each thread: for who has found the process silent, not for each look.
+ * Limits:  who has stopped it is not known: an FMU may have stopped its own process. If the kernel hides /proc, nobody looks.
+ * Thread:  any.
+ */
+
+/* A thread of this process is traced or stopped. */
+bool tl_onlooker_holds(pid_t process);
 
 #endif

@@ -12,7 +12,6 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"

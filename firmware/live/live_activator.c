@@ -6,10 +6,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/live/restarts.h"
-#include "firmware/retune/control_server.h"
+#include "firmware/retune/control.h"
 
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 300 * TL_SECOND; /* a full disk may stay full */

@@ -1,8 +1,13 @@
-/* What the processes of a run share: see live_blocks.h. */
+/* Memory that the processes of a live run share: see live_blocks.h. */
 #include "firmware/live/live_blocks.h"
 
-#include "firmware/live/live_wire.h"
+#include <stdio.h>
+#include <string.h>
+
 #include "firmware/twin/checkpointer.h"
+#include "firmware/twin/past_samples.h"
+
+/* ---- live blocks ---- */
 
 static size_t outbox_with(const tl_config *config, size_t checkpoint) {
     tl_outbox_settings settings = tl_live_twin_outbox(config);
@@ -28,4 +33,84 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
         blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint, 0);
     }
     blocks->shadow = outbox_with(config, 0) + sizeof(tl_live_twin_pulse) + blocks->checkpoints + blocks->past;
+}
+
+/* ---- live samples ---- */
+
+static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
+    tl_live_past_answer *given = self->answer;
+    int64_t from = __atomic_load_n(&self->pulse->past_from, __ATOMIC_RELAXED);
+    size_t size = 0;
+    tl_error error;
+    memset(given->words, 0, sizeof given->words);
+    if (tl_past_samples_find(path, self->boot, from, self->past->bytes, self->past->size, &size, &error) != TL_OK) {
+        given->words[0].severity = (int32_t)TL_EVENT_WARNING;
+        (void)snprintf(given->words[0].text, sizeof given->words[0].text, "%.200s", error.text);
+    }
+    given->size = size;
+    self->answered = wish;
+    self->is_filled = self->is_filled || size != 0;
+    __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
+}
+
+void tl_live_samples_look(tl_live_samples *self, const char *path) {
+    tl_live_wish wish = __atomic_load_n(&self->pulse->past, __ATOMIC_ACQUIRE);
+    bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
+    if (wish != 0 && wish != self->answered && !begun) {
+        answer(self, wish, path);
+    } else if (begun && self->is_filled) {
+        tl_block_forget(self->past, 0, self->past->size);
+        self->is_filled = false;
+    }
+}
+
+/* ---- live shown ---- */
+
+static void publish(const tl_live_shown *shown, tl_live_figures *figures, const tl_metrics *match) {
+    figures->outputs = (uint32_t)shown->config->match_count;
+    for (size_t i = 0; i < shown->config->match_count; i++) {
+        tl_live_output *output = &figures->output[i];
+        (void)snprintf(output->name, sizeof output->name, "%s", shown->config->match[i].variable);
+        (void)snprintf(output->unit, sizeof output->unit, "%s", shown->account->match[i].unit);
+        output->pairs = match[i].pairs;
+        output->sum_of_squares = match[i].sum_of_squares;
+        output->tolerance = shown->config->match[i].weight > 0.0 ? shown->config->match[i].tolerance : 0.0;
+    }
+    tl_latest_publish(shown->figures, figures, sizeof *figures);
+}
+
+void tl_live_shown_recorded(const tl_live_shown *shown, const tl_recorded_figures *recorded) {
+    tl_live_figures figures = {
+        .phase = TL_LIVE_RECORDED,
+        .tick = recorded->ticks,
+        .last = recorded->known,
+        .ticks = (uint64_t)recorded->ticks,
+        .steps = recorded->steps,
+        .evaluations = recorded->evaluations,
+        .executions = recorded->executions,
+        .timed_out = recorded->timed_out,
+        .used = recorded->used,
+    };
+    publish(shown, &figures, recorded->match);
+}
+
+void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *status) {
+    tl_live_figures figures = {
+        .phase = status->is_live ? TL_LIVE_LIVE : TL_LIVE_RECORDED,
+        .tick = status->tick,
+        .last = status->tick,
+        .ticks = status->ticks,
+        .steps = status->steps,
+        .skipped = status->skipped,
+        .gaps = status->gaps,
+        .deadline_misses = status->deadline_misses,
+        .evaluations = status->evaluations,
+        .executions = status->executions,
+        .timed_out = status->timed_out,
+        .used = status->used,
+        .shut = __atomic_load_n(&shown->mail->opened, __ATOMIC_ACQUIRE) == 0 ? 1 : 0,
+        .lock = status->lock,
+        .lock_before = status->lock_before,
+    };
+    publish(shown, &figures, status->match);
 }

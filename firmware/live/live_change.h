@@ -17,7 +17,7 @@
 
 #include <stdbool.h>
 
-#include "firmware/live/live_place.h"
+#include "firmware/live/live_places.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/live/supervisor.h"
 

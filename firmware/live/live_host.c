@@ -4,8 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/base/clean_text.h"
 #include "firmware/base/identity.h"
+#include "firmware/base/text.h"
 #include "firmware/config/problems.h"
 
 /* ---- places ---- */

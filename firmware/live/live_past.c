@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/twin/past_follow.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/past_outbox.h"
 
 static const tl_time LOOK = TL_SECOND / 1000;

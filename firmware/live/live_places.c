@@ -1,14 +1,158 @@
-/* What io and the recorder give up: see live_places.h. */
+/* Places of twins beside each other in a run: see live_places.h. */
 #include "firmware/live/live_places.h"
 
 #include <arpa/inet.h>
 #include <libgen.h>
 #include <limits.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "firmware/process/confine.h"
+#include "firmware/store/outbox.h"
+
+/* ---- live place ---- */
+
+tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error) {
+    *place = (tl_live_place){.pulse_block = {.descriptor = -1},
+                             .tuning = {.descriptor = -1},
+                             .past = {.descriptor = -1},
+                             .outbox = {.descriptor = -1}};
+    tl_status status =
+        tl_block_make("twinlock twin", sizeof *place->pulse, TL_BLOCK_THEY_WRITE, &place->pulse_block, error);
+    if (status == TL_OK) {
+        place->pulse = place->pulse_block.bytes;
+        status = tl_block_make_sparse("twinlock tuning", sizeof(tl_live_tuning), &place->tuning, error);
+    }
+    if (status == TL_OK && records) {
+        status = tl_block_make_sparse("twinlock past", TL_LIVE_PAST_BYTES, &place->past, error);
+    }
+    return status;
+}
+
+static void move_out(tl_live_place *place) {
+    tl_block_close(&place->outbox);
+    place->outbox = (tl_block){.descriptor = -1};
+    free(place->copy);
+    place->copy = NULL;
+    place->text = NULL;
+    place->hash[0] = '\0';
+}
+
+static tl_status make_outbox(tl_live_place *place, const tl_outbox_settings *settings, tl_error *error) {
+    place->outbox_settings = *settings;
+    return tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(settings), &place->outbox, error);
+}
+
+tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error) {
+    const tl_outbox_settings settings = tl_live_twin_outbox(config);
+    place->text = config->text;
+    memcpy(place->hash, config->hash, sizeof place->hash);
+    place->fmus = tl_twin_fmus_of(config);
+    place->unconfined = unconfined;
+    place->pulse->first = place->pulse->number + 1;
+    return make_outbox(place, &settings, error);
+}
+
+/* ---- a candidate ---- */
+
+static bool read_at(const tl_block *block, size_t at, void *bytes, size_t size) {
+    return pread(block->descriptor, bytes, size, (off_t)at) == (ssize_t)size;
+}
+
+/* Without mapping it: our memory is locked. */
+static tl_status copy_text(tl_live_place *place, const tl_block *candidate, tl_error *error) {
+    uint32_t size = 0;
+    char hash[TL_SHA256_TEXT] = "";
+    char found[TL_SHA256_TEXT];
+    if (!read_at(candidate, offsetof(tl_live_candidate, size), &size, sizeof size) || size == 0 ||
+        size > TL_CONFIG_MAX_BYTES || !read_at(candidate, offsetof(tl_live_candidate, hash), hash, sizeof hash - 1)) {
+        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text of %u bytes, expected 1 … %d", (unsigned)size,
+                       (int)TL_CONFIG_MAX_BYTES);
+    }
+    place->copy = malloc((size_t)size + 1);
+    if (place->copy == NULL || !read_at(candidate, offsetof(tl_live_candidate, text), place->copy, size)) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the candidate");
+    }
+    place->copy[size] = '\0';
+    tl_sha256(place->copy, size, found);
+    if (strlen(place->copy) != size || strcmp(found, hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text that is not that of its digest");
+    }
+    place->text = place->copy;
+    memcpy(place->hash, found, sizeof place->hash);
+    return TL_OK;
+}
+
+static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
+    bool fits = needs->match <= TL_MAX_MATCH && needs->adjust <= TL_MAX_ADJUST &&
+                needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->signals >= 1 &&
+                needs->signals <= TL_MAX_SIGNALS;
+    return fits ? TL_OK
+                : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u",
+                          (unsigned)needs->match, (unsigned)needs->adjust, (unsigned)needs->components,
+                          (unsigned)needs->signals);
+}
+
+/* Its number goes on: by that answers are told apart. */
+static void clear_pulse(tl_live_place *place) {
+    uint32_t number = place->pulse->number;
+    memset(place->pulse, 0, sizeof *place->pulse);
+    place->pulse->number = number;
+    place->pulse->first = number + 1;
+}
+
+tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error) {
+    const tl_live_needs *needs = &arrival->needs;
+    const tl_recorder_shape shape = {.plant = needs->signals,
+                                     .match = needs->match,
+                                     .adjust = needs->adjust,
+                                     .components = (size_t)needs->components + 1};
+    move_out(place);
+    tl_status status = check_needs(needs, error);
+    if (status == TL_OK) {
+        status = copy_text(place, arrival->candidate, error);
+    }
+    if (status == TL_OK) {
+        const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, arrival->step);
+        status = make_outbox(place, &settings, error);
+    }
+    if (status != TL_OK) {
+        move_out(place);
+        return status;
+    }
+    place->fmus = tl_twin_fmus_of_numbers(needs->components, needs->fmu_bytes);
+    place->unconfined = needs->unconfined != 0;
+    clear_pulse(place);
+    return TL_OK;
+}
+
+/* ---- the end ---- */
+
+uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_taken *taken) {
+    tl_block outbox = {.descriptor = -1};
+    tl_error error;
+    uint64_t count = 0;
+    if (place->outbox.size != 0 && tl_block_take(tl_block_reader(&place->outbox), place->outbox.size, TL_BLOCK_WE_WRITE,
+                                                 &outbox, &error) == TL_OK) {
+        count = tl_outbox_rest_count(&place->outbox_settings, outbox.bytes, taken);
+    }
+    tl_block_close(&outbox);
+    return count;
+}
+
+void tl_live_place_close(tl_live_place *place) {
+    tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past};
+    move_out(place);
+    for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
+        tl_block_close(blocks[i]);
+    }
+    place->pulse = NULL;
+}
+
+/* ---- live places ---- */
 
 /* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
 static const char *const common[] = {"/proc/sys/kernel/random/boot_id",

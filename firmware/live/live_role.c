@@ -1,8 +1,8 @@
 /* What the processes of a run have in common: see live_role.h. */
 #include "firmware/live/live_role.h"
 
-#include "firmware/base/c_locale.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
 

@@ -9,10 +9,10 @@
 
 #include <stdint.h>
 
-#include "firmware/base/latest.h"
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/monitor/lock_tally.h"
-#include "firmware/plant/plant_mail.h"
+#include "firmware/plant/mailbox.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
 #include "firmware/store/outbox.h"

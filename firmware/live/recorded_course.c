@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/past_samples.h"
@@ -41,7 +41,7 @@ typedef struct course_walk {
 
 /* ---- signals ---- */
 
-/* Both configurations have the same signals in the same order (change_rules.h), but each its own second look-ups. One that the run does not have is taken as the
+/* Both configurations have the same signals in the same order (config_change.h), but each its own second look-ups. One that the run does not have is taken as the
  * signal itself was looked up. */
 static size_t find_recorded(const tl_config *run, const tl_config_signal *signal) {
     for (size_t i = 0; i < run->signal_count; i++) {

@@ -6,13 +6,13 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_samples.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"

@@ -11,9 +11,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/json_reader.h"
+#include "firmware/base/json.h"
 #include "firmware/base/log.h"
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 
 enum { FILE_BYTES = 4096, TRIES_COUNTED = 1000 };
 

@@ -7,12 +7,10 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/base/json_reader.h"
-#include "firmware/base/json_writer.h"
+#include "firmware/base/json.h"
 #include "firmware/base/log.h"
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/retune/trial.h"
 

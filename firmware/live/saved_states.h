@@ -17,11 +17,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "firmware/config/config.h"
 #include "firmware/live/supervisor.h"
 #include "firmware/retune/errand.h"
-#include "firmware/retune/trial_answer.h"
+#include "firmware/retune/trial.h"
 
 typedef struct tl_saved_states_settings {
     const tl_config *config; /* as it was read */

@@ -11,13 +11,11 @@
 #include <unistd.h>
 
 #include "board/watchdog/watchdog.h"
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/live/child.h"
-#include "firmware/live/onlooker.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/process/process_end.h"
 #include "firmware/process/service.h"
 
 /* Between two looks: what a hang costs beyond the patience. Shorter while something is about to happen: a twin that waits for its

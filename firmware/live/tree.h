@@ -1,12 +1,6 @@
-/* The tree: a twin kept locked to the live plant, recorded, until it is told to end, by four processes that trust each other no
- * further than they must.
+/* The tree of processes of a live run: starting it, running it, and its end.
  *
- * Purpose: what `twinlock run` does. This process is the supervisor (supervisor.h): it makes and keeps all shared memory, starts and watches the
- *          others, and holds the terminal. io reads the plant, the twin computes, the recorder writes.
- * Ends:    on SIGTERM, SIGINT, SIGHUP, or when the duration is over. Alone also when the twin has failed.
- * Told to hold (supervisor.h) the twin's process has no twin: the plant is read and recorded all the same, so that nothing that happens
- * meanwhile is lost to a later replay.
- * Thread:  the main thread of its process.
+ * Thread:  the supervisor's.
  */
 #ifndef TL_FIRMWARE_LIVE_TREE_H
 #define TL_FIRMWARE_LIVE_TREE_H

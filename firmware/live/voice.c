@@ -9,10 +9,9 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/base/relay.h"
-#include "firmware/base/side_thread.h"
 
 enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, NONE = -1, LINES = 16 };
 

@@ -1,9 +1,100 @@
-/* The judge of the lock: see lock_judge.h. */
+/* The state of the lock, and what is tried if it is lost: see lock_judge.h. */
 #include "firmware/monitor/lock_judge.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+
+/* ---- bound stay ---- */
+
+static const double MOST = 0.5;
+static const double LITTLE = 0.25;
+
+static void judge(tl_bound_stay *stay) {
+    uint64_t steps = 0;
+    uint64_t there = 0;
+    for (int i = 0; i < TL_BOUND_BLOCKS; i++) {
+        steps += stay->steps[i];
+        there += stay->there[i];
+    }
+    stay->share = steps == 0 ? 0.0 : (double)there / (double)steps;
+    if (!stay->is_told && stay->passed == TL_BOUND_BLOCKS && stay->share > MOST) {
+        stay->is_told = true;
+        stay->turn = TL_BOUND_REACHED;
+    } else if (stay->is_told && stay->share < LITTLE) {
+        stay->is_told = false;
+        stay->turn = TL_BOUND_LEFT;
+    }
+}
+
+/* Blocks without a step are empty. */
+static void go_on(tl_bound_stay *stay, int64_t block) {
+    int64_t count = block - stay->block;
+    for (int64_t i = 1; i <= count && i <= TL_BOUND_BLOCKS; i++) {
+        stay->steps[(stay->block + i) % TL_BOUND_BLOCKS] = 0;
+        stay->there[(stay->block + i) % TL_BOUND_BLOCKS] = 0;
+    }
+    stay->passed = count < TL_BOUND_BLOCKS - (int64_t)stay->passed ? stay->passed + (uint32_t)count : TL_BOUND_BLOCKS;
+    stay->block = block;
+}
+
+void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there) {
+    int64_t block = time / TL_BOUND_BLOCK;
+    stay->turn = TL_BOUND_AS_BEFORE;
+    stay->block = stay->has_begun ? stay->block : block; /* the first one of a run that goes on may be any */
+    stay->has_begun = true;
+    if (block > stay->block) {
+        judge(stay);
+        go_on(stay, block);
+    }
+    stay->steps[stay->block % TL_BOUND_BLOCKS]++;
+    stay->there[stay->block % TL_BOUND_BLOCKS] += is_there ? 1 : 0;
+}
+
+/* ---- lock rescue ---- */
+
+void tl_lock_rescue_init(tl_lock_rescue *rescue, const tl_config *config, const tl_account *account) {
+    *rescue = (tl_lock_rescue){.pause = 0};
+    tl_lock_judge_init(&rescue->judge, config, account);
+}
+
+void tl_lock_rescue_sample(tl_lock_rescue *rescue, const tl_sample *sample) {
+    tl_lock_judge_sample(&rescue->judge, sample);
+}
+
+/* Once in lock for as long as it takes to learn what is usual, the twin is as good as any. */
+static void forgive(tl_lock_rescue *rescue, const tl_lock_tally *tally) {
+    bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_TRACKING;
+    rescue->well = is_well ? rescue->well + 1 : 0;
+    if (rescue->well >= TL_LOCK_LEARNS) {
+        rescue->pause = 0;
+    }
+}
+
+static void note_reset(tl_lock_rescue *rescue) {
+    uint32_t longer = 2 * rescue->pause;
+    rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
+    rescue->passed = 0;
+}
+
+bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const tl_lock_change **change) {
+    const tl_lock_tally *tally = &rescue->judge.tally;
+    *change = tl_lock_judge_step(&rescue->judge, record);
+    if (tally->windows == rescue->windows) {
+        return false;
+    }
+    rescue->windows = tally->windows;
+    rescue->passed++;
+    forgive(rescue, tally);
+    bool is_due = tl_lock_judge_is_astray(&rescue->judge) && rescue->passed >= rescue->pause &&
+                  rescue->judge.config->event.start.signal == NULL;
+    if (is_due) {
+        note_reset(rescue);
+    }
+    return is_due;
+}
+
+/* ---- lock judge ---- */
 
 /* A limit at which a state is entered, and the one at which it is left. */
 typedef struct limit {

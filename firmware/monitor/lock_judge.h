@@ -1,4 +1,48 @@
-/* The judge of the lock: whether the twin is where the plant is.
+/* The state of the lock, and what is tried if it is lost.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_MONITOR_LOCK_JUDGE_H
+#define TL_FIRMWARE_MONITOR_LOCK_JUDGE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/config/config.h"
+#include "firmware/monitor/lock_tally.h"
+#include "master/base/simtime.h"
+#include "master/twin/account.h"
+
+/* ---- How long an adjusted variable has been at a bound: whether that was most of the last minute.
+ *
+ * Purpose: a correction at its bound is as good as none, and may stay there for hours while the twin is within tolerance, or lost for another reason. So it is told
+ *          by itself, beside the state of the lock.
+ * Minute:  of plant time, in ten blocks; it is judged at the end of each, once ten have passed. Told when it is more than half of the steps, over at less than a quarter.
+ * Thread:  plain data; one thread at a time.
+ */
+
+enum { TL_BOUND_BLOCKS = 10 };
+
+#define TL_BOUND_BLOCK (6 * TL_SECOND)
+
+typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_LEFT } tl_bound_turn;
+
+/* Zeroed at first. */
+typedef struct tl_bound_stay {
+    int64_t block;   /* that of the last step, */
+    uint32_t passed; /* and how many are over, TL_BOUND_BLOCKS at most */
+    uint32_t steps[TL_BOUND_BLOCKS];
+    uint32_t there[TL_BOUND_BLOCKS]; /* of them, at a bound */
+    bool has_begun;
+    bool is_told;
+    tl_bound_turn turn; /* of the last step */
+    double share;       /* as judged last */
+} tl_bound_stay;
+
+/* A step at this time, ns; times do not go back. */
+void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
+
+/* ---- The judge of the lock: whether the twin is where the plant is.
  *
  * Purpose: one place that says of a run, live or replayed, whether its twin can be believed: from how many tolerances
  *          each committed step was off, from Δu, from bounds, from the plant's qualities, and from what was found of the FMUs' rollback. Nothing else is looked at, so that a replay says the same.
@@ -11,16 +55,6 @@
  * Yardstick: tolerances and weights are the configuration's. A second judge can use those of another configuration (tl_lock_judge_measure_by()).
  * Thread:  plain data; one thread at a time.
  */
-#ifndef TL_FIRMWARE_MONITOR_LOCK_JUDGE_H
-#define TL_FIRMWARE_MONITOR_LOCK_JUDGE_H
-
-#include <stdbool.h>
-#include <stdint.h>
-
-#include "firmware/config/config.h"
-#include "firmware/monitor/bound_stay.h"
-#include "firmware/monitor/lock_tally.h"
-#include "master/twin/account.h"
 
 enum {
     TL_LOCK_PARTS = 10,    /* of a window */
@@ -122,5 +156,33 @@ tl_bound_turn tl_lock_judge_bound(const tl_lock_judge *judge, size_t adjust, dou
 
 /* So far. A run that ended before its first window was full is judged by what there is of it; so is one in whose last steps an output ran away. */
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally);
+
+/* ---- Bringing back a twin that is lost: when its FMUs shall begin anew.
+ *
+ * Purpose: a twin can get to where no correction leads back from; its FMUs then begin anew with their start values (tl_twin_reset()). That
+ *          takes the judge's word that it is astray, and is not done for ever: each time it did not help the pause is twice as long.
+ * Same:    it follows from records and samples alone, so that a replay does what the run did.
+ * Thread:  plain data; that of the twin.
+ */
+
+/* Parts of the judge's window. */
+enum { TL_LOCK_PAUSE_FIRST = 20, TL_LOCK_PAUSE_LAST = 6000 };
+
+/* Fields are private. */
+typedef struct tl_lock_rescue {
+    tl_lock_judge judge;
+    uint64_t windows; /* that were judged when it was looked at last */
+    uint32_t pause;   /* parts after a reset; 0: there was none that is not forgotten */
+    uint32_t passed;  /* since it */
+    uint32_t well;    /* parts in lock, one after the other */
+} tl_lock_rescue;
+
+/* As tl_lock_judge_init(). With an event horizon a twin is never brought back: its steps are not compared. */
+void tl_lock_rescue_init(tl_lock_rescue *rescue, const tl_config *config, const tl_account *account);
+
+void tl_lock_rescue_sample(tl_lock_rescue *rescue, const tl_sample *sample);
+
+/* A step. True: the FMUs shall begin anew before the next one. *change as the judge says, or NULL. */
+bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const tl_lock_change **change);
 
 #endif

@@ -1,11 +1,6 @@
-/* A recording, looked through for what can be told of its signals without any FMU: noise, message times, bad readings.
+/* A recording, measured: range, noise, delays and smoothing of its signals.
  *
- * Purpose: what a proposal (proposal.h) goes by. Readings are taken as they came (tl_recording_listen()), each once; good ones are those that are finite and
- *          within the signal's `min` and `max`.
- * Noise:   by diagnose/noise_meter.h, twice: what the first time says of the noise tells the outliers the second time.
- * Bound:   the first TL_SURVEY_MOST readings of a signal.
- * Owner:   the survey owns its readings; tl_survey_free() frees all.
- * Thread:  one thread.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_MONITOR_SURVEY_H
 #define TL_FIRMWARE_MONITOR_SURVEY_H
@@ -15,9 +10,32 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/monitor/noise_meter.h"
+#include "firmware/monitor/noise.h"
 #include "firmware/plant/recording.h"
+#include "master/base/simtime.h"
 #include "master/base/status.h"
+
+/* ---- How far a low-pass takes readings from what was true, as these tell themselves.
+ *
+ * Idea:    Stein's estimate. What a low-pass makes of the reading of an instant differs from that reading by d; it is off what was true by
+ *          E d² − σ² + 2 σ² w in the mean square, if w is the weight with which the reading is in it and the noise is white with deviation σ. So noise that is
+ *          taken away and motion that is flattened are weighed without knowing the motion.
+ * Purpose: done by the plant's own low-pass (plant/conditioner.h), looked up τ later, as it is when it is matched.
+ * Thread:  pure.
+ */
+
+/* The mean square error at the readings' own instants, through a low-pass of τ > 0 ns. Without one it is σ². Fewer than three readings: σ². */
+double tl_smoothing_error(const tl_noise_point *points, size_t count, double sigma, tl_time low_pass);
+
+/* ---- A recording, looked through for what can be told of its signals without any FMU: noise, message times, bad readings.
+ *
+ * Purpose: what a proposal (proposal.h) goes by. Readings are taken as they came (tl_recording_listen()), each once; good ones are those that are finite and
+ *          within the signal's `min` and `max`.
+ * Noise:   by diagnose/noise_meter.h, twice: what the first time says of the noise tells the outliers the second time.
+ * Bound:   the first TL_SURVEY_MOST readings of a signal.
+ * Owner:   the survey owns its readings; tl_survey_free() frees all.
+ * Thread:  one thread.
+ */
 
 enum {
     TL_SURVEY_MOST = 200000,

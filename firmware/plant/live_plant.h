@@ -1,6 +1,6 @@
 /* The live plant: the configured sources, opened and polled, posting into the mailboxes of their signals.
  *
- * Purpose: from tl_config to running plant readers; the writing side of the mail (plant_mail.h). The reading side is a tl_plant_input over the
+ * Purpose: from tl_config to running plant readers; the writing side of the mail (mailbox.h). The reading side is a tl_plant_input over the
  *          same memory.
  * Death:   mailboxes that a predecessor has left are mended and gone on with.
  * Thread:  open and close from one thread.

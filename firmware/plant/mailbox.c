@@ -1,4 +1,10 @@
-/* A ring of versioned slots: a seqlock per reading.
+/* Sample buffers: the last samples of each signal, in memory that the reader of the plant writes and the cycle reads: see mailbox.h. */
+#include "firmware/plant/mailbox.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* ---- A ring of versioned slots: a seqlock per reading.
  *
  * Post n goes to slot n mod depth. Its sequence is 2n+1 while it is written and 2n+2 when it stands, so
  * a reader that looks for post n knows whether a slot holds that one, is being overwritten, or holds a later one.
@@ -10,11 +16,7 @@
  * A writer that dies leaves one slot odd, or one post that stands and is not counted. Neither is a post that a reader looks for.
  *
  * A hostile writer can put anything anywhere at any time. So a reader takes each word once, masks the number of a post to find its slot, and searches
- * between bounds of its own that come closer with each look, whatever it sees there.
- */
-#include "firmware/plant/mailbox.h"
-
-#include <string.h>
+ * between bounds of its own that come closer with each look, whatever it sees there. */
 
 /* Looks from the newest back, one by one, before a search takes longer steps: the cycle mostly wants one of these. */
 enum { NEAR = 8 };
@@ -182,4 +184,79 @@ bool tl_mailbox_next(const tl_mailbox *mailbox, tl_time until, uint64_t *next, t
 
 bool tl_mailbox_at(const tl_mailbox *mailbox, tl_time instant, tl_reading *reading) {
     return tl_mailbox_from(mailbox, instant, instant, reading);
+}
+
+/* ---- plant mail ---- */
+
+/* A count has a cache line of its own, since the threads of different sources write them. */
+enum { LINE = 64, COUNTS = TL_MAX_SIGNALS * LINE };
+
+/* Beside hang_s: to notice that the twin is gone, to end it, and to make a new one. */
+static const tl_time RESTART = 10 * TL_SECOND;
+
+static const tl_time FINEST = TL_SECOND / 1000;
+
+/* Time between two readings of a signal; one without a live source has none, and gets what a plain source would. */
+static tl_time period_of(const tl_config *config, const tl_config_signal *signal) {
+    tl_time period = config->step;
+    if (signal->source < config->source_count) {
+        tl_time configured = tl_time_of_seconds(config->sources[signal->source].period_s);
+        period = configured < period ? configured : period;
+    }
+    return period > FINEST ? period : FINEST;
+}
+
+tl_time tl_plant_mail_kept(const tl_config *config) {
+    return config->realtime_hang + RESTART;
+}
+
+void tl_plant_mail_shape_of(const tl_config *config, tl_plant_mail_shape *shape) {
+    *shape = (tl_plant_mail_shape){.signals = config->signal_count};
+    for (size_t i = 0; i < config->signal_count; i++) {
+        shape->of[i] = config->signals[i].of;
+        tl_time readings = tl_plant_mail_kept(config) / period_of(config, &config->signals[i]) + 1;
+        uint32_t depth = TL_PLANT_MAIL_LEAST;
+        while (depth < readings && depth < TL_PLANT_MAIL_MOST) {
+            depth *= 2;
+        }
+        shape->depth[i] = depth;
+    }
+}
+
+size_t tl_plant_mail_bytes(const tl_plant_mail_shape *shape) {
+    size_t bytes = COUNTS;
+    for (size_t i = 0; i < shape->signals; i++) {
+        bytes += shape->of[i] == i ? shape->depth[i] * sizeof(tl_mailbox_slot) : 0;
+    }
+    return bytes;
+}
+
+void tl_plant_mail_open(const tl_plant_mail_shape *shape, void *memory, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
+    unsigned char *counts = memory;
+    unsigned char *slots = counts + COUNTS;
+    for (size_t i = 0; i < shape->signals; i++) {
+        if (shape->of[i] != i) {
+            mailboxes[i] = mailboxes[shape->of[i]];
+            continue;
+        }
+        mailboxes[i] = (tl_mailbox){
+            .slots = (tl_mailbox_slot *)(void *)slots,
+            .count = (uint64_t *)(void *)(counts + i * LINE),
+            .depth = shape->depth[i],
+        };
+        slots += shape->depth[i] * sizeof(tl_mailbox_slot);
+    }
+}
+
+void *tl_plant_mail_make_least(size_t signals, tl_mailbox mailboxes[TL_MAX_SIGNALS]) {
+    tl_plant_mail_shape shape = {.signals = signals};
+    for (size_t i = 0; i < signals; i++) {
+        shape.depth[i] = TL_PLANT_MAIL_LEAST;
+        shape.of[i] = i;
+    }
+    void *memory = calloc(1, tl_plant_mail_bytes(&shape));
+    if (memory != NULL) {
+        tl_plant_mail_open(&shape, memory, mailboxes);
+    }
+    return memory;
 }

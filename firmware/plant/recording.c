@@ -1,16 +1,477 @@
-/* Recordings: see recording.h. */
+/* Recordings of a plant as CSV, tick by tick: see recording.h. */
 #include "firmware/plant/recording.h"
 
+#include <inttypes.h>
+#include <limits.h>
+#include <stdbool.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
 #include "board/csv/csv.h"
+#include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
+#include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
-#include "firmware/plant/plant_mail.h"
-#include "firmware/plant/recording_database.h"
+#include "master/base/status.h"
+
+/* ---- The ticks of a run that was recorded into a database, for recording.h.
+ *
+ * Purpose: a run of the file, as it was seen. Where the configuration is the very one of the run, ticks it missed
+ *          are made up again, searches it had no time for end where they ended, and the tunings that it took are taken at their ticks, so that the
+ *          same u come out.
+ * Delays:  with another configuration that has delays, signals are looked up anew, by the stamps of the readings that the run
+ *          saw: at most one a tick of each. So a run that was recorded without delays can be replayed with them.
+ * Errors:  TL_BAD_DATA where the signals or the step are not the configuration's, the run's beginning is gone, or what it took
+ *          cannot be followed.
+ * Thread:  one thread.
+ */
+
+typedef struct tl_recording_database tl_recording_database;
+
+static void tl_recording_database_close(tl_recording_database *database);
+
+/* ---- recording database ---- */
+
+struct tl_recording_database {
+    char path[PATH_MAX]; /* for messages */
+    tl_history *history;
+    tl_history_ticks *ticks;
+    bool same_configuration; /* repeat what the run skipped and had time for */
+    int64_t next;            /* tick expected */
+    const tl_config *config;
+    size_t recorded; /* signals of the run that are the configuration's, further look-ups included */
+    size_t raw
+        [TL_MAX_SIGNALS]; /* which of the run's signals shows the readings of each of the configuration's as they came, as far as it knows */
+    bool by_recording; /* stamps are those of the recording that the run replayed … */
+    tl_time start;     /* … and so is t_start; else 0 */
+    tl_recording_beginning beginning;
+    tl_recording_tunings tunings;
+    tl_run_tuning *tuning_list;
+    tl_recorder_known *tuning_known;
+    tl_recording_hear *hear; /* NULL: nobody does */
+    void *listener;
+    /* where signals are looked up anew */
+    bool anew;
+    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
+    tl_plant_input input;
+    void *mail; /* memory of its mailboxes */
+};
+
+/* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
+static bool is_same_signal(const char *recorded, const char *name) {
+    static const char PREFIX[] = "plant.";
+    return strncmp(recorded, PREFIX, sizeof PREFIX - 1) == 0 && strcmp(recorded + sizeof PREFIX - 1, name) == 0;
+}
+
+/* Of a run with delays: a signal that was looked up twice is behind the others, and its name is none of a configuration. */
+static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t count) {
+    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) {
+        count--;
+    }
+    return count;
+}
+
+/* Whether a recorded signal is "plant.NAME@reading" of the configuration's. */
+static bool shows(const char *recorded, const char *name) {
+    const char *suffix = strchr(recorded, '@');
+    size_t length = strlen(name);
+    return suffix != NULL && strcmp(suffix, TL_CONFIG_READING) == 0 &&
+           strncmp(recorded, "plant.", sizeof "plant." - 1) == 0 &&
+           (size_t)(suffix - recorded) == sizeof "plant." - 1 + length &&
+           strncmp(recorded + sizeof "plant." - 1, name, length) == 0;
+}
+
+/* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
+static void find_readings(tl_recording_database *database, const tl_recorder_signal *signals, size_t count) {
+    const tl_config *config = database->config;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        size_t first = config->signals[i].of;
+        database->raw[i] = i < database->recorded ? i : first;
+        for (size_t k = 0; k < count && k < TL_MAX_SIGNALS; k++) {
+            database->raw[i] = shows(signals[k].name, config->signals[first].plan.name) ? k : database->raw[i];
+        }
+    }
+}
+
+/* All second look-ups must be there; or none of them, and then they are made of the first ones. */
+static tl_status check_signals(tl_recording_database *database, const tl_history_run *run, const tl_config *config,
+                               tl_error *error) {
+    const char *path = database->path;
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    size_t own = config->signal_count;
+    while (own > 0 && config->signals[own - 1].of != own - 1) {
+        own--;
+    }
+    tl_status status = tl_history_signals(database->history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    bool all = true;
+    for (size_t i = own; i < config->signal_count; i++) {
+        all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
+    }
+    database->recorded = all ? config->signal_count : own;
+    find_readings(database, signals, count);
+    count = count_first_look_ups(signals, count);
+    for (size_t i = 0; i < own; i++) {
+        const char *name = config->signals[i].plan.name;
+        if (i >= count || !is_same_signal(signals[i].name, name)) {
+            return tl_fail(error, TL_BAD_DATA,
+                           "%s: run %" PRId64 " has %s as signal %zu, the configuration has plant.%s: the plant's "
+                           "signals must be the same, in the same order",
+                           path, run->run, i < count ? signals[i].name : "nothing", i + 1, name);
+        }
+    }
+    if (count != own || run->step != config->step) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: run %" PRId64 " has %zu signals every %g s, the configuration has %zu every %g s", path,
+                       run->run, count, tl_seconds(run->step), own, tl_seconds(config->step));
+    }
+    return TL_OK;
+}
+
+static tl_status fail_beginning(const tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    return tl_fail(error, TL_BAD_DATA,
+                   "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
+                   database->path, run->run);
+}
+
+/* A checkpoint that its bytes do not fit to is as good as none. */
+static tl_status find_checkpoint(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    tl_recording_beginning *beginning = &database->beginning;
+    const tl_history_checkpoint *checkpoint = NULL;
+    tl_status status = tl_history_checkpoint_before(database->history, run, beginning->tick, &checkpoint, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    if (checkpoint == NULL || checkpoint->tick != beginning->tick - 1) {
+        return fail_beginning(database, run, error);
+    }
+    beginning->checkpoint = checkpoint;
+    return checkpoint->whole ? TL_OK
+                             : tl_fail(error, TL_BAD_DATA,
+                                       "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
+                                       "replayed",
+                                       database->path, run->run);
+}
+
+/* Where the twin has to stand before the first tick. */
+static tl_status find_beginning(tl_recording_database *database, const tl_history_run *run, int64_t first,
+                                tl_error *error) {
+    bool resumed = run->resumption.from != TL_RESUMED_NOT;
+    if (run->removed_before > 0 || (first != 0 && !resumed)) {
+        return fail_beginning(database, run, error);
+    }
+    database->next = first;
+    database->beginning = (tl_recording_beginning){
+        .run = run->run,
+        .tick = first,
+        .follows = database->same_configuration && resumed,
+        .resumption = run->resumption,
+        .fmus = run->fmus,
+    };
+    bool loads = database->beginning.follows && run->resumption.from == TL_RESUMED_CHECKPOINT;
+    return loads ? find_checkpoint(database, run, error) : TL_OK;
+}
+
+/* ---- tunings ---- */
+
+/* What a text says, for a twin that is built with `own`. More evaluations than that has room for were in force only in what the run followed of an
+ * earlier one, where nothing was searched. */
+static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning *tuning, tl_error *error) {
+    tl_tuning built;
+    tl_config_tuning(own, &built);
+    tl_status status = tl_config_tuning_of(own, text, tuning, error);
+    if (status == TL_OK && tuning->evaluations > tl_tuning_room(built.evaluations)) {
+        tuning->evaluations = tl_tuning_room(built.evaluations);
+    }
+    return status == TL_OK ? tl_tuning_fits(tuning, &built, error) : status;
+}
+
+/* One that was met before need not be read again. */
+static bool copy_earlier(tl_recording_database *database, size_t index) {
+    tl_run_tuning *list = database->tuning_list;
+    for (size_t i = 0; i < index; i++) {
+        if (strcmp(list[i].hash, list[index].hash) == 0) {
+            list[index].values = list[i].values;
+            database->tuning_known[index].text = database->tuning_known[i].text;
+            return true;
+        }
+    }
+    return false;
+}
+
+static tl_status take_tuning(tl_recording_database *database, const tl_history_run *run, const tl_history_tuning *found,
+                             size_t index, tl_error *error) {
+    tl_run_tuning *tuning = &database->tuning_list[index];
+    tl_recorder_known *known = &database->tuning_known[index];
+    tl_error why;
+    tuning->tick = found->tick;
+    (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", found->hash);
+    *known = (tl_recorder_known){
+        .hash = found->hash, .at = found->at, .who = found->who, .origin = found->origin, .why = found->why};
+    if (copy_earlier(database, index)) {
+        return TL_OK;
+    }
+    tl_status status = tl_history_text(database->history, found->hash, &known->text, error);
+    if (status == TL_OK) {
+        status = parse_tuning(known->text, database->config, &tuning->values, &why);
+        return status == TL_OK ? TL_OK
+                               : tl_fail(error, TL_BAD_DATA,
+                                         "%s: run %" PRId64 " took the configuration %.12s at tick %" PRId64
+                                         ", which cannot be followed: %.200s",
+                                         database->path, run->run, found->hash, found->tick, why.text);
+    }
+    return status;
+}
+
+/* All of them, if they are to be followed; else how many there are. */
+static tl_status find_tunings(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+    const tl_history_tuning *found = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_tunings(database->history, run, &found, &count, error);
+    database->tunings.recorded = status == TL_OK ? count : 0;
+    if (status != TL_OK || count == 0 || !database->same_configuration) {
+        return status;
+    }
+    if (count > TL_RECORDING_TUNINGS) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: run %" PRId64 " took %zu configurations while it ran: at most %d can be followed",
+                       database->path, run->run, count, (int)TL_RECORDING_TUNINGS);
+    }
+    database->tuning_list = calloc(count, sizeof *database->tuning_list);
+    database->tuning_known = calloc(count, sizeof *database->tuning_known);
+    if (database->tuning_list == NULL || database->tuning_known == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", database->path);
+    }
+    for (size_t i = 0; status == TL_OK && i < count; i++) {
+        status = take_tuning(database, run, &found[i], i, error);
+    }
+    database->tunings.list = database->tuning_list;
+    database->tunings.known = database->tuning_known;
+    database->tunings.count = count;
+    return status;
+}
+
+/* ---- look-ups ---- */
+
+static bool looks_as(const tl_config_signal *signal, const tl_config_signal *other) {
+    const tl_condition *own = &signal->condition;
+    const tl_condition *its = &other->condition;
+    bool conditions_alike = own->median == its->median && own->low_pass == its->low_pass && !(own->gate < its->gate) &&
+                            !(own->gate > its->gate);
+    return signal->look_back == other->look_back && signal->next == other->next && signal->between == other->between &&
+           conditions_alike;
+}
+
+static bool look_alike(const tl_config *config, const tl_config *run) {
+    bool alike = config->signal_count == run->signal_count;
+    for (size_t i = 0; alike && i < config->signal_count; i++) {
+        alike = looks_as(&config->signals[i], &run->signals[i]);
+    }
+    return alike;
+}
+
+static bool looks_back(const tl_config *config) {
+    bool any = config->delays != NULL;
+    for (size_t i = 0; i < config->signal_count; i++) {
+        any = any || config->signals[i].look_back != 0;
+    }
+    return any;
+}
+
+static void hear_nothing(void *context, tl_status status, const char *where, const char *text) {
+    (void)context;
+    (void)status;
+    (void)where;
+    (void)text;
+}
+
+/* Whether the run may have seen signals at other instants than the configuration does. Its text tells, where it is there and still is a configuration. */
+static bool sees_otherwise(tl_recording_database *database, const tl_history_run *run) {
+    const char *text = NULL;
+    tl_config own;
+    tl_error error;
+    tl_report silent = {.add = hear_nothing};
+    if (tl_history_text(database->history, run->configuration_hash, &text, &error) != TL_OK ||
+        tl_config_read_text(database->config->path, text, strlen(text), &own, &silent) != TL_OK) {
+        return looks_back(database->config);
+    }
+    tl_config_use_lookups(&own);
+    bool otherwise = !look_alike(database->config, &own);
+    tl_config_free(&own);
+    return otherwise;
+}
+
+static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
+    const tl_history_run *run = NULL;
+    int64_t first = 0;
+    int64_t last = 0;
+    bool any = false;
+    tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
+    if (status == TL_OK) {
+        status = check_signals(database, run, config, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ticks_range(database->ticks, &any, &first, &last, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    if (!any) {
+        return fail_beginning(database, run, error);
+    }
+    database->anew = !database->same_configuration && sees_otherwise(database, run);
+    database->by_recording = strcmp(run->verb, "replay") == 0;
+    *ticks = last + 1;
+    status = find_tunings(database, run, error);
+    return status == TL_OK ? find_beginning(database, run, first, error) : status;
+}
+
+static tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
+                                            int64_t *ticks, tl_error *error) {
+    tl_recording_database *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    (void)snprintf(opened->path, sizeof opened->path, "%s", path);
+    opened->config = config;
+    tl_live_plant_set_limits(&opened->input, config);
+    opened->mail = tl_plant_mail_make_least(config->signal_count, opened->input.mailboxes);
+    if (opened->mail == NULL || !tl_plant_input_open(&opened->input)) {
+        tl_recording_database_close(opened);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        opened->posted[i] = TL_TIME_NEVER;
+    }
+    tl_status status = tl_history_open(path, &opened->history, error);
+    if (status == TL_OK) {
+        status = open_run(opened, config, ticks, error);
+    }
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(opened->history, error);
+    }
+    if (status != TL_OK) {
+        tl_recording_database_close(opened);
+        return status;
+    }
+    *database = opened;
+    return TL_OK;
+}
+
+/* t_start of a replayed recording is its first row, and what is known at tick 0 is of that row, or older. */
+static void find_start(tl_recording_database *database, const tl_sample *sample) {
+    tl_time newest = TL_TIME_NEVER;
+    for (size_t i = 0; i < database->recorded; i++) {
+        newest = sample->stamps[i] > newest ? sample->stamps[i] : newest;
+    }
+    database->start = database->by_recording && newest != TL_TIME_NEVER ? newest : 0;
+}
+
+/* Readings that are new since the tick before, under their own stamps. */
+static void take_readings(tl_recording_database *database, const tl_sample *seen) {
+    for (size_t i = 0; i < database->config->signal_count; i++) {
+        size_t from = database->raw[i];
+        bool is_rejected = seen->quality[from] == TL_OUTLIER; /* which is judged anew */
+        const tl_reading reading = {.value = seen->values[from],
+                                    .stamp = seen->stamps[from],
+                                    .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
+        if (reading.stamp == database->posted[i]) {
+            continue;
+        }
+        database->posted[i] = reading.stamp;
+        tl_plant_input_post(&database->input, i, &reading);
+        if (database->hear != NULL && database->config->signals[i].of == i) {
+            database->hear(database->listener, i, &reading);
+        }
+    }
+}
+
+/* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
+static bool was_followed(const tl_recording_database *database, const tl_history_tick *read) {
+    return database->beginning.follows && read->sample.tick < database->beginning.resumption.tick &&
+           (!read->has_step || read->outcome == TL_FOLLOWED);
+}
+
+static tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
+                                            tl_error *error) {
+    tl_history_tick read;
+    tl_status status = tl_history_ticks_next(database->ticks, &read, end, error);
+    if (status == TL_BAD_DATA) {
+        tl_history_diagnose(database->history, error);
+    }
+    if (status != TL_OK || *end) {
+        return status;
+    }
+    if (read.sample.tick != database->next) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "%s: tick %" PRId64 " was lost while it was recorded: it cannot be replayed further",
+                       database->path, database->next);
+    }
+    bool repeat = database->same_configuration && read.has_step;
+    database->next++;
+    if (read.sample.tick == 0) {
+        find_start(database, &read.sample);
+    }
+    read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
+    tick->sample = read.sample;
+    if (database->anew || database->hear != NULL) {
+        take_readings(database, &read.sample);
+    }
+    if (database->anew) { /* as the configuration looks them up */
+        tl_plant_input_take(&database->input, read.sample.tick, read.sample.instant, &tick->sample);
+    }
+    tick->followed = was_followed(database, &read);
+    memcpy(tick->u, read.u, sizeof tick->u);
+    tick->made_up = repeat && read.outcome == TL_MADE_UP;
+    tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;
+    bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+    tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
+    tick->evaluations = tick->cut_short ? read.evaluations : 0;
+    tick->executions = tick->cut_short ? read.executions : 0;
+    tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
+    return TL_OK;
+}
+
+/* As in recording.h. */
+static void tl_recording_database_listen(tl_recording_database *database, tl_recording_hear *hear, void *context) {
+    database->hear = hear;
+    database->listener = context;
+}
+
+static void tl_recording_database_close(tl_recording_database *database) {
+    if (database == NULL) {
+        return;
+    }
+    tl_history_ticks_end(database->ticks);
+    tl_history_close(database->history);
+    free(database->tuning_list);
+    free(database->tuning_known);
+    tl_plant_input_close(&database->input);
+    free(database->mail);
+    free(database);
+}
+
+static tl_recording_tunings tl_recording_database_tunings(const tl_recording_database *database) {
+    return database->tunings;
+}
+
+/* NULL: at tick 0, as any twin does. */
+static const tl_recording_beginning *tl_recording_database_beginning(const tl_recording_database *database) {
+    bool begins_at_0 = database->beginning.tick == 0 && !database->beginning.follows;
+    return begins_at_0 ? NULL : &database->beginning;
+}
+
+/* ---- recording ---- */
 
 struct tl_recording {
     int64_t ticks; /* in all */

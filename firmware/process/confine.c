@@ -11,7 +11,6 @@
 #include "firmware/process/filter.h"
 #include "firmware/process/landlock.h"
 #include "firmware/process/privileges.h"
-#include "firmware/process/process_limits.h"
 
 /* ---- what there is ---- */
 

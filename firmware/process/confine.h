@@ -3,7 +3,7 @@
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
  *          FMU in it does. There is no way back.
- * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (process_limits.h), a
+ * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (privileges.h), a
  *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.

@@ -184,7 +184,7 @@ static const uint32_t file_commands[] = {
     14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
 static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
 
-/* Which pages of its own memory a process has written, by descriptors from before (fmu_written.h): PAGEMAP_SCAN, whose order has 96 bytes, and UFFDIO_REGISTER.
+/* Which pages of its own memory a process has written, by descriptors from before (fmu_pages.h): PAGEMAP_SCAN, whose order has 96 bytes, and UFFDIO_REGISTER.
  * Neither leads to memory of another process. */
 static const uint32_t page_commands[] = {0xc0606610, 0xc020aa00};
 static const uint32_t process_commands[] = {
@@ -438,7 +438,7 @@ static int add_sockets(scmp_filter_ctx context, unsigned drivers) {
 }
 
 static int add_drivers(scmp_filter_ctx context, unsigned drivers) {
-    /* A thread of a source is an ordinary one, whoever starts it (side_thread.h). */
+    /* A thread of a source is an ordinary one, whoever starts it (os.h). */
     const struct scmp_arg_cmp ordinary = IS(1, SCHED_OTHER);
     int failure = add_rule(context, SCMP_ACT_ALLOW, "sched_setscheduler", &ordinary, 1);
     for (size_t i = 0; i < COUNT(driver_calls) && failure == 0; i++) {

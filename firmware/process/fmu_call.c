@@ -5,7 +5,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/base/clean_text.h"
+#include "firmware/base/text.h"
 
 static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_NO_CALL] = "nothing",

@@ -6,7 +6,7 @@
  * Thread:  the thread that calls FMUs writes, and it is the only one. Any thread, any signal handler and any process that maps the
  *          block may look. Wait-free.
  * Trust:   a process with FMUs may write anything into the block, so tl_fmu_calls_look() believes no index, and cleans a name
- *          (clean_text.h).
+ *          (text.h).
  */
 #ifndef TL_FIRMWARE_PROCESS_FMU_CALL_H
 #define TL_FIRMWARE_PROCESS_FMU_CALL_H

@@ -3,7 +3,7 @@
 
 #include <stdio.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 

@@ -16,7 +16,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/base/latest.h"
+#include "firmware/base/os.h"
 #include "firmware/process/fmu_call.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"

@@ -1,17 +1,14 @@
-/* The state of this process that an FMU can change: see host_state.h. */
+/* State of the process that an FMU may change: rounding, locale, directory, signals: see host_state.h. */
 #include "firmware/process/host_state.h"
 
 #include <fcntl.h>
 #include <locale.h>
-#include <stdbool.h>
-#include <stdint.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <sys/syscall.h>
-#include <unistd.h>
 
-#include "firmware/process/fp_control.h"
+/* ---- host state ---- */
 
 enum { HANDLED = 16, LOCALE_NAME = 64 };
 

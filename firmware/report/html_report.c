@@ -1,11 +1,780 @@
-/* The report of a run, gathered: see html_report.h. */
+/* The HTML page of a run: see html_report.h. */
 #include "firmware/report/html_report.h"
 
+#include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/report/html_report_parts.h"
+#include "firmware/base/identity.h"
+#include "firmware/report/envelope.h"
+#include "firmware/report/html_resources.h"
+#include "master/base/utf8.h"
+
+/* ---- What the files of the report share: gathering (html_report.c), the page (html_page.c), its tables (html_tables.c) and
+ * its curves (html_curves.c). Private to them.
+ *
+ * Thread: as html_report.h.
+ */
+
+/* Channels of the envelope; behind them y, ŷ and Δy of each match, then u, û and Δu of each adjusted variable. */
+enum { TL_HTML_EXECUTIONS, TL_HTML_EVALUATIONS, TL_HTML_USED, TL_HTML_STEP_CHANNELS };
+
+typedef struct tl_html_entry {
+    int64_t tick;
+    char at[TL_UTC_TEXT];
+    char severity[12];
+    char source[32];
+    char text[224];
+} tl_html_entry;
+
+struct tl_html_report {
+    tl_html_settings settings;
+    tl_envelope curves;
+    uint64_t recorded;    /* steps */
+    uint64_t event_count; /* all that there were */
+    tl_html_entry events[TL_HTML_EVENTS];
+};
+
+static size_t tl_html_match_channel(const tl_html_report *report, size_t match);
+static size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust);
+
+/* ---- html text ---- */
+
+enum { SHOWN = 16, LONGEST = 4 };
+
+/* The next character as it may be shown (text.h), white space as it is. Returns the text behind it. */
+static const char *take(const char *text, char shown[SHOWN]) {
+    uint32_t code = 0;
+    size_t length = tl_utf8_read(text, strnlen(text, LONGEST), &code);
+    length = length == 0 ? 1 : length;
+    if (*text == '\n' || *text == '\r') {
+        (void)snprintf(shown, SHOWN, "%c", *text);
+    } else {
+        (void)tl_clean_text(text, length, shown, SHOWN);
+    }
+    return text + length;
+}
+
+void tl_html_put_text(FILE *file, const char *text) {
+    static const char marks[] = "&<>\"'";
+    static const char *const entities[] = {"&amp;", "&lt;", "&gt;", "&quot;", "&#39;"};
+    while (*text != '\0') {
+        char shown[SHOWN];
+        text = take(text, shown);
+        const char *mark = strchr(marks, shown[0]);
+        if (mark != NULL) {
+            (void)fputs(entities[mark - marks], file);
+        } else {
+            (void)fputs((unsigned char)shown[0] < ' ' ? " " : shown, file);
+        }
+    }
+}
+
+static void put_string_character(FILE *file, char character) {
+    if ((unsigned char)character < ' ' || strchr("\"\\<>&'", character) != NULL) {
+        (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)character);
+    } else {
+        (void)fputc(character, file);
+    }
+}
+
+void tl_html_put_string(FILE *file, const char *text) {
+    (void)fputc('"', file);
+    while (*text != '\0') {
+        char shown[SHOWN];
+        text = take(text, shown);
+        for (const char *c = shown; *c != '\0'; c++) {
+            put_string_character(file, *c);
+        }
+    }
+    (void)fputc('"', file);
+}
+
+void tl_html_put_number(FILE *file, double value) {
+    if (isfinite(value)) {
+        (void)fprintf(file, "%.9g", value);
+    } else {
+        (void)fputs("null", file);
+    }
+}
+
+void tl_html_put_count(FILE *file, uint64_t count) {
+    char digits[24];
+    int length = snprintf(digits, sizeof digits, "%" PRIu64, count);
+    for (int i = 0; i < length; i++) {
+        if (i > 0 && (length - i) % 3 == 0) {
+            (void)fputs("\342\200\257", file); /* U+202F, narrow no-break space */
+        }
+        (void)fputc(digits[i], file);
+    }
+}
+
+static uint32_t hexadecimal(char digit) {
+    return (uint32_t)(digit <= '9' ? digit - '0' : digit - 'a' + 10);
+}
+
+void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
+    static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+    char digits[TL_SHA256_TEXT + 2];
+    tl_sha256(data, size, digits);
+    digits[64] = '0'; /* 32 bytes are 43 letters, the last of them with two bits to spare */
+    digits[65] = '0';
+    char *end = text + sprintf(text, "sha256-");
+    for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
+        uint32_t bits = hexadecimal(digits[i]) << 8 | hexadecimal(digits[i + 1]) << 4 | hexadecimal(digits[i + 2]);
+        *end++ = letters[bits >> 6];
+        *end++ = letters[bits & 63];
+    }
+    end[-1] = '='; /* the 44th letter stands for no bits at all */
+    *end = '\0';
+}
+
+/* ---- The curves of a report as the JSON that page.js draws. */
+
+/* One value per bucket while nothing is thinned, else two. */
+static void put_channel(const tl_html_report *report, const char *key, size_t channel, FILE *file) {
+    const tl_envelope *curves = &report->curves;
+    (void)fprintf(file, "\"%s\":[", key);
+    for (size_t i = 0; i < curves->used; i++) {
+        double pair[2];
+        tl_envelope_get(curves, channel, i, pair);
+        (void)fputs(i == 0 ? "" : ",", file);
+        tl_html_put_number(file, pair[0]);
+        if (curves->width > 1) {
+            (void)fputc(',', file);
+            tl_html_put_number(file, pair[1]);
+        }
+    }
+    (void)fputc(']', file);
+}
+
+/* Three that follow one another, each after what was put before. */
+static void put_channels(const tl_html_report *report, const char *const keys[3], size_t first, FILE *file) {
+    for (size_t i = 0; i < 3; i++) {
+        (void)fputs(",\n", file);
+        put_channel(report, keys[i], first + i, file);
+    }
+}
+
+/* Stretches of buckets in which ŷ was not always good: [first, last, qualities]. */
+static void put_bad(const tl_html_report *report, size_t channel, FILE *file) {
+    const tl_envelope *curves = &report->curves;
+    const char *separator = "";
+    (void)fputs("\"bad\":[", file);
+    for (size_t i = 0; i < curves->used;) {
+        uint8_t marks = tl_envelope_marks(curves, channel, i);
+        size_t last = i;
+        while (last + 1 < curves->used && tl_envelope_marks(curves, channel, last + 1) == marks) {
+            last++;
+        }
+        if (marks != 0) {
+            (void)fprintf(file, "%s[%zu,%zu,%u]", separator, i, last, (unsigned)marks);
+            separator = ",";
+        }
+        i = last + 1;
+    }
+    (void)fputc(']', file);
+}
+
+static void put_signal(const tl_recorder_signal *signal, FILE *file) {
+    (void)fputs("\n{\"name\":", file);
+    tl_html_put_string(file, signal->name);
+    (void)fputs(",\"unit\":", file);
+    tl_html_put_string(file, tl_show_unit(signal->unit));
+    (void)fputs(",\"type\":", file);
+    tl_html_put_string(file, tl_type_name(signal->type));
+}
+
+static void put_match(const tl_html_report *report, size_t match, FILE *file) {
+    static const char *const keys[] = {"y", "measured", "delta"};
+    const tl_html_settings *settings = &report->settings;
+    size_t channel = tl_html_match_channel(report, match);
+    (void)fputs(match == 0 ? "" : ",", file);
+    put_signal(&settings->match[match], file);
+    (void)fputs(",\"to\":", file);
+    tl_html_put_string(file, settings->match[match].to);
+    (void)fputs(",\"tolerance\":", file);
+    tl_html_put_number(file, settings->tolerance[match]);
+    put_channels(report, keys, channel, file);
+    (void)fputs(",\n", file);
+    put_bad(report, channel, file);
+    (void)fputc('}', file);
+}
+
+static void put_adjust(const tl_html_report *report, size_t adjust, FILE *file) {
+    static const char *const keys[] = {"u", "nominal", "delta"};
+    (void)fputs(adjust == 0 ? "" : ",", file);
+    put_signal(&report->settings.adjust[adjust], file);
+    put_channels(report, keys, tl_html_adjust_channel(report, adjust), file);
+    (void)fputc('}', file);
+}
+
+static void tl_html_put_data(const tl_html_report *report, FILE *file) {
+    const tl_html_settings *settings = &report->settings;
+    const tl_envelope *curves = &report->curves;
+    (void)fprintf(file, "{\"step\":%.9f,\"first\":%" PRId64 ",\"steps\":%" PRId64 ",\"width\":%" PRId64, //
+                  tl_seconds(settings->step), settings->first, curves->steps, curves->width);
+    (void)fputs(",\"origin\":", file);
+    if (settings->live) {
+        (void)fprintf(file, "%" PRId64, settings->origin);
+    } else {
+        (void)fputs("null", file);
+    }
+    (void)fputs(",\n\"match\":[", file);
+    for (size_t i = 0; i < settings->match_count; i++) {
+        put_match(report, i, file);
+    }
+    (void)fputs("],\n\"adjust\":[", file);
+    for (size_t i = 0; i < settings->adjust_count; i++) {
+        put_adjust(report, i, file);
+    }
+    (void)fputs("],\n", file);
+    put_channel(report, "executions", TL_HTML_EXECUTIONS, file);
+    (void)fputs(",\n", file);
+    put_channel(report, "evaluations", TL_HTML_EVALUATIONS, file);
+    if (settings->clock) {
+        (void)fprintf(file, ",\n\"budget\":%.9g,\n", (double)settings->budget / 1e6);
+        put_channel(report, "used", TL_HTML_USED, file);
+    }
+    (void)fputs("}\n", file);
+}
+
+/* ---- The facts, the key figures and the events of a report, readable without its scripts. A figure carries its exact value and
+ * a key, for programs: <data data-key="match.0.mse" value="0.028">. */
+
+enum { TEXT = 64 };
+
+/* ---- Cells ------------------------------------------------------------------------------------------------------- */
+
+static void put_value(FILE *file, const char *key, size_t index, const char *part, double value, bool sign) {
+    char exact[TEXT];
+    char shown[TEXT];
+    if (!isfinite(value)) {
+        (void)fprintf(file, "<data data-key=\"%s.%zu.%s\" value=\"\">–</data>", key, index, part);
+        return;
+    }
+    tl_show_exact(value, exact, sizeof exact);
+    tl_show_number(value, sign, shown, sizeof shown);
+    (void)fprintf(file, "<data data-key=\"%s.%zu.%s\" value=\"%s\" title=\"%s\">%s</data>", key, index, part, exact,
+                  exact, shown);
+}
+
+static void put_value_cell(FILE *file, const char *key, size_t index, const char *part, double value, bool sign) {
+    (void)fputs("<td class=\"n\">", file);
+    put_value(file, key, index, part, value, sign);
+    (void)fputs("</td>", file);
+}
+
+static void put_counted(FILE *file, const char *key, uint64_t count) {
+    (void)fprintf(file, "<data data-key=\"%s\" value=\"%" PRIu64 "\">", key, count);
+    tl_html_put_count(file, count);
+    (void)fputs("</data>", file);
+}
+
+static void put_count_cell(FILE *file, const char *key, size_t index, const char *part, uint64_t count) {
+    char name[TEXT];
+    (void)snprintf(name, sizeof name, "%s.%zu.%s", key, index, part);
+    (void)fputs("<td class=\"n\">", file);
+    put_counted(file, name, count);
+    (void)fputs("</td>", file);
+}
+
+static void put_name_cell(FILE *file, const char *name) {
+    (void)fputs("<td class=\"name\">", file);
+    tl_html_put_text(file, name);
+    (void)fputs("</td>", file);
+}
+
+static void put_unit_between(FILE *file, const char *before, const char *unit, const char *after) {
+    (void)fprintf(file, "<td class=\"unit\">%s", before);
+    tl_html_put_text(file, unit);
+    (void)fprintf(file, "%s</td>", after);
+}
+
+static void put_unit_cell(FILE *file, const char *unit) {
+    put_unit_between(file, "", unit, "");
+}
+
+/* "(rad/s)²"; a dimension of its own is not squared. */
+static void put_square(FILE *file, const char *unit) {
+    bool squared = unit[0] != '\0';
+    put_unit_between(file, squared ? "(" : "", unit, squared ? ")²" : "");
+}
+
+/* ---- Facts ------------------------------------------------------------------------------------------------------- */
+
+static void begin_fact(FILE *file, const char *name) {
+    (void)fprintf(file, "<div><dt>%s</dt><dd>", name);
+}
+
+static void end_fact(FILE *file) {
+    (void)fputs("</dd></div>\n", file);
+}
+
+static void put_fact(FILE *file, const char *name, const char *text) {
+    begin_fact(file, name);
+    tl_html_put_text(file, text);
+    end_fact(file);
+}
+
+/* "2026-11-21 10:02:03 UTC" of "2026-11-21T10:02:03.456Z". */
+static void put_utc(const char *at, FILE *file) {
+    char text[TEXT];
+    (void)snprintf(text, sizeof text, "%.10s %.8s UTC", at, strlen(at) > 11 ? at + 11 : "");
+    tl_html_put_text(file, text);
+}
+
+static void put_solver(const tl_html_settings *settings, FILE *file) {
+    begin_fact(file, "Solver");
+    tl_html_put_text(file, settings->solver[0] == '\0' ? "none: the twin runs free" : settings->solver);
+    if (settings->fallback[0] != '\0') {
+        (void)fputs(", then ", file);
+        tl_html_put_text(file, settings->fallback);
+    }
+    end_fact(file);
+}
+
+/* Parts of the page; each writes what page.html has a place for. */
+static void tl_html_put_facts(const tl_html_report *report, const char *ended, FILE *file) {
+    const tl_html_settings *settings = &report->settings;
+    char duration[TEXT];
+    tl_show_duration((double)report->recorded * tl_seconds(settings->step), duration, sizeof duration);
+    put_fact(file, settings->live ? "Source" : "Recording", settings->source);
+    begin_fact(file, settings->live ? "Begun" : "Made");
+    put_utc(settings->begun, file);
+    end_fact(file);
+    begin_fact(file, "Steps");
+    tl_html_put_count(file, report->recorded);
+    (void)fprintf(file, ", %s", duration);
+    end_fact(file);
+    begin_fact(file, "Macro step, horizon");
+    (void)fprintf(file, "T<sub>S</sub> = %.10g s, T<sub>P</sub> = %" PRIu32 ", ", tl_seconds(settings->step),
+                  settings->prediction);
+    tl_html_put_text(file, settings->measurements);
+    end_fact(file);
+    put_solver(settings, file);
+    put_fact(file, "Program", settings->version);
+    put_fact(file, "End", ended);
+}
+
+/* ---- Key figures at a glance ------------------------------------------------------------------------------------- */
+
+static void begin_tile(FILE *file, const char *label) {
+    (void)fprintf(file, "<div class=\"tile\"><p class=\"label\">%s</p><p class=\"big\">", label);
+}
+
+static void end_tile(FILE *file) {
+    (void)fputs("</p></div>\n", file);
+}
+
+/* The match that is furthest out of its tolerance, or the first that has a pair. */
+static size_t worst_match(const tl_html_report *report, const tl_run_figures *figures) {
+    size_t worst = 0;
+    double most = -1.0;
+    for (size_t i = 0; i < report->settings.match_count; i++) {
+        double tolerance = report->settings.tolerance[i];
+        double share = tolerance > 0.0 ? figures->match[i].maximum / tolerance : 0.0;
+        if (figures->match[i].pairs > 0 && share > most) {
+            worst = i;
+            most = share;
+        }
+    }
+    return worst;
+}
+
+static void put_deviation_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    const tl_html_settings *settings = &report->settings;
+    if (settings->match_count == 0) {
+        return;
+    }
+    size_t i = worst_match(report, figures);
+    begin_tile(file, "Largest deviation");
+    put_value(file, "tile", i, "max", tl_run_figures_maximum(figures, i), false);
+    (void)fputs(" <small>", file);
+    tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
+    (void)fputs("</small></p><p class=\"sub\">", file);
+    tl_html_put_text(file, settings->match[i].name);
+    if (settings->tolerance[i] > 0.0) {
+        (void)fprintf(file, ", tolerance %.4g ", settings->tolerance[i]);
+        tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
+    }
+    end_tile(file);
+}
+
+/* Of an event horizon, which holds u in between, it is the searches of strokes that count. */
+static void put_lock_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    const uint64_t *outcomes = figures->outcomes;
+    uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
+    bool strokes = outcomes[TL_HELD] > 0;
+    uint64_t all = strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded;
+    begin_tile(file, strokes ? "Strokes within tolerance" : "Steps within tolerance");
+    if (report->settings.adjust_count == 0) {
+        (void)fputs("–</p><p class=\"sub\">not synchronised", file);
+    } else {
+        double share = all == 0 ? 0.0 : 100.0 * (double)in / (double)all;
+        (void)fprintf(file, "%.4g <small>%%</small></p><p class=\"sub\">", share);
+        tl_html_put_count(file, in);
+        (void)fputs(" of ", file);
+        tl_html_put_count(file, all);
+    }
+    end_tile(file);
+}
+
+/* Per cent of the executions without saving; less than 0 where catching up cost more than was saved. */
+static double saved_share(const tl_recorder_component *entry) {
+    return entry->plain == 0 ? 0.0 : 100.0 * tl_run_component_saved(entry) / (double)entry->plain;
+}
+
+static void put_executions_tile(const tl_run_figures *figures, FILE *file) {
+    tl_recorder_component total = tl_run_figures_total(figures);
+    begin_tile(file, "Executions");
+    if (figures->ledger_count == 0) {
+        (void)fputs("–</p><p class=\"sub\">no ledger was kept", file);
+    } else {
+        tl_html_put_count(file, total.executions);
+        (void)fprintf(file, "</p><p class=\"sub\">%.3g %% of ", saved_share(&total));
+        tl_html_put_count(file, total.plain);
+        (void)fputs(" saved", file);
+    }
+    end_tile(file);
+}
+
+static void put_time_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    begin_tile(file, "In time");
+    if (!report->settings.clock) {
+        (void)fputs("–</p><p class=\"sub\">a replay has no clock", file);
+    } else {
+        bool all = figures->late + figures->skipped == 0;
+        (void)fprintf(file, "%s</p><p class=\"sub\">", all ? "all steps" : "not all");
+        (void)fprintf(file, "longest %.3g ms of %.4g ms", tl_seconds(figures->longest) * 1e3,
+                      tl_seconds(report->settings.step) * 1e3);
+    }
+    end_tile(file);
+}
+
+/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+
+static void begin_table(FILE *file, const char *title, const char *heads) {
+    (void)fprintf(file, "<div class=\"table\"><h3>%s</h3><table><thead><tr>%s</tr></thead>\n<tbody>\n", title, heads);
+}
+
+static void end_table(FILE *file) {
+    (void)fputs("</tbody></table></div>\n", file);
+}
+
+static void put_matches(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    const tl_html_settings *settings = &report->settings;
+    begin_table(file, "Simulated against measured",
+                "<th>output y</th><th>measured ŷ</th><th class=\"n\">MSE</th><th></th><th class=\"n\">MAX</th>"
+                "<th class=\"n\">tolerance</th><th></th><th class=\"n\">pairs</th><th class=\"n\">left out</th>"
+                "<th class=\"n\">MSE at readings</th><th class=\"n\">readings</th><th class=\"n\">rejected</th>");
+    for (size_t i = 0; i < settings->match_count; i++) {
+        const tl_metrics *metrics = &figures->match[i];
+        const tl_recorder_signal *signal = &settings->match[i];
+        (void)fputs("<tr>", file);
+        put_name_cell(file, signal->name);
+        put_name_cell(file, signal->to);
+        put_value_cell(file, "match", i, "mse", tl_run_figures_mse(figures, i), false);
+        put_square(file, tl_show_unit(signal->unit));
+        put_value_cell(file, "match", i, "max", tl_run_figures_maximum(figures, i), false);
+        put_value_cell(file, "match", i, "tolerance",
+                       settings->tolerance[i] > 0.0 ? settings->tolerance[i] : (double)NAN, false);
+        put_unit_cell(file, tl_show_unit(signal->unit));
+        put_count_cell(file, "match", i, "pairs", metrics->pairs);
+        put_count_cell(file, "match", i, "left_out", metrics->left_out);
+        put_value_cell(file, "match", i, "mse_readings", tl_run_figures_mse_readings(figures, i), false);
+        put_count_cell(file, "match", i, "readings", figures->readings[i].pairs);
+        put_count_cell(file, "match", i, "rejected", figures->readings[i].left_out);
+        (void)fputs("</tr>\n", file);
+    }
+    end_table(file);
+}
+
+static void put_adjusted(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    if (report->settings.adjust_count == 0) {
+        return;
+    }
+    begin_table(file, "What had to be corrected",
+                "<th>variable u</th><th class=\"n\">first</th><th class=\"n\">last</th><th class=\"n\">mean</th>"
+                "<th class=\"n\">mean Δu</th><th></th>");
+    for (size_t i = 0; i < report->settings.adjust_count; i++) {
+        (void)fputs("<tr>", file);
+        put_name_cell(file, report->settings.adjust[i].name);
+        const tl_run_adjusted *adjusted = &figures->adjust[i];
+        put_value_cell(file, "adjust", i, "first", adjusted->count > 0 ? adjusted->first : (double)NAN, false);
+        put_value_cell(file, "adjust", i, "last", adjusted->count > 0 ? adjusted->last : (double)NAN, false);
+        put_value_cell(file, "adjust", i, "mean", tl_run_figures_mean(figures, i), false);
+        put_value_cell(file, "adjust", i, "delta_mean", tl_run_figures_delta_mean(figures, i), true);
+        put_unit_cell(file, tl_show_unit(report->settings.adjust[i].unit));
+        (void)fputs("</tr>\n", file);
+    }
+    end_table(file);
+}
+
+static void put_ledger_row(FILE *file, const char *name, size_t index, const tl_recorder_component *entry) {
+    put_name_cell(file, name);
+    put_count_cell(file, "ledger", index, "executions", entry->executions);
+    put_count_cell(file, "ledger", index, "plain", entry->plain);
+    (void)fprintf(file, "<td class=\"n\">%.1f %%</td>", saved_share(entry));
+    (void)fprintf(file, "<td class=\"n\">%" PRId64 "</td>", tl_run_component_difference(entry));
+}
+
+static void put_ledger(const tl_run_figures *figures, FILE *file) {
+    tl_recorder_component total = tl_run_figures_total(figures);
+    if (figures->ledger_count == 0) {
+        return;
+    }
+    begin_table(file, "Executions",
+                "<th>component</th><th class=\"n\">done</th><th class=\"n\">without saving</th>"
+                "<th class=\"n\">saved</th><th class=\"n\" title=\"executions done less those predicted\">"
+                "off the ledger</th>");
+    for (size_t i = 0; i < figures->ledger_count; i++) {
+        (void)fputs("<tr>", file);
+        put_ledger_row(file, figures->ledger[i].name, i, &figures->ledger[i].counts);
+        (void)fputs("</tr>\n", file);
+    }
+    (void)fputs("<tr class=\"total\">", file);
+    put_ledger_row(file, "all", figures->ledger_count, &total);
+    (void)fputs("</tr>\n", file);
+    end_table(file);
+}
+
+static void put_row(FILE *file, const char *name, const char *key, uint64_t count) {
+    (void)fprintf(file, "<tr><td>%s</td><td class=\"n\">", name);
+    put_counted(file, key, count);
+    (void)fputs("</td></tr>\n", file);
+}
+
+static void put_steps(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    begin_table(file, "Steps", "<th></th><th class=\"n\">number</th>");
+    put_row(file, "computed at their own tick", "steps", figures->steps);
+    for (int i = 0; i < TL_OUTCOMES; i++) {
+        char key[TEXT];
+        char name[TEXT];
+        (void)snprintf(key, sizeof key, "outcomes.%s", tl_outcome_name((tl_outcome)i));
+        (void)snprintf(name, sizeof name, "<span class=\"indent\">%s</span>", tl_outcome_name((tl_outcome)i));
+        if (figures->outcomes[i] != 0) {
+            put_row(file, name, key, figures->outcomes[i]);
+        }
+    }
+    put_row(file, "evaluations", "evaluations", figures->evaluations);
+    put_row(file, "steps that searched", "optimised_steps", figures->optimised_steps);
+    if (figures->rested != 0) {
+        put_row(file, "at rest: the twin left alone was nearer", "rested_steps", figures->rested);
+    }
+    if (report->settings.clock) {
+        put_row(file, "searches ended by time", "time_limited", figures->time_limited);
+        put_row(file, "longer than their period", "late", figures->late);
+    }
+    if (report->settings.clock || figures->skipped != 0) {
+        put_row(file, "ticks missed", "skipped", figures->skipped);
+    }
+    end_table(file);
+}
+
+static void tl_html_put_figures(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+    (void)fputs("<section id=\"figures\">\n<h2>Key figures</h2>\n<div class=\"tiles\">\n", file);
+    put_deviation_tile(report, figures, file);
+    put_lock_tile(report, figures, file);
+    put_executions_tile(figures, file);
+    put_time_tile(report, figures, file);
+    (void)fputs("</div>\n<div class=\"tables\">\n", file);
+    put_matches(report, figures, file);
+    put_adjusted(report, figures, file);
+    (void)fputs("<div class=\"pair\">\n", file);
+    put_ledger(figures, file);
+    put_steps(report, figures, file);
+    (void)fputs("</div>\n</div>\n</section>\n", file);
+}
+
+/* ---- Course ------------------------------------------------------------------------------------------------------ */
+
+static void tl_html_put_thinning(const tl_html_report *report, FILE *file) {
+    if (report->curves.width > 1) {
+        (void)fputs(
+            "<p class=\"note\" id=\"thinning\">Thinned: the plots show the least and the largest value of every ",
+            file);
+        put_counted(file, "width", (uint64_t)report->curves.width);
+        (void)fputs(" steps, in the order in which they came. No extreme is left out.</p>\n", file);
+    }
+    if (!report->settings.clock) {
+        (void)fputs(
+            "<p class=\"note\">A replay has no clock: there is no budget of time, and no plot of its use.</p>\n", file);
+    }
+}
+
+/* ---- Events ------------------------------------------------------------------------------------------------------ */
+
+/* On the axis of the plots: s, or ms of UTC in a live run; NaN: nowhere. */
+static double axis_time(const tl_html_settings *settings, const tl_html_entry *entry) {
+    int64_t at = 0;
+    if (entry->tick >= 0) {
+        double seconds = (double)entry->tick * tl_seconds(settings->step);
+        return settings->live ? (double)settings->origin + seconds * 1e3 : seconds;
+    }
+    return settings->live && tl_utc_parse(entry->at, &at) ? (double)at : (double)NAN;
+}
+
+static void put_event(const tl_html_settings *settings, const tl_html_entry *entry, FILE *file) {
+    double time = axis_time(settings, entry);
+    (void)fputs("<tr class=\"", file);
+    tl_html_put_text(file, entry->severity);
+    (void)fputc('"', file);
+    if (isfinite(time)) {
+        (void)fprintf(file, " data-time=\"%.15g\"", time);
+    }
+    (void)fputs("><td class=\"n\">", file);
+    if (settings->live) {
+        put_utc(entry->at, file);
+    } else if (isfinite(time)) {
+        (void)fprintf(file, "%.10g s", time);
+    }
+    (void)fputs("</td><td><span class=\"severity\">", file);
+    tl_html_put_text(file, entry->severity);
+    (void)fputs("</span></td><td>", file);
+    tl_html_put_text(file, entry->source);
+    (void)fputs("</td><td class=\"text\">", file);
+    tl_html_put_text(file, entry->text);
+    (void)fputs("</td></tr>\n", file);
+}
+
+static void tl_html_put_events(const tl_html_report *report, FILE *file) {
+    uint64_t count = report->event_count;
+    uint64_t first = count > TL_HTML_EVENTS ? count - TL_HTML_EVENTS : 0;
+    (void)fputs("<section id=\"events\">\n<h2>Events</h2>\n", file);
+    if (count == 0) {
+        (void)fputs("<p class=\"note\">None.</p>\n</section>\n", file);
+        return;
+    }
+    if (first > 0) {
+        (void)fprintf(file, "<p class=\"note\">The newest %d of ", TL_HTML_EVENTS);
+        tl_html_put_count(file, count);
+        (void)fputs(".</p>\n", file);
+    }
+    begin_table(file, "", "<th class=\"n\">time</th><th></th><th>from</th><th>what</th>");
+    for (uint64_t i = first; i < count; i++) {
+        put_event(&report->settings, &report->events[i % TL_HTML_EVENTS], file);
+    }
+    end_table(file);
+    (void)fputs("</section>\n", file);
+}
+
+/* ---- The page of a report: page.html, with its places filled. */
+
+typedef struct filling {
+    const tl_html_report *report;
+    const tl_run_figures *figures;
+    const char *ended;
+    FILE *file;
+} filling;
+
+static void put(FILE *file, const tl_html_resource *resource) {
+    (void)fwrite(resource->bytes, 1, resource->size, file);
+}
+
+static void put_name(const filling *page) {
+    tl_html_put_text(page->file, page->report->settings.name);
+}
+
+static void put_version(const filling *page) {
+    tl_html_put_text(page->file, TL_VERSION);
+}
+
+/* The two scripts, and no other, may run. */
+static void put_policy(const filling *page) {
+    char library[TL_HTML_DIGEST];
+    char script[TL_HTML_DIGEST];
+    tl_html_digest(tl_html_library.bytes, tl_html_library.size, library);
+    tl_html_digest(tl_html_script.bytes, tl_html_script.size, script);
+    (void)fprintf(page->file, "default-src 'none'; style-src 'unsafe-inline'; script-src '%s' '%s'", library, script);
+}
+
+static void put_library_style(const filling *page) {
+    put(page->file, &tl_html_library_style);
+}
+
+static void put_style(const filling *page) {
+    put(page->file, &tl_html_style);
+}
+
+static void put_library(const filling *page) {
+    put(page->file, &tl_html_library);
+}
+
+static void put_script(const filling *page) {
+    put(page->file, &tl_html_script);
+}
+
+static void put_licence(const filling *page) {
+    put(page->file, &tl_html_licence);
+}
+
+static void put_facts(const filling *page) {
+    tl_html_put_facts(page->report, page->ended, page->file);
+}
+
+static void put_figures(const filling *page) {
+    tl_html_put_figures(page->report, page->figures, page->file);
+}
+
+static void put_thinning(const filling *page) {
+    tl_html_put_thinning(page->report, page->file);
+}
+
+static void put_events(const filling *page) {
+    tl_html_put_events(page->report, page->file);
+}
+
+static void put_data(const filling *page) {
+    tl_html_put_data(page->report, page->file);
+}
+
+static const struct {
+    const char *name;
+    void (*put)(const filling *page);
+} places[] = {
+    {"name", put_name},   {"version", put_version}, {"policy", put_policy}, {"library-style", put_library_style},
+    {"style", put_style}, {"library", put_library}, {"script", put_script}, {"licence", put_licence},
+    {"facts", put_facts}, {"figures", put_figures}, {"events", put_events}, {"thinning", put_thinning},
+    {"data", put_data},
+};
+
+/* `name` has `length` characters. One that is not listed stays as it is, for a test to find. */
+static void fill(const filling *page, const char *name, size_t length) {
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+        if (strlen(places[i].name) == length && memcmp(places[i].name, name, length) == 0) {
+            places[i].put(page);
+            return;
+        }
+    }
+    (void)fprintf(page->file, "{{%.*s}}", (int)length, name);
+}
+
+/* Where `mark` begins in what is left, or the end. */
+static const char *find(const char *from, const char *end, const char *mark) {
+    while (end - from >= 2 && memcmp(from, mark, 2) != 0) {
+        from++;
+    }
+    return end - from >= 2 ? from : end;
+}
+
+void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file) {
+    const filling page = {report, figures, ended, file};
+    const char *at = (const char *)tl_html_frame.bytes;
+    const char *end = at + tl_html_frame.size;
+    while (at < end) {
+        const char *open = find(at, end, "{{");
+        const char *close = find(open, end, "}}");
+        (void)fwrite(at, 1, (size_t)(open - at), file);
+        if (close < end) {
+            fill(&page, open + 2, (size_t)(close - open) - 2);
+        }
+        at = close < end ? close + 2 : end;
+    }
+}
+
+/* ---- html report ---- */
 
 /* Points of all curves together: a page of some 7 MB at most. One curve has no more than a wide screen can tell apart, and
  * then as many again to zoom into. */
@@ -46,12 +815,13 @@ void tl_html_report_destroy(tl_html_report *report) {
     }
 }
 
-size_t tl_html_match_channel(const tl_html_report *report, size_t match) {
+/* The first of the three channels. */
+static size_t tl_html_match_channel(const tl_html_report *report, size_t match) {
     (void)report;
     return TL_HTML_STEP_CHANNELS + 3 * match;
 }
 
-size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust) {
+static size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust) {
     return TL_HTML_STEP_CHANNELS + 3 * (report->settings.match_count + adjust);
 }
 

@@ -1,7 +1,6 @@
-/* The key figures of a run: one struct for the summary, for `show` and for the report.
+/* Figures of a run: counted, and as JSON.
  *
- * Purpose: what a run is judged by is added up, and named, in one place, whether it comes from the twin as it steps or from a database.
- * Thread:  plain data; one thread at a time.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_REPORT_RUN_FIGURES_H
 #define TL_FIRMWARE_REPORT_RUN_FIGURES_H
@@ -10,9 +9,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/json.h"
+#include "firmware/monitor/lock_tally.h"
 #include "firmware/store/run_types.h"
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
+
+/* ---- The key figures of a run: one struct for the summary, for `show` and for the report.
+ *
+ * Purpose: what a run is judged by is added up, and named, in one place, whether it comes from the twin as it steps or from a database.
+ * Thread:  plain data; one thread at a time.
+ */
 
 /* What is added up of one committed step. */
 typedef struct tl_run_step {
@@ -79,5 +86,23 @@ double tl_run_component_saved(const tl_recorder_component *counts);
 
 /* Executions that were neither predicted nor to catch up (tl_twin_ledger). */
 int64_t tl_run_component_difference(const tl_recorder_component *counts);
+
+/* ---- Key figures as JSON: what `replay --json`, `run --json` and `show --json` have alike.
+ *
+ * Purpose: keys and shapes are those of config/SPEC.md, "Results", and the same everywhere.
+ * Thread:  the writer's.
+ */
+
+/* "outcomes" */
+void tl_figures_json_add_outcomes(tl_json_writer *json, const tl_run_figures *figures);
+
+/* "components" and "total", into the ledger that is open. */
+void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *figures);
+
+/* "resumed"; null if the run has begun anew. */
+void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *resumption);
+
+/* Of the state, into the "lock" that is open. */
+void tl_figures_json_add_lock(tl_json_writer *json, const tl_lock_tally *lock);
 
 #endif

@@ -11,8 +11,7 @@
 #include <stdint.h>
 #include <stdio.h>
 
-#include "firmware/base/show_text.h"
-#include "firmware/base/utc.h"
+#include "firmware/base/text.h"
 #include "firmware/store/history.h"
 
 typedef struct tl_show_request {
@@ -41,7 +40,7 @@ tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *err
 /* With a header, quoted as RFC 4180 says; numbers so that they read back as they were. */
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error);
 
-/* An HTML page (html_report.h) as a file of its own, which may not be the database. Errors: those of new_file.h too. */
+/* An HTML page (html_report.h) as a file of its own, which may not be the database. Errors: those of os.h too. */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 
 /* Steps of a live run were at a time of the world, those of a replay were not. */

@@ -7,7 +7,7 @@
 #include <string.h>
 
 #include "firmware/report/show.h"
-#include "firmware/store/history_rows.h"
+#include "firmware/store/history.h"
 
 enum { MOST_FIELDS = 4 * TL_MAX_SIGNALS, NUMBER = 40 };
 

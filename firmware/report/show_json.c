@@ -1,12 +1,12 @@
 /* The same numbers as the page, for programs: one JSON object. */
 #include <math.h>
 
-#include "firmware/base/json_writer.h"
+#include "firmware/base/json.h"
 #include "firmware/config/measurements.h"
-#include "firmware/report/figures_json.h"
+#include "firmware/report/run_figures.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
-#include "firmware/store/history_rows.h"
+#include "firmware/store/history.h"
 
 enum { EVENTS_SHOWN = 10 };
 

@@ -7,7 +7,7 @@
 #include "firmware/config/measurements.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
-#include "firmware/store/history_rows.h"
+#include "firmware/store/history.h"
 
 enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, TEXT = 64, HASH_SHOWN = 12 };
 

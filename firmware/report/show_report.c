@@ -1,15 +1,14 @@
 /* The report of a recorded run: what is in the database, on the page that html_report.h makes. */
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/config/measurements.h"
 #include "firmware/report/html_report.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
-#include "firmware/store/history_rows.h"
+#include "firmware/store/history.h"
 
 typedef struct recorded_run {
     const tl_show_request *request;

@@ -1,7 +1,6 @@
-/* The numbers of one run, for the page and the JSON object of `show`.
+/* The summary of a recorded run, with its lock.
  *
- * Purpose: how well the twin followed, what had to be corrected, and since when, added up from what was recorded.
- * Thread:  one thread.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_REPORT_SHOW_SUMMARY_H
 #define TL_FIRMWARE_REPORT_SHOW_SUMMARY_H

@@ -1,15 +1,30 @@
-/* The summary of a run: see summary.h. */
+/* The summary of a run and why it ended: see summary.h. */
 #include "firmware/report/summary.h"
 
 #include <inttypes.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/json_writer.h"
-#include "firmware/base/show_text.h"
-#include "firmware/report/figures_json.h"
+#include "firmware/base/json.h"
+#include "firmware/base/text.h"
+
+/* ---- run end ---- */
+
+/* Its names are pointers, which are filled in by who prints it. */
+static bool has_no_pointers(const tl_run_figures *figures) {
+    return figures->ledger_count == 0;
+}
+
+bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, const tl_config *config) {
+    bool fits = account->components == config->component_count + 1 && account->matches == config->match_count &&
+                account->adjusts == config->adjust_count;
+    bool goes_on = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
+    bool judged = (unsigned)summary->lock.state < (unsigned)TL_LOCK_STATES;
+    return fits && judged && goes_on && has_no_pointers(&summary->figures) && tl_account_is_sound(account);
+}
+
+/* ---- summary ---- */
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
     const tl_run_step step = {

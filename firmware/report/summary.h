@@ -1,12 +1,11 @@
-/* The summary of a run: what `replay --json`, the closing table of `replay` and `run`, and the demo show.
+/* The summary of a run and why it ended.
  *
- * Purpose: adds up records as they come; prints itself as one JSON object (keys: config/SPEC.md, "Results", --json) or as
- *          a table for people.
- * Thread:  add() from the thread that steps; printing afterwards.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_REPORT_SUMMARY_H
 #define TL_FIRMWARE_REPORT_SUMMARY_H
 
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 
@@ -14,6 +13,13 @@
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/report/run_figures.h"
 #include "master/twin/account.h"
+
+/* ---- The summary of a run: what `replay --json`, the closing table of `replay` and `run`, and the demo show.
+ *
+ * Purpose: adds up records as they come; prints itself as one JSON object (keys: config/SPEC.md, "Results", --json) or as
+ *          a table for people.
+ * Thread:  add() from the thread that steps; printing afterwards.
+ */
 
 typedef struct tl_summary {
     tl_run_figures figures;            /* but for what the twin itself keeps until it is printed */
@@ -44,5 +50,14 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
                                 FILE *file, tl_error *error);
 
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file);
+
+/* ---- The end of a run as its twin tells it: whether it can be one.
+ *
+ * Purpose: a process with FMUs may have written anything into its pulse. What indexes something, and what is printed as text, is checked before.
+ * Thread:  pure.
+ */
+
+/* Of copies, which nobody changes any more. Numbers are not judged. */
+bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, const tl_config *config);
 
 #endif

@@ -1,19 +1,6 @@
-/* An activation: one change of a plant's configuration on its way, from a candidate's text to what came of it.
+/* A change of the configuration, from the candidate to the end of its probation.
  *
- * Purpose: the steps, in their order, each told as it begins: authorise, validate, try, predict, shadow, compare, activate, probation; then kept, or
- *          returned.
- * Kinds:   what is changed in place is handed to the running twin, which takes it at a tick's beginning and keeps all it has. What takes another twin is
- *          tried, runs beside the run's twin as its shadow, is compared with it, and takes over between two ticks; or by a restart, if the box
- *          does not carry two twins and who asked allows that. For all else the run ends and begins anew, if that is allowed.
- * Order:   a version is on disk as the active one before anybody acts on it. So a power cut, or the end of this process at any moment, leaves the old
- *          one or the new one in force, and tl_activation_begin() brings the run to what the disk says.
- * Way back: probation.h says when. After a flip the twin before goes on as a shadow through the probation, and is flipped back to, if it still can. Else it
- *          is a change like any other: to the version that is returned to.
- * One:     at a time. A candidate that comes while another is on probation takes its place; what is returned to stays the same. If it needs a shadow, the
- *          twin before makes room for that. A version on probation that has to be returned from does not wait for a shadow's end.
- * Waiting: never, but for the disk.
- * Owner:   the caller places it; what it is given must stay.
- * Thread:  one, the main thread of its process.
+ * Thread:  the activator's.
  */
 #ifndef TL_FIRMWARE_RETUNE_ACTIVATION_H
 #define TL_FIRMWARE_RETUNE_ACTIVATION_H
@@ -24,11 +11,10 @@
 
 #include "firmware/retune/activation_host.h"
 #include "firmware/retune/comparison.h"
-#include "firmware/retune/control_wire.h"
+#include "firmware/retune/control.h"
 #include "firmware/retune/errand.h"
 #include "firmware/retune/refusals.h"
-#include "firmware/retune/trial_answer.h"
-#include "firmware/retune/verdict.h"
+#include "firmware/retune/trial.h"
 #include "firmware/retune/versions.h"
 
 /* How a change comes into the run. */

@@ -10,7 +10,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "firmware/retune/probation.h"
 #include "firmware/store/run_types.h"
 #include "master/plan/tuning.h"

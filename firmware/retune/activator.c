@@ -6,8 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/retune/control_words.h"
+#include "firmware/base/os.h"
+#include "firmware/retune/control.h"
 
 /* Without anything to do: as long as a person needs for the next command. */
 static const tl_time IDLE = 10 * TL_SECOND;

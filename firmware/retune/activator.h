@@ -13,12 +13,12 @@
 #include <stdint.h>
 
 #include "firmware/retune/activation.h"
-#include "firmware/retune/control_server.h"
+#include "firmware/retune/control.h"
 
 #define TL_ACTIVATOR_LOOK (TL_SECOND / 20)
 
 typedef struct tl_activator_settings {
-    int listener;      /* control_server.h */
+    int listener;      /* control.h */
     const char *state; /* the folder in which versions/ is */
     const char *plant; /* the rest as in activation.h */
     const char *path;

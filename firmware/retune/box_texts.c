@@ -10,9 +10,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/file_bytes.h"
-#include "firmware/config/allowed_names.h"
-#include "firmware/retune/control_wire.h"
+#include "firmware/base/os.h"
+#include "firmware/config/config_change.h"
+#include "firmware/retune/control.h"
 
 /* All of an ordinary file, with a NUL; NULL with errno. */
 static char *read_all(int file, size_t most) {

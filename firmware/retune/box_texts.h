@@ -1,6 +1,6 @@
 /* What files of the box itself say about names that a configuration may have.
  *
- * Purpose: the administrator's list, and the configuration's file as it is now, for who compares a candidate with them (allowed_names.h).
+ * Purpose: the administrator's list, and the configuration's file as it is now, for who compares a candidate with them (config_change.h).
  * List:    nobody but root, or the user of the run, may be able to write it, or it counts as nothing.
  * Waiting: for the disk.
  * Thread:  one thread.

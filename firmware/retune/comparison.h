@@ -1,4 +1,41 @@
-/* A comparison: the run's twin and its shadow over the same live time.
+/* A candidate compared with the active version: measured in a shadow, or forecast.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_RETUNE_COMPARISON_H
+#define TL_FIRMWARE_RETUNE_COMPARISON_H
+
+#include <stdint.h>
+
+#include "firmware/retune/activation_host.h"
+#include "firmware/retune/trial.h"
+
+/* ---- The forecast of a candidate: what its twin will take of the box, in words, and whether that can be.
+ *
+ * Thread:  pure, but for tl_forecast_memory_left().
+ */
+
+enum { TL_FORECAST_TEXT = 192 };
+
+typedef enum tl_forecast_result {
+    TL_FORECAST_POSSIBLE,
+    TL_FORECAST_TOO_SLOW, /* no box that is like this one could run it */
+    TL_FORECAST_NO_MEMORY /* beside the twin that runs */
+} tl_forecast_result;
+
+/* `left`: bytes of memory; 0: not known. `why`: what cannot be. */
+tl_forecast_result tl_forecast_of(const tl_trial_answer *answer, uint64_t left, char why[TL_FORECAST_TEXT]);
+
+/* "a step takes 0.15 ms of 10 ms, and with all of its search 2.3 ms; the budget ends that after 8 ms" */
+void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]);
+
+/* "its twin takes 31 MiB of memory; 1900 MiB are left" */
+void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char text[TL_FORECAST_TEXT]);
+
+/* Bytes that the machine has to give, by /proc/meminfo; 0: it does not say. */
+uint64_t tl_forecast_memory_left(void);
+
+/* ---- A comparison: the run's twin and its shadow over the same live time.
  *
  * Purpose: what both have done from a moment on to another, in words, and whether the shadow may take over. Pure logic: figures are handed in.
  * Refused: the run's twin, beside it, misses deadlines or makes ticks up by probation's rule (probation.h), against what it did before; the shadow was in lock
@@ -13,10 +50,6 @@
  * Trust:   figures come from memory of processes with FMUs: names are cleaned, and what is no number is told as "-".
  * Thread:  plain data.
  */
-#ifndef TL_FIRMWARE_RETUNE_COMPARISON_H
-#define TL_FIRMWARE_RETUNE_COMPARISON_H
-
-#include "firmware/retune/activation_host.h"
 
 enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
 

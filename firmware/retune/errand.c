@@ -8,9 +8,8 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/c_locale.h"
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
 
 /* Beside nothing, and what is printed. */

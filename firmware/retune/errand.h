@@ -28,7 +28,7 @@ typedef struct tl_errand_job {
     const char *commissioned; /* text of the version that was commissioned last; NULL: that in force */
     const char *candidate;    /* text */
     const char *on_the_box;   /* text of the configuration's file as it is now; NULL: not known, */
-    const char *list;         /* and of the administrator's list of names that are allowed (allowed_names.h), */
+    const char *list;         /* and of the administrator's list of names that are allowed (config_change.h), */
     const char *list_path;    /* and where that is; NULL, of both: there is none */
     uint64_t memory_limit;    /* bytes that the process of its FMUs may take; 0: as usual */
     bool unconfined;          /* FMUs may do what the user can */

@@ -5,8 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/json_text.h"
-#include "firmware/retune/versions_parts.h"
+#include "firmware/base/json.h"
+#include "firmware/retune/versions.h"
 
 static void path_of(const tl_refusals *refusals, uint64_t number, char path[PATH_MAX]) {
     int length =

@@ -1,4 +1,33 @@
-/* A talk with a run: one request by its control socket, and all that comes of it, also if the run begins anew meanwhile.
+/* A client's dialogue with a plant, over restarts, and what is printed of it.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_RETUNE_TALK_H
+#define TL_FIRMWARE_RETUNE_TALK_H
+
+#include <limits.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <sys/types.h>
+
+#include "firmware/retune/control.h"
+#include "master/base/simtime.h"
+#include "master/base/status.h"
+
+/* ---- What a run says, for people to read.
+ *
+ * Thread: one.
+ */
+
+typedef struct tl_talk_page {
+    FILE *output;        /* problems, and an end that is none, go to the log instead */
+    const char *subject; /* what a problem is in: the name of the file */
+} tl_talk_page;
+
+void tl_talk_page_print(const tl_talk_page *page, const tl_control_reply *reply);
+
+/* ---- A talk with a run: one request by its control socket, and all that comes of it, also if the run begins anew meanwhile.
  *
  * Purpose: `twinlock reload`.
  * Follows: a change that takes an end and a new start of the run ends the connection. Who waits (TL_CONTROL_WAIT) asks the run that comes next how it is,
@@ -7,17 +36,6 @@
  * Waiting: never for longer than it is told, and 5 s for an answer of a run that came back.
  * Thread:  one, one talk at a time.
  */
-#ifndef TL_FIRMWARE_RETUNE_TALK_H
-#define TL_FIRMWARE_RETUNE_TALK_H
-
-#include <limits.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <sys/types.h>
-
-#include "firmware/retune/control_wire.h"
-#include "master/base/simtime.h"
-#include "master/base/status.h"
 
 /* The subject that is standard input. */
 #define TL_TALK_INPUT "-"
@@ -55,7 +73,7 @@ tl_status tl_talk_open(tl_talk *talk, const tl_talk_settings *settings, tl_error
 /* `who` of a request that nobody has filled in yet: the name of a user of this box. */
 void tl_talk_name(uid_t user, char who[TL_CONTROL_NAME]);
 
-/* Asks; as in control_client.h. */
+/* Asks; as in control.h. */
 tl_status tl_talk_ask(tl_talk *talk, const tl_control_request *request, const char *text, size_t size, tl_error *error);
 
 /* Tells what comes within `time`, one reply at most. TL_OK also if nothing came. */

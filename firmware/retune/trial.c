@@ -1,21 +1,143 @@
-/* The trial: see trial.h. */
+/* The trial of a changed configuration: its FMUs run in a process of their own, which answers with a verdict: see trial.h. */
 #include "firmware/retune/trial.h"
 
+#include <errno.h>
+#include <inttypes.h>
 #include <limits.h>
-#include <stdio.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/text.h"
 #include "firmware/config/config.h"
+#include "firmware/config/config_change.h"
 #include "firmware/config/problems.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/retune/errand.h"
-#include "firmware/retune/trial_answer.h"
-#include "firmware/retune/twin_cost.h"
+#include "firmware/store/run_types.h"
 #include "firmware/twin/twin_child.h"
+#include "master/base/signal.h"
+
+/* ---- twin cost ---- */
+
+/* No line of a page begins so. */
+static const char BEGIN[] = "\ntwin-cost ";
+
+void tl_twin_cost_print(const tl_twin_cost *cost, FILE *page) {
+    (void)fprintf(page, "%s%" PRId64 " %" PRId64 " %" PRIu64 "\n", BEGIN + 1, cost->least, cost->worst, cost->memory);
+}
+
+/* A number from 0 on; moves on behind it. */
+static bool read_number(const char **at, int64_t *number) {
+    char *end = NULL;
+    errno = 0;
+    *number = strtoll(*at, &end, 10);
+    bool is = end != *at && errno == 0 && *number >= 0;
+    *at = end;
+    return is;
+}
+
+/* The newest one counts: an FMU could print one before. */
+static char *find_last(char *page) {
+    char *found = NULL;
+    for (char *at = strstr(page, BEGIN); at != NULL; at = strstr(at + 1, BEGIN)) {
+        found = at;
+    }
+    return found;
+}
+
+bool tl_twin_cost_take(char *page, tl_twin_cost *cost) {
+    char *line = find_last(page);
+    int64_t memory = 0;
+    if (line == NULL) {
+        return false;
+    }
+    const char *at = line + strlen(BEGIN);
+    bool is = read_number(&at, &cost->least) && read_number(&at, &cost->worst) && read_number(&at, &memory) &&
+              strcmp(at, "\n") == 0;
+    cost->memory = (uint64_t)memory;
+    line[1] = '\0';
+    return is;
+}
+
+/* ---- verdict ---- */
+
+/* Ends it, and takes out what could command a terminal. `room` is at most TL_CONTROL_TEXT. */
+static void clean(char *text, size_t room) {
+    char copy[TL_CONTROL_TEXT];
+    size_t length = strnlen(text, room - 1);
+    memcpy(copy, text, length);
+    (void)tl_clean_text(copy, length, text, room);
+}
+
+static void clean_problem(tl_control_problem *problem) {
+    clean(problem->path, sizeof problem->path);
+    clean(problem->text, sizeof problem->text);
+}
+
+static void clean_change(tl_control_change *change) {
+    clean(change->path, sizeof change->path);
+    clean(change->before, sizeof change->before);
+    clean(change->after, sizeof change->after);
+    clean(change->kind, sizeof change->kind);
+    clean(change->right, sizeof change->right);
+}
+
+bool tl_verdict_take(const tl_verdict *from, tl_verdict *verdict) {
+    uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
+    memcpy(verdict, from, sizeof *verdict);
+    if (is_there != 1 || verdict->is_valid > 1 || verdict->kind >= TL_CHANGE_KINDS ||
+        verdict->right >= TL_CHANGE_RIGHTS || !tl_lock_yardstick_is_sound(&verdict->yardstick) || verdict->window < 0 ||
+        verdict->window > TL_VERDICT_LONGEST) {
+        return false;
+    }
+    clean(verdict->name, sizeof verdict->name);
+    clean(verdict->widened, sizeof verdict->widened);
+    for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
+        clean_problem(&verdict->problem[i]);
+    }
+    for (size_t i = 0; i < TL_VERDICT_CHANGES; i++) {
+        clean_change(&verdict->change[i]);
+    }
+    return verdict->is_valid == 0 || tl_tuning_check(&verdict->tuning, NULL) == TL_OK;
+}
+
+/* ---- trial answer ---- */
+
+/* Texts are shown to people. The longest that is copied here is `why`. */
+static void clean_answer(const char *from, char *text, size_t size) {
+    char copy[TL_TRIAL_WHY];
+    size_t length = strnlen(from, size - 1);
+    memcpy(copy, from, length);
+    (void)tl_clean_text(copy, length, text, size);
+}
+
+/* No box has as much. */
+static const uint64_t BYTES = (uint64_t)1 << 50;
+
+static bool has_room(const tl_trial_answer *answer) {
+    return answer->match <= TL_MAX_MATCH && answer->adjust <= TL_MAX_ADJUST &&
+           answer->components < TL_RECORDER_COMPONENTS && answer->unconfined <= 1 && answer->signals >= 1 &&
+           answer->signals <= TL_MAX_SIGNALS && answer->fmu_bytes <= BYTES && answer->memory <= BYTES;
+}
+
+bool tl_trial_answer_take(const tl_trial_answer *from, tl_trial_answer *answer) {
+    uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
+    memcpy(answer, from, sizeof *answer);
+    return is_there == 1 && has_room(answer) && answer->step > 0 && answer->budget >= 0 && answer->least >= 0 &&
+           answer->worst >= 0;
+}
+
+bool tl_trial_states_take(const tl_trial_states *from, char why[TL_TRIAL_WHY]) {
+    bool is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE) == 1;
+    clean_answer(from->why, why, TL_TRIAL_WHY);
+    return is_there;
+}
+
+/* ---- trial ---- */
 
 /* The plant's twin goes first, but waits for a trial of states. */
 enum { NICE = 10 };

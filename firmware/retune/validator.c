@@ -13,7 +13,7 @@
 #include "firmware/monitor/lock_judge.h"
 #include "firmware/process/confine.h"
 #include "firmware/retune/errand.h"
-#include "firmware/retune/verdict.h"
+#include "firmware/retune/trial.h"
 
 /* ---- what is wrong ---- */
 

@@ -9,13 +9,12 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/base/file_bytes.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/retune/activation.h"
 #include "firmware/retune/errand.h"
+#include "firmware/retune/trial.h"
 #include "firmware/retune/validator.h"
-#include "firmware/retune/verdict.h"
 #include "firmware/retune/versions.h"
 
 static const tl_time VALIDATION = 20 * TL_SECOND;

@@ -1,4 +1,23 @@
-/* The versions of a plant's configuration, and which of them is active: kept in STATE/versions/.
+/* The versions of a configuration on the disk.
+ *
+ * Thread:  one.
+ */
+#ifndef TL_FIRMWARE_RETUNE_VERSIONS_H
+#define TL_FIRMWARE_RETUNE_VERSIONS_H
+
+#include <limits.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/base/identity.h"
+#include "firmware/base/json.h"
+#include "firmware/base/text.h"
+#include "firmware/config/config_change.h"
+#include "firmware/retune/probation.h"
+#include "master/base/status.h"
+
+/* ---- The versions of a plant's configuration, and which of them is active: kept in STATE/versions/.
  *
  * Purpose: each configuration that was ever tried, with who, when, why and what came of it; any can be brought back.
  * Files:   HASH.json: a text, byte for byte, by its SHA-256. NUMBER.record.json: what is known of a version. active.json: which one is active, the
@@ -12,20 +31,6 @@
  *          then.
  * Thread:  one thread; one process at a time has the folder open.
  */
-#ifndef TL_FIRMWARE_RETUNE_VERSIONS_H
-#define TL_FIRMWARE_RETUNE_VERSIONS_H
-
-#include <limits.h>
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include "firmware/base/identity.h"
-#include "firmware/base/sha256.h"
-#include "firmware/base/utc.h"
-#include "firmware/config/change_rules.h"
-#include "firmware/retune/probation.h"
-#include "master/base/status.h"
 
 enum {
     TL_VERSIONS_MOST = 50,
@@ -178,5 +183,31 @@ typedef struct tl_version_choice {
  * parent's, and then the file's. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
+
+/* ---- The files of the versions, one by one: for the sources behind versions.h.
+ *
+ * Purpose: each is written whole, or not at all; none is believed when it is read.
+ * Errors:  TL_TRY_AGAIN where the disk refuses.
+ * Thread:  one thread.
+ */
+
+/* A version's number has so many digits at most. */
+enum { TL_VERSION_DIGITS = 15 };
+
+/* What a name in the folder means. */
+typedef enum tl_version_file {
+    TL_VERSION_FILE_FOREIGN,
+    TL_VERSION_FILE_RECORD, /* and its number */
+    TL_VERSION_FILE_TEXT,   /* and its hash */
+    TL_VERSION_FILE_LEFT    /* that a power cut left unfinished */
+} tl_version_file;
+
+/* A small file, whole or not at all. */
+tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error);
+
+/* False where it cannot be read; `reader` is to be freed in any case. */
+bool tl_version_read_object(const char *path, tl_json_reader *reader);
+
+typedef enum tl_version_found { TL_VERSION_NONE, TL_VERSION_DAMAGED, TL_VERSION_FOUND } tl_version_found;
 
 #endif

@@ -6,10 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_keeping.h"
-#include "firmware/rollback/fmu_random.h"
-#include "firmware/rollback/fmu_written.h"
+#include "firmware/rollback/fmu_pages.h"
 
 /* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
 enum { SPARE = 4096, SPARE_PART = 8 };

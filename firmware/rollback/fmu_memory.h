@@ -1,6 +1,6 @@
 /* The memory of one FMU, saved and restored as a whole: a rollback for FMUs that cannot do it themselves, or not exactly.
  *
- * Purpose: what an FMU knows lies in memory: what it has allocated (fmu_heap.h), its globals and thread-local variables (fmu_places.h), the
+ * Purpose: what an FMU knows lies in memory: what it has allocated (fmu_heap.h), its globals and thread-local variables (fmu_pages.h), the
  *          random numbers of the C library, the exception flags of the floating-point unit. A *state* is a copy of these. All
  *          instances that an FMU has are in it.
  * Large:   from TL_FMU_MEMORY_LARGE on only the pages that differ are copied and kept (fmu_pages.h); below that all is, which is faster.
@@ -15,10 +15,8 @@
 
 #include <fenv.h>
 
-#include "firmware/rollback/fmu_allocation.h"
 #include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_pages.h"
-#include "firmware/rollback/fmu_places.h"
 #include "firmware/rollback/fmu_traces.h"
 
 /* Calls after which it is looked for what the FMU has left, from its first one on. */
@@ -48,7 +46,7 @@ typedef struct tl_fmu_memory {
 /* Whether this program can do it: not with a sanitizer, which has an allocator of its own. */
 bool tl_fmu_memory_serves(void);
 
-/* Before the process gives up its rights: opens what tells later which pages were written, if there is such a thing (fmu_written.h). */
+/* Before the process gives up its rights: opens what tells later which pages were written, if there is such a thing (fmu_pages.h). */
 void tl_fmu_memory_prepare(void);
 
 /* Before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */

@@ -1,11 +1,531 @@
-/* Versions of much memory: see fmu_pages.h. */
+/* Versions of large memory: pages, shared by all versions in which they are equal: see fmu_pages.h. */
 #include "firmware/rollback/fmu_pages.h"
 
+#include <elf.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <link.h>
+#include <linux/userfaultfd.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/syscall.h>
+#include <unistd.h>
 
-#include "firmware/rollback/fmu_written.h"
-#include "firmware/rollback/page_groups.h"
+/* ---- Pieces of memory of one size, each of which may have several owners.
+ *
+ * Purpose: what versions of memory share (fmu_pages.h) is kept once, and is free again when its last owner has let it go.
+ * Memory:  grows by 256 slots at a time, when one is taken or before (tl_page_slots_stock()), and is not touched before; given back by tl_page_slots_close() only.
+ * Thread:  one at a time.
+ */
+
+#define TL_NO_SLOT UINT32_MAX
+
+/* Fields are private. */
+typedef struct tl_page_slots {
+    size_t size;            /* bytes of each, a multiple of 16 */
+    uint32_t made;          /* slots that there are, */
+    uint32_t taken;         /* of which the first so many were taken once, */
+    uint32_t unused;        /* and nobody owns so many of these: */
+    uint32_t first_unused;  /* each has the next one in its first bytes */
+    unsigned char **pieces; /* each: how many owners its slots have, then the slots */
+} tl_page_slots;
+
+/* ---- Groups of pages, which versions of memory share (fmu_pages.h), and which share their pages.
+ *
+ * Purpose: a version is a list of groups, and a group a list of pages: who differs in one page has that page and its group for itself, and all else is others', too.
+ * Written: who writes to a group or a page that has several owners gets one of its own first.
+ * Memory:  asked for when something is put, or before (tl_page_groups_stock()); given back by tl_page_groups_close() only.
+ * Thread:  one at a time.
+ */
+
+enum { TL_PAGE_GROUP = 64 }; /* pages in one */
+
+/* Fields are private. */
+typedef struct tl_page_groups {
+    tl_page_slots contents; /* of pages */
+    tl_page_slots groups;
+    uint32_t zeros; /* a page of zeros; TL_NO_SLOT: not yet */
+} tl_page_groups;
+
+/* ---- page slots ---- */
+
+/* Slots of a piece, bytes in front of them, and pieces that the table grows by. */
+enum { PIECE = 256, HEAD = 4096, MORE = 64 };
+
+typedef char owners_fit_into_the_head[PIECE * sizeof(uint32_t) <= HEAD ? 1 : -1];
+
+static bool tl_fmu_written_watch(const unsigned char *begin, size_t size);
+
+static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
+                                void *context);
+
+static uint32_t *owners_of(const tl_page_slots *self, uint32_t slot) {
+    return (uint32_t *)(void *)self->pieces[slot / PIECE] + slot % PIECE;
+}
+
+static unsigned char *tl_page_slots_at(const tl_page_slots *self, uint32_t slot) {
+    return self->pieces[slot / PIECE] + HEAD + slot % PIECE * self->size;
+}
+
+static void tl_page_slots_open(tl_page_slots *self, size_t size) {
+    *self = (tl_page_slots){.size = size, .first_unused = TL_NO_SLOT};
+}
+
+/* All are gone; it is as just opened. */
+static void tl_page_slots_close(tl_page_slots *self) {
+    for (size_t i = 0; i < self->made / PIECE; i++) {
+        (void)munmap(self->pieces[i], HEAD + PIECE * self->size);
+    }
+    free(self->pieces);
+    tl_page_slots_open(self, self->size);
+}
+
+static void put_unused(tl_page_slots *self, uint32_t slot) {
+    memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
+    self->first_unused = slot;
+    self->unused++;
+}
+
+static bool make_piece(tl_page_slots *self) {
+    size_t count = self->made / PIECE;
+    if (self->made > UINT32_MAX - 2 * PIECE) {
+        return false;
+    }
+    if (count % MORE == 0) {
+        unsigned char **grown = realloc(self->pieces, (count + MORE) * sizeof *grown);
+        if (grown == NULL) {
+            return false;
+        }
+        self->pieces = grown;
+    }
+    void *piece = mmap(NULL, HEAD + PIECE * self->size, PROT_READ | PROT_WRITE,
+                       /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+                       MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (piece == MAP_FAILED) {
+        return false;
+    }
+    self->pieces[count] = piece;
+    self->made += PIECE;
+    return true;
+}
+
+/* So many can be taken without asking for memory. False: there is none. */
+static bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
+    bool is_there = true;
+    while (is_there && self->unused + (self->made - self->taken) < count) {
+        is_there = make_piece(self);
+    }
+    return is_there;
+}
+
+/* A slot with one owner, its bytes being anything; TL_NO_SLOT: there is no memory. */
+static uint32_t tl_page_slots_take(tl_page_slots *self) {
+    if (!tl_page_slots_stock(self, 1)) {
+        return TL_NO_SLOT;
+    }
+    uint32_t slot = self->first_unused;
+    if (slot != TL_NO_SLOT) {
+        memcpy(&self->first_unused, tl_page_slots_at(self, slot), sizeof self->first_unused);
+        self->unused--;
+    } else {
+        slot = self->taken++;
+    }
+    *owners_of(self, slot) = 1;
+    return slot;
+}
+
+/* One owner more. */
+static void tl_page_slots_share(tl_page_slots *self, uint32_t slot) {
+    (*owners_of(self, slot))++;
+}
+
+/* One owner less. True: that was the last; the slot's bytes, but for the first four, are as they were until one is taken. */
+static bool tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
+    if (--*owners_of(self, slot) > 0) {
+        return false;
+    }
+    put_unused(self, slot);
+    return true;
+}
+
+static bool tl_page_slots_has_one_owner(const tl_page_slots *self, uint32_t slot) {
+    return *owners_of(self, slot) == 1;
+}
+
+/* ---- page groups ---- */
+
+static uint32_t *pages_in(const tl_page_groups *self, uint32_t group) {
+    return (uint32_t *)(void *)tl_page_slots_at(&self->groups, group);
+}
+
+static void tl_page_groups_open(tl_page_groups *self) {
+    tl_page_slots_open(&self->contents, TL_FMU_PAGE);
+    tl_page_slots_open(&self->groups, TL_PAGE_GROUP * sizeof(uint32_t));
+    self->zeros = TL_NO_SLOT;
+}
+
+/* All are gone; it is as just opened. */
+static void tl_page_groups_close(tl_page_groups *self) {
+    tl_page_slots_close(&self->contents);
+    tl_page_slots_close(&self->groups);
+    self->zeros = TL_NO_SLOT;
+}
+
+/* Groups that so many pages need. */
+static size_t tl_page_groups_of(size_t pages) {
+    return (pages + TL_PAGE_GROUP - 1) / TL_PAGE_GROUP;
+}
+
+/* One that has no pages yet, with one owner. TL_NO_SLOT: no memory. */
+static uint32_t tl_page_groups_make(tl_page_groups *self) {
+    uint32_t group = tl_page_slots_take(&self->groups);
+    if (group != TL_NO_SLOT) {
+        memset(pages_in(self, group), 0xff, TL_PAGE_GROUP * sizeof(uint32_t)); /* TL_NO_SLOT */
+    }
+    return group;
+}
+
+/* One owner more; one less. */
+static void tl_page_groups_share(tl_page_groups *self, uint32_t group) {
+    tl_page_slots_share(&self->groups, group);
+}
+
+static void drop_page(tl_page_groups *self, uint32_t slot) {
+    if (slot != TL_NO_SLOT) {
+        (void)tl_page_slots_drop(&self->contents, slot);
+    }
+}
+
+static void tl_page_groups_drop(tl_page_groups *self, uint32_t group) {
+    if (tl_page_slots_has_one_owner(&self->groups, group)) {
+        for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
+            drop_page(self, pages_in(self, group)[i]);
+        }
+    }
+    (void)tl_page_slots_drop(&self->groups, group);
+}
+
+/* The bytes of a page; NULL: it has none yet. Two groups that share a page have it at the same place. */
+static const unsigned char *tl_page_groups_look(const tl_page_groups *self, uint32_t group, size_t page) {
+    uint32_t slot = pages_in(self, group)[page];
+    return slot != TL_NO_SLOT ? tl_page_slots_at(&self->contents, slot) : NULL;
+}
+
+/* ---- to put a page ---- */
+
+/* One for its caller alone. False: no memory. */
+static bool own(tl_page_groups *self, uint32_t *group) {
+    if (tl_page_slots_has_one_owner(&self->groups, *group)) {
+        return true;
+    }
+    uint32_t made = tl_page_slots_take(&self->groups);
+    if (made == TL_NO_SLOT) {
+        return false;
+    }
+    memcpy(pages_in(self, made), pages_in(self, *group), TL_PAGE_GROUP * sizeof(uint32_t));
+    for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
+        if (pages_in(self, made)[i] != TL_NO_SLOT) {
+            tl_page_slots_share(&self->contents, pages_in(self, made)[i]);
+        }
+    }
+    (void)tl_page_slots_drop(&self->groups, *group);
+    *group = made;
+    return true;
+}
+
+static bool is_zero(const unsigned char *page) {
+    return page[0] == 0 && memcmp(page, page + 1, TL_FMU_PAGE - 1) == 0;
+}
+
+static bool has_zeros(tl_page_groups *self) {
+    if (self->zeros == TL_NO_SLOT) {
+        self->zeros = tl_page_slots_take(&self->contents);
+        if (self->zeros != TL_NO_SLOT) {
+            memset(tl_page_slots_at(&self->contents, self->zeros), 0, TL_FMU_PAGE);
+        }
+    }
+    return self->zeros != TL_NO_SLOT;
+}
+
+/* For contents that nobody has. TL_NO_SLOT: no memory. */
+static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned char *page) {
+    if (before == TL_NO_SLOT && is_zero(page) && has_zeros(self)) {
+        tl_page_slots_share(&self->contents, self->zeros);
+        return self->zeros;
+    }
+    bool is_own = before != TL_NO_SLOT && tl_page_slots_has_one_owner(&self->contents, before);
+    uint32_t slot = is_own ? before : tl_page_slots_take(&self->contents);
+    if (slot == TL_NO_SLOT) {
+        return slot;
+    }
+    memcpy(tl_page_slots_at(&self->contents, slot), page, TL_FMU_PAGE);
+    if (!is_own) {
+        drop_page(self, before);
+    }
+    return slot;
+}
+
+/* Other bytes for a page, in a group that is its caller's alone then: another one, if it had several owners. False: no memory, and nothing has changed that anybody can see. */
+static bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t page, const unsigned char *bytes) {
+    if (!own(self, group)) {
+        return false;
+    }
+    uint32_t slot = slot_for(self, pages_in(self, *group)[page], bytes);
+    if (slot == TL_NO_SLOT) {
+        return false;
+    }
+    pages_in(self, *group)[page] = slot;
+    return true;
+}
+
+/* ---- room ---- */
+
+static bool stock(tl_page_slots *slots, size_t wanted) {
+    if (wanted >= UINT32_MAX) {
+        return false;
+    }
+    return wanted <= slots->made ||
+           tl_page_slots_stock(slots, slots->unused + (slots->made - slots->taken) + (uint32_t)(wanted - slots->made));
+}
+
+/* Memory for versions to come: beside the first so many pages, so many more that differ, each at worst in a group of its own. False: there is none. */
+static bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
+    return stock(&self->contents, first + differing) && stock(&self->groups, tl_page_groups_of(first) + differing);
+}
+
+/* ---- fmu places ---- */
+
+/* As the loader is asked by compiled code; it makes the variables if this thread has none yet. */
+typedef struct tls_index {
+    unsigned long module;
+    unsigned long offset;
+} tls_index;
+extern void *get_thread_local(tls_index *index) __asm__("__tls_get_addr");
+
+typedef struct place_search {
+    const char *folder;
+    size_t length;
+    tl_fmu_places *places;
+    bool is_full;
+} place_search;
+
+static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
+    tl_fmu_places *places = self->places;
+    if (begin >= end) {
+        return;
+    }
+    if (places->count == TL_FMU_PLACES) {
+        self->is_full = true;
+        return;
+    }
+    tl_fmu_place *place = &places->place[places->count++];
+    memcpy(&place->begin, &begin, sizeof place->begin);
+    place->size = end - begin;
+    place->has_pages = has_pages;
+    places->bytes += end - begin;
+}
+
+/* The part of a writable segment that becomes read-only once the loader is done with it. */
+static uintptr_t end_of_relro(const struct dl_phdr_info *object, uintptr_t begin, uintptr_t end) {
+    uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
+    for (size_t i = 0; i < object->dlpi_phnum; i++) {
+        const ElfW(Phdr) *header = &object->dlpi_phdr[i];
+        uintptr_t at = object->dlpi_addr + header->p_vaddr;
+        if (header->p_type == PT_GNU_RELRO && at >= begin && at < end) {
+            uintptr_t behind = (at + header->p_memsz) / page * page;
+            return behind > begin ? behind : begin;
+        }
+    }
+    return begin;
+}
+
+static void add_object(place_search *self, struct dl_phdr_info *object) {
+    for (size_t i = 0; i < object->dlpi_phnum; i++) {
+        const ElfW(Phdr) *header = &object->dlpi_phdr[i];
+        uintptr_t begin = object->dlpi_addr + header->p_vaddr;
+        uintptr_t end = begin + header->p_memsz;
+        if (header->p_type == PT_LOAD && (header->p_flags & PF_W) != 0) {
+            add(self, end_of_relro(object, begin, end), end, true);
+        } else if (header->p_type == PT_TLS && object->dlpi_tls_modid != 0) {
+            tls_index index = {.module = object->dlpi_tls_modid, .offset = 0};
+            uintptr_t variables = (uintptr_t)get_thread_local(&index);
+            add(self, variables, variables + header->p_memsz, false);
+        }
+    }
+}
+
+static bool is_below(const place_search *self, const char *name) {
+    char path[PATH_MAX];
+    return name != NULL && name[0] != '\0' && realpath(name, path) != NULL &&
+           strncmp(path, self->folder, self->length) == 0 && path[self->length] == '/';
+}
+
+static int look_at_object(struct dl_phdr_info *object, size_t size, void *context) {
+    place_search *self = context;
+    (void)size;
+    if (is_below(self, object->dlpi_name)) {
+        add_object(self, object);
+    }
+    return 0;
+}
+
+static int note_opened(struct dl_phdr_info *object, size_t size, void *context) {
+    (void)size;
+    *(unsigned long long *)context = object->dlpi_adds;
+    return 1; /* each object says the same */
+}
+
+unsigned long long tl_fmu_places_opened(void) {
+    unsigned long long opened = 0;
+    (void)dl_iterate_phdr(note_opened, &opened);
+    return opened;
+}
+
+tl_status tl_fmu_places_find(const char *folder, tl_fmu_places *places, tl_error *error) {
+    place_search self = {.folder = folder, .length = strlen(folder), .places = places};
+    *places = (tl_fmu_places){.count = 0};
+    (void)dl_iterate_phdr(look_at_object, &self);
+    return self.is_full
+               ? tl_fail(error, TL_FMU_FAILED, "its libraries have more than %d writable places", TL_FMU_PLACES)
+               : TL_OK;
+}
+
+/* ---- fmu written ---- */
+
+/* As Linux 6.7 has them, and older headers do not. */
+enum {
+    USER_MODE_ONLY = 1,        /* UFFD_USER_MODE_ONLY */
+    UNPOPULATED_TOO = 1 << 13, /* UFFD_FEATURE_WP_UNPOPULATED */
+    ASYNCHRONOUS = 1 << 15,    /* UFFD_FEATURE_WP_ASYNC */
+    IS_WRITTEN = 1 << 1,       /* PAGE_IS_WRITTEN */
+    PROTECT_FOUND = 1 << 0,
+    ONLY_WATCHED = 1 << 1 /* PM_SCAN_WP_MATCHING, PM_SCAN_CHECK_WPASYNC */
+};
+
+typedef struct found_run {
+    uint64_t begin;
+    uint64_t end;
+    uint64_t categories;
+} found_run;
+
+typedef struct scan_order {
+    uint64_t size;
+    uint64_t flags;
+    uint64_t begin;
+    uint64_t end;
+    uint64_t walked; /* answer: up to here */
+    uint64_t runs;
+    uint64_t room;
+    uint64_t most_pages;
+    uint64_t inverted;
+    uint64_t all_of;
+    uint64_t any_of;
+    uint64_t told;
+} scan_order;
+
+#define SCAN _IOWR('f', 16, scan_order)
+
+enum { RUNS = 256 };
+
+static bool has_begun;
+static bool serves;
+static int watcher = -1;
+static int map = -1;
+
+static void count_pages(void *context, size_t first, size_t count) {
+    (void)first;
+    *(size_t *)context += count;
+}
+
+static size_t count_written(const unsigned char *page) {
+    size_t count = 0;
+    return tl_fmu_written_find(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
+}
+
+/* A page of our own: written, looked at, not written, written. */
+static bool is_true_of(unsigned char *page) {
+    page[0] = 1;
+    if (!tl_fmu_written_watch(page, TL_FMU_PAGE) || count_written(page) != 1 || count_written(page) != 0) {
+        return false;
+    }
+    page[1] = 1;
+    return count_written(page) == 1;
+}
+
+static bool try_it(void) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    void *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    bool is_true = page != MAP_FAILED && is_true_of(page);
+    if (page != MAP_FAILED) {
+        (void)munmap(page, TL_FMU_PAGE);
+    }
+    return is_true;
+}
+
+void tl_fmu_written_begin(void) {
+    struct uffdio_api wanted = {.api = UFFD_API, .features = ASYNCHRONOUS | UNPOPULATED_TOO};
+    if (has_begun) {
+        return;
+    }
+    has_begun = true;
+    if (sysconf(_SC_PAGESIZE) != TL_FMU_PAGE) {
+        return;
+    }
+    watcher = (int)syscall(SYS_userfaultfd, O_CLOEXEC | O_NONBLOCK | USER_MODE_ONLY);
+    map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
+    serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
+    if (!serves && watcher >= 0) {
+        (void)close(watcher);
+    }
+    if (!serves && map >= 0) {
+        (void)close(map);
+    }
+}
+
+bool tl_fmu_written_serves(void) {
+    tl_fmu_written_begin();
+    return serves;
+}
+
+/* From now on this range is taken note of: whole pages of private memory, for good. False: it cannot be. */
+static bool tl_fmu_written_watch(const unsigned char *begin, size_t size) {
+    struct uffdio_register order = {.range = {.start = (uintptr_t)begin, .len = size}, .mode = UFFDIO_REGISTER_MODE_WP};
+    return ioctl(watcher, UFFDIO_REGISTER, &order) == 0;
+}
+
+/* Tells of all pages of a range that is watched, or of a part of it, which were written since they were forgotten last, in order; with `forget`
+ * they are not written any more. False: it could not be told of all. */
+static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
+                                void *context) {
+    found_run runs[RUNS];
+    scan_order order = {.size = sizeof order,
+                        .flags = ONLY_WATCHED | (forget ? PROTECT_FOUND : 0),
+                        .walked = (uintptr_t)begin,
+                        .end = (uintptr_t)begin + size,
+                        .runs = (uintptr_t)runs,
+                        .room = RUNS,
+                        .all_of = IS_WRITTEN,
+                        .told = IS_WRITTEN};
+    while (order.walked < order.end) {
+        order.begin = order.walked;
+        int count = ioctl(map, SCAN, &order);
+        if (count < 0 || order.walked <= order.begin) {
+            return false;
+        }
+        for (int i = 0; i < count; i++) {
+            take(context, (size_t)(runs[i].begin - (uintptr_t)begin) / TL_FMU_PAGE,
+                 (size_t)(runs[i].end - runs[i].begin) / TL_FMU_PAGE);
+        }
+    }
+    return true;
+}
+
+/* ---- fmu pages ---- */
 
 /* ---- pages ---- */
 
@@ -125,7 +645,7 @@ static void keep_pages(void *context, size_t first, size_t count) {
 }
 
 /* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
-static void stock(tl_fmu_pages *self, bool is_first) {
+static void stock_pages(tl_fmu_pages *self, bool is_first) {
     if (!is_first && self->differing > 0 && !self->passes) {
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
@@ -169,7 +689,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
     shrink(self, tl_page_groups_of(pages));
     share_leaves(self, version);
     self->versions += is_new ? 1 : 0;
-    stock(self, is_first);
+    stock_pages(self, is_first);
     return TL_OK;
 }
 

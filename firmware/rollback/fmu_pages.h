@@ -1,11 +1,5 @@
-/* Versions of much memory, of which little differs: what is the same in several of them is kept once.
+/* Versions of large memory: pages, shared by all versions in which they are equal.
  *
- * Purpose: a state of a large FMU (fmu_memory.h). To save it costs what was written since the last time, to go back to one what differs, and not
- *          what there is: some megabytes of tables are of the same value in all states.
- * Found:   what was written, by the kernel (fmu_written.h); if it does not tell, by comparing all with the last version, which writes nothing and keeps as little.
- * Ranges:  whole pages; all but the last are fixed, the last may be used up to another place in each version.
- * Order:   any; versions are equals, none depends on another one.
- * Memory:  reserved for versions to come (tl_fmu_pages_reserve()); if they differ in more than versions did until then, it grows by pieces of 1 MiB. Given back with the last version.
  * Thread:  one at a time.
  */
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_PAGES_H
@@ -15,8 +9,67 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/rollback/fmu_places.h"
 #include "master/base/status.h"
+
+/* ---- Where an FMU keeps what it does not allocate: the writable memory of its own libraries.
+ *
+ * Purpose: globals and static variables of the FMU's binary and of the libraries that it brings in its folder, and their variables that each thread has for
+ *          itself, of the thread that calls the FMU. What the loader alone writes is left out.
+ * Thread:  that of the FMUs.
+ */
+
+enum { TL_FMU_PLACES = 64 };
+
+typedef struct tl_fmu_place {
+    unsigned char *begin;
+    size_t size;
+    bool has_pages; /* of its own: nothing else lies in them; not so for a thread's variables */
+} tl_fmu_place;
+
+typedef struct tl_fmu_places {
+    size_t count;
+    size_t bytes; /* of all */
+    tl_fmu_place place[TL_FMU_PLACES];
+} tl_fmu_places;
+
+/* Libraries that this process has opened so far: if there are more, places may have come. */
+unsigned long long tl_fmu_places_opened(void);
+
+/* Of all libraries that are loaded now from `folder`, an absolute path without links in it, or from folders below it. Thread-local variables of this
+ * thread exist from then on. Errors: TL_FMU_FAILED: there are more than TL_FMU_PLACES. */
+tl_status tl_fmu_places_find(const char *folder, tl_fmu_places *places, tl_error *error);
+
+/* ---- Which pages of memory were written since somebody looked.
+ *
+ * Purpose: of an FMU's megabytes a step changes a few pages, and only those need to be copied. The kernel knows which, if it is Linux 6.7 or newer: it takes
+ *          note of the first write to a page, and tells and forgets in one go (PAGEMAP_SCAN, userfaultfd's asynchronous write protection). Nobody waits for
+ *          anybody, and a system call may write there as well.
+ * Rights:  two descriptors, which must be opened before a process gives up its rights; after that these are used by ioctl() only.
+ * Without: tl_fmu_written_serves() is false on an older kernel, in an emulator, or if it is not allowed. Then whoever asks compares.
+ * Thread:  one at a time.
+ */
+
+enum { TL_FMU_PAGE = 4096 };
+
+/* Opens what is needed, and tries it; once in a process. */
+void tl_fmu_written_begin(void);
+
+/* Whether there is a kernel that tells; begins if nobody has. */
+bool tl_fmu_written_serves(void);
+
+/* So many pages from this one on were written. */
+typedef void tl_fmu_written_take(void *context, size_t first, size_t count);
+
+/* ---- Versions of much memory, of which little differs: what is the same in several of them is kept once.
+ *
+ * Purpose: a state of a large FMU (fmu_memory.h). To save it costs what was written since the last time, to go back to one what differs, and not
+ *          what there is: some megabytes of tables are of the same value in all states.
+ * Found:   what was written, by the kernel (fmu_pages.h); if it does not tell, by comparing all with the last version, which writes nothing and keeps as little.
+ * Ranges:  whole pages; all but the last are fixed, the last may be used up to another place in each version.
+ * Order:   any; versions are equals, none depends on another one.
+ * Memory:  reserved for versions to come (tl_fmu_pages_reserve()); if they differ in more than versions did until then, it grows by pieces of 1 MiB. Given back with the last version.
+ * Thread:  one at a time.
+ */
 
 typedef struct tl_fmu_pages tl_fmu_pages;
 

@@ -1,20 +1,114 @@
-/* A rollback that needs nothing of an FMU: it is reset, and given again what it was given.
+/* Rollback by replay: an FMU is reset and gets its inputs again.
+ *
+ * Thread:  the one that calls the FMU.
+ */
+#ifndef TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
+#define TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/rollback/fmu_prologue.h"
+#include "master/base/status.h"
+#include "master/fmi/component.h"
+#include "master/fmi/fmi2.h"
+
+/* ---- What an FMU was given since its first step, on all branches that may still be wanted: a tree of calls.
+ *
+ * Purpose: a *position* is what an FMU was given so far. One that is kept can be come back to: reset, and given everything again on the way from the root to
+ *          there; or from where the FMU stands, if that is on the way. This is the memory for it, and knows nothing of FMUs: fmu_replay.h makes the calls.
+ * Compact: of a call that sets values, only those are kept that differ from the ones before. A call again gets all of its values, as it did.
+ * Freed:   a branch is given up once no position on it is kept and nothing stands there.
+ * Limits:  a position of more than `most` steps is not kept, nor one for which there is no room: the FMU is *off* the tree then. It can be kept as
+ *          long as it stays where it is.
+ * Memory:  all of it is taken by tl_fmu_history_open().
+ * Thread:  one at a time.
+ */
+
+/* Steps on branches beside the way to where it is, for which there is room too: what a search keeps at most, and what is kept of those before. */
+enum { TL_FMU_HISTORY_BRANCHES = 4096 };
+
+#define TL_FMU_HISTORY_NONE UINT32_MAX
+
+/* A call, as its user numbers them. */
+typedef struct tl_fmu_history_call {
+    uint8_t kind;
+    bool is_step;
+    bool is_final;     /* of a step */
+    double now, size;  /* of a step */
+    uint64_t gave;     /* of a call that reads values: a mark of these */
+    uint32_t steps;    /* since the root, this one included */
+    uint32_t parent;   /* private, from here on */
+    uint32_t next;     /* on the way that is played, or the next free one */
+    uint32_t children; /* calls that follow it */
+    uint32_t kept;     /* handles that lead here */
+    uint32_t change;   /* the first value that it changed */
+} tl_fmu_history_call;
+
+typedef struct tl_fmu_history_change {
+    uint32_t next;
+    uint32_t index;
+    uint64_t value;
+} tl_fmu_history_change;
+
+/* Fields are private but for `value`. Zeroed: not open. */
+typedef struct tl_fmu_history {
+    uint32_t most; /* steps */
+    uint32_t call_count;
+    uint32_t change_count;
+    size_t value_count;
+    tl_fmu_history_call *calls;
+    tl_fmu_history_change *changes;
+    uint64_t *value; /* all that are set, as they are where the FMU stands, or where the way that is played is */
+    uint32_t free_call, free_change;
+    uint32_t root;
+    uint32_t at;       /* NONE: off the tree */
+    uint32_t off;      /* numbers the places off the tree */
+    bool has_run_over; /* there was no room once */
+} tl_fmu_history;
+
+/* For `most` steps of `calls` calls at most, which set up to `values` values. It stands at the root. Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t values, tl_error *error);
+void tl_fmu_history_close(tl_fmu_history *history);
+
+/* It stands at a root without a past. What was kept before is still to be given back, and leads nowhere. */
+void tl_fmu_history_begin(tl_fmu_history *history);
+
+/* A call was made from where it stands: `values` are the new values from `first` on, `count` of them. Then it stands behind it, or off the tree. */
+void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const uint64_t *values, size_t first,
+                        size_t count);
+
+/* Nobody knows where it stands: a call has failed. */
+void tl_fmu_history_lose(tl_fmu_history *history);
+
+/* Where it stands, to come back to; never NULL. To be given back. */
+void *tl_fmu_history_keep(tl_fmu_history *history);
+void tl_fmu_history_give_back(tl_fmu_history *history, void *kept);
+
+/* Whether it stands there. */
+bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
+
+/* The way there: the first call to be made again in *first (NONE: none), the one after it by tl_fmu_history_follow(). *anew: from the root, after a reset; else from where it
+ * stands. False: there is none. */
+bool tl_fmu_history_find_way(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
+
+/* What this call of the way was; `value` is as it was given. Returns the next one, or NONE. */
+uint32_t tl_fmu_history_follow(tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made);
+
+/* The way was gone to its end. */
+void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
+
+/* ---- A rollback that needs nothing of an FMU: it is reset, and given again what it was given.
  *
  * Purpose: for one that has no states, or wrong ones, and whose memory cannot be copied. Each call that was made is noted here: until the first step by
- *          fmu_prologue.h, from then on by fmu_history.h. A state is a position in that, and costs no memory of its own.
+ *          fmu_prologue.h, from then on by fmu_replay.h. A state is a position in that, and costs no memory of its own.
  * Exact:   if the FMU does the same again when it is given the same again. What calls gave is held against what they give again, and a difference ends the
  *          replay (`is_over`).
  * Cost:    of a way back, the steps from the beginning on, or none if it stands on the way.
  * Memory:  taken once, at the first position that is kept or step that is noted, or before.
  * Thread:  that of the FMUs.
  */
-#ifndef TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
-#define TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
-
-#include "firmware/rollback/fmu_history.h"
-#include "firmware/rollback/fmu_prologue.h"
-#include "master/fmi/component.h"
-#include "master/fmi/fmi2.h"
 
 typedef enum tl_fmu_replay_phase {
     TL_FMU_REPLAY_BEGINS, /* what it is given is its prologue's */

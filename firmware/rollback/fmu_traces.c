@@ -8,7 +8,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "firmware/base/clean_text.h"
+#include "firmware/base/text.h"
 
 /* ---- threads and children ---- */
 

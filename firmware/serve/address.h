@@ -1,14 +1,50 @@
-/* Who is at the other end: addresses as they are counted, and as they are written.
+/* Addresses and names of the network: who asks, which hosts we are, names that a path may have.
  *
- * Purpose: limits and back-off are for each address. A network of IPv6 (/64) counts as one, since who has one address of it has all.
- * Thread:  pure.
+ * Thread:  any; pure.
  */
 #ifndef TL_FIRMWARE_SERVE_ADDRESS_H
 #define TL_FIRMWARE_SERVE_ADDRESS_H
 
+#include <limits.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <sys/socket.h>
+
+#include "firmware/base/program_options.h"
+
+/* ---- Names of plants and of tokens.
+ *
+ * Purpose: a plant's name is that of a folder, and a stranger may say any: only what cannot lead elsewhere is one.
+ * Thread:  pure.
+ */
+
+/* Letters, digits, "-", "_" and ".", of which the last does not come first; at most TL_CONTROL_NAME - 1. */
+bool tl_plain_name(const char *name);
+
+/* ---- By which names this server may be called.
+ *
+ * Purpose: a page of a stranger's in somebody's browser can have its own name lead to this box ("DNS rebinding"); it cannot choose the Host that the
+ *          browser sends then. So a request must call the server what it is called here.
+ * Thread:  pure.
+ */
+
+typedef struct tl_host_names {
+    char own[HOST_NAME_MAX + 1]; /* what the machine calls itself */
+    tl_program_list others;      /* what the administrator has added */
+} tl_host_names;
+
+/* `others` are texts that live on. */
+tl_host_names tl_host_names_of(const tl_program_list *others);
+
+/* `host` is the header as it came, with a port or without; NULL: there was none. `local` is the address that the connection came to, which is a name, too;
+ * on the loopback "localhost" is one. */
+bool tl_host_names_know(const tl_host_names *names, const char *host, const char *local);
+
+/* ---- Who is at the other end: addresses as they are counted, and as they are written.
+ *
+ * Purpose: limits and back-off are for each address. A network of IPv6 (/64) counts as one, since who has one address of it has all.
+ * Thread:  pure.
+ */
 
 enum { TL_ADDRESS_TEXT = 48 };
 

@@ -3,9 +3,9 @@
 
 #include <string.h>
 
-#include "firmware/base/clean_text.h"
-#include "firmware/base/json_writer.h"
-#include "firmware/retune/control_words.h"
+#include "firmware/base/json.h"
+#include "firmware/base/text.h"
+#include "firmware/retune/control.h"
 
 enum { CLEAN = 4 * TL_CONTROL_TEXT };
 

@@ -1,8 +1,8 @@
 /* What a plant answers, as JSON and as a status of HTTP.
  *
- * Purpose: a reply of the control socket is one object in one line; its members have the words of control_wire.h. "reply" says what it is: "state",
+ * Purpose: a reply of the control socket is one object in one line; its members have the words of control.h. "reply" says what it is: "state",
  *          "version", "change", "problem", "step", "end".
- * Trust:   texts of a reply are cleaned (clean_text.h): whatever they hold, the line is valid UTF-8 and one line.
+ * Trust:   texts of a reply are cleaned (text.h): whatever they hold, the line is valid UTF-8 and one line.
  * Thread:  pure.
  */
 #ifndef TL_FIRMWARE_SERVE_ANSWER_H
@@ -11,7 +11,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/retune/control_wire.h"
+#include "firmware/retune/control.h"
 #include "firmware/serve/http_request.h"
 
 /* Each byte of a text may take six, as \u0007 does, or four as \x07 whose backslash is escaped. */

@@ -16,8 +16,7 @@
 #include <gnutls/gnutls.h>
 #include <gnutls/x509.h>
 
-#include "firmware/base/file_bytes.h"
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 
 enum { MOST = 64 * 1024, SERIAL = 16, VERSION = 3, DIGEST = 32 };
 

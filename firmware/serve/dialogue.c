@@ -10,11 +10,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/json_writer.h"
-#include "firmware/retune/control_client.h"
-#include "firmware/retune/control_words.h"
+#include "firmware/base/json.h"
+#include "firmware/retune/control.h"
+#include "firmware/serve/address.h"
 #include "firmware/serve/answer.h"
-#include "firmware/serve/plain_name.h"
 
 enum { PLANTS = 256 };
 

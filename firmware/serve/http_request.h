@@ -1,8 +1,6 @@
-/* What a request asks for: read from the words of HTTP, before anything of it is believed.
+/* A request: path, query, headers and body as twinlock understands them.
  *
- * Purpose: the one place that knows the addresses and what may stand in their queries. What it returns can be said to a plant's control socket.
- * Trust:   method, target and headers are a stranger's: any bytes. Each is checked once, here; what is left has names and numbers that exist.
- * Thread:  pure.
+ * Thread:  the server's.
  */
 #ifndef TL_FIRMWARE_SERVE_HTTP_REQUEST_H
 #define TL_FIRMWARE_SERVE_HTTP_REQUEST_H
@@ -10,7 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/retune/control_wire.h"
+#include "firmware/retune/control.h"
 
 enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
 

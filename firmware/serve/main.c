@@ -1,7 +1,7 @@
 /* twinlock-serve: the program, from its beginning to its end. `twinlock serve` and `twinlock token` start it. */
 #include <string.h>
 
-#include "firmware/base/c_locale.h"
+#include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 #include "firmware/serve/serve_verb.h"
 #include "firmware/serve/token_verb.h"

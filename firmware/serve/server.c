@@ -1,15 +1,496 @@
-/* The server's loop: see server.h. */
+/* The server's loop: connections, requests, answers, audit: see server.h. */
 #include "firmware/serve/server.h"
 
 #include <errno.h>
+#include <microhttpd.h>
 #include <poll.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/socket.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/serve/server_parts.h"
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/retune/control.h"
+#include "firmware/serve/dialogue.h"
+#include "firmware/serve/guests.h"
+#include "firmware/serve/tokens.h"
+
+/* ---- What the sources behind server.h share.
+ */
+
+/* The connection of a guest, who has the same place in `guests`. */
+typedef struct tl_visit {
+    int place;
+    int socket;
+    struct MHD_Connection *connection;
+    tl_address address;
+    char from[TL_ADDRESS_TEXT];
+    char local[TL_ADDRESS_TEXT];
+    char target[TL_HTTP_TARGET + 1]; /* cut behind what is too long anyway */
+    size_t target_length;            /* before it was cut */
+    char token[TL_TOKEN_NAME];       /* whose it is; "": not seen yet */
+    bool has_begun;                  /* the request was judged, and asked if it was good */
+    bool is_suspended;               /* until there is something to answer with */
+    tl_dialogue dialogue;
+} tl_visit;
+
+struct tl_server {
+    tl_server_settings settings;
+    struct MHD_Daemon *daemon;
+    tl_guests guests;
+    tl_visit visits[TL_GUESTS];
+    int arriving; /* the place of the connection that is being added */
+    tl_token_delays token_delays;
+    tl_tokens tokens;
+    struct stat tokens_seen; /* of the file when it was read */
+    tl_log_limiter says;     /* of what strangers can cause */
+    char room[TL_CONTROL_MOST + 1];
+};
+
+/* How long a guest has for what it is about. */
+#define TL_VISIT_GREETING (10 * TL_SECOND)
+#define TL_VISIT_UPLOAD (30 * TL_SECOND)
+#define TL_VISIT_TAKING (30 * TL_SECOND)
+#define TL_VISIT_REST (30 * TL_SECOND)
+#define TL_VISIT_QUESTION (10 * TL_SECOND)
+#define TL_VISIT_CHANGE (60 * TL_SECOND)
+
+/* ---- The audit: One line for each request that may change something, once its end is known. */
+
+static const char *verb_of(const tl_control_request *control) {
+    switch ((tl_control_verb)control->verb) {
+    case TL_CONTROL_TAKE:
+        return (control->flags & TL_CONTROL_ONLY_CHECK) != 0 ? "check" : "change";
+    case TL_CONTROL_CONFIRM:
+        return "confirm";
+    case TL_CONTROL_RETURN:
+        return "return";
+    case TL_CONTROL_SHOW:
+    case TL_CONTROL_READ:
+    case TL_CONTROL_VERSIONS:
+    case TL_CONTROL_VERBS:
+        break;
+    }
+    return "ask";
+}
+
+/* visit_audit.c: an entry for a request that may change something. */
+static void tl_visit_audit(const tl_visit *visit) {
+    const tl_http_request *request = &visit->dialogue.request;
+    const tl_control_request *control = &request->control;
+    if (!request->is_change || visit->token[0] == '\0') {
+        return;
+    }
+    const char *result = visit->dialogue.result;
+    tl_log(TL_LOG_NOTICE, "audit: token=%s role=%s from=%s verb=%s plant=%s result=%s version=%llu%s%s", visit->token,
+           tl_control_right_name((tl_control_right)control->right), visit->from, verb_of(control), request->plant,
+           result != NULL ? result : "not known: who asked has left", (unsigned long long)visit->dialogue.version,
+           control->why[0] != '\0' ? " why=" : "", control->why);
+}
+
+/* ---- Whether a request may be asked: In this order, so that a stranger learns nothing: the form of its head, its Host, its
+ * delay, its token, what it asks for, whether it may. Nothing of a body has been read by then. */
+
+static const char SCHEME[] = "Bearer ";
+
+static const char *header(struct MHD_Connection *connection, const char *name) {
+    return MHD_lookup_connection_value(connection, MHD_HEADER_KIND, name);
+}
+
+static tl_http_status refuse(tl_visit *visit, tl_http_status status, tl_control_result result, const char *sentence) {
+    tl_dialogue_refuse(&visit->dialogue, status, result, sentence);
+    return status;
+}
+
+/* ---- the form of the head ---- */
+
+/* Two headers of one of these names give a request two meanings. */
+static const char *const SINGLE_HEADERS[] = {
+    MHD_HTTP_HEADER_HOST,           MHD_HTTP_HEADER_AUTHORIZATION,    MHD_HTTP_HEADER_IF_MATCH,
+    MHD_HTTP_HEADER_CONTENT_LENGTH, MHD_HTTP_HEADER_CONTENT_ENCODING, MHD_HTTP_HEADER_TRANSFER_ENCODING,
+};
+
+static const char NAME_LETTERS[] = "!#$%&'*+-.^_`|~0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+
+typedef struct head_check {
+    const char *end; /* of the part that was checked */
+    unsigned seen;   /* a bit for each of SINGLE_HEADERS */
+    bool is_good;
+} head_check;
+
+/* Whether a part of the head begins where the part before it ends.
+ * libmicrohttpd refuses NUL, folded lines and a bare LF from 0.9.77 on; older versions accept them.
+ * The old ones split the head in place: they overwrite CR and LF with one zero each. A NUL in a text,
+ * a line without CR, and a line that was moved to unfold it change the distance of two parts.
+ * Undetected remain NUL LF as the end of a line, and lines before a request that are empty or begin
+ * with NUL. They do not change where the request or its body ends. */
+static bool has_no_gap(const head_check *check, const char *part) {
+    return MHD_VERSION >= 0x00097701 || part == check->end;
+}
+
+static bool has_control_character(const char *value) {
+    while (*value == '\t' || ((unsigned char)*value >= ' ' && *value != 0x7F)) {
+        value++;
+    }
+    return *value != '\0';
+}
+
+static enum MHD_Result check_header(void *context, enum MHD_ValueKind kind, const char *name, const char *value) {
+    head_check *check = context;
+    (void)kind;
+    check->is_good = has_no_gap(check, name) && name[0] != '\0' && name[strspn(name, NAME_LETTERS)] == '\0' &&
+                     !has_control_character(value);
+    for (size_t i = 0; i < sizeof SINGLE_HEADERS / sizeof SINGLE_HEADERS[0]; i++) {
+        unsigned bit = strcasecmp(name, SINGLE_HEADERS[i]) == 0 ? 1U << i : 0U;
+        check->is_good = check->is_good && (check->seen & bit) == 0;
+        check->seen |= bit;
+    }
+    check->end = value + strlen(value) + strlen("\r\n");
+    return check->is_good ? MHD_YES : MHD_NO;
+}
+
+static bool is_well_formed(const tl_visit *visit, struct MHD_Connection *connection, const char *method,
+                           const char *protocol) {
+    size_t size = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_REQUEST_HEADER_SIZE)->header_size;
+    head_check check = {.end = method + strlen(method) + strlen(" ") + visit->target_length + strlen(" ")};
+    check.is_good = has_no_gap(&check, protocol);
+    if (!check.is_good) {
+        return false;
+    }
+    check.end = protocol + strlen(protocol) + strlen("\r\n");
+    (void)MHD_get_connection_values(connection, MHD_HEADER_KIND, check_header, &check);
+    check.end += strlen("\r\n");
+    return check.is_good && has_no_gap(&check, method + size);
+}
+
+/* ---- tokens ---- */
+
+static bool is_unchanged(const struct stat *one, const struct stat *other) {
+    return one->st_ino == other->st_ino && one->st_dev == other->st_dev && one->st_size == other->st_size &&
+           one->st_mtim.tv_sec == other->st_mtim.tv_sec && one->st_mtim.tv_nsec == other->st_mtim.tv_nsec;
+}
+
+/* `twinlock token` puts another file in the place of the one that was read. */
+static void renew_tokens(tl_server *server) {
+    struct stat about;
+    tl_error error;
+    memset(&about, 0, sizeof about);
+    (void)stat(server->settings.tokens, &about);
+    if (is_unchanged(&about, &server->tokens_seen)) {
+        return;
+    }
+    server->tokens_seen = about;
+    if (tl_tokens_read(server->settings.tokens, &server->tokens, &error) != TL_OK) {
+        tl_log_limited(&server->says, TL_LOG_WARNING, "nobody may do anything by the network: %s", error.text);
+    }
+}
+
+static tl_http_status refuse_token(tl_server *server, tl_visit *visit, const char *why) {
+    tl_token_delays_add(&server->token_delays, &visit->address, tl_clock_now(NULL));
+    tl_log_limited(&server->says, TL_LOG_WARNING, "a wrong token from %s", visit->from);
+    return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN, why);
+}
+
+static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char *word, tl_control_right *right) {
+    if (tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL)) > 0) {
+        return refuse(visit, TL_HTTP_TOO_MANY, TL_CONTROL_BUSY, "too many wrong tokens came from your address: wait");
+    }
+    if (word == NULL) {
+        return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN,
+                      "a token is missing: Authorization: Bearer TOKEN; `twinlock token add` makes one on the box");
+    }
+    if (strncasecmp(word, SCHEME, strlen(SCHEME)) != 0) {
+        return refuse_token(server, visit, "Authorization is no Bearer token");
+    }
+    renew_tokens(server);
+    const tl_token *token = tl_tokens_find(&server->tokens, word + strlen(SCHEME));
+    if (token == NULL) {
+        return refuse_token(server, visit, "no such token");
+    }
+    memcpy(visit->token, token->name, sizeof visit->token);
+    server->guests.rows[visit->place].is_known = true;
+    *right = token->role;
+    return TL_HTTP_OK;
+}
+
+/* ---- the request ---- */
+
+static tl_http_status judge_words(tl_visit *visit, struct MHD_Connection *connection, const char *method) {
+    char sentence[TL_HTTP_SENTENCE] = "";
+    const tl_http_words words = {
+        .method = method,
+        .target = visit->target,
+        .if_match = header(connection, MHD_HTTP_HEADER_IF_MATCH),
+        .content_length = header(connection, MHD_HTTP_HEADER_CONTENT_LENGTH),
+        .content_encoding = header(connection, MHD_HTTP_HEADER_CONTENT_ENCODING),
+        .transfer_encoding = header(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING),
+    };
+    tl_http_status status = tl_http_request_read(&words, &visit->dialogue.request, sentence);
+    tl_control_result result = status == TL_HTTP_NOT_FOUND ? TL_CONTROL_ABSENT
+                               : status == TL_HTTP_CHANGED ? TL_CONTROL_CHANGED
+                                                           : TL_CONTROL_BAD;
+    return status == TL_HTTP_OK ? status : refuse(visit, status, result, sentence);
+}
+
+static tl_http_status judge_right(tl_visit *visit, tl_control_right right) {
+    tl_http_request *request = &visit->dialogue.request;
+    request->control.right = right;
+    (void)snprintf(request->control.who, sizeof request->control.who, "%s", visit->token);
+    if (request->is_change && right < TL_CONTROL_MAY_RETUNE) {
+        return refuse(visit, TL_HTTP_FORBIDDEN, TL_CONTROL_FORBIDDEN, "this token may read, and change nothing");
+    }
+    return TL_HTTP_OK;
+}
+
+/* visit_judge.c: whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. `method` and `protocol` are
+ * libmicrohttpd's own texts, in its buffer. */
+static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
+                                     const char *method, const char *protocol) {
+    tl_control_right right = TL_CONTROL_MAY_READ;
+    if (!is_well_formed(visit, connection, method, protocol)) {
+        return refuse(
+            visit, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
+            "request head: a header occurs twice, or a line is not \"Name: value\" without control characters "
+            "and with CR LF behind it; repair the client");
+    }
+    if (!tl_host_names_know(server->settings.names, header(connection, MHD_HTTP_HEADER_HOST), visit->local)) {
+        return refuse(visit, TL_HTTP_MISDIRECTED, TL_CONTROL_BAD,
+                      "this server is not called so: use its address, or a name that `twinlock serve --host` has");
+    }
+    tl_http_status status = judge_token(server, visit, header(connection, MHD_HTTP_HEADER_AUTHORIZATION), &right);
+    status = status == TL_HTTP_OK ? judge_words(visit, connection, method) : status;
+    return status == TL_HTTP_OK ? judge_right(visit, right) : status;
+}
+
+/* ---- HTTP and TLS, by libmicrohttpd:
+ *
+ * Nothing that it calls waits. A request is answered at once, or its connection is suspended until the plant has said enough. */
+
+enum { PIECE = 16 * 1024, CONNECTION_MEMORY = 16 * 1024, LENGTH = 32, LARGE_BODY = 1024 * 1024 };
+
+/* TLS 1.3, and TLS 1.2 with AEAD ciphers and ECDHE. */
+static const char PRIORITIES[] =
+    "SECURE128:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-KX-ALL:+ECDHE-ECDSA:+ECDHE-RSA:-MAC-ALL:+AEAD:"
+    "%SERVER_PRECEDENCE";
+
+/* From now on it has so long. */
+static void tl_visit_allow(tl_server *server, const tl_visit *visit, tl_time time) {
+    server->guests.rows[visit->place].deadline = time == TL_TIME_NEVER ? TL_TIME_NEVER : tl_clock_now(NULL) + time;
+}
+
+static tl_visit *visit_of(struct MHD_Connection *connection) {
+    return MHD_get_connection_info(connection, MHD_CONNECTION_INFO_SOCKET_CONTEXT)->socket_context;
+}
+
+static void suspend(tl_visit *visit) {
+    visit->is_suspended = true;
+    MHD_suspend_connection(visit->connection);
+}
+
+/* Wakes a connection that was suspended. */
+static void tl_visit_resume(tl_visit *visit) {
+    visit->is_suspended = false;
+    MHD_resume_connection(visit->connection);
+}
+
+/* ---- the answer ---- */
+
+/* The next piece of an answer whose end is not known yet. */
+static ssize_t give_piece(void *context, uint64_t position, char *to, size_t room) {
+    tl_visit *visit = context;
+    (void)position;
+    size_t now = tl_dialogue_take(&visit->dialogue, to, room);
+    if (now == 0 && visit->dialogue.has_ended) {
+        return MHD_CONTENT_READER_END_OF_STREAM;
+    }
+    if (now == 0) {
+        suspend(visit);
+    }
+    return (ssize_t)now;
+}
+
+static void add_header(struct MHD_Response *response, const char *name, const char *value) {
+    (void)MHD_add_response_header(response, name, value);
+}
+
+static void add_headers(struct MHD_Response *response, const tl_visit *visit) {
+    const tl_dialogue *dialogue = &visit->dialogue;
+    char text[TL_SHA256_TEXT + LENGTH];
+    bool is_whole = dialogue->is_text || (dialogue->request.wants_plants && dialogue->status == TL_HTTP_OK);
+    add_header(response, MHD_HTTP_HEADER_CONTENT_TYPE, is_whole ? "application/json" : "application/x-ndjson");
+    add_header(response, MHD_HTTP_HEADER_CACHE_CONTROL, "no-store");
+    add_header(response, "X-Content-Type-Options", "nosniff");
+    if (dialogue->is_text) {
+        (void)snprintf(text, sizeof text, "\"%s\"", dialogue->hash);
+        add_header(response, MHD_HTTP_HEADER_ETAG, text);
+        (void)snprintf(text, sizeof text, "%llu", (unsigned long long)dialogue->version);
+        add_header(response, "Twinlock-Version", text);
+    }
+    if (dialogue->status == TL_HTTP_BAD_REQUEST) { /* what follows on the connection may not be a request */
+        add_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
+    }
+    if (dialogue->status == TL_HTTP_UNAUTHORISED) {
+        add_header(response, MHD_HTTP_HEADER_WWW_AUTHENTICATE, "Bearer realm=\"twinlock\"");
+    }
+}
+
+static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
+    tl_dialogue *dialogue = &visit->dialogue;
+    struct MHD_Response *response =
+        dialogue->has_ended ? MHD_create_response_from_buffer(dialogue->size, dialogue->text, MHD_RESPMEM_PERSISTENT)
+                            : MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, PIECE, give_piece, visit, NULL);
+    if (response == NULL) {
+        return MHD_NO;
+    }
+    add_headers(response, visit);
+    if (dialogue->status == TL_HTTP_TOO_MANY) {
+        char text[LENGTH];
+        tl_time left = tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL));
+        (void)snprintf(text, sizeof text, "%d", 1 + (int)(left / TL_SECOND));
+        add_header(response, MHD_HTTP_HEADER_RETRY_AFTER, text);
+    }
+    tl_visit_allow(server, visit, TL_VISIT_TAKING);
+    enum MHD_Result result = MHD_queue_response(visit->connection, dialogue->status, response);
+    MHD_destroy_response(response);
+    return result;
+}
+
+/* ---- the request ---- */
+
+static bool has_large_body(struct MHD_Connection *connection) {
+    const char *length = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH);
+    return (length != NULL && strtoull(length, NULL, 10) > LARGE_BODY) ||
+           MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
+}
+
+/* Judges the request by its head. The body of a refused request is read and dropped before the answer: closing a
+ * connection with unread bytes resets it, and the client may lose the answer. Before a large body the server answers
+ * at once and closes. A refused request gets no more time. */
+static enum MHD_Result take_head(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
+                                 const char *method, const char *protocol) {
+    tl_dialogue_close(&visit->dialogue);
+    visit->connection = connection;
+    visit->token[0] = '\0';
+    visit->has_begun = tl_visit_judge(server, visit, connection, method, protocol) != TL_HTTP_OK;
+    if (!visit->has_begun) {
+        tl_visit_allow(server, visit, TL_VISIT_UPLOAD);
+        return MHD_YES;
+    }
+    return has_large_body(connection) ? answer(server, visit) : MHD_YES;
+}
+
+static void ask(tl_server *server, tl_visit *visit) {
+    tl_dialogue *dialogue = &visit->dialogue;
+    visit->has_begun = true;
+    if (dialogue->request.wants_plants) {
+        tl_dialogue_list_plants(dialogue, server->settings.folder);
+    } else if (dialogue->body_size != dialogue->request.body) {
+        tl_dialogue_refuse(dialogue, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,
+                           "the body is not as long as Content-Length says");
+    } else {
+        tl_dialogue_begin(dialogue, server->settings.folder);
+        tl_visit_allow(server, visit, dialogue->request.is_change ? TL_VISIT_CHANGE : TL_VISIT_QUESTION);
+    }
+}
+
+/* Called when the head is there, for pieces of the body, at its end, and when the connection was resumed. */
+// NOLINTNEXTLINE(readability-function-size): its parameters are libmicrohttpd's
+static enum MHD_Result serve(void *context, struct MHD_Connection *connection, const char *url, const char *method,
+                             const char *protocol, const char *data, size_t *size, void **state) {
+    tl_server *server = context;
+    tl_visit *visit = visit_of(connection);
+    (void)url;
+    if (*state == NULL) {
+        *state = visit;
+        return take_head(server, visit, connection, method, protocol);
+    }
+    if (*size > 0) {
+        bool is_kept = visit->has_begun || tl_dialogue_add_body(&visit->dialogue, data, *size);
+        *size = 0;
+        return is_kept ? MHD_YES : MHD_NO;
+    }
+    if (!visit->has_begun) {
+        ask(server, visit);
+    }
+    if (visit->dialogue.status == 0) {
+        suspend(visit);
+        return MHD_YES;
+    }
+    return answer(server, visit);
+}
+
+/* ---- beginning and end ---- */
+
+/* The request's line, before anything of it is decoded. */
+static void *keep_target(void *context, const char *target, struct MHD_Connection *connection) {
+    tl_visit *visit = visit_of(connection);
+    (void)context;
+    visit->target_length = strlen(target);
+    (void)snprintf(visit->target, sizeof visit->target, "%s", target);
+    return NULL;
+}
+
+static void complete(void *context, struct MHD_Connection *connection, void **state,
+                     enum MHD_RequestTerminationCode code) {
+    tl_visit *visit = visit_of(connection);
+    (void)code;
+    if (*state != NULL) {
+        tl_visit_audit(visit);
+    }
+    tl_dialogue_close(&visit->dialogue);
+    tl_visit_allow(context, visit, TL_VISIT_REST);
+}
+
+static void come_or_go(void *context, struct MHD_Connection *connection, void **place,
+                       enum MHD_ConnectionNotificationCode code) {
+    tl_server *server = context;
+    if (code == MHD_CONNECTION_NOTIFY_STARTED) {
+        *place = &server->visits[server->arriving];
+        return;
+    }
+    tl_visit *visit = *place;
+    (void)connection;
+    tl_dialogue_close(&visit->dialogue);
+    tl_guests_leave(&server->guests, visit->place);
+}
+
+/* Nothing is decoded for us: http_request.h does, and says if it cannot be. */
+static size_t keep_escapes(void *context, struct MHD_Connection *connection, char *text) {
+    (void)context;
+    (void)connection;
+    return strlen(text);
+}
+
+/* What libmicrohttpd tells of strangers' mistakes is of no use to who runs the box. */
+static void say_nothing(void *context, const char *format, va_list arguments) {
+    (void)context;
+    (void)format;
+    (void)arguments;
+}
+
+/* http_service.c: libmicrohttpd, and what it calls. */
+static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
+    const tl_certificate *certificate = server->settings.certificate;
+    server->daemon = MHD_start_daemon(
+        MHD_USE_TLS | MHD_USE_EPOLL | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME, 0, NULL, NULL, serve, server,
+        MHD_OPTION_EXTERNAL_LOGGER, say_nothing, NULL, MHD_OPTION_HTTPS_MEM_CERT, certificate->chain,
+        MHD_OPTION_HTTPS_MEM_KEY, certificate->key, MHD_OPTION_HTTPS_PRIORITIES, PRIORITIES,
+        MHD_OPTION_CONNECTION_LIMIT, (unsigned)TL_GUESTS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
+        MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, complete, server, MHD_OPTION_NOTIFY_CONNECTION,
+        come_or_go, server, MHD_OPTION_URI_LOG_CALLBACK, keep_target, server, MHD_OPTION_UNESCAPE_CALLBACK,
+        keep_escapes, NULL, MHD_OPTION_SIGPIPE_HANDLED_BY_APP, 1, MHD_OPTION_END);
+    return server->daemon != NULL
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN,
+                         "HTTPS cannot be begun: memory or descriptors are missing, or the certificate is "
+                         "none that GnuTLS takes");
+}
+
+/* ---- server ---- */
 
 /* The listener, all of libmicrohttpd, and of each visit its plant and, while it is suspended, itself. */
 enum { FIXED = 2, DESCRIPTORS = FIXED + 2 * TL_GUESTS, AT_ONCE = 32, MESSAGES_A_SECOND = 5 };

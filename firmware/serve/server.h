@@ -1,17 +1,12 @@
-/* The server: HTTPS on one address, for the plants of a box.
+/* The server's loop: connections, requests, answers, audit.
  *
- * Purpose: all that the network can reach of twinlock. It has no FMU, no configuration of its own, no database: it asks the plants' control
- *          sockets and hands on what they say.
- * Course:  one thread with one loop, in which nothing waits: connections (guests.h), TLS and HTTP (libmicrohttpd), plants' sockets (dialogue.h).
- * Limits:  TL_GUESTS connections. A guest has 10 s to come to a token, 30 s to send a configuration, 30 s to take what is there for it, and may be
- *          silent for 30 s between requests. A question has to be answered by the plant within 10 s, a change decided within 60 s.
- * Thread:  one.
+ * Thread:  the server's.
  */
 #ifndef TL_FIRMWARE_SERVE_SERVER_H
 #define TL_FIRMWARE_SERVE_SERVER_H
 
+#include "firmware/serve/address.h"
 #include "firmware/serve/certificate.h"
-#include "firmware/serve/host_names.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 

@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/base/utc.h"
-#include "firmware/retune/control_words.h"
+#include "firmware/base/text.h"
+#include "firmware/retune/control.h"
 #include "firmware/serve/tokens.h"
 
 static tl_status add(const tl_token_options *options, tl_tokens *tokens, tl_error *error) {

@@ -1,12 +1,6 @@
-/* A twinlock database: what it is recognised by, how it is made and opened. The recorder writes one, history reads.
+/* SQLite: opening, building, verifying and closing a database; hostile content.
  *
- * Purpose: the one place that decides whether a file is ours, before a single byte of it can change.
- * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
- * Mode:    a new one is 0640 less the umask, and what SQLite puts beside it the same: what a plant does is not everybody's.
- * Trust:   none: every connection is guarded (database_guard.h).
- * Errors:  TL_BAD_DATA for a file that is not ours, has another format, or is damaged; TL_TRY_AGAIN for everything the
- *          system refuses (no room, no permission, locked).
- * Thread:  a connection belongs to one thread at a time.
+ * Thread:  one for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_H
 #define TL_FIRMWARE_STORE_DATABASE_H
@@ -16,6 +10,35 @@
 #include <stdbool.h>
 
 #include "master/base/status.h"
+
+/* ---- A database file as hostile input: what it cannot do to us.
+ *
+ * Purpose: a file may be damaged, or made by somebody who wants harm. SQLite reads it, so SQLite is held on a short lead: no
+ *          code of the file runs (triggers, views, virtual tables), nothing in it is longer than what the recorder writes, and
+ *          no statement goes on for ever (pages may point at each other in circles). What the rows say is checked where they
+ *          are read (database_sql.h).
+ * Thread:  a connection belongs to one thread at a time.
+ */
+
+enum {
+    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of one value and of one row; a checkpoint has at most half */
+    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of a file that tl_database_diagnose() looks through, at most */
+};
+
+/* Adds to the words of an error what SQLite itself finds wrong with the pages of a small file, if it does. Reads all of it, so
+ * never while a plant waits. */
+void tl_database_diagnose(sqlite3 *database, tl_error *error);
+
+/* ---- A twinlock database: what it is recognised by, how it is made and opened. The recorder writes one, history reads.
+ *
+ * Purpose: the one place that decides whether a file is ours, before a single byte of it can change.
+ * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
+ * Mode:    a new one is 0640 less the umask, and what SQLite puts beside it the same: what a plant does is not everybody's.
+ * Trust:   none: every connection is guarded (database.h).
+ * Errors:  TL_BAD_DATA for a file that is not ours, has another format, or is damaged; TL_TRY_AGAIN for everything the
+ *          system refuses (no room, no permission, locked).
+ * Thread:  a connection belongs to one thread at a time.
+ */
 
 /* The file must exist and have the format of this program. Reading does not create, recover or change anything
  * but SQLite's own -wal and -shm files, and works on a read-only medium. */

@@ -1,9 +1,6 @@
-/* A database that a recorder has for itself: the lock beside it, and a connection that writes.
+/* The file of a database: its lock, its identity, opening and replacing it.
  *
- * Purpose: finds or makes the file, takes the lock, opens it, and says what has become of it since. A damaged file of ours can be put
- *          aside, for whoever may still get something out of it, and another be made at its place, all under the same lock.
- * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database_fault.h).
- * Thread:  one at a time.
+ * Thread:  one for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_FILE_H
 #define TL_FIRMWARE_STORE_DATABASE_FILE_H
@@ -11,11 +8,37 @@
 #include <limits.h>
 #include <sqlite3.h>
 #include <stdbool.h>
+#include <stdint.h>
 #include <sys/types.h>
 
-#include "firmware/store/database_lock.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
+
+/* ---- One writer per database: a lock file beside it, "FILE-writer".
+ *
+ * Purpose: two programs that record into one database would remove each other's runs, and neither could tell a run that
+ *          is being written from one that was killed. The lock ends with the process, however that ends.
+ * Thread:  take and release from one thread.
+ */
+
+typedef struct tl_database_lock {
+    int file;
+    char path[PATH_MAX];
+} tl_database_lock;
+
+/* Waits for at most `patience`. TL_TRY_AGAIN if another recorder has it, of this process or another, or if the
+ * file cannot be made; TL_BAD_DATA if its name is that of a file which is no lock. Says the fault (database_sql.h). */
+tl_status tl_database_lock_take(const char *database, tl_time patience, tl_database_lock *lock, tl_error *error);
+
+void tl_database_lock_release(tl_database_lock *lock);
+
+/* ---- A database that a recorder has for itself: the lock beside it, and a connection that writes.
+ *
+ * Purpose: finds or makes the file, takes the lock, opens it, and says what has become of it since. A damaged file of ours can be put
+ *          aside, for whoever may still get something out of it, and another be made at its place, all under the same lock.
+ * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database_sql.h).
+ * Thread:  one at a time.
+ */
 
 /* Files FILE.damaged-1, -2, … that may be; with all of them there, a damaged one stays where it is. */
 enum { TL_DATABASE_DAMAGED_MOST = 9 };
@@ -85,5 +108,35 @@ void tl_database_file_abandon(tl_database_file *file);
     {                                                                                                                  \
         .handle = -1, .log = -1, .lock = {.file = -1 }                                                                 \
     }
+
+/* ---- Which files a database was in, for whoever is told of it later: another process, after the one that wrote has died.
+ *
+ * Purpose: a file that was removed, moved away or replaced meanwhile leaves its log, FILE-wal, behind, and SQLite would play that into whatever
+ *          has the file's name by then. Who knows which two files belonged together can prevent that.
+ * Memory:  plain data, zeroed: nothing is known, and then nothing is done.
+ * Thread:  any.
+ */
+
+/* One file, whatever it is called. */
+typedef struct tl_database_inode {
+    uint64_t device;
+    uint64_t number; /* 0: none */
+    int64_t born;    /* ns since 1970, since numbers are given again; 0: the file system does not say */
+} tl_database_inode;
+
+typedef struct tl_database_identity {
+    tl_database_inode file;
+    tl_database_inode log;
+} tl_database_identity;
+
+/* Of a database that is open. */
+tl_database_identity tl_database_identify(const tl_database_file *file);
+
+/* At this path there is another file now, or none. False also if that cannot be told, as in a folder that may not be entered. */
+bool tl_database_is_gone(const char *path, const tl_database_identity *identity);
+
+/* If it is gone and its log is still there: removes that, and the log's index, FILE-shm. Not while another recorder has the lock. The caller must
+ * have none. */
+void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity);
 
 #endif

@@ -6,9 +6,9 @@
 #include <stdio.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/store/database.h"
-#include "firmware/store/database_fault.h"
+#include "firmware/store/database_sql.h"
 
 enum { DENIALS = 60 }; /* that are not believed */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;

@@ -2,7 +2,7 @@
  *
  * Purpose: a plant is kept in step whether it can be recorded or not; so who records copes with nearly everything that can be wrong
  *          with a file, and only says so. What was never ours is never touched, and nothing is ever deleted.
- * Rules:   by fault (database_fault.h). Damaged: put aside as FILE.damaged-1, -2, … and made anew. Denied, other, foreign: FILE.beside
+ * Rules:   by fault (database_sql.h). Damaged: put aside as FILE.damaged-1, -2, … and made anew. Denied, other, foreign: FILE.beside
  *          is written (if need be FILE.beside-2, …), which is a database like any other. Later, taken: it is waited for; and so is a folder
  *          that denies everything.
  * Thread:  one at a time.

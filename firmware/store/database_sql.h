@@ -1,16 +1,51 @@
-/* SQL of ours on a connection, and what SQLite answers: as a status and in words.
+/* SQL statements, rows, and what a fault of SQLite means.
  *
- * Errors:  TL_BAD_DATA where the file is to blame, TL_TRY_AGAIN for everything the system refuses (no room, no permission,
- *          locked). Each says the fault too (database_fault.h).
- * Thread:  a connection belongs to one thread at a time.
+ * Thread:  one for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_SQL_H
 #define TL_FIRMWARE_STORE_DATABASE_SQL_H
 
 #include <sqlite3.h>
+#include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "master/base/status.h"
+
+/* ---- What keeps a database from being opened or written, as a kind: who writes one does something else about each.
+ *
+ * Use:    as errno: every failure of this room sets it for its thread, and it means something only right after one.
+ * Thread: any; each has its own.
+ */
+
+typedef enum tl_database_fault {
+    TL_DATABASE_LATER,   /* locked, no room, no memory: another time it may work */
+    TL_DATABASE_TAKEN,   /* another twinlock writes it */
+    TL_DATABASE_DENIED,  /* it, or what it is on, may not be read or not be written */
+    TL_DATABASE_DAMAGED, /* it is ours, and its pages are not what they were */
+    TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
+    TL_DATABASE_FOREIGN  /* it is not ours, or somebody has worked on it, or somebody's file is in its way */
+} tl_database_fault;
+
+tl_database_fault tl_database_get_fault(void);
+void tl_database_set_fault(tl_database_fault fault);
+
+/* By SQLite's result code and, if there is one, errno. */
+tl_database_fault tl_database_fault_of(int code, int number);
+
+/* The same of errno alone. */
+tl_database_fault tl_database_fault_of_errno(int number);
+
+/* Sets the fault, then as tl_fail(). */
+tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...)
+    TL_PRINTF(4, 5);
+
+/* ---- SQL of ours on a connection, and what SQLite answers: as a status and in words.
+ *
+ * Errors:  TL_BAD_DATA where the file is to blame, TL_TRY_AGAIN for everything the system refuses (no room, no permission,
+ *          locked). Each says the fault too (database_sql.h).
+ * Thread:  a connection belongs to one thread at a time.
+ */
 
 /* Both fail as tl_database_fail() does. */
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
@@ -24,5 +59,52 @@ tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
 /* Of a file that somebody has worked on. TL_BAD_DATA: "FILE: is damaged: WHAT: …what to do". */
 tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
+
+/* ---- One row of a database, which may hold anything: read column by column, each taken only if it is what the recorder writes there.
+ *
+ * Purpose: SQLite turns any value into any type; a number that is a text in the file would be 0. These do not.
+ * Use:     columns are read from the left, in the order of the SELECT; `right` is looked at once all are read.
+ * Errors:  a column that is of another type or out of range makes `right` false, and reads as something harmless.
+ * Owner:   texts and bytes are valid until the statement's next step.
+ * Thread:  the statement's.
+ */
+
+enum {
+    TL_ROW_NAME = 4096,       /* bytes that a name, a reason or an event has at most */
+    TL_ROW_TEXT = 1024 * 1024 /* and a configuration */
+};
+
+/* What a time in ns, a tick or a count of the recorder stays below. */
+#define TL_ROW_LARGEST (INT64_MAX / 4)
+
+typedef struct tl_row {
+    sqlite3_stmt *statement;
+    int column; /* the next one */
+    bool right; /* all that was read so far is as it was asked for */
+} tl_row;
+
+/* The row at which the statement stands. */
+tl_row tl_row_of(sqlite3_stmt *statement);
+
+/* Looks at the next column, without reading it. */
+bool tl_row_is_null(const tl_row *row);
+
+/* The next column. `least` if it is wrong. */
+int64_t tl_row_integer(tl_row *row, int64_t least, int64_t most);
+
+/* `otherwise` if it is NULL. */
+int64_t tl_row_integer_or(tl_row *row, int64_t least, int64_t most, int64_t otherwise);
+
+/* Finite; NaN if it is NULL, which stands for what was not. */
+double tl_row_number(tl_row *row);
+
+/* UTF-8, at most `most` bytes, no NUL among them; "" if it is wrong. */
+const char *tl_row_text(tl_row *row, size_t most);
+
+/* NULL if it is NULL. */
+const char *tl_row_text_or_null(tl_row *row, size_t most);
+
+/* NULL if there are none. */
+const unsigned char *tl_row_bytes(tl_row *row, size_t *size);
 
 #endif

@@ -1,4 +1,38 @@
-/* The writer's side of an outbox. The header says what it is, outbox_parts.h what lies where.
+/* The record queue: what a process hands to the recorder, in memory that the recorder reads: see outbox.h. */
+#include "firmware/store/outbox.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
+
+static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
+                                 tl_outbox_mark *mark);
+
+/* ---- recorder events ---- */
+
+static void copy_text(char *to, size_t size, const char *from) {
+    size_t length = strnlen(from, size - 1);
+    memcpy(to, from, length);
+    memset(to + length, 0, size - length);
+}
+
+void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_severity severity, const char *source,
+                            const char *text) {
+    entry->at = tl_utc_now();
+    entry->tick = tick;
+    entry->position = 0;
+    entry->severity = severity;
+    copy_text(entry->source, sizeof entry->source, source);
+    copy_text(entry->text, sizeof entry->text, text);
+}
+
+/* ---- The writer's side of an outbox. The header says what it is, outbox.h what lies where.
  *
  * Ring:        who appends publishes the new end with a release; the reader hands room back by `taken`, which is acquired here. What was appended and
  *              not published when its writer died is not there. A sample that waits for its step has another end, which only a successor looks at.
@@ -9,14 +43,6 @@
  * Checkpoints: see tl_outbox_place. Both sides copy word by word, relaxed: no thread waits for another, and no fence is needed (ThreadSanitizer
  *              does not know them).
  * Death:       the kernel shows a successor all that a dead process has stored, in its order. */
-#include "firmware/store/outbox_parts.h"
-
-#include <assert.h>
-#include <string.h>
-#include <sys/mman.h>
-
-#include "firmware/base/clock.h"
-#include "firmware/base/identity.h"
 
 enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
 
@@ -30,7 +56,8 @@ static size_t round_up(size_t bytes, size_t to) {
     return (bytes + to - 1) / to * to;
 }
 
-size_t tl_outbox_ring_at(void) {
+/* Where the parts are, from the beginning of the memory. */
+static size_t tl_outbox_ring_at(void) {
     return round_up(sizeof(tl_outbox_control), PAGE);
 }
 
@@ -268,7 +295,7 @@ uint64_t tl_outbox_lost(const tl_outbox *outbox) {
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
 
-uint64_t tl_outbox_state_if_there(uint64_t number) {
+static uint64_t tl_outbox_state_if_there(uint64_t number) {
     return 2 * number + 2;
 }
 
@@ -307,7 +334,8 @@ void tl_outbox_event(tl_outbox *outbox, int64_t tick, tl_severity severity, cons
     __atomic_store_n(&slot->state, tl_outbox_state_if_there(number), __ATOMIC_RELEASE);
 }
 
-const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
+/* NULL, or what is wrong with an event. */
+static const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
     if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
         return "an event of a severity that there is not";
     }
@@ -342,7 +370,9 @@ uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const uns
     return mix(digest, mark->size);
 }
 
-bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
+/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
+static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
+                                 tl_outbox_mark *mark) {
     uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
     *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
@@ -598,4 +628,168 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
     mend_ring(outbox);
     mend_events(outbox);
     mend_checkpoints(outbox);
+}
+
+/* ---- The reader's side of an outbox. The header says how much it believes. What is looked at is copied first: see recorder_entry.c. */
+
+void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memory, tl_outbox_reader *reader) {
+    const unsigned char *bytes = memory;
+    *reader = (tl_outbox_reader){.settings = *settings,
+                                 .control = memory,
+                                 .ring = bytes + tl_outbox_ring_at(),
+                                 .checkpoints = bytes + tl_outbox_place_at(settings, 0)};
+}
+
+static bool refuse(tl_outbox_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
+
+/* The part is not read any more. */
+static bool refuse(tl_outbox_reader *reader, bool *part, const char *format, ...) {
+    va_list arguments;
+    *part = true;
+    va_start(arguments, format);
+    (void)vsnprintf(reader->fault, sizeof reader->fault, format, arguments);
+    va_end(arguments);
+    return false;
+}
+
+void tl_outbox_reader_leave(tl_outbox_reader *reader) {
+    reader->is_left = true;
+}
+
+/* A reader before this one may have thought that the writer was no more, and have taken what waited: then that is not there yet, seen from here. */
+uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken) {
+    uint64_t ring = reader->settings.ring_bytes;
+    uint64_t head = __atomic_load_n(&reader->control->head, __ATOMIC_ACQUIRE);
+    uint64_t waiting = __atomic_load_n(&reader->control->put, __ATOMIC_ACQUIRE) - head;
+    bool waits = waiting <= ring && (reader->is_left || taken - head <= waiting);
+    uint64_t end = !waits ? head : reader->is_left ? head + waiting : taken;
+    if (!reader->is_ring_broken && end - taken > ring) {
+        (void)refuse(reader, &reader->is_ring_broken, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken,
+                     ring);
+    }
+    return reader->is_ring_broken ? taken : end;
+}
+
+uint64_t tl_outbox_reader_skip(tl_outbox_reader *reader, uint64_t taken) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    uint64_t end = tl_outbox_reader_end(reader, taken);
+    uint64_t position = taken;
+    while (position != end && tl_outbox_reader_entry(reader, &position, end, &entry)) {
+    }
+    return reader->is_ring_broken ? end : taken;
+}
+
+bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64_t end, tl_recorder_entry *entry) {
+    const tl_recorder_page page = {.bytes = reader->ring, .capacity = reader->settings.ring_bytes, .end = end};
+    if (reader->is_ring_broken) {
+        return false;
+    }
+    const char *fault = tl_recorder_entry_unpack(&page, &reader->settings.shape, position, entry);
+    return fault == NULL || refuse(reader, &reader->is_ring_broken, "holds %s", fault);
+}
+
+bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip) {
+    const tl_outbox_slot *slot = &reader->control->slots[number % TL_RECORDER_EVENTS];
+    int64_t ahead = (int64_t)(__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE) - tl_outbox_state_if_there(number));
+    *skip = ahead == 1;
+    if (reader->are_events_broken || ahead < 0) {
+        return false;
+    }
+    if (ahead > 1) {
+        return refuse(reader, &reader->are_events_broken, "has overwritten events that were not taken");
+    }
+    if (*skip) {
+        return true;
+    }
+    memcpy(event, &slot->entry, sizeof *event);
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
+    const char *fault = tl_outbox_event_fault(event);
+    if (fault != NULL) {
+        return refuse(reader, &reader->are_events_broken, "holds %s", fault);
+    }
+    tl_recorder_text_clean(event->source);
+    tl_recorder_text_clean(event->text);
+    return true;
+}
+
+static void load_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* a place has whole pages */
+        size_t word = __atomic_load_n((const size_t *)(const void *)(from + at), __ATOMIC_RELAXED);
+        memcpy(to + at, &word, size - at < sizeof word ? size - at : sizeof word);
+    }
+}
+
+/* One that may be taken, as far as its place tells. */
+typedef struct offer {
+    unsigned place;
+    uint64_t number; /* 0: none */
+    uint64_t digest;
+    tl_outbox_mark mark;
+} offer;
+
+static offer look(const tl_outbox_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
+    offer found = {.place = place};
+    bool good = tl_outbox_place_look(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
+                found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
+                found.mark.size <= reader->settings.checkpoint_bytes;
+    found.number = good ? found.number : 0;
+    return found;
+}
+
+/* False: it is not whole, or was overwritten meanwhile. */
+static bool copy(const tl_outbox_reader *reader, const offer *offered, unsigned char *bytes) {
+    size_t stride = tl_outbox_place_at(&reader->settings, 1) - tl_outbox_place_at(&reader->settings, 0);
+    load_bytes(bytes, reader->checkpoints + offered->place * stride, (size_t)offered->mark.size);
+    return tl_outbox_digest(offered->number, &offered->mark, bytes) == offered->digest;
+}
+
+bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint64_t position, unsigned char *bytes,
+                                 size_t *size, int64_t *tick, uint64_t *number) {
+    offer first = look(reader, 0, taken, position);
+    offer second = look(reader, 1, taken, position);
+    const offer *newer = second.number > first.number ? &second : &first;
+    const offer *older = newer == &first ? &second : &first;
+    bool taken_one = false;
+    for (const offer *offered = older; offered != NULL && !taken_one && !reader->is_ring_broken;
+         offered = offered == older ? newer : NULL) {
+        taken_one = offered->number != 0 && copy(reader, offered, bytes);
+        *size = (size_t)offered->mark.size;
+        *tick = offered->mark.tick;
+        *number = offered->number;
+    }
+    return taken_one;
+}
+
+uint64_t tl_outbox_reader_lost(const tl_outbox_reader *reader) {
+    return __atomic_load_n(&reader->control->lost, __ATOMIC_RELAXED);
+}
+
+/* ---- outbox rest ---- */
+
+static uint64_t count_entries(tl_outbox_reader *reader, uint64_t position) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    uint64_t end = tl_outbox_reader_end(reader, position);
+    uint64_t count = 0;
+    while (position != end && tl_outbox_reader_entry(reader, &position, end, &entry)) {
+        count += entry.kind == TL_ENTRY_SAMPLE || entry.kind == TL_ENTRY_STEP ? 1 : 0;
+    }
+    return count;
+}
+
+static uint64_t count_events(tl_outbox_reader *reader, uint64_t number) {
+    tl_recorder_event_entry event;
+    uint64_t count = 0;
+    bool skip = false;
+    for (int i = 0; i < TL_RECORDER_EVENTS && tl_outbox_reader_event(reader, number, &event, &skip); i++) {
+        number++;
+        count += skip ? 0 : 1;
+    }
+    return count;
+}
+
+uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken) {
+    tl_outbox_reader reader;
+    tl_outbox_reader_open(settings, memory, &reader);
+    uint64_t events = count_events(&reader, taken->events);
+    return events + (settings->ring_bytes > 0 ? count_entries(&reader, taken->ring) : 0);
 }

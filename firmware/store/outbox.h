@@ -1,4 +1,46 @@
-/* An outbox: what a process hands to the recorder, in memory that the recorder reads.
+/* The record queue: what a process hands to the recorder, in memory that the recorder reads.
+ *
+ * Thread:  as each part says.
+ */
+#ifndef TL_FIRMWARE_STORE_OUTBOX_H
+#define TL_FIRMWARE_STORE_OUTBOX_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "firmware/base/identity.h"
+#include "firmware/store/recorder_entry.h"
+#include "firmware/store/run_types.h"
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
+#include "master/twin/account.h"
+#include "master/twin/twin.h"
+
+/* ---- An event as it waits to be written.
+ *
+ * Size:   fixed, texts are cut; no pointers, so that it can wait in memory that another process reads (outbox.h).
+ * Thread: plain data.
+ */
+
+/* That wait at most; a power of two. */
+enum { TL_RECORDER_EVENTS = 512 };
+enum { TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
+
+typedef struct tl_recorder_event_entry {
+    int64_t at;        /* UTC, ms */
+    int64_t tick;      /* −1: none */
+    uint64_t position; /* of an outbox: end of its ring when the event was put; else 0 */
+    tl_severity severity;
+    char source[TL_EVENT_SOURCE];
+    char text[TL_EVENT_TEXT];
+} tl_recorder_event_entry;
+
+/* Fills an entry with the texts, cut to what it holds, and the time now. */
+void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_severity severity, const char *source,
+                            const char *text);
+
+/* ---- An outbox: what a process hands to the recorder, in memory that the recorder reads.
  *
  * Purpose: the beginning of a run, its samples, steps, tunings and end go through a ring of bytes; events through a queue for many threads;
  *          saved twins (checkpoints) lie in two places that take turns. Nothing of it ever waits for the recorder.
@@ -16,22 +58,8 @@
  * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
  * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only
  *          if another thread has put one meanwhile.
- * Trust:   the reader's side (outbox_reader.h) believes nothing of this; and this nothing of what the reader says it has taken.
+ * Trust:   the reader's side (outbox.h) believes nothing of this; and this nothing of what the reader says it has taken.
  */
-#ifndef TL_FIRMWARE_STORE_OUTBOX_H
-#define TL_FIRMWARE_STORE_OUTBOX_H
-
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-
-#include "firmware/base/sha256.h"
-#include "firmware/store/recorder_entry.h"
-#include "firmware/store/run_types.h"
-#include "master/base/signal.h"
-#include "master/base/simtime.h"
-#include "master/twin/account.h"
-#include "master/twin/twin.h"
 
 /* The same on both sides. */
 typedef struct tl_outbox_settings {
@@ -157,5 +185,120 @@ bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbo
 /* The entry at a position, which moves behind it. False: there is none any more. Sound as recorder_entry.h says; stamps are relative to its
  * run's start, and may be any. */
 bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_recorder_entry *entry);
+
+/* ---- What lies where in an outbox: shared by the side that writes (outbox.c) and that which reads (outbox_reader.c).
+ *
+ * Layout:  what controls it, with the events; the ring; two places for checkpoints, and the room in which the next one is made. Each part
+ *          begins with a page.
+ * Atomics: whatever both sides touch at the same time has 8 bytes and lies on a multiple of 8, so that a 32-bit machine reads it at once too.
+ * Thread:  as outbox.h and outbox.h say.
+ */
+
+enum { TL_OUTBOX_LINE = 64, TL_OUTBOX_PLACES = 2 };
+
+/* Event n lies in slot n % TL_RECORDER_EVENTS. Before it is there, its state is that of an earlier one. */
+typedef struct tl_outbox_slot {
+    uint64_t state __attribute__((aligned(8)));
+    tl_recorder_event_entry entry;
+} tl_outbox_slot;
+
+/* What belongs to the bytes of a checkpoint. */
+typedef struct tl_outbox_mark {
+    int64_t tick;
+    uint64_t size;
+    uint64_t position; /* of the first entry after it */
+    uint64_t behind;   /* what the reader takes before it: that far, and the beginning of its run if that still waits */
+    tl_resumption beginning;
+    tl_run_tuning tuning; /* in force */
+} tl_outbox_mark;
+
+enum { TL_OUTBOX_MARK_WORDS = (sizeof(tl_outbox_mark) + 7) / 8 };
+
+/* Checkpoint n lies in place n % 2. Number 0: none, or one that is being written. The digest is over all of it, so that one that was read
+ * while it changed, or that somebody has written into, is none: no order of stores and loads has to see to that. */
+typedef struct tl_outbox_place {
+    uint64_t number __attribute__((aligned(TL_OUTBOX_LINE)));
+    uint64_t digest;
+    uint64_t mark[TL_OUTBOX_MARK_WORDS];
+} tl_outbox_place;
+
+typedef struct tl_outbox_control {
+    uint64_t head __attribute__((aligned(TL_OUTBOX_LINE))); /* end of what is in the ring, for the reader */
+    uint64_t put; /* and with a sample that waits for its step; for a successor, or a reader if there is none */
+    uint64_t next __attribute__((aligned(TL_OUTBOX_LINE))); /* event */
+    uint64_t lost __attribute__((aligned(TL_OUTBOX_LINE)));
+    tl_outbox_place places[TL_OUTBOX_PLACES];
+    tl_outbox_slot slots[TL_RECORDER_EVENTS];
+    bool start_waits;      /* the writer's own: */
+    tl_outbox_start start; /* has found no room yet */
+} tl_outbox_control;
+
+size_t tl_outbox_place_at(const tl_outbox_settings *settings,
+                          unsigned place); /* TL_OUTBOX_PLACES: the room; one more: the end */
+
+/* Checkpoints below it are possible; so numbers never wrap around. */
+#define TL_OUTBOX_NUMBERS (UINT64_MAX / 2)
+
+/* Over the mark as it lies there, padding included, and the bytes. */
+uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes);
+
+/* ---- The reader's side of an outbox (outbox.h), which may be a hostile process's.
+ *
+ * Purpose: hands out copies of what is in it, each checked: kinds, sizes, positions, enumerations, texts, digests. Numbers are not judged.
+ *          Control characters of texts become '?'. The first thing that cannot be ends its part, the ring or the events: `fault`
+ *          says what, and nothing more comes of that part. A reader that is opened anew goes on if a successor of the writer has mended it, or
+ *          behind what it skips.
+ * Twice:   the reader goes on from tl_outbox_taken, which its owner keeps. What was not taken comes again.
+ * Death:   an event that its writer has left half-written keeps those behind it waiting, until a successor has mended the outbox.
+ * Thread:  one.
+ */
+
+/* Private but for `fault`; placed by the caller. */
+typedef struct tl_outbox_reader {
+    tl_outbox_settings settings;
+    const struct tl_outbox_control *control;
+    const unsigned char *ring;
+    const unsigned char *checkpoints;
+    bool is_left; /* its writer is no more */
+    bool is_ring_broken;
+    bool are_events_broken;
+    char fault[TL_ERROR_TEXT]; /* "": none */
+} tl_outbox_reader;
+
+void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memory, tl_outbox_reader *reader);
+
+/* Its writer is no more, and nobody goes on in it: from now on a sample that waits for its step is there, too. */
+void tl_outbox_reader_leave(tl_outbox_reader *reader);
+
+/* Behind the newest entry that is there now, seen from `taken`. */
+uint64_t tl_outbox_reader_end(tl_outbox_reader *reader, uint64_t taken);
+
+/* The entry at a position before that end, which moves behind it. False: a fault. */
+bool tl_outbox_reader_entry(tl_outbox_reader *reader, uint64_t *position, uint64_t end, tl_recorder_entry *entry);
+
+/* Of a reader that was just opened: where to go on. `taken` if all entries up to the end are sound, or the writer has to publish first; else the end:
+ * a writer that lives goes on there. */
+uint64_t tl_outbox_reader_skip(tl_outbox_reader *reader, uint64_t taken);
+
+/* The event of this number; false: it is not there yet, or a fault. *skip: it was left half-written, and is none. */
+bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_recorder_event_entry *event, bool *skip);
+
+/* Of the whole checkpoints with a number above `taken`, whose entries before it, the beginning of its run included, end at or before
+ * `position`, the older one: a run may begin with it. Copied into `bytes` (of settings.checkpoint_bytes). False: there is none (now). */
+bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint64_t position, unsigned char *bytes,
+                                 size_t *size, int64_t *tick, uint64_t *number);
+
+/* As the writer counts. */
+uint64_t tl_outbox_reader_lost(const tl_outbox_reader *reader);
+
+/* ---- The rest: what is in an outbox, and nobody is left who records it.
+ *
+ * Purpose: what is lost at the end of a run is counted, by who has outlived all others.
+ * Trust:   none in the outbox, nor in what is said to be taken of it.
+ * Thread:  one at a time.
+ */
+
+/* Samples, steps and events that were not taken, up to the first thing that cannot be. */
+uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken);
 
 #endif

@@ -10,9 +10,7 @@
 #include <string.h>
 #include <time.h>
 
-#include "firmware/base/c_locale.h"
-#include "firmware/base/clock.h"
-#include "firmware/base/side_thread.h"
+#include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 #include "firmware/store/outbox.h"
 #include "firmware/store/recorder_writer.h"

@@ -5,8 +5,8 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/base/utc.h"
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/store/recorder_database.h"
 
 enum { EVENT_BYTES = 256 }; /* what an event counts in a batch */

@@ -1,10 +1,6 @@
-/* Runs in a database that is open: batches, one transaction each.
+/* The recorder's database: tables, statements, the beginning of a run.
  *
- * Purpose: all SQL of writing but for a run's first rows (recorder_beginning.h). What fails leaves nothing behind and is written again.
- * Trust:   numbers come from a twin that may be hostile: those that no history would take are brought into range, and entries with ticks that
- *          cannot be are not written.
- * Errors:  SQLite's result codes, and the connection has the words.
- * Thread:  the connection's.
+ * Thread:  the recorder's.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_DATABASE_H
 #define TL_FIRMWARE_STORE_RECORDER_DATABASE_H
@@ -14,9 +10,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/base/utc.h"
+#include "firmware/base/text.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_events.h"
 #include "firmware/store/recorder_settings.h"
 
 typedef struct tl_recorder_database tl_recorder_database;

@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "firmware/store/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"

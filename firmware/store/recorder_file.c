@@ -7,8 +7,7 @@
 #include <string.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/store/database_fault.h"
+#include "firmware/base/os.h"
 #include "firmware/store/database_sql.h"
 
 static const tl_time PATIENCE = 2 * TL_SECOND; /* for what keeps a file from being opened, if that is an error */

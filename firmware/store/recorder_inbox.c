@@ -4,7 +4,7 @@
 #include <assert.h>
 #include <stdio.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 static const tl_time MEND_PAUSE = TL_SECOND; /* between two looks at an outbox that is damaged */
 

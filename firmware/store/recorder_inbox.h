@@ -15,7 +15,6 @@
 #include <stdint.h>
 
 #include "firmware/store/outbox.h"
-#include "firmware/store/outbox_reader.h"
 #include "firmware/store/recorder_state.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"

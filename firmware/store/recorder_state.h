@@ -13,10 +13,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/store/database_identity.h"
+#include "firmware/store/database_file.h"
 #include "firmware/store/outbox.h"
 #include "firmware/store/recorder_database.h"
-#include "firmware/store/recorder_events.h"
 #include "master/base/simtime.h"
 
 enum { TL_WRITER_OUTBOXES = 8, TL_WRITER_OWN_EVENTS = 8 };

@@ -7,8 +7,8 @@
 #include <stdlib.h>
 #include <time.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/store/database_fault.h"
+#include "firmware/base/os.h"
+#include "firmware/store/database_sql.h"
 #include "firmware/store/recorder_batch.h"
 #include "firmware/store/recorder_file.h"
 

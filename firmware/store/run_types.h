@@ -8,7 +8,7 @@
 
 #include <stdint.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"

@@ -9,10 +9,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/base/heap.h"
 #include "firmware/base/identity.h"
-#include "firmware/fmu/library.h"
+#include "firmware/base/os.h"
+#include "firmware/fmu/fmu_binary.h"
 
 /* ---- before ---- */
 

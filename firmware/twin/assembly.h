@@ -7,7 +7,7 @@
 #ifndef TL_FIRMWARE_TWIN_ASSEMBLY_H
 #define TL_FIRMWARE_TWIN_ASSEMBLY_H
 
-#include "firmware/base/other_case.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/config/problems.h"
 #include "firmware/fmu/fmu_store.h"

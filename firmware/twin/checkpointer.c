@@ -1,7 +1,7 @@
 /* The checkpointer: see checkpointer.h. */
 #include "firmware/twin/checkpointer.h"
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 static const tl_time INTERVAL = 10 * TL_SECOND;
 enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };

@@ -1,17 +1,359 @@
-/* The real-time cycle: see cycle.h. */
+/* The cycle of a live run: reads the plant, steps the twin, takes a tuning, changes twins: see cycle.h. */
 #include "firmware/twin/cycle.h"
 
+#include <errno.h>
+#include <inttypes.h>
+#include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 
-#include "firmware/base/c_locale.h"
-#include "firmware/base/clock.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
-#include "firmware/process/host_state.h"
-#include "firmware/twin/cycle_parts.h"
-#include "firmware/twin/realtime.h"
+#include "firmware/monitor/lock_judge.h"
+#include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
-#include "firmware/twin/twin_verify.h"
+#include "firmware/twin/twin_step.h"
+#include "firmware/twin/watch.h"
+
+/* ---- What a cycle is made of.
+ *
+ * Purpose: private to cycle.c (its ticks), cycle_tuning.c (another tuning) and cycle_flip.c (from one place to the other).
+ */
+
+/* A flip that was announced. */
+typedef struct tl_cycle_flip {
+    uint32_t number; /* of the newest that was seen */
+    bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
+    int64_t tick;    /* from this tick on */
+} tl_cycle_flip;
+
+struct tl_cycle {
+    tl_cycle_settings settings;
+    tl_heart *heart;
+    tl_time start;      /* t_0 */
+    int64_t next_tick;  /* not yet computed */
+    int64_t warm_up;    /* ticks at which no step is due yet, or none that counts */
+    int64_t first_step; /* that counts */
+    int64_t last_tick;  /* after it the duration is over */
+    bool stop;
+    bool is_shadow;
+    bool is_behind; /* a shadow that has not been at the plant's ticks yet */
+    bool has_run;   /* a run has begun in the outbox, and has not ended */
+    tl_cycle_flip flip;
+    tl_resumption resumption; /* how the run began that a flip brings */
+    uint64_t skipped;         /* ticks in all, */
+    bool has_skipped;         /* and the newest */
+    bool has_begun;           /* the twin has, and is silent no longer than a cycle may be */
+    tl_summary summary;
+    tl_watch watch;
+    tl_lock_rescue rescue;
+    tl_lock_judge
+        second; /* judges the same steps by the yardstick of the version that a probation may return to, if there is one */
+    tl_lock_yardstick yardstick; /* of it */
+    tl_checkpointer checkpointer;
+    uint32_t tuned;       /* number of the tuning that was looked at last */
+    bool was_tuned;       /* what is in force is not what the twin was built with, but */
+    tl_run_tuning tuning; /* this: as taken last, */
+    bool has_tuning;      /* and not in the outbox yet */
+    tl_status status;
+    tl_error error;
+    tl_cycle_status shown;
+    tl_latest published; /* the same, for other threads */
+};
+
+/* ---- cycle_tuning.c ---- */
+
+static void tl_cycle_keep_in_force(tl_cycle *cycle);
+
+static void tl_cycle_put_in_force(tl_cycle *cycle);
+
+static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account);
+
+/* ---- cycle_flip.c ---- */
+
+/* ---- realtime ---- */
+
+/* The smallest there is. */
+enum { PAGE = 4096 };
+
+void tl_realtime_lock_memory(tl_journal *journal) {
+    struct rlimit limit;
+    bool unlimited = getrlimit(RLIMIT_MEMLOCK, &limit) == 0 && limit.rlim_cur == RLIM_INFINITY;
+    /* With a limit, locking future mappings too would make a later allocation fail. */
+    if (mlockall(unlimited ? MCL_CURRENT | MCL_FUTURE : MCL_CURRENT) != 0) {
+        tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
+                         "memory is not locked (%s): a page fault may delay a cycle; raise LimitMEMLOCK to permit it",
+                         strerror(errno));
+    }
+}
+
+void tl_realtime_tell_refused(tl_journal *journal) {
+    tl_journal_event(journal, -1, TL_EVENT_INFO, "cycle",
+                     "no permission for SCHED_FIFO: ordinary scheduling is used and ticks may be missed; grant "
+                     "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
+}
+
+__attribute__((noinline)) void tl_realtime_touch_stack(void) {
+    volatile char room[TL_REALTIME_STACK];
+    for (size_t i = 0; i < sizeof room; i += PAGE) {
+        room[i] = 0;
+    }
+}
+
+/* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
+
+static bool is_due(const tl_cycle *cycle) {
+    return cycle->flip.is_ahead && cycle->next_tick >= cycle->flip.tick;
+}
+
+/* At the tick of the flip each is what it will be. */
+static tl_time tl_cycle_delay(const tl_cycle *cycle) {
+    bool is_shadow_then = cycle->is_shadow != is_due(cycle);
+    return is_shadow_then ? cycle->settings.assembly->config.step / 4 : 0;
+}
+
+/* It has done its part. */
+static void say(tl_cycle *cycle) {
+    cycle->flip.is_ahead = false;
+    __atomic_store_n(cycle->settings.place.flipped, cycle->flip.number, __ATOMIC_RELEASE);
+}
+
+/* At the start of a tick. */
+static void tl_cycle_look_for_flip(tl_cycle *cycle) {
+    const tl_cycle_place *place = &cycle->settings.place;
+    tl_cycle_flip *flip = &cycle->flip;
+    uint32_t to = 0;
+    if (place->stage == NULL || flip->is_ahead ||
+        !tl_live_stage_look(place->stage, flip->number, &flip->number, &to, &flip->tick)) {
+        return;
+    }
+    flip->is_ahead = (to == place->place) == cycle->is_shadow;
+    if (!flip->is_ahead) {
+        say(cycle); /* it is that already */
+    }
+}
+
+/* What it does from the next tick on is counted from 0. */
+static void count_anew(tl_cycle *cycle) {
+    tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
+    cycle->summary = (tl_summary){.resumption = cycle->resumption};
+    cycle->warm_up = facts.first + facts.lead;
+    cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
+    cycle->first_step = cycle->next_tick - (int64_t)facts.lead;
+    cycle->shown.executions = 0;
+    cycle->shown.used = 0;
+    memset(cycle->shown.match, 0, sizeof cycle->shown.match);
+}
+
+/* Nothing is missed any more: the next tick is at its time. */
+static void tl_cycle_be_live(tl_cycle *cycle) {
+    if (cycle->is_behind) {
+        cycle->is_behind = false;
+        count_anew(cycle);
+    }
+}
+
+/* ---- the shadow ---- */
+
+/* The twin forgets what is not saved, and so does who judges it: what follows is what a replay of the run does. `size` 0: nothing is saved. */
+static tl_status begin_run(tl_cycle *cycle, size_t size) {
+    const tl_cycle_settings *settings = &cycle->settings;
+    bool done = false;
+    tl_outbox_start start = {.holds = false};
+    tl_status status = tl_twin_forget(settings->assembly->twin, &done, &cycle->error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_account_take(settings->assembly->twin, &start.account);
+    tl_cycle_begin_judges(cycle, &start.account);
+    cycle->resumption = (tl_resumption){
+        .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
+        .run = -1, /* the one before */
+        .tick = cycle->flip.tick > cycle->next_tick ? cycle->flip.tick : cycle->next_tick,
+        .start = settings->place.start,
+        .started = settings->place.started,
+    };
+    start.resumption = cycle->resumption;
+    (void)tl_outbox_put_start(settings->outbox, &start);
+    if (size != 0) {
+        tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
+    }
+    tl_cycle_put_in_force(cycle);
+    cycle->has_run = true;
+    return TL_OK;
+}
+
+/* At a tick with time to spare, or after the last one before the flip. */
+static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
+    tl_time step = cycle->settings.assembly->config.step;
+    bool is_last = cycle->next_tick >= cycle->flip.tick;
+    tl_time left = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
+    size_t size = 0;
+    bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : left, &size);
+    return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
+}
+
+static void tell_taken_over(const tl_cycle *cycle) {
+    const tl_resumption *resumption = &cycle->resumption;
+    bool is_saved = resumption->from == TL_RESUMED_CHECKPOINT;
+    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
+                     "has taken over from tick %" PRId64 " on%s", resumption->tick,
+                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
+}
+
+/* What is bad now is told again: whoever reads the run's events has not seen it. */
+static void take_over(tl_cycle *cycle) {
+    cycle->is_shadow = false;
+    cycle->is_behind = false;
+    tl_journal_set_apart(cycle->settings.journal, false);
+    tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
+    count_anew(cycle);
+    tell_taken_over(cycle);
+    say(cycle);
+}
+
+/* ---- the run's ---- */
+
+static void hand_over(tl_cycle *cycle) {
+    tl_cycle_keep_in_force(cycle);
+    (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
+    cycle->settings.place.start = cycle->start;
+    cycle->settings.place.started = tl_outbox_beginning(cycle->settings.outbox)->started;
+    cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
+    cycle->has_run = false;
+    cycle->is_shadow = true;
+    tl_journal_set_apart(cycle->settings.journal, true);
+    count_anew(cycle);
+    say(cycle);
+}
+
+/* Mode ahead: the last record of a run that ends by a flip is complete with this sample, and both are put. */
+static void tl_cycle_hand_over_with(tl_cycle *cycle) {
+    if (is_due(cycle) && !cycle->is_shadow) {
+        hand_over(cycle);
+    }
+}
+
+/* ---- ticks ---- */
+
+static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
+    if (!is_due(cycle)) {
+        return TL_OK;
+    }
+    if (!cycle->is_shadow) {
+        if (cycle->settings.assembly->config.measurements != TL_AHEAD) { /* there its last record is not complete */
+            hand_over(cycle);
+        }
+        return TL_OK;
+    }
+    tl_status status = cycle->has_run ? TL_OK : try_to_begin_run(cycle, NULL);
+    if (status == TL_OK) {
+        take_over(cycle);
+    }
+    return status;
+}
+
+static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    if (cycle->has_run) {
+        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
+    } else if (cycle->flip.is_ahead) {
+        return try_to_begin_run(cycle, budget);
+    } else {
+        tl_checkpointer_rehearse(&cycle->checkpointer, budget);
+    }
+    return TL_OK;
+}
+
+/* ---- cycle tuning ---- */
+
+static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
+    if (cycle->settings.answer != NULL) {
+        tl_live_tuning_answer_with(cycle->settings.answer, number, cycle->next_tick, why);
+    }
+}
+
+static void refuse_tuning(tl_cycle *cycle, const tl_live_tuning_head *head, const char *why) {
+    tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
+                     "configuration %.12s refused: %.150s", tl_identity_is_sound(head->hash) ? head->hash : "?", why);
+    answer(cycle, head->number, why);
+}
+
+static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
+    cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
+    memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
+    cycle->was_tuned = true;
+    cycle->has_tuning = cycle->has_run;
+    cycle->summary.tunings++;
+    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
+    tl_lock_judge_retune(&cycle->second, &head->tuning);
+    tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
+    answer(cycle, head->number, NULL);
+}
+
+/* There is another number than that which was looked at last. */
+static void look_at_tuning(tl_cycle *cycle) {
+    tl_live_tuning_head head = {.number = 0};
+    tl_error error = {TL_OK, ""};
+    tl_status status = tl_live_tuning_read(cycle->settings.tuning, &head, &error);
+    if (status == TL_TRY_AGAIN) {
+        return; /* at the next tick */
+    }
+    cycle->tuned = head.number;
+    status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
+    if (status == TL_OK) {
+        take_tuning(cycle, &head);
+    } else {
+        refuse_tuning(cycle, &head, error.text);
+    }
+}
+
+/* At the start of a tick. */
+static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
+    const tl_live_tuning *block = cycle->settings.tuning;
+    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
+    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
+    if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning && has_room) {
+        look_at_tuning(cycle);
+    }
+}
+
+/* At the start of a tick: by which yardstick the second judge judges. */
+static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
+    tl_lock_yardstick found;
+    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->yardstick, &found, sizeof found)) {
+        return;
+    }
+    cycle->yardstick = found;
+    tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
+}
+
+/* Both judges begin anew. */
+static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
+    tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
+    tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
+    tl_cycle_look_for_yardstick(cycle);
+}
+
+/* A run ends, and the twin goes on: what is in force, whether this cycle took it or what it goes on with had it, is kept for a run that may come. */
+static void tl_cycle_keep_in_force(tl_cycle *cycle) {
+    const tl_outbox *outbox = cycle->settings.outbox;
+    if (!cycle->has_tuning) {
+        cycle->tuning = *tl_outbox_tuning(outbox);
+        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
+    }
+    cycle->has_tuning = false;
+}
+
+/* A run begins after the twin was built: what is in force goes into it with its first sample, if the twin was not built with it. */
+static void tl_cycle_put_in_force(tl_cycle *cycle) {
+    cycle->has_tuning = cycle->was_tuned;
+    cycle->tuning.tick = cycle->next_tick;
+}
+
+/* ---- cycle ---- */
 
 /* What FMUs may take to begin, as at the start of a run. */
 static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
@@ -269,7 +611,7 @@ static void find_start(tl_cycle *cycle) {
 }
 
 /* For the recorder: t_start is tick 0. A run that goes on with an earlier one has begun with what it has followed. */
-static void begin_run(const tl_cycle *cycle) {
+static void begin_run_cycle(const tl_cycle *cycle) {
     const tl_cycle_settings *settings = &cycle->settings;
     if (settings->resumed.resumption.from == TL_RESUMED_NOT && !cycle->is_shadow) {
         tl_twin_recorder_start(settings->outbox, settings->assembly->twin, cycle->start);
@@ -302,7 +644,7 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->has_run = !started->is_shadow;
     started->flip.number = settings->place.flips;
     find_start(started);
-    begin_run(started);
+    begin_run_cycle(started);
     started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;

@@ -1,4 +1,41 @@
-/* The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
+/* The cycle of a live run: reads the plant, steps the twin, takes a tuning, changes twins.
+ *
+ * Thread:  the cycle's.
+ */
+#ifndef TL_FIRMWARE_TWIN_CYCLE_H
+#define TL_FIRMWARE_TWIN_CYCLE_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "firmware/fmu/fmu_thread.h"
+#include "firmware/plant/plant_input.h"
+#include "firmware/process/heartbeat.h"
+#include "firmware/report/summary.h"
+#include "firmware/store/outbox.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/journal.h"
+#include "firmware/twin/live_stage.h"
+#include "firmware/twin/live_tuning.h"
+
+/* ---- Real-time scheduling where it is permitted, ordinary scheduling where it is not.
+ *
+ * Purpose: SCHED_FIFO for the cycle thread, memory locked so that no page fault delays it. What is not permitted is said
+ *          once, with what would permit it, and the run goes on.
+ */
+
+/* mlockall: what is mapped, and what will be where the limit allows it. */
+void tl_realtime_lock_memory(tl_journal *journal);
+
+/* An event: the cycle's thread did not get its priority. */
+void tl_realtime_tell_refused(tl_journal *journal);
+
+/* The calling thread has touched the next TL_REALTIME_STACK bytes of its stack: what the cycle calls does not fault for pages where memory is
+ * not locked. */
+enum { TL_REALTIME_STACK = 256 * 1024 };
+void tl_realtime_touch_stack(void);
+
+/* ---- The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
  *
  * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
  * Ticks:   tick m is due at t_start + m·T_S (CLOCK_MONOTONIC). A tick whose whole period has passed before it could be
@@ -16,21 +53,6 @@
  * Thread:  start and stop from one thread; status from any. Between them the thread of the FMUs should have the configured real-time
  *          priority, and an ordinary one before and after, while FMUs are loaded and freed: whoever starts it sees to that.
  */
-#ifndef TL_FIRMWARE_TWIN_CYCLE_H
-#define TL_FIRMWARE_TWIN_CYCLE_H
-
-#include <stdbool.h>
-#include <stdint.h>
-
-#include "firmware/fmu/fmu_thread.h"
-#include "firmware/plant/plant_input.h"
-#include "firmware/process/heartbeat.h"
-#include "firmware/report/summary.h"
-#include "firmware/store/outbox.h"
-#include "firmware/twin/assembly.h"
-#include "firmware/twin/journal.h"
-#include "firmware/twin/live_stage.h"
-#include "firmware/twin/live_tuning.h"
 
 typedef struct tl_cycle tl_cycle;
 

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 /* Steps for which inputs stay: longer than a look at one component, so that a change of theirs falls now into one and now between two. */
 enum { STAY = 7 };

@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/twin_verify.h"
+#include "firmware/twin/twin_step.h"
 #include "master/base/simtime.h"
 
 enum { TL_FAR_STEPS = 1000 };

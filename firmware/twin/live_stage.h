@@ -17,8 +17,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/base/latest.h"
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "master/base/simtime.h"
 

@@ -15,8 +15,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/base/latest.h"
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/process/block.h"

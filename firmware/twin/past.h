@@ -1,14 +1,6 @@
-/* A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
+/* The beginning of a resumed twin: found in an earlier run, checked, followed.
  *
- * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
- *          the new twin is led along the samples and the u of that run (past_follow.h). Who looks for them, in a database
- *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
- * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
- *          and machine only.
- * Trust:   tl_past_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
- *          others can write is copied first, and they say when it is whole.
- * Owner:   a past points into its image, or to what its maker says.
- * Thread:  plain data.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_TWIN_PAST_H
 #define TL_FIRMWARE_TWIN_PAST_H
@@ -18,10 +10,56 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
+#include "firmware/report/summary.h"
+#include "firmware/store/outbox.h"
 #include "firmware/store/run_types.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/twin/past_ticks.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
+
+/* ---- The rule by which a run is gone on with, wherever it was found.
+ *
+ * Rule:    the newest run that got anywhere, if it did not end by itself or with an error, if its last tick is at most `record.resume_s` ago,
+ *          and if there is anything left to do of its duration.
+ * Result:  false, and why, in words for an event.
+ * Thread:  pure.
+ */
+
+enum {
+    TL_PAST_WHY = 160,
+    TL_PAST_FRUITLESS = 3 /* restarts in a row that got no further than the run they went on with, at most */
+};
+
+/* Says why, and is false. */
+bool tl_past_refuse(char why[TL_PAST_WHY], const char *format, ...) TL_PRINTF(2, 3);
+
+/* Of a run that ended with `reason`; NULL: it did not. A run that came to its end, or failed, is not gone on with: it would come to the same
+ * end. */
+bool tl_past_was_interrupted(int64_t run, const char *reason, char why[TL_PAST_WHY]);
+
+/* `gap`, ns, is how long ago its last tick was. */
+bool tl_past_is_recent(int64_t run, const tl_config *config, tl_time gap, char why[TL_PAST_WHY]);
+
+/* Whether the run, as it is asked for now, has anything left to do. */
+bool tl_past_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
+                          char why[TL_PAST_WHY]);
+
+/* Ticks that can be followed in the time for it, if one execution takes so many ns and there are so many components; 0 ns: it is not known. */
+int64_t tl_past_most_followed(tl_time execution, size_t components);
+
+/* ---- A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
+ *
+ * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
+ *          the new twin is led along the samples and the u of that run (past.h). Who looks for them, in a database
+ *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
+ * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
+ *          and machine only.
+ * Trust:   tl_past_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
+ *          others can write is copied first, and they say when it is whole.
+ * Owner:   a past points into its image, or to what its maker says.
+ * Thread:  plain data.
+ */
 
 enum {
     TL_PAST_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
@@ -80,5 +118,34 @@ bool tl_past_tick_at(const tl_past *past, int64_t tick, tl_past_tick *out);
 
 /* "run 7", or "the run before". */
 const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]);
+
+/* ---- Going on with a past: the new twin is brought to where an earlier run was ended.
+ *
+ * Purpose: the twin loads the checkpoint, or begins with the FMUs' start values, and is led along the ticks of the past without a
+ *          search; before the steps before which the FMUs of that run began anew, its own do too. The time in which nobody ran is missed ticks
+ *          then, for the cycle to make up.
+ * Own:     what is followed is recorded again, as the new run's, and so is the checkpoint: it then needs nothing of the earlier
+ *          run, for its replay, or when it is itself ended before it has got any further.
+ * Waiting: nobody is late while a twin goes on, so room in the outbox is waited for, for two seconds in all; what finds none after that is lost.
+ * Thread:  that of the FMUs, before the cycle starts.
+ */
+
+typedef enum tl_past_outcome {
+    TL_PAST_FOLLOWED, /* the twin is there */
+    TL_PAST_REFUSED, /* its checkpoint is of no use. Nothing was recorded, and the twin is a new one again: try an older past */
+    TL_PAST_FAILED /* the same, but a run was begun, and has got steps of the attempt: end it, and begin another, anew */
+} tl_past_outcome;
+
+typedef struct tl_past_follow_settings {
+    tl_assembly *assembly; /* its twin has not begun, and may be built anew */
+    tl_outbox *outbox;     /* into which the new run goes; NULL: nothing is recorded */
+    tl_past_tell *tell;
+    void *context; /* of tell */
+} tl_past_follow_settings;
+
+/* Leads the twin, and fills the summary, in which `resumption` says what was done; of what does not go well it is zeros.
+ * Errors: TL_FMU_FATAL, or what building the twin anew has met. */
+tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past *past, tl_summary *summary,
+                         tl_past_outcome *outcome, tl_error *error);
 
 #endif

@@ -7,11 +7,11 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/base/utc.h"
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/store/history.h"
-#include "firmware/twin/past_rule.h"
+#include "firmware/twin/past.h"
 
 enum {
     CHECKPOINTS_MOST = 8,              /* that are looked at; a run keeps three */

@@ -1,6 +1,6 @@
 /* Pasts out of a database: the box's memory.
  *
- * Purpose: finds the newest run that can be gone on with (past_rule.h), if it had the same configuration and FMUs, and from where: its
+ * Purpose: finds the newest run that can be gone on with (past.h), if it had the same configuration and FMUs, and from where: its
  *          newest checkpoint first, then older ones, at last its inputs without any. After a reboot UTC says how long ago it was. If there is
  *          none, what is told says why the twin begins anew.
  * Twin:    none: what must be known of it is given, so that a process without FMUs can look.

@@ -9,8 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
-#include "firmware/twin/past_rule.h"
+#include "firmware/base/os.h"
+#include "firmware/twin/past.h"
 
 enum {
     CHECKPOINTS = 2,

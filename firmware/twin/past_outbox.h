@@ -2,7 +2,7 @@
  *
  * Purpose: the twin's outbox outlives it (outbox.h). Its successor goes on from the newest checkpoint in it and the entries since, or from
  *          the older one; at last from the entries alone. That needs no file, and loses no tick that was computed.
- * When:    as past_rule.h says. A run that was ended before it had got any further than that which it went on with is passed over, if
+ * When:    as past.h says. A run that was ended before it had got any further than that which it went on with is passed over, if
  *          what is left reaches back to the one before. It is the same boot, so t_start stands as it is. That configuration and FMUs are
  *          those of the predecessor is the affair of who starts both.
  * Trust:   none in what is left: whoever died may have written anything before. What comes of it is checked as any image (past.h).

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "firmware/store/history.h"
 
 /* The ticks are behind it. */

@@ -1,7 +1,6 @@
-/* A replay: a recording through the twin, as fast as it can or in real time.
+/* A replay of a recording, and its report.
  *
- * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
- * Thread:  the caller's.
+ * Thread:  one.
  */
 #ifndef TL_FIRMWARE_TWIN_REPLAY_H
 #define TL_FIRMWARE_TWIN_REPLAY_H
@@ -9,14 +8,44 @@
 #include <stdbool.h>
 #include <stdio.h>
 
+#include "firmware/config/config.h"
 #include "firmware/plant/recording.h"
 #include "firmware/report/summary.h"
 #include "firmware/report/trajectory.h"
 #include "firmware/store/recorder.h"
-#include "firmware/twin/replay_report.h"
+#include "firmware/twin/journal.h"
 #include "firmware/twin/twin_feed.h"
 #include "firmware/twin/watch.h"
 #include "master/twin/account.h"
+
+/* ---- The report that `replay --report` writes.
+ *
+ * Purpose: tells html_report.h what a replay knows: its configuration, the twin's facts and ledger, the summary.
+ * Thread:  one thread.
+ */
+
+typedef struct tl_replay_report tl_replay_report;
+
+/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration and account
+ * must outlive the report; `recording` is copied. */
+tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
+                                const char *recording, tl_replay_report **report, tl_error *error);
+
+/* From now on, what the journal is told is an event of the report. The report must outlive what is told. */
+void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal);
+
+/* Writes the page, with the account as it stands now, and gives it its name. `ended`: why, in words. */
+tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
+                                tl_error *error);
+
+/* Ends it; what was not kept is gone. NULL is allowed. */
+void tl_replay_report_close(tl_replay_report *report);
+
+/* ---- A replay: a recording through the twin, as fast as it can or in real time.
+ *
+ * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
+ * Thread:  the caller's.
+ */
 
 typedef struct tl_replay {
     tl_config *config;         /* has the recording's tunings as they come into force */

@@ -3,9 +3,9 @@
 
 #include <stdio.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/base/utc.h"
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/process/interrupt.h"
 
 /* How often the log repeats what is wrong, and how long the thread sleeps at most. */

@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clean_text.h"
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/read_back.h"

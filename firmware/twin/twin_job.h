@@ -51,7 +51,7 @@ typedef struct tl_twin_job {
     bool plain;          /* save no executions */
     bool without_delays;
     bool variables; /* the page lists them */
-    bool cost;      /* the page ends with it (twin_cost.h) */
+    bool cost;      /* the page ends with it (trial.h) */
     bool
         states_only; /* the page is a line that says whether another process can use the FMUs' states (saved_states.h); nothing else is heard */
     bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */

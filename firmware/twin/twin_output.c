@@ -9,10 +9,9 @@
 #include <sys/eventfd.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/base/relay.h"
-#include "firmware/base/side_thread.h"
 
 enum { STACK = 256 * 1024 /* the supervisor locks it */, KINDS = 2 };
 

@@ -17,7 +17,7 @@
 #include "firmware/config/config.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/process/fmu_refusals.h"
+#include "firmware/process/refusal.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_role.h"

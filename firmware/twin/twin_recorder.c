@@ -5,9 +5,9 @@
 #include <limits.h>
 #include <stdio.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/base/utc.h"
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/report/run_figures.h"
 
 void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,

@@ -7,7 +7,6 @@
 #define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 
 #include "firmware/base/identity.h"
-#include "firmware/base/sha256.h"
 #include "firmware/config/config.h"
 #include "firmware/store/outbox.h"
 #include "firmware/store/recorder.h"

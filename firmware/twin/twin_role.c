@@ -6,18 +6,16 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/base/c_locale.h"
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/fmu/fmu_host.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/forked/forked_pool.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
+#include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
-#include "firmware/process/process_limits.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"

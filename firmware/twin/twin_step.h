@@ -1,7 +1,6 @@
-/* One tick for the twin, and what comes of it: what crosses between the process with the FMUs and the one with everything else.
+/* One tick of the assembled twin: step, verification, result.
  *
- * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
- * Thread:  plain data; execute in the thread of the FMUs.
+ * Thread:  the one that calls the FMUs.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H
 #define TL_FIRMWARE_TWIN_TWIN_STEP_H
@@ -10,10 +9,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/monitor/lock_rescue.h"
+#include "firmware/monitor/lock_judge.h"
 #include "firmware/plant/recording.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
+#include "master/base/status.h"
+#include "master/twin/account.h"
+#include "master/twin/twin.h"
+
+/* ---- One tick for the twin, and what comes of it: what crosses between the process with the FMUs and the one with everything else.
+ *
+ * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
+ * Thread:  plain data; execute in the thread of the FMUs.
+ */
 
 /* What is told of each step besides its record. */
 typedef enum tl_twin_tells {
@@ -62,5 +70,30 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
 /* Completes the last record with the sample after it (tl_twin_finish()). */
 void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_twin_result *result);
+
+/* ---- What is left of a tick is for looking whether the FMUs still come back to where they were; and what was found, as a sentence.
+ *
+ * Purpose: the live cycle and a replay ask the twin the same (tl_twin_verify()), and tell the same.
+ * Thread:  that of the FMUs.
+ */
+
+enum { TL_TWIN_FINDING_TEXT = 400 };
+
+/* What was found. */
+typedef struct tl_twin_look_news {
+    bool found;                      /* false: nothing, and the rest means nothing */
+    bool mended;                     /* it is no harm any more */
+    const char *component;           /* of the twin's, or of the account's */
+    char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
+} tl_twin_look_news;
+
+/* Between two ticks, until `until` on the monotonic clock; TL_TIME_NEVER: there is time enough. Does not wait, and logs nothing. Errors: those of
+ * tl_twin_verify(). */
+tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error);
+
+/* The newest finding of a run that has ended. False: there is none. */
+bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
+
+enum { TL_TWIN_NO_WAY_BACK_TEXT = 320 };
 
 #endif

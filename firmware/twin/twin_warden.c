@@ -10,9 +10,8 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/base/side_thread.h"
+#include "firmware/base/os.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/twin_output.h"

@@ -17,7 +17,7 @@
 #include "firmware/process/bounds.h"
 #include "firmware/process/channel.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/process/fmu_refusals.h"
+#include "firmware/process/refusal.h"
 #include "firmware/process/role.h"
 #include "master/base/simtime.h"
 

@@ -12,7 +12,7 @@
 
 #include "firmware/config/config.h"
 #include "firmware/monitor/lock_judge.h"
-#include "firmware/monitor/noise_watch.h"
+#include "firmware/monitor/noise.h"
 #include "firmware/twin/journal.h"
 #include "master/twin/twin.h"
 

@@ -7,7 +7,7 @@
 #include <inttypes.h>
 #include <stdio.h>
 
-#include "firmware/base/c_locale.h"
+#include "firmware/base/os.h"
 #include "firmware/twin/replay.h"
 #include "tests/support/read_assembly.h"
 

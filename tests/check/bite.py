@@ -32,7 +32,7 @@ CLEAN = {
     "firmware/main.c": '#include "firmware/base/log.h"\n',
     "firmware/base/log.h": header("firmware/base/log.h", "typedef int tl_log;"),
     "DESIGN.md": "# Design\n<!-- folders: made by tests/check/picture.py --write -->\n<!-- end of folders -->\n",
-    "firmware/cli/option_table.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
+    "firmware/cli/options.c": 'option rows[] = {\n    {RUN, "live",\n    {EVERY, "help",\n};\n',
     "README.md": "# One title\nSee [this](master/base/a.h) and [that](#one-title).\n```sh\nscript/go --now\n```\n",
     "script/go": "#!/usr/bin/env bash\nset -e\n",
 }

@@ -16,7 +16,7 @@ HEADING = re.compile(r"^#+\s+(.*?)\s*#*$")
 COMMAND = re.compile(r"^\s*(?:\$ |# |sudo )?(?:\./)?((?:script|\.ci)/\S+)(.*)$")
 
 # {CHECK | REPLAY, "call-limit", …: a row of the table that the program reads its command line by.
-OPTION_TABLE = "firmware/cli/option_table.c"
+OPTION_TABLE = "firmware/cli/options.c"
 OPTION_ROW = re.compile(r'^    \{([A-Z]+(?: \| [A-Z]+)*), "([a-z-]+)",', re.M)
 # twinlock run CONFIG --duration 3, up to the end of the command
 VERB = re.compile(r"(?<![\w/-])twinlock (check|replay|run|plant|show)\b([^`|;#&]*)")

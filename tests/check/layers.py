@@ -28,13 +28,13 @@ OWNERS = {
     "nlopt.h": ("master/solve",),
     "modbus.h": ("board/modbus",),
     "gpiod.h": ("board/gpio",),
-    "cJSON.h": ("firmware/config", "firmware/base/json_writer.c", "firmware/base/json_reader.c"),
+    "cJSON.h": ("firmware/config", "firmware/base/json.c"),
     "sqlite3.h": ("firmware/store",),
     "expat.h": ("firmware/fmu",),
     "zip.h": ("firmware/fmu",),
     "seccomp.h": ("firmware/process",),
     "landlock.h": ("firmware/process",),
-    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_allocation.c", "firmware/rollback/fmu_keeping.c"),
+    "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_heap.c", "firmware/rollback/fmu_keeping.c"),
     "sd-daemon.h": ("firmware/process/service_systemd.c",),
     "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),
@@ -45,11 +45,11 @@ OWNERS = {
     "iconv.h": ("firmware/rollback/fmu_keeping.c",),
     "libintl.h": ("firmware/rollback/fmu_keeping.c",),
     # Who starts threads, or has a lock that several of them take.
-    "pthread.h": ("firmware/base/c_locale.c", "firmware/base/side_thread.h", "firmware/store/database_lock.c",
-                  "firmware/cli/plant_server.c", "firmware/fmu/fmu_thread.c", "firmware/live/voice.c", "firmware/plant/plant_reader.c",
-                  "firmware/process/crash.c", "firmware/process/private_folder.c", "firmware/rollback/fmu_allocation.c", "firmware/store/recorder.c",
-                  "firmware/live/reaper.h",
-                  "firmware/base/relay.h", "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
+    "pthread.h": ("firmware/base/os.c", "firmware/base/os.h", "firmware/base/relay.h", "firmware/cli/plant_server.c",
+                  "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/voice.c",
+                  "firmware/plant/plant_reader.c", "firmware/process/crash.c", "firmware/process/private_folder.c",
+                  "firmware/rollback/fmu_heap.c", "firmware/store/database_file.c", "firmware/store/recorder.c",
+                  "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml

@@ -23,10 +23,10 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/fmu/fmu_host.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_store.h"
+#include "firmware/fmu/fmu_thread.h"
 #include "firmware/forked/forked_pool.h"
 #include "master/fmi/component.h"
 

@@ -9,11 +9,9 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/config/change_rules.h"
-#include "firmware/retune/control_client.h"
-#include "firmware/retune/control_packet.h"
-#include "firmware/retune/control_server.h"
-#include "firmware/retune/verdict.h"
+#include "firmware/config/config_change.h"
+#include "firmware/retune/control.h"
+#include "firmware/retune/trial.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

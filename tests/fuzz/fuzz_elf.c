@@ -2,8 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/fmu/elf_file.h"
-#include "firmware/fmu/elf_names.h"
+#include "firmware/fmu/own_copies.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

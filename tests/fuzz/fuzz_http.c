@@ -4,10 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/json_text.h"
-#include "firmware/serve/host_names.h"
+#include "firmware/base/json.h"
+#include "firmware/serve/address.h"
 #include "firmware/serve/http_request.h"
-#include "firmware/serve/plain_name.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

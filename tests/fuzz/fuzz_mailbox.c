@@ -6,8 +6,8 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
-#include "firmware/plant/plant_mail.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

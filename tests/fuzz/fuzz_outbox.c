@@ -8,8 +8,7 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/store/outbox_parts.h"
-#include "firmware/store/outbox_reader.h"
+#include "firmware/store/outbox.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 #include "firmware/twin/past_samples.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"

@@ -6,7 +6,7 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
-#include "firmware/base/json_reader.h"
+#include "firmware/base/json.h"
 #include "firmware/serve/dialogue.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
@@ -32,7 +32,7 @@ static void send_packet(int socket, unsigned kind, unsigned length, const uint8_
 static void check_shown(const char *text) {
     for (const char *next = text; *next != '\0'; next++) {
         unsigned char byte = (unsigned char)*next;
-        tl_fuzz_hold((byte >= ' ' && byte != 0x7F) || byte == '\t'); /* clean_text.h keeps a tab */
+        tl_fuzz_hold((byte >= ' ' && byte != 0x7F) || byte == '\t'); /* text.h keeps a tab */
         tl_fuzz_hold(byte != 0xC2 || (unsigned char)next[1] >= 0xA0);
     }
 }

@@ -8,9 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/retune/control_server.h"
+#include "firmware/retune/control.h"
 
 enum { VERSIONS = 8, TURN_MS = 20 };
 

@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/config_text.h"
 #include "tests/support/random_numbers.h"

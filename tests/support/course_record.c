@@ -3,7 +3,7 @@
 
 #include <stdio.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 enum { CHECKPOINT_BYTES = 256 * 1024 };
 

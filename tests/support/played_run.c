@@ -9,7 +9,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/retune/trial.h"
 #include "firmware/retune/validator.h"
 

@@ -32,8 +32,8 @@ BAD_USAGE = 2
 NOT_LOCKED = 3
 BAD_DATA = 65
 PLANT_DOWN = 69
-FORBIDDEN = 77  # of reload: firmware/retune/control_words.h
-EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75, FORBIDDEN)  # firmware/cli/option_table.c
+FORBIDDEN = 77  # of reload: firmware/retune/control.h
+EXIT_CODES = (0, 2, NOT_LOCKED, 65, 69, 70, 75, FORBIDDEN)  # firmware/cli/options.c
 SKIPPED = 77
 
 

@@ -15,7 +15,7 @@
  * "environment" prints what it finds there
  * "read"       reads FILE_NAME
  * "unshare"    takes descriptors of its own by close_range()
- * "failed"     sends the message NUMBER of protocol.h, which says that all has failed, and not why
+ * "failed"     sends the message NUMBER of channel.h, which says that all has failed, and not why
  */
 #include "tests/fmu/hostile/hostile.h"
 

@@ -11,8 +11,7 @@
 #include <unity.h>
 
 #include "board/csv/csv.h"
-#include "firmware/base/c_locale.h"
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/plant_input.h"
 #include "firmware/plant/plant_reader.h"

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clean_text.h"
+#include "firmware/base/text.h"
 
 void setUp(void) {}
 

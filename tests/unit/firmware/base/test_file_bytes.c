@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/file_bytes.h"
+#include "firmware/base/os.h"
 #include "tests/support/real_time.h"
 
 static int ends[2];

@@ -5,7 +5,7 @@
 #include <cjson/cJSON.h>
 #include <unity.h>
 
-#include "firmware/base/json_reader.h"
+#include "firmware/base/json.h"
 
 static tl_json_reader reader;
 

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/json_text.h"
+#include "firmware/base/json.h"
 
 static tl_arena arena;
 static tl_json_lines lines;

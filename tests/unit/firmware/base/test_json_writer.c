@@ -7,7 +7,7 @@
 #include <cjson/cJSON.h>
 #include <unity.h>
 
-#include "firmware/base/json_writer.h"
+#include "firmware/base/json.h"
 
 static char printed[4096];
 static tl_error error;

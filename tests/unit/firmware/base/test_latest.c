@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/latest.h"
+#include "firmware/base/os.h"
 
 enum { BYTES = 8 * TL_LATEST_WORDS, READS = 20000 };
 

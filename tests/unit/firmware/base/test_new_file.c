@@ -9,7 +9,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/new_file.h"
+#include "firmware/base/os.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 

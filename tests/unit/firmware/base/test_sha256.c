@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/sha256.h"
+#include "firmware/base/identity.h"
 
 void setUp(void) {}
 

@@ -10,11 +10,10 @@
 #include <unity.h>
 
 #include "board/csv/csv.h"
-#include "firmware/base/shortage.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/fmu_store.h"
-#include "firmware/fmu/library.h"
 #include "tests/support/scratch.h"
 
 #define MOTOR TL_BINARY_DIR "/fmus/motor.fmu"

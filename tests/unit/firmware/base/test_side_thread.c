@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/side_thread.h"
+#include "firmware/base/os.h"
 
 enum { STACK = 256 * 1024 };
 

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/wrapped.h"
+#include "firmware/base/text.h"
 
 void setUp(void) {}
 void tearDown(void) {}

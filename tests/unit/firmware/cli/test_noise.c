@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
+#include "firmware/cli/emulation.h"
 
 enum { DRAWS = 200000 };
 

@@ -4,10 +4,9 @@
 
 #include <unity.h>
 
-#include "firmware/cli/option_table.h"
 #include "firmware/cli/options.h"
 #include "firmware/report/show.h"
-#include "firmware/retune/control_wire.h"
+#include "firmware/retune/control.h"
 #include "tests/support/stderr_capture.h"
 
 enum { ARGUMENTS = 12, LONGEST = 128 };

@@ -11,7 +11,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/cli/plant_server.h"
 #include "tests/support/device_value.h"
 

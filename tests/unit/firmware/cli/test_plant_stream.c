@@ -13,7 +13,7 @@
 #include <unity.h>
 
 #include "board/csv/csv.h"
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/cli/plant_stream.h"
 #include "tests/support/scratch.h"
 

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/cli/prognosis.h"
+#include "firmware/cli/advice.h"
 #include "master/base/duration.h"
 #include "tests/support/config_text.h"
 #include "tests/support/read_assembly.h"

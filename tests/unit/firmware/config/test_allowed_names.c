@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/config/allowed_names.h"
+#include "firmware/config/config_change.h"
 
 static tl_allowed_names allowed;
 static tl_error error;

@@ -6,7 +6,7 @@
 #include <cjson/cJSON.h>
 #include <unity.h>
 
-#include "firmware/config/change_rules.h"
+#include "firmware/config/config_change.h"
 #include "tests/support/config_text.h"
 
 enum { MOST_PLACES = 2048, PATTERN = 200, STEPS = 16, MOST_RULES = 400 };

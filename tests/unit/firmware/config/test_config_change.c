@@ -9,7 +9,7 @@
 #include <unity.h>
 
 #include "firmware/config/config_change.h"
-#include "firmware/config/json_walk.h"
+#include "firmware/config/json_document.h"
 #include "tests/support/config_text.h"
 #include "tests/support/random_numbers.h"
 

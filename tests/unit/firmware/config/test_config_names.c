@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/config/config_names.h"
+#include "firmware/config/config_reader.h"
 
 static tl_report report;
 

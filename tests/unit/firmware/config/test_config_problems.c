@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/json_text.h"
+#include "firmware/base/json.h"
 #include "firmware/config/json_document.h"
 #include "master/solve/optimiser.h"
 #include "tests/support/config_text.h"

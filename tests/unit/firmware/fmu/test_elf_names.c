@@ -6,8 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/fmu/elf_file.h"
-#include "firmware/fmu/elf_names.h"
+#include "firmware/fmu/own_copies.h"
 #include "tests/support/elf_maker.h"
 
 #define UNIQUE ELF64_ST_INFO(STB_GNU_UNIQUE, STT_OBJECT)

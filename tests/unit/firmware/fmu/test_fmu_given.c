@@ -1,5 +1,5 @@
 /* What an FMU was given last is kept with a state, and given again, of all types. */
-#include "firmware/fmu/fmu_given.h"
+#include "firmware/fmu/fmu_guard.h"
 
 #include <stdlib.h>
 #include <string.h>

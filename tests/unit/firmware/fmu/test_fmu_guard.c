@@ -12,7 +12,6 @@
 
 #include <unity.h>
 
-#include "firmware/process/fp_control.h"
 #include "firmware/process/host_state.h"
 #include "master/fmi/component.h"
 #include "tests/support/stderr_capture.h"

@@ -1,5 +1,5 @@
 /* Messages of FMUs: formatted as printf would, and no pointer of theirs is believed. */
-#include "firmware/fmu/fmu_message.h"
+#include "firmware/fmu/fmu_logger.h"
 
 #include <errno.h>
 #include <stdarg.h>

@@ -10,7 +10,7 @@
 #include <unistd.h>
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 
 static tl_fmu_thread *thread;
 

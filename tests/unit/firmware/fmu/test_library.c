@@ -10,8 +10,8 @@
 
 #include <unity.h>
 
+#include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/fmu_store.h"
-#include "firmware/fmu/library.h"
 #include "firmware/process/process_end.h"
 #include "tests/support/fmu_maker.h"
 

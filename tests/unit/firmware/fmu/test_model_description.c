@@ -7,9 +7,8 @@
 
 #include <unity.h>
 
-#include "firmware/base/c_locale.h"
+#include "firmware/base/os.h"
 #include "firmware/fmu/model_description.h"
-#include "firmware/fmu/xml_value.h"
 #include "tests/support/comma_locale.h"
 
 #define ROOT                                                                                                           \

@@ -13,8 +13,8 @@
 
 #include <unity.h>
 
-#include "firmware/fmu/fmu_host.h"
 #include "firmware/fmu/fmu_store.h"
+#include "firmware/fmu/fmu_thread.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
 #include "firmware/process/confine.h"

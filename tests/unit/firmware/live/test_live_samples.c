@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/live/live_samples.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/twin/past_samples.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"

@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/live/live_twin_memory.h"
+#include "firmware/live/live_twin.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/process/role.h"
 #include "tests/support/config_text.h"

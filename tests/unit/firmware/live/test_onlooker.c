@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/live/onlooker.h"
+#include "firmware/live/child.h"
 
 static pid_t process;
 

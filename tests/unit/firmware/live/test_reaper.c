@@ -10,7 +10,7 @@
 
 #include <unity.h>
 
-#include "firmware/live/reaper.h"
+#include "firmware/live/child.h"
 
 static tl_reaper reaper;
 

@@ -5,8 +5,8 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
+#include "firmware/base/os.h"
 #include "firmware/live/recorded_course.h"
 #include "firmware/twin/past_samples.h"
 #include "firmware/twin/twin_recorder.h"

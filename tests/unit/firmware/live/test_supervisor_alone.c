@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/live/supervisor.h"
 #include "tests/support/stage.h"
 #include "tests/support/stderr_capture.h"

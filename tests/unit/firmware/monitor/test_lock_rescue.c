@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/monitor/lock_rescue.h"
+#include "firmware/monitor/lock_judge.h"
 
 enum { WINDOW = 100, PART = 10 }; /* steps of 10 ms */
 

@@ -4,8 +4,8 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
-#include "firmware/monitor/noise_meter.h"
+#include "firmware/cli/emulation.h"
+#include "firmware/monitor/noise.h"
 
 #define SIGMA 0.3
 

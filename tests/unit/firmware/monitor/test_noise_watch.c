@@ -3,8 +3,8 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
-#include "firmware/monitor/noise_watch.h"
+#include "firmware/cli/emulation.h"
+#include "firmware/monitor/noise.h"
 
 static tl_config_signal signals[3];
 static tl_plan_match match[2];

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
+#include "firmware/cli/emulation.h"
 #include "firmware/monitor/proposal.h"
 
 enum { TORQUE, OMEGA, COUNT = 1000 };

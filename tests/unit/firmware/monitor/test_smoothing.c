@@ -3,8 +3,8 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
-#include "firmware/monitor/smoothing.h"
+#include "firmware/cli/emulation.h"
+#include "firmware/monitor/survey.h"
 #include "firmware/plant/conditioner.h"
 
 enum { COUNT = 3000 };

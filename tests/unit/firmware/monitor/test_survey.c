@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/cli/noise.h"
+#include "firmware/cli/emulation.h"
 #include "firmware/monitor/survey.h"
 #include "tests/support/scratch.h"
 

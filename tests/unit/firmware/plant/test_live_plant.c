@@ -7,10 +7,10 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/cli/plant_server.h"
 #include "firmware/plant/live_plant.h"
-#include "firmware/plant/plant_mail.h"
+#include "firmware/plant/mailbox.h"
 #include "tests/support/config_text.h"
 #include "tests/support/device_value.h"
 #include "tests/support/scratch.h"

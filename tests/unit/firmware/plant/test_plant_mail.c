@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/plant/plant_mail.h"
+#include "firmware/plant/mailbox.h"
 #include "tests/support/config_text.h"
 
 enum { COUNTS = 4096, SLOT = 32 };

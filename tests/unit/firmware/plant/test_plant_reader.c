@@ -14,7 +14,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/plant/plant_reader.h"
 
 /* ---- the toy ---- */

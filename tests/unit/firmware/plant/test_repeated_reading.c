@@ -1,5 +1,5 @@
 /* A register that is read more often than it is written: which readings are new ones. */
-#include "firmware/plant/repeated_reading.h"
+#include "firmware/plant/plant_reader.h"
 
 #include <math.h>
 

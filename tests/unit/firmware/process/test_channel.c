@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/block.h"
 #include "firmware/process/channel.h"
 

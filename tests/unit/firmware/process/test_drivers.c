@@ -20,7 +20,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/side_thread.h"
+#include "firmware/base/os.h"
 #include "firmware/process/landlock.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"

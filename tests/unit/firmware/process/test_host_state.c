@@ -16,8 +16,6 @@
 
 #include <unity.h>
 
-#include "firmware/process/fp_control.h"
-
 static char folder[4096];
 
 static void ours(int signal) {

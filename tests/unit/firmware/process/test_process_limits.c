@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/process/process_limits.h"
+#include "firmware/process/privileges.h"
 
 enum { SOFT = 20, BETWEEN = 30 };
 

@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/process/protocol.h"
+#include "firmware/process/channel.h"
 
 static const tl_protocol_sizes sizes = {.bytes = {[TL_MESSAGE_TICK] = 100,
                                                   [TL_MESSAGE_FINISH] = 100,

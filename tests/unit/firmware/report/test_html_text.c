@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/report/html_text.h"
+#include "firmware/report/html_report.h"
 
 static char *written;
 static size_t size;

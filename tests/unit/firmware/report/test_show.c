@@ -11,7 +11,7 @@
 #include <cjson/cJSON.h>
 #include <unity.h>
 
-#include "firmware/base/show_text.h"
+#include "firmware/base/text.h"
 #include "firmware/cli/command_line.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/kept_file.h"

@@ -10,7 +10,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/role.h"
 #include "tests/support/played_run.h"
 

@@ -8,7 +8,7 @@
 #include <unity.h>
 
 #include "firmware/retune/box_texts.h"
-#include "firmware/retune/control_wire.h"
+#include "firmware/retune/control.h"
 #include "tests/support/scratch.h"
 
 static tl_scratch scratch;

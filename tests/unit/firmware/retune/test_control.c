@@ -13,10 +13,7 @@
 
 #include <unity.h>
 
-#include "firmware/retune/control_client.h"
-#include "firmware/retune/control_packet.h"
-#include "firmware/retune/control_server.h"
-#include "firmware/retune/control_words.h"
+#include "firmware/retune/control.h"
 #include "tests/support/scratch.h"
 
 static const char text[] = "{\"name\": \"motor\"}";

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/retune/forecast.h"
+#include "firmware/retune/comparison.h"
 
 static const uint64_t MEBIBYTE = (uint64_t)1 << 20;
 static tl_trial_answer answer;

@@ -5,8 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/retune/trial_answer.h"
-#include "firmware/retune/twin_cost.h"
+#include "firmware/retune/trial.h"
 #include "master/base/signal.h"
 
 static const tl_trial_answer good = {.is_there = 1,

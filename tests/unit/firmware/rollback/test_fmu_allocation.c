@@ -11,8 +11,8 @@
 
 #include <unity.h>
 
-#include "firmware/rollback/fmu_allocation.h"
-#include "firmware/rollback/fmu_random.h"
+#include "firmware/rollback/fmu_heap.h"
+#include "firmware/rollback/fmu_keeping.h"
 
 enum { SKIPPED = 77 };
 

@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/rollback/fmu_history.h"
+#include "firmware/rollback/fmu_replay.h"
 #include "tests/support/random_numbers.h"
 
 enum { MOST = 50, CALLS = 2, VALUES = 3, SET = 1, STEP = 7, ROUNDS = 4000, PLACES = 40 };

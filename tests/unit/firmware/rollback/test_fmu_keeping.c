@@ -14,7 +14,7 @@
 
 #include <unity.h>
 
-#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_keeping.h"
 
 enum { SKIPPED = 77, AT_EXIT = 70 };

@@ -12,9 +12,8 @@
 
 #include <unity.h>
 
-#include "firmware/rollback/fmu_allocation.h"
+#include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_pages.h"
-#include "firmware/rollback/fmu_written.h"
 #include "tests/support/random_numbers.h"
 
 enum { SKIPPED = 77, FIXED = 40, GROWING = 200, VERSIONS = 24, ROUNDS = 3000, ALL = FIXED + GROWING, LASTING = 2000 };

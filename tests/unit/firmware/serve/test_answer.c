@@ -6,7 +6,7 @@
 #include <cjson/cJSON.h>
 #include <unity.h>
 
-#include "firmware/retune/control_words.h"
+#include "firmware/retune/control.h"
 
 static char line[TL_ANSWER_LINE];
 

@@ -1,5 +1,5 @@
 /* Delays after wrong tokens, the bound of their table, and addresses. */
-#include "firmware/serve/token_delays.h"
+#include "firmware/serve/tokens.h"
 
 #include <arpa/inet.h>
 #include <netinet/in.h>

@@ -1,5 +1,5 @@
 /* The lock of who records: one at a time, and a child that an FMU has forked keeps nobody out. */
-#include "firmware/store/database_lock.h"
+#include "firmware/store/database_file.h"
 
 #include <signal.h>
 #include <stdio.h>

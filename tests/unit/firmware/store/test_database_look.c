@@ -8,7 +8,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/store/database_file.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/scratch.h"

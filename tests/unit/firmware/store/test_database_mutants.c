@@ -9,11 +9,11 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/plant/recording.h"
 #include "firmware/report/show.h"
-#include "firmware/twin/past_follow.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"

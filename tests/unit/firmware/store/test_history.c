@@ -8,10 +8,10 @@
 
 #include <unity.h>
 
-#include "firmware/base/utc.h"
+#include "firmware/base/text.h"
 #include "firmware/store/database.h"
 #include "firmware/store/database_sql.h"
-#include "firmware/store/history_parts.h"
+#include "firmware/store/history.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/made_run.h"

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/store/history_rows.h"
+#include "firmware/store/history.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"

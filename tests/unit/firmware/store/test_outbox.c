@@ -7,11 +7,9 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/block.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/outbox_parts.h"
-#include "firmware/store/outbox_reader.h"
 #include "tests/support/made_run.h"
 
 enum { RING = 64 * 1024, CHECKPOINT = 10000, STORY = 20000, TELLERS = 4, TOLD = 5000 };

@@ -16,10 +16,9 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/block.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/outbox_reader.h"
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 

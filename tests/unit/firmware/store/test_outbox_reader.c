@@ -5,8 +5,7 @@
 
 #include <unity.h>
 
-#include "firmware/store/outbox_parts.h"
-#include "firmware/store/outbox_reader.h"
+#include "firmware/store/outbox.h"
 #include "tests/support/made_run.h"
 
 enum { RING = 64 * 1024, CHECKPOINT = 100, DIGEST = 8 /* behind each entry */ };

@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/store/outbox_rest.h"
+#include "firmware/store/outbox.h"
 #include "tests/support/made_run.h"
 
 enum { TICKS = 10, EVENTS = 3, LINE = 64 };

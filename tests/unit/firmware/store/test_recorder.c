@@ -10,7 +10,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/utc.h"
+#include "firmware/base/text.h"
 #include "firmware/store/database_schema.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/made_run.h"

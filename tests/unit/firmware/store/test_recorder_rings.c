@@ -7,8 +7,8 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/sql.h"

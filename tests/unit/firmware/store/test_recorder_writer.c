@@ -7,10 +7,10 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/store/history.h"
-#include "firmware/store/outbox_parts.h"
+#include "firmware/store/outbox.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"

@@ -3,7 +3,7 @@
 #include <string.h>
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/scratch.h"

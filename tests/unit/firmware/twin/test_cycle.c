@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/twin/cycle.h"
 #include "tests/support/follower.h"
 #include "tests/support/scratch.h"

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/plant/recording.h"
 #include "firmware/store/history.h"
 #include "firmware/twin/cycle.h"

@@ -7,9 +7,9 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/identity.h"
-#include "firmware/twin/past_follow.h"
+#include "firmware/base/os.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"

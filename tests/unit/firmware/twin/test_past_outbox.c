@@ -10,9 +10,9 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
 #include "firmware/base/log.h"
-#include "firmware/twin/past_follow.h"
+#include "firmware/base/os.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/past_outbox.h"
 #include "tests/support/course.h"
 #include "tests/support/random_numbers.h"

@@ -17,7 +17,7 @@
 
 #include <unity.h>
 
-#include "firmware/base/clock.h"
+#include "firmware/base/os.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"

@@ -361,7 +361,7 @@ static void test_a_stroke_that_a_reset_gave_up(void) {
     config.event.start.signal = NULL;
 }
 
-/* A tolerance below three times the noise of the readings, once; see noise_watch.h. */
+/* A tolerance below three times the noise of the readings, once; see noise.h. */
 static void test_a_tolerance_within_the_noise(void) {
     static tl_plan_match match = {.variable = "motor.omega", .to = "plant.omega", .tolerance = 0.5, .weight = 1.0};
     const char *matched_as[] = {"plant.omega"};

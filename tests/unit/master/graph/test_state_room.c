@@ -4,7 +4,7 @@
 #include <string.h>
 #include <unity.h>
 
-#include "firmware/base/heap.h"
+#include "firmware/base/os.h"
 #include "master/graph/state_room.h"
 #include "tests/support/test_plan.h"
 

@@ -1,0 +1,547 @@
+/* JSON texts: validation, reading of flat objects, writing: see json.h. */
+#include "firmware/base/json.h"
+
+#include <assert.h>
+#include <cjson/cJSON.h>
+#include <limits.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/text.h"
+#include "master/base/utf8.h"
+
+/* ---- A scanner for RFC 8259 with a stack of open brackets in place of recursion. */
+
+enum { END = -1 }; /* what peek() says at the end of the text */
+
+typedef struct scanner {
+    const char *text;
+    size_t size;
+    size_t at;
+    uint32_t line; /* of `at`, from 1; only white space holds line breaks */
+    size_t depth;
+    char open[TL_JSON_MAX_DEPTH]; /* '{' or '[' */
+    tl_json_lines *lines;
+    tl_error *error;
+} scanner;
+
+/* ---- characters ---- */
+
+bool tl_text_is_plain(const char *text) {
+    size_t left = strlen(text);
+    while (left > 0) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        if (length == 0 || !tl_utf8_can_be_shown(code)) {
+            return false;
+        }
+        text += length;
+        left -= length;
+    }
+    return true;
+}
+
+void tl_text_for_people(const char *text, char *copy, size_t size) {
+    static const char cut[] = "…";
+    enum { SHOWN = 16 }; /* what stands for one character, at most */
+    size_t left = strlen(text);
+    size_t used = 0;
+    size_t cut_at = 0; /* the last end of a character behind which there is room for that */
+    while (left > 0) {
+        char shown[SHOWN];
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        length = length == 0 ? 1 : length;
+        size_t added = code == '\t' ? (size_t)snprintf(shown, sizeof shown, "\\t")
+                                    : tl_clean_text(text, length, shown, sizeof shown);
+        if (used + added >= size) {
+            memcpy(copy + cut_at, cut, sizeof cut);
+            return;
+        }
+        memcpy(copy + used, shown, added);
+        used += added;
+        cut_at = used + sizeof cut <= size ? used : cut_at;
+        text += length;
+        left -= length;
+    }
+    copy[used] = '\0';
+}
+
+static bool is_digit(int character) {
+    return character >= '0' && character <= '9';
+}
+
+/* What a number or a word is made of. */
+static bool is_word(int character) {
+    return is_digit(character) || (character >= 'a' && character <= 'z') || (character >= 'A' && character <= 'Z') ||
+           character == '+' || character == '-' || character == '.' || character == '_';
+}
+
+static int peek(const scanner *s) {
+    return s->at < s->size ? (unsigned char)s->text[s->at] : END;
+}
+
+static bool accept(scanner *s, int character) {
+    bool found = peek(s) == character;
+    s->at += found ? 1 : 0;
+    return found;
+}
+
+static void skip_space(scanner *s) {
+    for (;; s->at++) {
+        int character = peek(s);
+        if (character == '\n') {
+            s->line++;
+        } else if (character != ' ' && character != '\t' && character != '\r') {
+            return;
+        }
+    }
+}
+
+/* Characters of the number or word that begins at `from`. */
+static size_t word_length(const scanner *s, size_t from) {
+    size_t end = from;
+    while (end < s->size && is_word((unsigned char)s->text[end])) {
+        end++;
+    }
+    return end - from;
+}
+
+/* ---- errors ---- */
+
+/* What stands at an offset, for people. */
+static void describe(const scanner *s, size_t at, char *found, size_t size) {
+    size_t word = word_length(s, at);
+    unsigned byte = at < s->size ? (unsigned char)s->text[at] : 0;
+    if (at == s->size) {
+        (void)snprintf(found, size, "the end of the file");
+    } else if (word > 0) {
+        (void)snprintf(found, size, word > 24 ? "%.*s…" : "%.*s", word > 24 ? 24 : (int)word, s->text + at);
+    } else if (byte == '\n' || byte == '\r') {
+        (void)snprintf(found, size, "a line break");
+    } else if (byte == '\t') {
+        (void)snprintf(found, size, "a tab");
+    } else if (byte < 0x20 || byte == 0x7F) {
+        (void)snprintf(found, size, "the control character U+%04X", byte);
+    } else {
+        uint32_t code = 0;
+        (void)tl_clean_text(s->text + at, tl_utf8_read(s->text + at, s->size - at, &code), found, size);
+    }
+}
+
+/* Notes the error at an offset and returns false, so that a scan can end with it. */
+static bool wrong(scanner *s, size_t at, const char *found, const char *expected) {
+    size_t line = 1;
+    size_t column = 1;
+    for (size_t i = 0; i < at; i++) {
+        if (s->text[i] == '\n') {
+            line++;
+            column = 1;
+        } else if (((unsigned char)s->text[i] & 0xC0) != 0x80) {
+            column++;
+        }
+    }
+    (void)tl_fail(s->error, TL_BAD_DATA, "line %zu, column %zu: found %s, expected %s", line, column, found, expected);
+    return false;
+}
+
+static bool unexpected(scanner *s, size_t at, const char *expected) {
+    char found[64];
+    describe(s, at, found, sizeof found);
+    return wrong(s, at, found, expected);
+}
+
+/* ---- values ---- */
+
+/* Four hexadecimal digits after \u; -1 where they are not. */
+static long hexadecimal(const scanner *s, size_t at) {
+    long code = 0;
+    for (size_t i = at; i < at + 4; i++) {
+        int character = i < s->size ? (unsigned char)s->text[i] : END;
+        if (is_digit(character)) {
+            code = code * 16 + (character - '0');
+        } else if ((character >= 'a' && character <= 'f') || (character >= 'A' && character <= 'F')) {
+            code = code * 16 + ((character | 0x20) - 'a' + 10);
+        } else {
+            return -1;
+        }
+    }
+    return code;
+}
+
+/* \uXXXX, or a pair of them for a character beyond U+FFFF; `at` is at the u. */
+static bool scan_unicode_escape(scanner *s) {
+    size_t start = s->at - 1;
+    long code = hexadecimal(s, s->at + 1);
+    if (code < 0) {
+        return wrong(s, start, "\\u without four hexadecimal digits", "four of them, for example \\u00e9");
+    }
+    if (code == 0) {
+        return wrong(s, start, "\\u0000", "a text without NUL characters");
+    }
+    s->at += 5;
+    if (code < 0xD800 || code > 0xDFFF) {
+        return true;
+    }
+    bool pair = code < 0xDC00 && s->size - s->at >= 6 && memcmp(s->text + s->at, "\\u", 2) == 0;
+    long low = pair ? hexadecimal(s, s->at + 2) : -1;
+    if (low < 0xDC00 || low > 0xDFFF) {
+        return wrong(s, start, "half of a surrogate pair", "both halves, for example \\ud83d\\ude00");
+    }
+    s->at += 6;
+    return true;
+}
+
+/* After a backslash. */
+static bool scan_escape(scanner *s) {
+    int character = peek(s);
+    if (character == 'u') {
+        return scan_unicode_escape(s);
+    }
+    if (character == END) {
+        return unexpected(s, s->at, "the rest of an escape such as \\n");
+    }
+    if (character == 0 || strchr("\"\\/bfnrt", character) == NULL) {
+        char found[64] = "\\";
+        describe(s, s->at, found + 1, sizeof found - 1);
+        return wrong(s, s->at - 1, found, "one of \\\" \\\\ \\/ \\b \\f \\n \\r \\t \\u");
+    }
+    s->at++;
+    return true;
+}
+
+static bool scan_string(scanner *s) {
+    s->at++;
+    for (;;) {
+        int character = peek(s);
+        if (character == END) {
+            return unexpected(s, s->at, "the \" that ends a text");
+        }
+        if (character < 0x20) {
+            return unexpected(s, s->at, "the \" that ends a text (within a text a line break is \\n, a tab \\t)");
+        }
+        s->at++;
+        if (character == '"') {
+            return true;
+        }
+        if (character == '\\' && !scan_escape(s)) {
+            return false;
+        }
+    }
+}
+
+static void skip_digits(scanner *s) {
+    while (is_digit(peek(s))) {
+        s->at++;
+    }
+}
+
+/* True where `at` has moved over -? int frac? exp?, with nothing of a word behind it. */
+static bool scan_number_shape(scanner *s) {
+    (void)accept(s, '-');
+    if (!is_digit(peek(s))) {
+        return false;
+    }
+    if (!accept(s, '0')) {
+        skip_digits(s);
+    }
+    if (accept(s, '.')) {
+        if (!is_digit(peek(s))) {
+            return false;
+        }
+        skip_digits(s);
+    }
+    if (accept(s, 'e') || accept(s, 'E')) {
+        if (!accept(s, '+')) {
+            (void)accept(s, '-');
+        }
+        if (!is_digit(peek(s))) {
+            return false;
+        }
+        skip_digits(s);
+    }
+    return !is_word(peek(s));
+}
+
+static bool scan_number(scanner *s) {
+    size_t start = s->at;
+    size_t length = word_length(s, start);
+    char digits[TL_JSON_NUMBER_CHARS + 1];
+    if (!scan_number_shape(s)) {
+        return unexpected(s, start, "a number as JSON writes it (no leading zeros or +), for example 0.1 or -2e-3");
+    }
+    if (length > TL_JSON_NUMBER_CHARS) {
+        return unexpected(s, start, "a number of at most 63 characters");
+    }
+    memcpy(digits, s->text + start, length);
+    digits[length] = '\0';
+    if (!isfinite(strtod(digits, NULL))) {
+        return unexpected(s, start, "a number within ±1.7e308");
+    }
+    return true;
+}
+
+static bool scan_word(scanner *s) {
+    static const char *const words[] = {"true", "false", "null"};
+    size_t length = word_length(s, s->at);
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        if (length == strlen(words[i]) && memcmp(s->text + s->at, words[i], length) == 0) {
+            s->at += length;
+            return true;
+        }
+    }
+    return unexpected(s, s->at, "a value: an object, an array, a text in \", a number, true, false or null");
+}
+
+/* ---- objects and arrays ---- */
+
+static bool scan_key(scanner *s) {
+    skip_space(s);
+    if (peek(s) != '"') {
+        return unexpected(s, s->at, "a key in \", for example \"name\"");
+    }
+    if (!scan_string(s)) {
+        return false;
+    }
+    skip_space(s);
+    return accept(s, ':') || unexpected(s, s->at, "a : after the key");
+}
+
+/* Opens an object or array. *ended where it is empty; else `at` is before its first value. */
+static bool scan_opening(scanner *s, bool *ended) {
+    char bracket = s->text[s->at];
+    if (s->depth == TL_JSON_MAX_DEPTH) {
+        return wrong(s, s->at, "a 33rd level of brackets", "at most 32");
+    }
+    s->open[s->depth++] = bracket;
+    s->at++;
+    skip_space(s);
+    *ended = accept(s, bracket == '{' ? '}' : ']');
+    if (*ended) {
+        s->depth--;
+        return true;
+    }
+    return bracket == '[' || scan_key(s);
+}
+
+/* One value, or the opening of one. *ended where it is complete. */
+static bool scan_value(scanner *s, bool *ended) {
+    skip_space(s);
+    s->lines->line[s->lines->count++] = s->line;
+    int character = peek(s);
+    *ended = true;
+    if (character == '{' || character == '[') {
+        return scan_opening(s, ended);
+    }
+    if (character == '"') {
+        return scan_string(s);
+    }
+    if (character == '-' || is_digit(character)) {
+        return scan_number(s);
+    }
+    return scan_word(s);
+}
+
+/* After a complete value: closes what ends here, up to the comma before the next value. */
+static bool scan_closing(scanner *s) {
+    while (s->depth > 0) {
+        bool object = s->open[s->depth - 1] == '{';
+        skip_space(s);
+        if (accept(s, ',')) {
+            return !object || scan_key(s);
+        }
+        if (!accept(s, object ? '}' : ']')) {
+            return unexpected(s, s->at, object ? "a , or }" : "a , or ]");
+        }
+        s->depth--;
+    }
+    return true;
+}
+
+static bool scan_document(scanner *s) {
+    do {
+        bool ended = false;
+        if (!scan_value(s, &ended) || (ended && !scan_closing(s))) {
+            return false;
+        }
+    } while (s->depth > 0);
+    skip_space(s);
+    return s->at == s->size || unexpected(s, s->at, "nothing after the end");
+}
+
+/* ---- the whole text ---- */
+
+static bool check_encoding(scanner *s) {
+    if (s->size >= 3 && memcmp(s->text, "\xEF\xBB\xBF", 3) == 0) {
+        return wrong(s, 0, "a byte order mark", "UTF-8 without one: save the file as \"UTF-8 without BOM\"");
+    }
+    for (size_t at = 0; at < s->size;) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(s->text + at, s->size - at, &code);
+        if (length == 0) {
+            char found[64];
+            (void)snprintf(found, sizeof found, "the byte 0x%02X, which is not UTF-8 here",
+                           (unsigned)(unsigned char)s->text[at]);
+            return wrong(s, at, found, "UTF-8: save the file in that encoding");
+        }
+        at += length;
+    }
+    return true;
+}
+
+/* Each value is the first, or follows a [ or , or : */
+static size_t most_values(const char *text, size_t size) {
+    size_t count = 1;
+    for (size_t i = 0; i < size; i++) {
+        count += text[i] == '[' || text[i] == ',' || text[i] == ':' ? 1 : 0;
+    }
+    return count;
+}
+
+tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error) {
+    scanner s = {.text = text, .size = size, .line = 1, .lines = lines, .error = error};
+    lines->count = 0;
+    lines->line = tl_arena_take(arena, most_values(text, size), sizeof *lines->line);
+    if (lines->line == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory to read %zu bytes of JSON", size);
+    }
+    return check_encoding(&s) && scan_document(&s) ? TL_OK : TL_BAD_DATA;
+}
+
+/* ---- json reader ---- */
+
+static const double LIMIT = 9e15; /* below 2^53: each is exact */
+
+tl_json_reader tl_json_reader_of(const char *text, size_t size) {
+    tl_json_reader reader = {NULL, false};
+    tl_json_lines lines;
+    tl_arena scratch;
+    tl_error ignored;
+    tl_arena_init(&scratch);
+    if (tl_json_text_check(text, size, &scratch, &lines, &ignored) == TL_OK) {
+        reader.root = cJSON_ParseWithLength(text, size);
+        reader.right = cJSON_IsObject(reader.root) != 0;
+    }
+    tl_arena_release(&scratch);
+    return reader;
+}
+
+bool tl_json_has(const tl_json_reader *reader, const char *key) {
+    return cJSON_GetObjectItemCaseSensitive(reader->root, key) != NULL;
+}
+
+uint64_t tl_json_count(tl_json_reader *reader, const char *key) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
+    if (cJSON_IsNumber(item) && item->valuedouble >= 0.0 && item->valuedouble < LIMIT) {
+        return (uint64_t)item->valuedouble;
+    }
+    reader->right = false;
+    return 0;
+}
+
+double tl_json_number(tl_json_reader *reader, const char *key) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
+    reader->right = reader->right && cJSON_IsNumber(item) != 0;
+    return cJSON_IsNumber(item) ? item->valuedouble : 0.0;
+}
+
+bool tl_json_truth(tl_json_reader *reader, const char *key) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
+    reader->right = reader->right && cJSON_IsBool(item) != 0;
+    return cJSON_IsTrue(item) != 0;
+}
+
+const char *tl_json_text(tl_json_reader *reader, const char *key) {
+    const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
+    if (cJSON_IsString(item)) {
+        return item->valuestring;
+    }
+    reader->right = false;
+    return "";
+}
+
+void tl_json_reader_free(tl_json_reader *reader) {
+    cJSON_Delete(reader->root);
+    *reader = (tl_json_reader){NULL, false};
+}
+
+/* ---- json writer ---- */
+
+void tl_json_writer_begin(tl_json_writer *writer) {
+    *writer = (tl_json_writer){.open = {cJSON_CreateObject()}, .depth = 1};
+    writer->failed = writer->open[0] == NULL;
+}
+
+/* NULL: there was no memory, for it or for its key. */
+static cJSON *add(tl_json_writer *writer, const char *key, cJSON *item) {
+    cJSON *around = writer->open[writer->depth - 1];
+    bool added = item != NULL &&
+                 (key == NULL ? cJSON_AddItemToArray(around, item) : cJSON_AddItemToObject(around, key, item)) != 0;
+    if (!added) {
+        cJSON_Delete(item);
+        writer->failed = true;
+    }
+    return added ? item : NULL;
+}
+
+void tl_json_add_null(tl_json_writer *writer, const char *key) {
+    (void)add(writer, key, cJSON_CreateNull());
+}
+
+void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth) {
+    (void)add(writer, key, cJSON_CreateBool(truth));
+}
+
+/* cJSON makes null of what is not finite. */
+void tl_json_add_number(tl_json_writer *writer, const char *key, double number) {
+    (void)add(writer, key, cJSON_CreateNumber(number));
+}
+
+void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count) {
+    tl_json_add_number(writer, key, (double)count);
+}
+
+void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text) {
+    (void)add(writer, key, text == NULL ? cJSON_CreateNull() : cJSON_CreateString(text));
+}
+
+static void open_item(tl_json_writer *writer, const char *key, cJSON *item) {
+    assert(writer->depth < TL_JSON_WRITER_DEPTH);
+    writer->open[writer->depth] = add(writer, key, item);
+    writer->depth++;
+}
+
+void tl_json_open_object(tl_json_writer *writer, const char *key) {
+    open_item(writer, key, cJSON_CreateObject());
+}
+
+void tl_json_open_array(tl_json_writer *writer, const char *key) {
+    open_item(writer, key, cJSON_CreateArray());
+}
+
+void tl_json_close(tl_json_writer *writer) {
+    assert(writer->depth > 1);
+    writer->depth--;
+}
+
+tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error) {
+    char *text = writer->failed ? NULL : cJSON_Print(writer->open[0]);
+    if (text == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "out of memory");
+    }
+    (void)fprintf(file, "%s\n", text);
+    cJSON_free(text);
+    return TL_OK;
+}
+
+/* cJSON wants some bytes more than it writes. */
+size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room) {
+    bool fits = !writer->failed && room <= INT_MAX && cJSON_PrintPreallocated(writer->open[0], line, (int)room, 0) != 0;
+    return fits ? strlen(line) : 0;
+}
+
+void tl_json_writer_free(tl_json_writer *writer) {
+    cJSON_Delete(writer->open[0]);
+    *writer = (tl_json_writer){.depth = 0};
+}

@@ -1,0 +1,304 @@
+/* The operating system in small pieces: locale, clock, memory, files, threads, shortages: see os.h. */
+#include "firmware/base/os.h"
+
+#include <assert.h>
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <locale.h>
+#include <malloc.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+/* ---- c locale ---- */
+
+static pthread_once_t once = PTHREAD_ONCE_INIT;
+static locale_t ours;
+
+/* "C" itself is a constant of the C library: that cannot fail, and freeing it does nothing. */
+static void make(void) {
+    locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    locale_t with_utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", plain);
+    ours = with_utf8 != (locale_t)0 ? with_utf8 : plain;
+}
+
+void tl_locale_use(void) {
+    (void)pthread_once(&once, make);
+    (void)uselocale(ours);
+}
+
+/* ---- clock ---- */
+
+tl_time tl_clock_now(void *context) {
+    (void)context;
+    struct timespec now;
+    (void)clock_gettime(CLOCK_MONOTONIC, &now);
+    return (tl_time)now.tv_sec * TL_SECOND + now.tv_nsec;
+}
+
+void tl_clock_sleep_until(tl_time instant) {
+    struct timespec until = {.tv_sec = (time_t)(instant / TL_SECOND), .tv_nsec = (long)(instant % TL_SECOND)};
+    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &until, NULL);
+}
+
+/* ---- heap ---- */
+
+size_t tl_heap_used(void) {
+    struct mallinfo2 heap = mallinfo2();
+    return heap.uordblks + heap.hblkhd;
+}
+
+/* ---- shortage ---- */
+
+static const int codes[] = {EMFILE, ENFILE, ENOMEM, ENOSPC, EDQUOT};
+
+enum { CODES = sizeof codes / sizeof codes[0] };
+
+bool tl_shortage_is(int code) {
+    for (size_t i = 0; i < CODES; i++) {
+        if (code == codes[i]) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool tl_shortage_is_told(const char *sentence) {
+    for (size_t i = 0; i < CODES; i++) {
+        if (strstr(sentence, strerror(codes[i])) != NULL) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ---- See os.h. */
+
+ssize_t tl_file_bytes_read(int file, char *bytes, size_t room) {
+    size_t size = 0;
+    while (size < room) {
+        ssize_t got = read(file, bytes + size, room - size);
+        if (got < 0 && errno != EINTR) {
+            return -1;
+        }
+        if (got == 0) {
+            break;
+        }
+        size += got > 0 ? (size_t)got : 0;
+    }
+    return (ssize_t)size;
+}
+
+/* ---- new file ---- */
+
+bool tl_new_file_is(const char *path, const char *other) {
+    struct stat first;
+    struct stat second;
+    return strcmp(path, other) == 0 || (stat(path, &first) == 0 && stat(other, &second) == 0 &&
+                                        first.st_dev == second.st_dev && first.st_ino == second.st_ino);
+}
+
+/* Where it will be; `mode` is what the file at that place has, or what a new one gets. */
+static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode, tl_error *error) {
+    struct stat file;
+    if (given[0] == '\0') {
+        return tl_fail(error, TL_BAD_USAGE, "the name of the file is empty: give one, for example report.html");
+    }
+    if (strcmp(given, "-") == 0) {
+        return tl_fail(error, TL_BAD_USAGE,
+                       "\"-\" is no file, and this cannot go to standard output: give a name, for example report.html");
+    }
+    if (realpath(given, path) != NULL && stat(path, &file) == 0) {
+        *mode = file.st_mode & 0777;
+        return S_ISREG(file.st_mode)
+                   ? TL_OK
+                   : tl_fail(error, TL_BAD_DATA, "%.300s: is no ordinary file, and left as it is", given);
+    }
+    if (lstat(given, &file) == 0) {
+        return tl_fail(error, TL_BAD_DATA, "%.300s: is a symbolic link that leads nowhere, and left as it is", given);
+    }
+    mode_t mask = umask(0);
+    (void)umask(mask);
+    *mode = 0666 & ~mask;
+    return snprintf(path, PATH_MAX, "%s", given) < PATH_MAX
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "%.300s…: the name is too long", given);
+}
+
+/* A name that nobody had before; −1 where there can be none. */
+static int take_name(const char *path, char name[PATH_MAX]) {
+    for (int i = 0;; i++) {
+        if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) >= PATH_MAX) {
+            errno = ENAMETOOLONG;
+            return -1;
+        }
+        int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
+        if (file >= 0 || errno != EEXIST) {
+            return file;
+        }
+    }
+}
+
+tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *error) {
+    mode_t mode = 0;
+    *new_file = (tl_new_file){0};
+    tl_status status = find_place(path, new_file->path, &mode, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    int opened = take_name(new_file->path, new_file->name);
+    if (opened < 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s", path, strerror(errno));
+    }
+    (void)fchmod(opened, mode);
+    new_file->file = fdopen(opened, "w");
+    if (new_file->file == NULL) {
+        status = tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s", path, strerror(errno));
+        (void)close(opened);
+        (void)unlink(new_file->name);
+    }
+    return status;
+}
+
+/* So that the name survives a power cut, as the content does. Not every file system can, and then nothing is wrong with the
+ * file. */
+static void keep_name(const char *path) {
+    char folder[PATH_MAX];
+    (void)snprintf(folder, sizeof folder, "%s", path);
+    char *end = strrchr(folder, '/');
+    if (end == NULL) {
+        (void)snprintf(folder, sizeof folder, ".");
+    } else {
+        end[end == folder ? 1 : 0] = '\0';
+    }
+    int opened = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (opened >= 0) {
+        (void)fsync(opened);
+        (void)close(opened);
+    }
+}
+
+tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
+    FILE *file = new_file->file;
+    bool failed = ferror(file) != 0;
+    errno = failed ? EIO : 0; /* what an earlier failure is called where nothing is left to fail */
+    failed = fflush(file) != 0 || failed;
+    failed = fsync(fileno(file)) != 0 || failed;
+    failed = fclose(file) != 0 || failed;
+    int cause = errno;
+    new_file->file = NULL;
+    if (failed) {
+        (void)unlink(new_file->name);
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: not everything could be written: %s", new_file->path,
+                       strerror(cause));
+    }
+    if (rename(new_file->name, new_file->path) != 0) {
+        cause = errno;
+        (void)unlink(new_file->name);
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be put in place: %s", new_file->path, strerror(cause));
+    }
+    keep_name(new_file->path);
+    return TL_OK;
+}
+
+void tl_new_file_discard(tl_new_file *new_file) {
+    if (new_file->file != NULL) {
+        (void)fclose(new_file->file);
+        (void)unlink(new_file->name);
+    }
+    new_file->file = NULL;
+}
+
+/* ---- other case ---- */
+
+/* The folder of a path as one that can be opened. */
+static DIR *open_folder(const char *path, size_t length) {
+    char folder[PATH_MAX];
+    if (length >= sizeof folder) {
+        return NULL;
+    }
+    (void)snprintf(folder, sizeof folder, "%.*s", (int)length, path);
+    return opendir(length == 0 ? "." : folder);
+}
+
+const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+    const char *slash = strrchr(path, '/');
+    const char *name = slash != NULL ? slash + 1 : path;
+    text[0] = '\0';
+    DIR *folder = access(path, F_OK) == 0 ? NULL : open_folder(path, (size_t)(name - path));
+    for (const struct dirent *entry = NULL; folder != NULL && (entry = readdir(folder)) != NULL;) {
+        if (strcasecmp(entry->d_name, name) == 0) {
+            (void)snprintf(text, TL_OTHER_CASE_TEXT, "; there is %s beside it, with other letters' case",
+                           entry->d_name);
+            break;
+        }
+    }
+    if (folder != NULL) {
+        (void)closedir(folder);
+    }
+    return text;
+}
+
+/* ---- latest ---- */
+
+void tl_latest_publish(tl_latest *latest, const void *data, size_t size) {
+    assert(size <= sizeof latest->words);
+    const unsigned char *bytes = data;
+    uint64_t writing =
+        __atomic_load_n(&latest->sequence, __ATOMIC_RELAXED) | 1U; /* odd already if a writer died here */
+    __atomic_store_n(&latest->sequence, writing, __ATOMIC_SEQ_CST);
+    for (size_t i = 0; i * sizeof(uint64_t) < size; i++) {
+        uint64_t word = 0;
+        size_t rest = size - i * sizeof word;
+        memcpy(&word, bytes + i * sizeof word, rest < sizeof word ? rest : sizeof word);
+        __atomic_store_n(&latest->words[i], word, __ATOMIC_SEQ_CST);
+    }
+    __atomic_store_n(&latest->sequence, writing + 1, __ATOMIC_SEQ_CST);
+}
+
+bool tl_latest_read(const tl_latest *latest, void *data, size_t size) {
+    unsigned char *bytes = data;
+    for (int attempt = 0; attempt < TL_LATEST_TRIES; attempt++) {
+        uint64_t before = __atomic_load_n(&latest->sequence, __ATOMIC_SEQ_CST);
+        for (size_t i = 0; i * sizeof(uint64_t) < size; i++) {
+            uint64_t word = __atomic_load_n(&latest->words[i], __ATOMIC_SEQ_CST);
+            size_t rest = size - i * sizeof word;
+            memcpy(bytes + i * sizeof word, &word, rest < sizeof word ? rest : sizeof word);
+        }
+        if (before % 2 == 0 && before == __atomic_load_n(&latest->sequence, __ATOMIC_SEQ_CST)) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ---- side thread ---- */
+
+int tl_side_thread_start(pthread_t *thread, size_t stack, void *(*run)(void *context), void *context) {
+    const struct sched_param ordinary = {.sched_priority = 0};
+    pthread_attr_t attributes;
+    sigset_t all;
+    sigset_t before;
+    int failure = pthread_attr_init(&attributes);
+    if (failure != 0) {
+        return failure;
+    }
+    if (stack > 0) {
+        (void)pthread_attr_setstacksize(&attributes, stack);
+    }
+    (void)pthread_attr_setinheritsched(&attributes, PTHREAD_EXPLICIT_SCHED);
+    (void)pthread_attr_setschedpolicy(&attributes, SCHED_OTHER);
+    (void)pthread_attr_setschedparam(&attributes, &ordinary);
+    (void)sigfillset(&all);
+    (void)pthread_sigmask(SIG_SETMASK, &all, &before); /* inherited by the thread */
+    failure = pthread_create(thread, &attributes, run, context);
+    (void)pthread_sigmask(SIG_SETMASK, &before, NULL);
+    (void)pthread_attr_destroy(&attributes);
+    return failure;
+}

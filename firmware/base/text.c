@@ -1,0 +1,477 @@
+/* Texts for people: what may be shown, columns, numbers, durations, dates, wrapped lines: see text.h. */
+#include "firmware/base/text.h"
+
+#include <assert.h>
+#include <math.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "master/base/utf8.h"
+
+/* ---- clean text ---- */
+
+enum { LONGEST = 16 };
+
+/* Digits of `value`, at least `least` of them, behind `begin`. Without stdio, which no signal handler may use. */
+static size_t put_hex(char *to, const char *begin, uint32_t value, int least) {
+    size_t size = 0;
+    int digits = least;
+    while (begin[size] != '\0') {
+        to[size] = begin[size];
+        size++;
+    }
+    while (digits < 8 && value >> (4 * digits) != 0) {
+        digits++;
+    }
+    for (int i = digits - 1; i >= 0; i--) {
+        to[size++] = "0123456789ABCDEF"[value >> (4 * i) & 0xFU];
+    }
+    return size;
+}
+
+/* What stands for a character of `length` bytes; 0: for a byte that is none. Bytes added to `shown`. */
+static size_t show(const char *bytes, size_t length, uint32_t code, char shown[LONGEST]) {
+    if (length == 0 || (length == 1 && code != '\t' && !tl_utf8_can_be_shown(code))) {
+        return put_hex(shown, "\\x", (unsigned char)bytes[0], 2);
+    }
+    if (length > 1 && !tl_utf8_can_be_shown(code)) {
+        size_t size = put_hex(shown, "\\u{", code, 1);
+        shown[size++] = '}';
+        return size;
+    }
+    memcpy(shown, bytes, length);
+    return length;
+}
+
+size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room) {
+    size_t end = 0;
+    for (size_t i = 0; i < size;) {
+        char shown[LONGEST];
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(bytes + i, size - i, &code);
+        size_t added = show(bytes + i, length, code, shown);
+        if (end + added >= room) {
+            break;
+        }
+        memcpy(clean + end, shown, added);
+        end += added;
+        i += length == 0 ? 1 : length;
+    }
+    clean[end] = '\0';
+    return end;
+}
+
+/* ---- wrapped ---- */
+
+enum { WIDTH = 79 };
+
+/* Characters, not bytes. */
+static int columns_of(const char *word, size_t length) {
+    int columns = 0;
+    for (size_t i = 0; i < length; i++) {
+        columns += ((unsigned char)word[i] & 0xC0U) != 0x80U ? 1 : 0;
+    }
+    return columns;
+}
+
+void tl_wrapped_print(FILE *file, const char *text, int first, int indent) {
+    int column = first;
+    (void)fprintf(file, "%*s", first, "");
+    for (const char *word = text; *word != '\0';) {
+        size_t length = strcspn(word, " ");
+        int columns = columns_of(word, length);
+        if (word != text && column + 1 + columns > WIDTH) {
+            (void)fprintf(file, "\n%*s", indent, "");
+            column = indent;
+        } else if (word != text) {
+            (void)fputc(' ', file);
+            column++;
+        }
+        (void)fprintf(file, "%.*s", (int)length, word);
+        column += columns;
+        word += length + (word[length] == ' ' ? 1 : 0);
+    }
+    (void)fputc('\n', file);
+}
+
+/* ---- UTC stamps. Parsed by hand: strptime() depends on the locale and accepts too much. The calendar is our own, because
+ * that of a 32-bit time_t ends in 2038. */
+
+enum { MS = 1000, DAY = 86400 };
+
+static const int64_t EARLIEST = INT64_C(-62167219200000); /* 0000-01-01T00:00:00.000Z */
+static const int64_t LATEST = INT64_C(253402300799999);   /* 9999-12-31T23:59:59.999Z */
+
+typedef struct stamp {
+    int year;
+    int month; /* 1 … 12 */
+    int day;   /* 1 … 31 */
+    int hour;
+    int minute;
+    int second;
+    int millisecond;
+} stamp;
+
+/* ---- Calendar ------------------------------------------------------------------------------------------- */
+
+static bool is_leap(int year) {
+    return (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
+}
+
+/* Days from 0000-01-01 to the first of a year; the year 0 is a leap year. */
+static int64_t days_before_year(int year) {
+    return INT64_C(365) * year + (year + 3) / 4 - (year + 99) / 100 + (year + 399) / 400;
+}
+
+/* Days of a year before a month, 1 … 13. */
+static int days_before_month(int year, int month) {
+    assert(month >= 1 && month <= 13);
+    static const int before[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334, 365};
+    return before[month - 1] + (month > 2 && is_leap(year) ? 1 : 0);
+}
+
+/* The date of a day from 0000-01-01 on. */
+static void set_date(stamp *utc, int64_t day) {
+    utc->year = (int)(day / 366); /* not later than it is */
+    while (days_before_year(utc->year + 1) <= day) {
+        utc->year++;
+    }
+    int within = (int)(day - days_before_year(utc->year));
+    utc->month = 1;
+    while (days_before_month(utc->year, utc->month + 1) <= within) {
+        utc->month++;
+    }
+    utc->day = within - days_before_month(utc->year, utc->month) + 1;
+}
+
+/* ---- Texts ---------------------------------------------------------------------------------------------- */
+
+int64_t tl_utc_now(void) {
+    struct timespec now = {.tv_sec = 0}; /* what it stays where time_t has 4 bytes and 2038 is over */
+    (void)clock_gettime(CLOCK_REALTIME, &now);
+    return (int64_t)now.tv_sec * MS + now.tv_nsec / 1000000;
+}
+
+void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]) {
+    int64_t within = milliseconds < EARLIEST ? EARLIEST : milliseconds > LATEST ? LATEST : milliseconds;
+    int64_t seconds = (within - EARLIEST) / MS;
+    int second = (int)(seconds % DAY);
+    stamp utc;
+    set_date(&utc, seconds / DAY);
+    char wide[96]; /* what the compiler thinks the fields could need */
+    (void)snprintf(wide, sizeof wide, "%04d-%02d-%02dT%02d:%02d:%02d.%03dZ", utc.year, utc.month, utc.day,
+                   second / 3600, second / 60 % 60, second % 60, (int)((within - EARLIEST) % MS));
+    memcpy(text, wide, TL_UTC_TEXT - 1);
+    text[TL_UTC_TEXT - 1] = '\0';
+}
+
+/* Reads exactly `digits` digits into *value, at most `limit`. */
+static bool take_number(const char **text, int digits, int limit, int *value) {
+    *value = 0;
+    for (int i = 0; i < digits; i++, (*text)++) {
+        if (**text < '0' || **text > '9') {
+            return false;
+        }
+        *value = *value * 10 + (**text - '0');
+    }
+    return *value <= limit;
+}
+
+static bool take(const char **text, char expected) {
+    if (**text != expected) {
+        return false;
+    }
+    (*text)++;
+    return true;
+}
+
+/* ".4", ".45" or ".456" where there is one. */
+static bool take_fraction(const char **text, int *milliseconds) {
+    *milliseconds = 0;
+    if (!take(text, '.')) {
+        return true;
+    }
+    int weight = 100;
+    const char *first = *text;
+    for (; **text >= '0' && **text <= '9'; (*text)++, weight /= 10) {
+        *milliseconds += (**text - '0') * weight;
+    }
+    return *text > first && *text - first <= 9;
+}
+
+static bool take_date(const char **text, stamp *utc) {
+    if (!take_number(text, 4, 9999, &utc->year) || !take(text, '-') || !take_number(text, 2, 12, &utc->month) ||
+        utc->month < 1 || !take(text, '-') || !take_number(text, 2, 31, &utc->day) || utc->day < 1) {
+        return false;
+    }
+    return utc->day <= days_before_month(utc->year, utc->month + 1) - days_before_month(utc->year, utc->month);
+}
+
+static bool take_clock(const char **text, stamp *utc) {
+    if (!take_number(text, 2, 23, &utc->hour) || !take(text, ':') || !take_number(text, 2, 59, &utc->minute)) {
+        return false;
+    }
+    return !take(text, ':') || (take_number(text, 2, 59, &utc->second) && take_fraction(text, &utc->millisecond));
+}
+
+bool tl_utc_parse(const char *text, int64_t *milliseconds) {
+    stamp utc = {.year = 0};
+    if (!take_date(&text, &utc)) {
+        return false;
+    }
+    if ((take(&text, 'T') || take(&text, ' ')) && !take_clock(&text, &utc)) {
+        return false;
+    }
+    (void)take(&text, 'Z');
+    if (*text != '\0') {
+        return false;
+    }
+    int64_t day = days_before_year(utc.year) + days_before_month(utc.year, utc.month) + utc.day - 1;
+    int second = (utc.hour * 60 + utc.minute) * 60 + utc.second;
+    *milliseconds = EARLIEST + (day * DAY + second) * MS + utc.millisecond;
+    return true;
+}
+
+/* ---- Text for people. Numbers are written and read with a point, whatever the locale (os.h). */
+
+enum { CELL = 512 };
+
+static bool is_set(const char *value) {
+    return value != NULL && value[0] != '\0';
+}
+
+/* The locale's name, as POSIX finds it. */
+static bool is_utf8_locale(void) {
+    static const char *const names[] = {"LC_ALL", "LC_CTYPE", "LANG"};
+    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
+        const char *value = getenv(names[i]);
+        if (is_set(value)) {
+            return strcasestr(value, "utf-8") != NULL || strcasestr(value, "utf8") != NULL;
+        }
+    }
+    return false;
+}
+
+tl_show_style tl_show_style_of(FILE *file) {
+    tl_show_style style = {false, false, false};
+    const char *terminal = getenv("TERM");
+    if (isatty(fileno(file))) {
+        style.unicode = is_utf8_locale();
+        style.ascii = !style.unicode;
+        style.colour = is_set(terminal) && strcmp(terminal, "dumb") != 0 && !is_set(getenv("NO_COLOR"));
+    }
+    return style;
+}
+
+/* ---- Characters -------------------------------------------------------------------------------------------------- */
+
+/* The database holds valid UTF-8, and what does not is still only bytes. */
+size_t tl_show_character(const char *text) {
+    unsigned char first = (unsigned char)text[0];
+    size_t length = first < 0xC0 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
+    for (size_t i = 1; i < length; i++) {
+        if (((unsigned char)text[i] & 0xC0) != 0x80) {
+            return 1;
+        }
+    }
+    return length;
+}
+
+bool tl_show_is_control(const char *text, size_t length) {
+    uint32_t code = 0;
+    return tl_utf8_read(text, length, &code) == 0 || !tl_utf8_can_be_shown(code);
+}
+
+void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size) {
+    size_t end = 0;
+    while (*text != '\0') {
+        size_t length = tl_show_character(text);
+        bool replace = tl_show_is_control(text, length) || (style.ascii && length > 1);
+        if (end + (replace ? 1 : length) >= size) {
+            break;
+        }
+        if (replace) {
+            clean[end++] = '?';
+        } else {
+            memcpy(clean + end, text, length);
+            end += length;
+        }
+        text += length;
+    }
+    clean[end] = '\0';
+}
+
+/* Columns on a terminal, one per character. */
+static size_t width_of(const char *text) {
+    size_t width = 0;
+    for (; *text != '\0'; text += tl_show_character(text)) {
+        width++;
+    }
+    return width;
+}
+
+/* ---- Numbers ----------------------------------------------------------------------------------------------------- */
+
+void tl_show_number(double value, bool sign, char *text, size_t size) {
+    if (!isfinite(value)) {
+        (void)snprintf(text, size, "-");
+    } else if (value == 0.0) {
+        (void)snprintf(text, size, "0"); /* never "-0" */
+    } else {
+        (void)snprintf(text, size, sign ? "%+.4g" : "%.5g", value);
+    }
+}
+
+void tl_show_exact(double value, char *text, size_t size) {
+    for (int digits = 15; digits <= 17; digits++) {
+        (void)snprintf(text, size, "%.*g", digits, value);
+        if (strtod(text, NULL) == value) {
+            return;
+        }
+    }
+}
+
+void tl_show_duration(double seconds, char *text, size_t size) {
+    double whole = floor(seconds + 0.5);
+    if (seconds < 10.0) {
+        (void)snprintf(text, size, "%.3g s", seconds);
+    } else if (whole < 60.0) {
+        (void)snprintf(text, size, "%.0f s", whole);
+    } else if (whole < 3600.0) {
+        (void)snprintf(text, size, "%.0f min %.0f s", floor(whole / 60.0), fmod(whole, 60.0));
+    } else if (whole < 86400.0) {
+        (void)snprintf(text, size, "%.0f h %.0f min", floor(whole / 3600.0), floor(fmod(whole, 3600.0) / 60.0));
+    } else {
+        (void)snprintf(text, size, "%.0f d %.0f h", floor(whole / 86400.0), floor(fmod(whole, 86400.0) / 3600.0));
+    }
+}
+
+void tl_show_bytes(double bytes, char *text, size_t size) {
+    static const char *const units[] = {"B", "kB", "MB", "GB", "TB"};
+    size_t unit = 0;
+    while (bytes >= 999.5 && unit + 1 < sizeof units / sizeof units[0]) {
+        bytes /= 1000.0;
+        unit++;
+    }
+    (void)snprintf(text, size, bytes < 99.95 && unit > 0 ? "%.1f %s" : "%.0f %s", bytes, units[unit]);
+}
+
+/* Halved, so that the difference of the largest numbers is one too. */
+static size_t level_of(double value, double least, double largest, size_t levels) {
+    double range = largest / 2.0 - least / 2.0;
+    if (!(range > 0.0)) {
+        return levels / 2 - 1;
+    }
+    double position = (value / 2.0 - least / 2.0) / range * (double)(levels - 1) + 0.5;
+    return position < (double)levels ? (size_t)position : levels - 1;
+}
+
+void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size) {
+    static const char *const blocks[] = {"▁", "▂", "▃", "▄", "▅", "▆", "▇", "█"};
+    static const char *const plain[] = {"_", ".", ",", "-", "~", "=", "+", "#"};
+    enum { LEVELS = sizeof blocks / sizeof blocks[0] };
+    double least = (double)INFINITY;
+    double largest = (double)-INFINITY;
+    for (size_t i = 0; i < count; i++) {
+        if (isfinite(values[i])) {
+            least = fmin(least, values[i]);
+            largest = fmax(largest, values[i]);
+        }
+    }
+    size_t end = 0;
+    text[0] = '\0';
+    for (size_t i = 0; i < count; i++) {
+        const char *mark = " ";
+        if (isfinite(values[i])) {
+            mark = (style.unicode ? blocks : plain)[level_of(values[i], least, largest, LEVELS)];
+        }
+        if (end + strlen(mark) < size) {
+            end += (size_t)snprintf(text + end, size - end, "%s", mark);
+        }
+    }
+}
+
+/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+
+void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment) {
+    memset(table, 0, sizeof *table);
+    table->style = style;
+    table->columns = strlen(alignment);
+    for (size_t i = 0; i < table->columns && i < TL_SHOW_COLUMNS; i++) {
+        table->right[i] = alignment[i] == 'r';
+    }
+}
+
+void tl_show_table_add(tl_show_table *table, const char *format, ...) {
+    char text[CELL];
+    char clean[CELL];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    tl_show_clean(table->style, text, clean, sizeof clean);
+    if (table->count == table->room) {
+        size_t room = table->room == 0 ? 64 : table->room * 2;
+        char **cells = realloc(table->cells, room * sizeof *cells);
+        if (cells == NULL) {
+            table->failed = true;
+            return;
+        }
+        table->cells = cells;
+        table->room = room;
+    }
+    char *cell = strdup(clean);
+    if (cell == NULL) {
+        table->failed = true;
+        return;
+    }
+    table->cells[table->count++] = cell;
+}
+
+static void pad(FILE *file, size_t count) {
+    (void)fprintf(file, "%*s", (int)count, "");
+}
+
+/* The header is dim. */
+static void print_row(const tl_show_table *table, size_t row, const size_t *widths, FILE *file) {
+    bool dim = row == 0 && table->style.colour;
+    size_t last = table->columns; /* no blanks at the end of a line */
+    while (last > 0 && table->cells[row + last - 1][0] == '\0') {
+        last--;
+    }
+    (void)fputs(dim ? "\x1b[2m" : "", file);
+    for (size_t i = 0; i < last; i++) {
+        const char *cell = table->cells[row + i];
+        size_t blanks = widths[i] - width_of(cell);
+        pad(file, 2 + (table->right[i] ? blanks : 0));
+        (void)fputs(cell, file);
+        pad(file, table->right[i] || i + 1 == last ? 0 : blanks);
+    }
+    (void)fputs(dim ? "\x1b[0m\n" : "\n", file);
+}
+
+tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
+    size_t widths[TL_SHOW_COLUMNS] = {0};
+    for (size_t i = 0; i < table->count; i++) {
+        size_t width = width_of(table->cells[i]);
+        widths[i % table->columns] = width > widths[i % table->columns] ? width : widths[i % table->columns];
+    }
+    for (size_t row = 0; !table->failed && row + table->columns <= table->count; row += table->columns) {
+        print_row(table, row, widths, file);
+    }
+    for (size_t i = 0; i < table->count; i++) {
+        free(table->cells[i]);
+    }
+    free((void *)table->cells);
+    bool failed = table->failed;
+    memset(table, 0, sizeof *table);
+    return failed ? tl_fail(error, TL_TRY_AGAIN, "out of memory") : TL_OK;
+}
+
+const char *tl_show_unit(const char *unit) {
+    return strcmp(unit, "1") == 0 ? "" : unit;
+}

@@ -1,0 +1,563 @@
+/* The control socket of a plant: its messages, their words, the server's end and the client's: see control.h. */
+#include "firmware/retune/control.h"
+
+#include <errno.h>
+#include <linux/magic.h>
+#include <math.h>
+#include <poll.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/socket.h>
+#include <sys/stat.h>
+#include <sys/un.h>
+#include <sys/vfs.h>
+#include <unistd.h>
+
+#include "firmware/base/text.h"
+#include "firmware/process/block.h"
+
+/* ---- control words ---- */
+
+static const char *const right_names[TL_CONTROL_RIGHTS] = {
+    [TL_CONTROL_MAY_READ] = "read", [TL_CONTROL_MAY_RETUNE] = "retune", [TL_CONTROL_MAY_COMMISSION] = "commission"};
+
+static const char *const origin_names[TL_CONTROL_ORIGINS] = {
+    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network", [TL_CONTROL_BY_LIMITED] = "limited"};
+
+static const char *const step_names[TL_CONTROL_STEPS] = {
+    [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
+    [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
+    [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
+    [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
+};
+
+static const char *const result_names[TL_CONTROL_RESULTS] = {
+    [TL_CONTROL_DONE] = "done",
+    [TL_CONTROL_SAME] = "same",
+    [TL_CONTROL_BAD] = "bad request",
+    [TL_CONTROL_FORBIDDEN] = "forbidden",
+    [TL_CONTROL_CHANGED] = "changed",
+    [TL_CONTROL_INVALID] = "invalid",
+    [TL_CONTROL_RESTART] = "needs a restart",
+    [TL_CONTROL_BUSY] = "busy",
+    [TL_CONTROL_ABSENT] = "absent",
+    [TL_CONTROL_FAILED] = "failed",
+    [TL_CONTROL_UNDONE] = "undone",
+    [TL_CONTROL_CANCELLED] = "cancelled",
+};
+
+const char *tl_control_right_name(tl_control_right right) {
+    return right_names[right];
+}
+
+bool tl_control_right_of(const char *name, tl_control_right *right) {
+    for (unsigned i = 0; i < TL_CONTROL_RIGHTS; i++) {
+        if (strcmp(name, right_names[i]) == 0) {
+            *right = (tl_control_right)i;
+            return true;
+        }
+    }
+    return false;
+}
+
+const char *tl_control_origin_name(tl_control_origin origin) {
+    return origin_names[origin];
+}
+
+const char *tl_control_step_name(tl_control_step step) {
+    return step_names[step];
+}
+
+const char *tl_control_result_name(tl_control_result result) {
+    return result_names[result];
+}
+
+/* As sysexits.h and a tl_status have them. */
+int tl_control_exit_code(tl_control_result result) {
+    switch (result) {
+    case TL_CONTROL_DONE:
+    case TL_CONTROL_SAME:
+        return 0;
+    case TL_CONTROL_BAD:
+    case TL_CONTROL_RESTART:
+        return tl_exit_code(TL_BAD_USAGE);
+    case TL_CONTROL_UNDONE:
+        return tl_exit_code(TL_NOT_LOCKED);
+    case TL_CONTROL_INVALID:
+        return tl_exit_code(TL_BAD_DATA);
+    case TL_CONTROL_ABSENT:
+        return tl_exit_code(TL_PLANT_DOWN);
+    case TL_CONTROL_FORBIDDEN:
+        return TL_CONTROL_NOT_PERMITTED;
+    case TL_CONTROL_CHANGED:
+    case TL_CONTROL_BUSY:
+    case TL_CONTROL_FAILED:
+    case TL_CONTROL_CANCELLED:
+    case TL_CONTROL_RESULTS:
+        break;
+    }
+    return tl_exit_code(TL_TRY_AGAIN);
+}
+
+const char *tl_control_right_note(const char *right) {
+    return strcmp(right, "commission") == 0   ? ", takes the right to commission"
+           : strcmp(right, "on the box") == 0 ? ", on the box only"
+                                              : "";
+}
+
+/* ---- control packet ---- */
+
+/* Descriptors that one packet may bring, at most: what finds no room here would not be closed by every emulator. */
+enum { DESCRIPTORS = 253 };
+
+typedef union room_for_descriptors {
+    struct cmsghdr header; /* for its alignment */
+    char bytes[CMSG_SPACE(DESCRIPTORS * sizeof(int))];
+} room_for_descriptors;
+
+/* ---- sending ---- */
+
+static bool send_packet(int socket, const void *bytes, size_t size, int descriptor) {
+    const union {
+        const void *ours;
+        void *for_kernel; /* which only reads it */
+    } what = {.ours = bytes};
+    room_for_descriptors room = {.header = {0}};
+    struct iovec part = {.iov_base = what.for_kernel, .iov_len = size};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
+    if (descriptor >= 0) {
+        message.msg_control = room.bytes;
+        message.msg_controllen = CMSG_SPACE(sizeof descriptor);
+        struct cmsghdr *header = CMSG_FIRSTHDR(&message);
+        header->cmsg_level = SOL_SOCKET;
+        header->cmsg_type = SCM_RIGHTS;
+        header->cmsg_len = CMSG_LEN(sizeof descriptor);
+        memcpy(CMSG_DATA(header), &descriptor, sizeof descriptor);
+    }
+    ssize_t sent = -1;
+    do {
+        sent = sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    } while (sent < 0 && errno == EINTR);
+    return sent == (ssize_t)size;
+}
+
+bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length) {
+    tl_block block = {.descriptor = -1};
+    if (text != NULL && tl_block_make_of("twinlock configuration", text, length, &block, NULL) != TL_OK) {
+        errno = ENOMEM;
+        return false;
+    }
+    bool is_sent = send_packet(socket, bytes, size, block.descriptor);
+    int code = errno;
+    tl_block_close(&block);
+    errno = code;
+    return is_sent;
+}
+
+/* ---- taking ---- */
+
+/* How many of `found` there are. */
+static size_t find_descriptors(struct msghdr *message, int found[DESCRIPTORS]) {
+    size_t count = 0;
+    for (struct cmsghdr *header = CMSG_FIRSTHDR(message); header != NULL; header = CMSG_NXTHDR(message, header)) {
+        if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS) {
+            continue;
+        }
+        size_t bytes = header->cmsg_len - CMSG_LEN(0);
+        size_t here = bytes / sizeof(int);
+        here = here < DESCRIPTORS - count ? here : DESCRIPTORS - count;
+        memcpy(&found[count], CMSG_DATA(header), here * sizeof(int));
+        count += here;
+    }
+    return count;
+}
+
+/* Any other file could be slow to read, or end the reader. */
+static bool is_memory(int descriptor, size_t *size) {
+    struct stat about;
+    struct statfs system;
+    bool is = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode) && fstatfs(descriptor, &system) == 0 &&
+              (unsigned long)system.f_type == TMPFS_MAGIC && about.st_size > 0 && about.st_size <= TL_CONTROL_MOST;
+    *size = is ? (size_t)about.st_size : 0;
+    return is;
+}
+
+static bool copy_text(int descriptor, char *text, size_t *length) {
+    size_t size = 0;
+    if (!is_memory(descriptor, &size)) {
+        return false;
+    }
+    ssize_t got = pread(descriptor, text, size, 0);
+    *length = got == (ssize_t)size ? size : 0;
+    text[*length] = '\0';
+    return *length != 0;
+}
+
+/* Takes what is there. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
+static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
+    room_for_descriptors room = {.header = {0}};
+    struct iovec part = {.iov_base = bytes, .iov_len = size};
+    struct msghdr message = {
+        .msg_iov = &part, .msg_iovlen = 1, .msg_control = room.bytes, .msg_controllen = sizeof room.bytes};
+    int found[DESCRIPTORS];
+    *length = 0;
+    ssize_t got = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    if (got < 0) {
+        bool is_later = errno == EAGAIN || errno == EINTR;
+        return is_later ? TL_CONTROL_NONE : TL_CONTROL_CLOSED;
+    }
+    size_t count = find_descriptors(&message, found);
+    bool is_whole = got == (ssize_t)size && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0;
+    if (count != 0) {
+        is_whole = is_whole && count == 1 && text != NULL && copy_text(found[0], text, length);
+    }
+    for (size_t i = 0; i < count; i++) {
+        (void)close(found[i]);
+    }
+    return got == 0 ? TL_CONTROL_CLOSED : is_whole ? TL_CONTROL_PACKET : TL_CONTROL_GARBAGE;
+}
+
+/* ---- control server ---- */
+
+/* Connections that nobody has accepted yet. */
+enum { WAITING = 16 };
+
+/* ---- the socket ---- */
+
+/* A dead one is in the way of bind(); one that answers is somebody else's. */
+static bool is_living(const struct sockaddr_un *address) {
+    int probe = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    bool is = probe >= 0 && (connect(probe, (const struct sockaddr *)address, sizeof *address) == 0 || errno == EAGAIN);
+    if (probe >= 0) {
+        (void)close(probe);
+    }
+    return is;
+}
+
+/* The last folder of its name; whoever may enter the one above decides who may enter this. */
+static void make_folder(const char *path) {
+    char folder[sizeof((struct sockaddr_un *)NULL)->sun_path];
+    (void)snprintf(folder, sizeof folder, "%s", path);
+    char *end = strrchr(folder, '/');
+    if (end != NULL && end != folder) {
+        *end = '\0';
+        (void)mkdir(folder, S_IRWXU | S_IRWXG);
+    }
+}
+
+static void remove_dead(const struct sockaddr_un *address) {
+    struct stat about;
+    if (lstat(address->sun_path, &about) == 0 && S_ISSOCK(about.st_mode) && !is_living(address)) {
+        (void)unlink(address->sun_path);
+    }
+}
+
+tl_status tl_control_listen(const char *path, int *listener, tl_error *error) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    *listener = -1;
+    if (strlen(path) >= sizeof address.sun_path) {
+        return tl_fail(error, TL_BAD_USAGE, "%s: no socket can have so long a name; give --control a shorter one",
+                       path);
+    }
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    int made = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    make_folder(path);
+    remove_dead(&address);
+    if (made < 0 || bind(made, (const struct sockaddr *)&address, sizeof address) != 0 ||
+        chmod(path, S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP) != 0 || listen(made, WAITING) != 0) {
+        int code = errno;
+        if (made >= 0) {
+            (void)close(made);
+        }
+        return tl_fail(error, TL_TRY_AGAIN, "the control socket %s cannot be made: %s", path, strerror(code));
+    }
+    *listener = made;
+    return TL_OK;
+}
+
+bool tl_control_is_knocked_at(int listener) {
+    struct pollfd waited = {.fd = listener, .events = POLLIN};
+    return listener >= 0 && poll(&waited, 1, 0) > 0;
+}
+
+bool tl_control_accept(int listener, tl_control_peer *peer) {
+    struct ucred who = {0};
+    socklen_t size = sizeof who;
+    *peer = (tl_control_peer){.socket = accept4(listener, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)};
+    if (peer->socket < 0) {
+        return false;
+    }
+    if (getsockopt(peer->socket, SOL_SOCKET, SO_PEERCRED, &who, &size) != 0) {
+        tl_control_close(peer);
+        return false;
+    }
+    peer->user = who.uid;
+    peer->process = who.pid;
+    return true;
+}
+
+/* ---- requests ---- */
+
+/* Its bytes are as they are shown: a stranger's words cannot command a terminal, nor forge a line of a log. */
+static bool is_clean(const char *text, size_t room) {
+    char clean[TL_CONTROL_WHY];
+    size_t length = strnlen(text, room);
+    return length < room && tl_clean_text(text, length, clean, sizeof clean) == length &&
+           memcmp(clean, text, length) == 0;
+}
+
+static bool is_hash(const char text[TL_SHA256_TEXT]) {
+    return text[0] == '\0' || (strnlen(text, TL_SHA256_TEXT) == TL_SHA256_TEXT - 1 &&
+                               strspn(text, "0123456789abcdef") == TL_SHA256_TEXT - 1);
+}
+
+static bool is_sound(const tl_control_request *request) {
+    return request->protocol == TL_CONTROL_PROTOCOL && request->verb < TL_CONTROL_VERBS &&
+           request->right < TL_CONTROL_RIGHTS && request->origin < TL_CONTROL_ORIGINS &&
+           request->flags <= TL_CONTROL_FLAGS && isfinite(request->require_lock) && request->require_lock <= 100.0 &&
+           is_hash(request->hash) && is_hash(request->if_match) && is_clean(request->who, sizeof request->who) &&
+           is_clean(request->why, sizeof request->why);
+}
+
+/* What is wrong with what came, or NULL. */
+static const char *fault_of(const tl_control_request *request, const char *text, size_t size) {
+    char hash[TL_SHA256_TEXT] = "";
+    if (!is_sound(request)) {
+        return "the request is none: twinlock is of another version there";
+    }
+    if ((request->verb == TL_CONTROL_TAKE) != (size != 0)) {
+        return "the request comes without a configuration, or with one that nobody asked for";
+    }
+    if (size != 0) {
+        tl_sha256(text, size, hash);
+    }
+    return strcmp(hash, request->hash) != 0 ? "the configuration is not the one that was sent" : NULL;
+}
+
+tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
+    switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
+    case TL_CONTROL_NONE:
+        return TL_CONTROL_NOTHING;
+    case TL_CONTROL_CLOSED:
+        tl_control_close(peer);
+        return TL_CONTROL_GONE;
+    case TL_CONTROL_GARBAGE:
+        tl_control_finish(peer, TL_CONTROL_BAD, 0, "", "the request is none: twinlock is of another version there");
+        return TL_CONTROL_GONE;
+    case TL_CONTROL_PACKET:
+        break;
+    }
+    const char *fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
+    if (fault != NULL) {
+        tl_control_finish(peer, TL_CONTROL_BAD, 0, "", fault);
+        return TL_CONTROL_GONE;
+    }
+    peer->has_asked = true;
+    return TL_CONTROL_ASKED;
+}
+
+/* ---- replies ---- */
+
+/* Nobody waits for a client that does not take what we say. */
+bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
+    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, NULL, 0)) {
+        tl_control_close(peer);
+    }
+    return peer->socket >= 0;
+}
+
+bool tl_control_send_text(tl_control_peer *peer, const tl_control_version *version, const char *text, size_t size) {
+    tl_control_reply reply;
+    memset(&reply, 0, sizeof reply);
+    reply.kind = TL_CONTROL_CONFIGURATION;
+    reply.more = (uint32_t)size;
+    reply.as.version = *version;
+    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, &reply, sizeof reply, text, size)) {
+        tl_control_close(peer);
+    }
+    return peer->socket >= 0;
+}
+
+void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
+                       const char *text) {
+    tl_control_reply reply;
+    memset(&reply, 0, sizeof reply);
+    reply.kind = TL_CONTROL_END;
+    reply.as.end.result = result;
+    reply.as.end.version = version;
+    (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
+    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
+    (void)tl_control_send(peer, &reply);
+    tl_control_close(peer);
+}
+
+void tl_control_close(tl_control_peer *peer) {
+    if (peer->socket >= 0) {
+        (void)close(peer->socket);
+    }
+    peer->socket = -1;
+}
+
+/* ---- control client ---- */
+
+static tl_status fail_to_connect(const char *path, tl_error *error) {
+    switch (errno) {
+    case EACCES:
+    case EPERM:
+        return tl_fail(error, TL_PLANT_DOWN, "%s: you may not ask this plant; members of its group may", path);
+    case EAGAIN:
+        return tl_fail(error, TL_TRY_AGAIN, "%s: too many others ask this plant; try again", path);
+    case ENOENT:
+    case ECONNREFUSED:
+        return tl_fail(
+            error, TL_PLANT_DOWN,
+            "%s: no twin answers there: it restarts just now, does not run, or was started without --control", path);
+    default:
+        return tl_fail(error, TL_PLANT_DOWN, "%s: %s", path, strerror(errno));
+    }
+}
+
+tl_status tl_control_connect(const char *path, int *socket_, tl_error *error) {
+    struct sockaddr_un address = {.sun_family = AF_UNIX};
+    if (strlen(path) >= sizeof address.sun_path) {
+        return tl_fail(error, TL_PLANT_DOWN, "%s: no socket has so long a name", path);
+    }
+    memcpy(address.sun_path, path, strlen(path) + 1);
+    *socket_ = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
+    if (*socket_ < 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "no socket: %s", strerror(errno));
+    }
+    if (connect(*socket_, (const struct sockaddr *)&address, sizeof address) != 0) {
+        tl_status status = fail_to_connect(path, error);
+        (void)close(*socket_);
+        *socket_ = -1;
+        return status;
+    }
+    return TL_OK;
+}
+
+tl_status tl_control_ask(int socket_, const tl_control_request *request, const char *text, size_t size,
+                         tl_error *error) {
+    tl_control_request whole = *request;
+    whole.protocol = TL_CONTROL_PROTOCOL;
+    whole.hash[0] = '\0';
+    if (text != NULL) {
+        tl_sha256(text, size, whole.hash);
+    }
+    if (!tl_control_packet_send(socket_, &whole, sizeof whole, text, size)) {
+        return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not take the request: %s", strerror(errno));
+    }
+    return TL_OK;
+}
+
+/* ---- what comes back ---- */
+
+static void end_text(char *text, size_t room) {
+    text[room - 1] = '\0';
+}
+
+#define END_TEXT(text) end_text(text, sizeof(text))
+
+static void end_version(tl_control_version *version) {
+    END_TEXT(version->hash);
+    END_TEXT(version->kind);
+    END_TEXT(version->origin);
+    END_TEXT(version->right);
+    END_TEXT(version->who);
+    END_TEXT(version->why);
+    END_TEXT(version->at);
+    END_TEXT(version->result);
+}
+
+/* False: there is no such reply. All texts end afterwards. */
+static bool is_sound_client(tl_control_reply *reply) {
+    switch (reply->kind) {
+    case TL_CONTROL_STATE:
+        END_TEXT(reply->as.state.plant);
+        END_TEXT(reply->as.state.hash);
+        END_TEXT(reply->as.state.lock);
+        END_TEXT(reply->as.state.line);
+        return reply->as.state.step < TL_CONTROL_STEPS;
+    case TL_CONTROL_VERSION:
+    case TL_CONTROL_CONFIGURATION:
+        end_version(&reply->as.version);
+        return true;
+    case TL_CONTROL_CHANGE:
+        END_TEXT(reply->as.change.path);
+        END_TEXT(reply->as.change.before);
+        END_TEXT(reply->as.change.after);
+        END_TEXT(reply->as.change.kind);
+        END_TEXT(reply->as.change.right);
+        return true;
+    case TL_CONTROL_PROBLEM:
+        END_TEXT(reply->as.problem.path);
+        END_TEXT(reply->as.problem.text);
+        return true;
+    case TL_CONTROL_STEP:
+        END_TEXT(reply->as.progress.text);
+        return reply->as.progress.step < TL_CONTROL_STEPS;
+    case TL_CONTROL_END:
+        END_TEXT(reply->as.end.hash);
+        END_TEXT(reply->as.end.text);
+        return reply->as.end.result < TL_CONTROL_RESULTS;
+    default:
+        return false;
+    }
+}
+
+static bool wait_for(int socket_, tl_time time) {
+    struct pollfd waited = {.fd = socket_, .events = POLLIN};
+    int most = time > (tl_time)1000000 * 1000000 ? 1000000 : (int)((time + 999999) / 1000000);
+    return poll(&waited, 1, most) > 0;
+}
+
+tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
+    size_t length = 0;
+    tl_control_arrival arrival = TL_CONTROL_NONE;
+    if (wait_for(socket_, time)) {
+        arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
+    }
+    if (arrival == TL_CONTROL_NONE) {
+        return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not answer");
+    }
+    if (arrival == TL_CONTROL_CLOSED) {
+        return tl_fail(error, TL_PLANT_DOWN, "the plant's twin has hung up: it ended, or too many others ask");
+    }
+    bool is_text = reply->kind == TL_CONTROL_CONFIGURATION;
+    if (arrival == TL_CONTROL_GARBAGE || !is_sound_client(reply) || is_text != (length != 0) ||
+        (is_text && reply->more != length)) {
+        return tl_fail(error, TL_BAD_DATA, "the plant's twin answers what is no answer: it is of another version");
+    }
+    return TL_OK;
+}
+
+/* ---- last word ---- */
+
+static const char *volatile said;
+
+static void say(int signal_) {
+    const char *word = said;
+    if (word != NULL) {
+        (void)!write(STDERR_FILENO, "\n", 1);
+        (void)!write(STDERR_FILENO, word, strlen(word));
+        (void)!write(STDERR_FILENO, "\n", 1);
+    }
+    (void)raise(signal_); /* by default now, once this returns */
+}
+
+static void claim(int signal_) {
+    struct sigaction action = {.sa_handler = SIG_DFL};
+    if (sigaction(signal_, NULL, &action) != 0 || action.sa_handler != SIG_DFL) {
+        return;
+    }
+    action = (struct sigaction){.sa_handler = say, .sa_flags = (int)SA_RESETHAND};
+    (void)sigemptyset(&action.sa_mask);
+    (void)sigaction(signal_, &action, NULL);
+}
+
+void tl_last_word_set(const char *word) {
+    said = word;
+    claim(SIGINT);
+    claim(SIGTERM);
+}
