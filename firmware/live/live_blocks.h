@@ -56,7 +56,7 @@ typedef struct tl_live_samples {
  * any more. */
 void tl_live_samples_look(tl_live_samples *self, const char *path);
 
-/* ---- How a twin shows what it does: its figures, in its pulse, for whoever shows and compares them (tl_live_figures).
+/* ---- How a twin shows what it does: its figures, in its pulse, for whoever shows and compares them (tl_run_status).
  *
  * Thread: one at a time. What is pointed to must stay.
  */
@@ -69,7 +69,7 @@ typedef struct tl_live_shown {
 } tl_live_shown;
 
 /* A shadow over recorded samples. */
-void tl_live_shown_recorded(const tl_live_shown *shown, const tl_recorded_figures *recorded);
+void tl_live_shown_recorded(const tl_live_shown *shown, const tl_run_status *recorded, const tl_metrics *match);
 
 /* At the plant's ticks, or making up what was missed before. */
 void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *status);

@@ -119,7 +119,7 @@ static void want_shadow(tl_live_change *self, uint32_t number, const tl_live_nee
 /* The first tick that is far enough ahead, and that the run's twin has not come to; below 0: none can be told. */
 static int64_t tick_of_flip(const tl_live_change *self, tl_time start, tl_time now) {
     const tl_time step = self->settings.step;
-    tl_live_figures figures = {.tick = 0};
+    tl_run_status figures = {.tick = 0};
     if (start <= 0 || start > now) {
         return -1;
     }

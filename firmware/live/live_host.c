@@ -26,56 +26,54 @@ static tl_live_tuning *tuning_of_run(const tl_live_host *self) {
 
 /* ---- what it sees, and can do ---- */
 
-static uint64_t count_pairs(const tl_live_figures *figures) {
-    uint64_t pairs = 0;
-    if (figures->outputs == 0) {
-        return figures->steps;
-    }
-    for (size_t i = 0; i < figures->outputs && i < TL_MAX_MATCH; i++) {
-        pairs += figures->output[i].pairs;
-    }
-    return pairs;
+static void check_lock(tl_lock_tally *lock) {
+    lock->state = lock->state <= TL_LOCK_LOST ? lock->state : TL_LOCK_FREE;
 }
 
-static void take_snapshot(const tl_live_twin_pulse *twin, const tl_live_figures *figures,
-                          tl_probation_snapshot *snapshot) {
+/* Names are those of a process with FMUs. */
+static void clean_name(char *name, size_t size) {
+    char copy[TL_RUN_OUTPUT_NAME];
+    memcpy(copy, name, size);
+    (void)tl_clean_text(copy, strnlen(copy, size), name, size);
+}
+
+/* Copies what a twin has published, checks it, and adds what its pulse says. */
+static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
     int code = 0;
-    *snapshot = (tl_probation_snapshot){
-        .ticks = figures->ticks,
-        .steps = figures->steps,
-        .skipped = figures->skipped,
-        .gaps = figures->gaps,
-        .deadline_misses = figures->deadline_misses,
-        .lock = figures->lock,
-        .lock_before = figures->lock_before,
-        .pairs = count_pairs(figures),
-        .plant_is_shut = figures->shut != 0,
-        .twin_failures = twin->number > twin->first ? twin->number - twin->first : 0,
-        .twin_alive = twin->holds == 0 && tl_heartbeats_is_ready(&twin->beats) &&
-                      tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE,
-    };
-    snapshot->lock.state = figures->lock.state <= TL_LOCK_LOST ? figures->lock.state : TL_LOCK_FREE;
-    snapshot->lock_before.state =
-        figures->lock_before.state <= TL_LOCK_LOST ? figures->lock_before.state : TL_LOCK_FREE;
+    *status = (tl_run_status){.phase = TL_RUN_BEGINS};
+    (void)tl_latest_read(&twin->figures, status, sizeof *status);
+    check_lock(&status->lock);
+    check_lock(&status->lock_before);
+    status->used = status->used > 0 ? status->used : 0;
+    status->outputs = status->outputs < TL_MAX_MATCH ? status->outputs : TL_MAX_MATCH;
+    status->pairs = status->outputs == 0 ? status->steps : 0;
+    for (size_t i = 0; i < status->outputs; i++) {
+        tl_run_output *output = &status->output[i];
+        clean_name(output->name, sizeof output->name);
+        clean_name(output->unit, sizeof output->unit);
+        status->pairs += output->pairs;
+    }
+    status->failure[0] = '\0';
+    status->twin_failures = twin->number > twin->first ? twin->number - twin->first : 0;
+    status->twin_alive = twin->holds == 0 && tl_heartbeats_is_ready(&twin->beats) &&
+                         tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE;
 }
 
 /* It came before the number of the twin that follows, by which failures are counted. */
-static void copy_failure(const tl_live_host *self, char failure[TL_PROBATION_FAILURE]) {
+static void copy_failure(const tl_live_host *self, char failure[TL_RUN_FAILURE]) {
     char said[TL_LIVE_STAGE_WHY] = "";
     (void)tl_latest_read(&self->stage->failure, said, sizeof said);
-    (void)tl_clean_text(said, strnlen(said, sizeof said), failure, TL_PROBATION_FAILURE);
+    (void)tl_clean_text(said, strnlen(said, sizeof said), failure, TL_RUN_FAILURE);
 }
 
 static void look(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
     const tl_live_twin_pulse *twin = twin_of_run(self);
-    tl_live_figures figures = {.ticks = 0};
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
     view->holds = twin->holds != 0;
     view->waits = twin->holds == TL_LIVE_WAITS;
-    (void)tl_latest_read(&twin->figures, &figures, sizeof figures);
-    take_snapshot(twin, &figures, &view->figures);
+    read_status(twin, &view->figures);
     copy_failure(self, view->figures.failure);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
@@ -279,43 +277,17 @@ static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]
                                                                                : TL_ACTIVATION_WAITS;
 }
 
-/* Names are those of a process with FMUs. */
-static void copy_name(char *to, size_t room, const char *from, size_t from_room) {
-    (void)tl_clean_text(from, strnlen(from, from_room), to, room);
-}
-
-static void take_work(const tl_live_twin_pulse *twin, tl_live_figures *figures, tl_activation_work *work) {
-    *figures = (tl_live_figures){.phase = TL_LIVE_BEGINS};
-    (void)tl_latest_read(&twin->figures, figures, sizeof *figures);
-    *work = (tl_activation_work){.evaluations = figures->evaluations,
-                                 .executions = figures->executions,
-                                 .timed_out = figures->timed_out,
-                                 .used_s = tl_seconds(figures->used)};
-    take_snapshot(twin, figures, &work->figures);
-    work->outputs = figures->outputs < TL_ACTIVATION_OUTPUTS ? figures->outputs : TL_ACTIVATION_OUTPUTS;
-    for (size_t i = 0; i < work->outputs; i++) {
-        const tl_live_output *from = &figures->output[i];
-        tl_activation_output *to = &work->output[i];
-        to->pairs = from->pairs;
-        to->sum_of_squares = from->sum_of_squares;
-        to->tolerance = from->tolerance;
-        copy_name(to->name, sizeof to->name, from->name, sizeof from->name);
-        copy_name(to->unit, sizeof to->unit, from->unit, sizeof from->unit);
-    }
-}
-
-static tl_activation_phase phase_of(const tl_live_figures *figures) {
-    return figures->phase == TL_LIVE_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
-           : figures->phase == TL_LIVE_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
-                                                : TL_ACTIVATION_SHADOW_BEGINS;
+static tl_activation_phase phase_of(const tl_run_status *status) {
+    return status->phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
+           : status->phase == TL_RUN_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
+                                              : TL_ACTIVATION_SHADOW_BEGINS;
 }
 
 static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
     const tl_live_host *self = context;
-    tl_live_figures figures;
     uint32_t state = __atomic_load_n(&self->stage->shadow, __ATOMIC_ACQUIRE);
     memset(shadow, 0, sizeof *shadow);
-    take_work(twin_of_run(self), &figures, &shadow->beside);
+    read_status(twin_of_run(self), &shadow->beside);
     find_in_force(self, 1 - place_of_run(self), shadow->hash);
     if (!is_obeyed(self) && self->pulse->order.verb == TL_LIVE_SHADOW) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
@@ -323,10 +295,8 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
         copy_why(self, shadow->why);
     } else if (state == TL_LIVE_SHADOW_LIVES) {
-        take_work(self->twins[1 - place_of_run(self)], &figures, &shadow->work);
-        shadow->phase = phase_of(&figures);
-        shadow->done = figures.tick;
-        shadow->known = figures.last;
+        read_status(self->twins[1 - place_of_run(self)], &shadow->work);
+        shadow->phase = phase_of(&shadow->work);
     }
 }
 

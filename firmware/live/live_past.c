@@ -228,9 +228,9 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     return (size_t)answer.size;
 }
 
-static void show_samples(void *context, const tl_recorded_figures *figures) {
+static void show_samples(void *context, const tl_run_status *status, const tl_metrics *match) {
     const samples *self = context;
-    self->show->show(self->show->context, figures);
+    self->show->show(self->show->context, status, match);
 }
 
 tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const tl_live_past_show *show, tl_time start,

@@ -53,7 +53,7 @@ tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary 
 
 /* Who is told how far a shadow is. */
 typedef struct tl_live_past_show {
-    void (*show)(void *context, const tl_recorded_figures *figures);
+    void (*show)(void *context, const tl_run_status *status, const tl_metrics *match);
     void *context;
 } tl_live_past_show;
 

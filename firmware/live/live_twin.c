@@ -268,9 +268,9 @@ static tl_live_shown shown_by(live_twin *self) {
                            .figures = &self->shared.pulse->figures};
 }
 
-static void show_recorded(void *context, const tl_recorded_figures *figures) {
+static void show_recorded(void *context, const tl_run_status *status, const tl_metrics *match) {
     const tl_live_shown shown = shown_by(context);
-    tl_live_shown_recorded(&shown, figures);
+    tl_live_shown_recorded(&shown, status, match);
 }
 
 static void show_status(live_twin *self, const tl_cycle_status *status) {
@@ -297,10 +297,11 @@ static void be_ready(live_twin *self) {
 /* A shadow is ready before its recorded part, which may take a minute. */
 static tl_status begin_shadow(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
     const tl_live_past_show show = {.show = show_recorded, .context = self};
-    const tl_recorded_figures none = {.ticks = 0};
+    static const tl_run_status none = {.ticks = 0};
+    static const tl_metrics no_match[TL_MAX_MATCH];
     tell_beginning(self, self->shared.job.start, self->shared.job.started);
     be_ready(self);
-    show_recorded(self, &none);
+    show_recorded(self, &none, no_match);
     return tl_live_past_begin_shadow(past, &show, self->shared.job.start, &self->next, error);
 }
 

@@ -11,7 +11,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
-#include "firmware/monitor/lock_tally.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/plant/mailbox.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
@@ -85,45 +85,6 @@ static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
     return (uint64_t)twin << 32 | number;
 }
 
-/* What a twin does. */
-typedef enum tl_live_phase {
-    TL_LIVE_BEGINS,   /* FMUs are loaded, a past is followed */
-    TL_LIVE_RECORDED, /* a shadow: over recorded samples, as fast as it is let */
-    TL_LIVE_LIVE      /* at the plant's ticks */
-} tl_live_phase;
-
-enum { TL_LIVE_OUTPUT_NAME = 40, TL_LIVE_OUTPUT_UNIT = 16 };
-
-/* One output that is compared with the plant. */
-typedef struct tl_live_output {
-    char name[TL_LIVE_OUTPUT_NAME]; /* "motor.omega", cut */
-    char unit[TL_LIVE_OUTPUT_UNIT]; /* "": none */
-    uint64_t pairs;
-    double sum_of_squares; /* of y − ŷ, in that unit */
-    double tolerance;      /* in that unit, as in force now; 0: it is compared only */
-} tl_live_output;
-
-/* How the run is, or the shadow, for whoever shows and compares it. All but the phase counts what was done in it. Fits tl_latest. */
-typedef struct tl_live_figures {
-    uint32_t phase; /* tl_live_phase */
-    uint32_t outputs;
-    int64_t tick; /* the newest; of a shadow over recorded samples how many it has done, */
-    int64_t last; /* and of how many it knows */
-    uint64_t ticks;
-    uint64_t steps;
-    uint64_t skipped;
-    uint64_t gaps; /* as of tl_cycle_status */
-    uint64_t deadline_misses;
-    uint64_t evaluations;
-    uint64_t executions;
-    uint64_t timed_out; /* steps whose search the time has cut short */
-    tl_time used;       /* ns in all steps */
-    uint32_t shut;      /* 1: io has not opened the sources of its configuration yet */
-    tl_lock_tally lock;
-    tl_lock_tally lock_before; /* as of tl_cycle_status */
-    tl_live_output output[TL_MAX_MATCH];
-} tl_live_figures;
-
 /* Why a twin has no FMUs: safe hold, or the run's first twin may not begin yet. */
 enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 
@@ -133,7 +94,7 @@ typedef struct tl_live_twin_pulse {
     uint32_t number;   /* which twin of this place it is, from 1 on, */
     uint32_t first;    /* which was the first of its configuration, */
     uint32_t holds;    /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
-    tl_latest figures; /* tl_live_figures; nothing while it holds */
+    tl_latest figures; /* tl_run_status; nothing while it holds */
     int32_t
         realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
     uint32_t begun;              /* 1: it needs no past any more */

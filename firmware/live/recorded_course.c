@@ -34,7 +34,8 @@ typedef struct course_walk {
     bool has_begun;
     tl_time computed; /* in all */
     tl_time slept;
-    tl_recorded_figures figures;
+    tl_run_status figures;
+    tl_metrics match[TL_MAX_MATCH];
     tl_status status;
     tl_error *error;
 } course_walk;
@@ -65,14 +66,14 @@ static void sample_of(const course_walk *self, const tl_sample *of_run, tl_sampl
 /* ---- in the thread of the FMUs ---- */
 
 static void count(course_walk *self, const tl_record *record) {
-    tl_recorded_figures *figures = &self->figures;
+    tl_run_status *figures = &self->figures;
     figures->steps++;
     figures->evaluations += record->evaluations;
     figures->executions += record->executions;
     figures->timed_out += record->stop == TL_STOP_TIME ? 1 : 0;
     figures->used += record->used;
     for (size_t i = 0; i < self->course->assembly->config.match_count; i++) {
-        tl_metrics_add(&figures->match[i], record->y[i], record->y_hat[i], (tl_quality)record->y_hat_quality[i]);
+        tl_metrics_add(&self->match[i], record->y[i], record->y_hat[i], (tl_quality)record->y_hat_quality[i]);
     }
 }
 
@@ -92,13 +93,13 @@ static void take_tick(course_walk *self, const tl_sample *sample) {
     }
     if (self->status == TL_OK) {
         self->next++;
-        self->figures.ticks++;
+        self->figures.tick++;
     }
 }
 
 /* The first piece is the tick at which FMUs begin: nobody is as patient with the later ones. */
 static bool is_enough(const course_walk *self, tl_time spent) {
-    return spent >= PIECE || (self->computed == 0 && self->figures.ticks > 0);
+    return spent >= PIECE || (self->computed == 0 && self->figures.tick > 0);
 }
 
 static void take_piece(void *context) {
@@ -121,7 +122,7 @@ static void take_piece(void *context) {
 /* ---- in the main thread ---- */
 
 static tl_time plant_time(const course_walk *self) {
-    return tl_time_of_step(0, self->course->assembly->config.step, self->figures.ticks);
+    return tl_time_of_step(0, self->course->assembly->config.step, self->figures.tick);
 }
 
 static tl_status judge_pace(const course_walk *self, tl_error *error) {
@@ -141,7 +142,7 @@ static void rest(course_walk *self, tl_time computed) {
     self->slept += computed;
     tl_heart_beat(self->course->heart);
     tl_heart_be_patient(self->course->heart, self->course->assembly->config.realtime_hang + BESIDES);
-    self->course->show(self->course->context, &self->figures);
+    self->course->show(self->course->context, &self->figures, self->match);
 }
 
 static bool is_asked_to_end(void) {
@@ -213,7 +214,7 @@ tl_status tl_recorded_course_take(const tl_recorded_course *course, int64_t *nex
         if (!self.has_begun) {
             begin_at(&self, self.samples.first);
         }
-        self.figures.known = self.figures.ticks + present(&self) - self.next;
+        self.figures.last = self.figures.tick + present(&self) - self.next;
         status = take_samples(&self);
     }
     if (!self.has_begun) {

@@ -13,23 +13,12 @@
 #include <stdint.h>
 
 #include "firmware/fmu/fmu_thread.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/journal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
-
-/* What was done of it. */
-typedef struct tl_recorded_figures {
-    int64_t ticks; /* done, */
-    int64_t known; /* of so many */
-    uint64_t steps;
-    uint64_t evaluations;
-    uint64_t executions;
-    uint64_t timed_out; /* steps whose search the time has cut short */
-    tl_time used;       /* ns in all steps */
-    tl_metrics match[TL_MAX_MATCH];
-} tl_recorded_figures;
 
 typedef struct tl_recorded_course {
     tl_assembly *assembly; /* its twin is built, and has not begun */
@@ -41,8 +30,9 @@ typedef struct tl_recorded_course {
     /* An image of samples (past_samples.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
      * none (any more). */
     size_t (*fetch)(void *context, int64_t from, const void **image);
-    void (*show)(void *context, const tl_recorded_figures *figures); /* now and then */
-    void *context;                                                   /* of both */
+    void (*show)(void *context, const tl_run_status *status,
+                 const tl_metrics *match); /* now and then: counts, and by match */
+    void *context;                         /* of both */
 } tl_recorded_course;
 
 /* Until less than two seconds are left, or nothing more is recorded, or a signal asks to end. *next is the tick that the twin is ready for; if

@@ -302,7 +302,7 @@ static tl_version_origin origin_of(const tl_activation *self) {
 
 static tl_status put_version(tl_activation *self, tl_error *error) {
     const tl_probation_terms terms = terms_of(self);
-    const tl_probation_snapshot now = tl_activation_view_now(self).figures;
+    const tl_run_status now = tl_activation_view_now(self).figures;
     const tl_version_news news = {
         .text = self->text,
         .size = self->size,
@@ -972,14 +972,15 @@ static bool is_time_to_say(tl_activation *self, double part) {
 
 static void say_recorded(const tl_activation *self, const tl_activation_shadow *shadow) {
     char text[TL_CONTROL_TEXT];
-    (void)snprintf(text, sizeof text, "recorded samples: %" PRId64 " of %" PRId64, shadow->done, shadow->known);
+    (void)snprintf(text, sizeof text, "recorded samples: %" PRId64 " of %" PRId64, shadow->work.tick,
+                   shadow->work.last);
     tl_activation_say(self, TL_CONTROL_SHADOW, text);
 }
 
 static void say_live(const tl_activation *self, const tl_activation_shadow *shadow) {
     char lock[TL_COMPARISON_LOCK];
     char text[TL_CONTROL_TEXT];
-    tl_comparison_write_lock(&shadow->work.figures.lock, lock);
+    tl_comparison_write_lock(&shadow->work.lock, lock);
     (void)snprintf(text, sizeof text, "live: %.0f of %.0f s, %s", tl_seconds(self->rehearsal.live),
                    tl_seconds(length_of_shadow(self)), lock);
     tl_activation_say(self, TL_CONTROL_SHADOW, text);
@@ -1061,7 +1062,7 @@ static void go_on_live(tl_activation *self, const tl_activation_shadow *shadow, 
         rehearsal->unsaid = 0;
         rehearsal->said = 0.0;
         rehearsal->has_run = true;
-        if (rehearsal->recorded.known > 0) {
+        if (rehearsal->recorded.work.last > 0) {
             say_recorded(self, &rehearsal->recorded);
         }
         return;
@@ -1082,7 +1083,7 @@ static void go_on_live(tl_activation *self, const tl_activation_shadow *shadow, 
 static void go_on_recorded(tl_activation *self, const tl_activation_shadow *shadow) {
     self->rehearsal.has_run = true;
     self->rehearsal.recorded = *shadow;
-    if (shadow->known > 0 && is_time_to_say(self, (double)shadow->done / (double)shadow->known)) {
+    if (shadow->work.last > 0 && is_time_to_say(self, (double)shadow->work.tick / (double)shadow->work.last)) {
         say_recorded(self, shadow);
     }
 }

@@ -58,7 +58,7 @@ typedef struct tl_rehearsal {
     tl_time live;
     tl_time unsaid;                /* since something was said of it, */
     double said;                   /* and how much of it was done then: 0 … 1 */
-    tl_probation_snapshot before;  /* the run's twin, before */
+    tl_run_status before;          /* the run's twin, before */
     tl_activation_shadow recorded; /* as it was seen last over recorded samples */
     tl_comparison comparison;
 } tl_rehearsal;

@@ -11,6 +11,7 @@
 #include <stdint.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/retune/probation.h"
 #include "firmware/store/run_types.h"
 #include "master/plan/tuning.h"
@@ -19,7 +20,7 @@ enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
 
 /* How the run is. */
 typedef struct tl_activation_view {
-    tl_probation_snapshot figures; /* of the run: all begin at 0 with another one, also by a flip */
+    tl_run_status figures;         /* of the run: all begin at 0 with another one, also by a flip */
     double step_s;                 /* T_S */
     bool holds;                    /* safe hold: there is no twin, */
     bool waits;                    /* because it may not begin yet: this is no time of a probation */
@@ -58,27 +59,6 @@ typedef struct tl_activation_candidate {
     const tl_lock_yardstick *yardstick; /* what its twin's lock is judged by as well; zeroed: nothing else */
 } tl_activation_candidate;
 
-enum { TL_ACTIVATION_OUTPUTS = 16, TL_ACTIVATION_NAME = 40, TL_ACTIVATION_UNIT = 16 };
-
-/* One output that is compared with the plant. */
-typedef struct tl_activation_output {
-    char name[TL_ACTIVATION_NAME];
-    char unit[TL_ACTIVATION_UNIT];
-    uint64_t pairs;
-    double sum_of_squares; /* of y − ŷ, in that unit */
-    double tolerance;      /* the same; 0: it is compared only */
-} tl_activation_output;
-
-/* What a twin has done: counts grow while it is in one phase. */
-typedef struct tl_activation_work {
-    tl_probation_snapshot figures;
-    uint64_t evaluations, executions;
-    uint64_t timed_out; /* steps whose search the time has cut short */
-    double used_s;      /* in all steps */
-    size_t outputs;
-    tl_activation_output output[TL_ACTIVATION_OUTPUTS];
-} tl_activation_work;
-
 /* In the reason of a shadow that has ended since it could not keep pace beside the run's twin. */
 #define TL_ACTIVATION_NO_ROOM "this box does not carry two twins"
 
@@ -95,9 +75,8 @@ typedef struct tl_activation_shadow {
     tl_activation_phase phase;
     char hash[TL_SHA256_TEXT]; /* of the configuration that it is of; "": not known */
     char why[TL_ACTIVATION_WHY];
-    int64_t done, known; /* recorded ticks */
-    tl_activation_work work;
-    tl_activation_work beside; /* the run's twin, at the same moment */
+    tl_run_status work;
+    tl_run_status beside; /* the run's twin, at the same moment */
 } tl_activation_shadow;
 
 typedef struct tl_activation_host {

@@ -86,41 +86,32 @@ static uint64_t grown(uint64_t before, uint64_t now) {
     return now >= before ? now - before : now;
 }
 
-static void subtract_figures(const tl_probation_snapshot *before, tl_probation_snapshot *now) {
+/* Both are of one twin, so its outputs have their places. */
+static void subtract(const tl_run_status *before, tl_run_status *now) {
+    now->outputs = now->outputs < TL_MAX_MATCH ? now->outputs : TL_MAX_MATCH;
+    if (now->ticks < before->ticks) {
+        return; /* another twin has come, and has counted from 0 */
+    }
     now->ticks = grown(before->ticks, now->ticks);
     now->steps = grown(before->steps, now->steps);
     now->skipped = grown(before->skipped, now->skipped);
     now->gaps = grown(before->gaps, now->gaps);
     now->deadline_misses = grown(before->deadline_misses, now->deadline_misses);
+    now->evaluations = grown(before->evaluations, now->evaluations);
+    now->executions = grown(before->executions, now->executions);
+    now->timed_out = grown(before->timed_out, now->timed_out);
+    now->used -= before->used;
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         now->lock.steps[i] = grown(before->lock.steps[i], now->lock.steps[i]);
         now->lock_before.steps[i] = grown(before->lock_before.steps[i], now->lock_before.steps[i]);
     }
-}
-
-/* Both are of one twin, so its outputs have their places. */
-static void subtract_outputs(const tl_activation_work *before, tl_activation_work *now) {
     for (size_t i = 0; i < now->outputs && i < before->outputs; i++) {
         now->output[i].pairs -= before->output[i].pairs;
         now->output[i].sum_of_squares -= before->output[i].sum_of_squares;
     }
 }
 
-static void subtract(const tl_activation_work *before, tl_activation_work *now) {
-    now->outputs = now->outputs < TL_ACTIVATION_OUTPUTS ? now->outputs : TL_ACTIVATION_OUTPUTS;
-    if (now->figures.ticks < before->figures.ticks) {
-        return; /* another twin has come, and has counted from 0 */
-    }
-    subtract_figures(&before->figures, &now->figures);
-    subtract_outputs(before, now);
-    now->evaluations = grown(before->evaluations, now->evaluations);
-    now->executions = grown(before->executions, now->executions);
-    now->timed_out = grown(before->timed_out, now->timed_out);
-    now->used_s -= before->used_s;
-}
-
-void tl_comparison_begin(tl_comparison *comparison, const tl_probation_snapshot *before,
-                         const tl_activation_shadow *now) {
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now) {
     *comparison = (tl_comparison){.before = *before, .shadow = now->work, .twin = now->beside};
 }
 
@@ -143,8 +134,8 @@ static uint64_t steps_judged(const tl_lock_tally *lock) {
 enum { NUMBER = 64 };
 
 /* NULL: that twin does not compare it. */
-static void write_root_mean_square(const tl_activation_output *output, char text[NUMBER]) {
-    char unit[TL_ACTIVATION_UNIT];
+static void write_root_mean_square(const tl_run_output *output, char text[NUMBER]) {
+    char unit[TL_RUN_OUTPUT_UNIT];
     if (output == NULL) {
         (void)snprintf(text, NUMBER, "not compared");
         return;
@@ -160,9 +151,9 @@ static void write_root_mean_square(const tl_activation_output *output, char text
     }
 }
 
-static const tl_activation_output *find_output(const tl_activation_work *work, const char *name) {
+static const tl_run_output *find_output(const tl_run_status *work, const char *name) {
     for (size_t i = 0; i < work->outputs; i++) {
-        if (strncmp(work->output[i].name, name, TL_ACTIVATION_NAME) == 0) {
+        if (strncmp(work->output[i].name, name, TL_RUN_OUTPUT_NAME) == 0) {
             return &work->output[i];
         }
     }
@@ -170,12 +161,12 @@ static const tl_activation_output *find_output(const tl_activation_work *work, c
 }
 
 /* `from` is the name, and either twin's output may be NULL. */
-static void write_output(const char *from, const tl_activation_output *now, const tl_activation_output *then,
+static void write_output(const char *from, const tl_run_output *now, const tl_run_output *then,
                          char text[TL_COMPARISON_TEXT]) {
-    char name[TL_ACTIVATION_NAME];
+    char name[TL_RUN_OUTPUT_NAME];
     char of_now[NUMBER];
     char of_then[NUMBER];
-    (void)tl_clean_text(from, strnlen(from, TL_ACTIVATION_NAME), name, sizeof name);
+    (void)tl_clean_text(from, strnlen(from, TL_RUN_OUTPUT_NAME), name, sizeof name);
     write_root_mean_square(now, of_now);
     write_root_mean_square(then, of_then);
     (void)snprintf(text, TL_COMPARISON_TEXT, "%s, root mean square of y − ŷ: now %s, new %s", name, of_now, of_then);
@@ -193,21 +184,20 @@ void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON
     }
 }
 
-static void write_work(const char *who, const tl_activation_work *work, char text[TL_COMPARISON_TEXT]) {
-    const tl_probation_snapshot *figures = &work->figures;
+static void write_work(const char *who, const tl_run_status *work, char text[TL_COMPARISON_TEXT]) {
     char lock[TL_COMPARISON_LOCK];
-    tl_comparison_write_lock(&figures->lock, lock);
+    tl_comparison_write_lock(&work->lock, lock);
     (void)snprintf(text, TL_COMPARISON_TEXT,
                    "%s: %.3g evaluations, %.3g executions, %.3g ms a step; of %" PRIu64 " steps %" PRIu64
                    " cut short by time, %" PRIu64 " made up, %" PRIu64 " deadlines missed; %s",
-                   who, share((double)work->evaluations, figures->steps),
-                   share((double)work->executions, figures->steps), 1e3 * share(work->used_s, figures->steps),
-                   figures->steps, work->timed_out, figures->skipped, figures->deadline_misses, lock);
+                   who, share((double)work->evaluations, work->steps), share((double)work->executions, work->steps),
+                   1e3 * share(tl_seconds(work->used), work->steps), work->steps, work->timed_out, work->skipped,
+                   work->deadline_misses, lock);
 }
 
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context) {
-    const tl_activation_work *twin = &comparison->twin;
-    const tl_activation_work *shadow = &comparison->shadow;
+    const tl_run_status *twin = &comparison->twin;
+    const tl_run_status *shadow = &comparison->shadow;
     char text[TL_COMPARISON_TEXT];
     for (size_t i = 0; i < twin->outputs; i++) {
         write_output(twin->output[i].name, &twin->output[i], find_output(shadow, twin->output[i].name), text);
@@ -230,24 +220,23 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
 /* A twin that has made up so large a part of its ticks follows nothing, whatever its priority and the reason. */
 enum { LEAST_PART = 4 };
 
-static bool is_absent(const tl_probation_snapshot *figures) {
+static bool is_absent(const tl_run_status *figures) {
     return figures->skipped > figures->ticks / LEAST_PART;
 }
 
 /* A machine stands still now and then, for several ticks at once: that is no lack of room, and too many ticks only if it comes again and again. */
-static bool is_left_behind(const tl_probation_snapshot *figures, const tl_probation_snapshot *measure) {
+static bool is_left_behind(const tl_run_status *figures, const tl_run_status *measure) {
     return figures->gaps >= TL_PROBATION_MISSES &&
            tl_probation_is_too_many(figures->skipped, figures->ticks, measure->skipped, measure->ticks);
 }
 
 /* By probation's rule, of deadlines or of ticks that were made up. */
-static bool suffers(const tl_probation_snapshot *figures, const tl_probation_snapshot *measure) {
+static bool suffers(const tl_run_status *figures, const tl_run_status *measure) {
     return is_absent(figures) || is_left_behind(figures, measure) ||
            tl_probation_is_too_many(figures->deadline_misses, figures->steps, measure->deadline_misses, measure->steps);
 }
 
-static tl_comparison_result say_no_room(const char *who, const tl_probation_snapshot *figures,
-                                        char why[TL_COMPARISON_TEXT]) {
+static tl_comparison_result say_no_room(const char *who, const tl_run_status *figures, char why[TL_COMPARISON_TEXT]) {
     (void)snprintf(why, TL_COMPARISON_TEXT,
                    "%s missed %" PRIu64 " deadlines and made %" PRIu64 " ticks up of %" PRIu64
                    ": " TL_ACTIVATION_NO_ROOM,
@@ -259,7 +248,7 @@ static tl_comparison_result say_no_room(const char *who, const tl_probation_snap
 static const double MOST = 0.5;
 
 tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock;
+    const tl_lock_tally *lock = &comparison->shadow.lock;
     uint64_t judged = tl_lock_tally_total(lock);
     *gone = share((double)lock->steps[TL_LOCK_FREE], judged);
     return judged == 0 ? TL_COMPARISON_UNJUDGED : *gone > MOST ? TL_COMPARISON_PLANT_GONE : TL_COMPARISON_SEEN;
@@ -267,8 +256,8 @@ tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, doub
 
 tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
                                          char why[TL_COMPARISON_TEXT]) {
-    const tl_probation_snapshot *twin = &comparison->twin.figures;
-    const tl_probation_snapshot *shadow = &comparison->shadow.figures;
+    const tl_run_status *twin = &comparison->twin;
+    const tl_run_status *shadow = &comparison->shadow;
     double in_lock_now = tl_lock_tally_percent(&twin->lock);
     double gone = 0.0;
     why[0] = '\0';
@@ -301,27 +290,26 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
 
 /* ---- worse ---- */
 
-static double root_mean_square(const tl_activation_output *output) {
+static double root_mean_square(const tl_run_output *output) {
     return sqrt(output->sum_of_squares / (double)output->pairs);
 }
 
 /* The same thing, matched by both, and often enough. */
-static bool is_comparable(const tl_activation_output *now, const tl_activation_output *then) {
+static bool is_comparable(const tl_run_output *now, const tl_run_output *then) {
     return now->tolerance > 0.0 && then->tolerance > 0.0 && now->pairs >= TL_COMPARISON_PAIRS &&
-           then->pairs >= TL_COMPARISON_PAIRS && strncmp(now->unit, then->unit, TL_ACTIVATION_UNIT) == 0;
+           then->pairs >= TL_COMPARISON_PAIRS && strncmp(now->unit, then->unit, TL_RUN_OUTPUT_UNIT) == 0;
 }
 
 /* What is no number, of a new twin beside one that has numbers, is worse. */
-static bool is_worse(const tl_activation_output *now, const tl_activation_output *then) {
+static bool is_worse(const tl_run_output *now, const tl_run_output *then) {
     double of_now = root_mean_square(now);
     double of_then = root_mean_square(then);
     return isfinite(of_now) && !(of_then <= now->tolerance || of_then <= TL_COMPARISON_TIMES * of_now);
 }
 
 /* In its unit, with the tolerance that it is held against. */
-static void write_worse(const tl_activation_output *now, const tl_activation_output *then,
-                        char why[TL_COMPARISON_TEXT]) {
-    char name[TL_ACTIVATION_NAME];
+static void write_worse(const tl_run_output *now, const tl_run_output *then, char why[TL_COMPARISON_TEXT]) {
+    char name[TL_RUN_OUTPUT_NAME];
     char of_now[NUMBER];
     char of_then[NUMBER];
     (void)tl_clean_text(now->name, strnlen(now->name, sizeof now->name), name, sizeof name);
@@ -334,8 +322,8 @@ static void write_worse(const tl_activation_output *now, const tl_activation_out
 
 /* By the tolerances of the version before, whatever the new ones say of the lock. */
 static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
-    const tl_lock_tally *lock = &comparison->shadow.figures.lock_before;
-    double in_lock_now = tl_lock_tally_percent(&comparison->twin.figures.lock);
+    const tl_lock_tally *lock = &comparison->shadow.lock_before;
+    double in_lock_now = tl_lock_tally_percent(&comparison->twin.lock);
     double in_lock = steps_judged(lock) == 0 ? 100.0 : tl_lock_tally_percent(lock);
     double gone = 0.0;
     bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
@@ -348,10 +336,10 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
 }
 
 bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
-    const tl_activation_work *twin = &comparison->twin;
+    const tl_run_status *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs; i++) {
-        const tl_activation_output *now = &twin->output[i];
-        const tl_activation_output *then = find_output(&comparison->shadow, now->name);
+        const tl_run_output *now = &twin->output[i];
+        const tl_run_output *then = find_output(&comparison->shadow, now->name);
         if (then != NULL && is_comparable(now, then) && is_worse(now, then)) {
             write_worse(now, then, why);
             return true;

@@ -55,8 +55,8 @@ enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 
 
 /* Fields are private. */
 typedef struct tl_comparison {
-    tl_probation_snapshot before;    /* the run's twin, before there was a shadow */
-    tl_activation_work shadow, twin; /* as they were when it began; then what they have done in it */
+    tl_run_status before;       /* the run's twin, before there was a shadow */
+    tl_run_status shadow, twin; /* as they were when it began; then what they have done in it */
 } tl_comparison;
 
 typedef enum tl_comparison_result {
@@ -73,8 +73,7 @@ typedef enum tl_comparison_sight {
 } tl_comparison_sight;
 
 /* `before`: the run's twin before there was a shadow. */
-void tl_comparison_begin(tl_comparison *comparison, const tl_probation_snapshot *before,
-                         const tl_activation_shadow *now);
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now);
 
 void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
 

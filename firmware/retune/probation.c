@@ -27,8 +27,8 @@ static tl_probation_terms possible_terms(const tl_probation_terms *terms) {
     return possible;
 }
 
-void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
-                        const tl_probation_snapshot *now) {
+void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
+                        const tl_run_status *now) {
     *probation = (tl_probation){
         .account = {.terms = possible_terms(terms),
                     .before_steps = before->steps,
@@ -54,14 +54,14 @@ static uint64_t grown(uint64_t before, uint64_t now) {
     return now >= before ? now - before : now;
 }
 
-static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_probation_snapshot *snapshot) {
+static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_run_status *snapshot) {
     return tl_lock_yardstick_is_there(&probation->account.yardstick) ? &snapshot->lock_before : &snapshot->lock;
 }
 
 /* What has come since the last snapshot; all of it if this is another run. */
-static void count(tl_probation *probation, const tl_probation_snapshot *now) {
-    static const tl_probation_snapshot beginning = {.ticks = 0};
-    const tl_probation_snapshot *last = now->ticks < probation->last.ticks ? &beginning : &probation->last;
+static void count(tl_probation *probation, const tl_run_status *now) {
+    static const tl_run_status beginning = {.ticks = 0};
+    const tl_run_status *last = now->ticks < probation->last.ticks ? &beginning : &probation->last;
     tl_probation_account *account = &probation->account;
     account->steps += grown(last->steps, now->steps);
     account->misses += grown(last->deadline_misses, now->deadline_misses);
@@ -75,13 +75,13 @@ static void count(tl_probation *probation, const tl_probation_snapshot *now) {
     }
 }
 
-static bool is_lost(const tl_probation_snapshot *snapshot, const tl_lock_tally *lock) {
+static bool is_lost(const tl_run_status *snapshot, const tl_lock_tally *lock) {
     return snapshot->twin_alive && lock->state == TL_LOCK_LOST;
 }
 
 /* Time counts if it was so at its beginning and at its end. */
-static void measure(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
-    const tl_probation_snapshot *last = &probation->last;
+static void measure(tl_probation *probation, tl_time passed, const tl_run_status *now) {
+    const tl_run_status *last = &probation->last;
     tl_time excused = least(passed, probation->grace);
     bool stays_lost = is_lost(last, &last->lock) && is_lost(now, &now->lock);
     bool stays_lost_before =
@@ -123,13 +123,13 @@ static const char *write_widened(const tl_probation_account *account, char text[
 }
 
 /* The twin cannot be left as it is; `why` says so. */
-static bool is_broken(tl_probation *probation, const tl_probation_snapshot *now) {
+static bool is_broken(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
     char *why = probation->why;
     why[0] = '\0'; /* what was decided, and could not be written down, counts no more */
     if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
         (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed%s%.*s", now->failure[0] != '\0' ? ": " : "",
-                       TL_PROBATION_FAILURE - 1, now->failure);
+                       TL_RUN_FAILURE - 1, now->failure);
     } else if (misses_too_much(account)) {
         (void)snprintf(why, TL_PROBATION_WHY,
                        "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64
@@ -168,7 +168,7 @@ static bool is_unjudged(const tl_probation *probation) {
 }
 
 /* Its time is over. */
-static tl_probation_result judge(tl_probation *probation, const tl_probation_snapshot *now) {
+static tl_probation_result judge(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_terms *terms = &probation->account.terms;
     double in_lock = tl_probation_in_lock(probation);
     char *why = probation->why;
@@ -215,7 +215,7 @@ static tl_probation_result judge(tl_probation *probation, const tl_probation_sna
     return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN);
 }
 
-tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now) {
+tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now) {
     if (probation->result != TL_PROBATION_GOES_ON) {
         return probation->result;
     }

@@ -25,13 +25,12 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/monitor/lock_tally.h"
+#include "firmware/monitor/run_status.h"
 #include "master/base/simtime.h"
 
 enum {
     TL_PROBATION_WHY = 256,
     TL_PROBATION_WIDENED = 128,
-    TL_PROBATION_FAILURE = 128,
     TL_PROBATION_MISSES = 3,
     TL_PROBATION_MISS_PERCENT = 1,
     TL_PROBATION_MISS_TIMES = 3,
@@ -49,22 +48,6 @@ typedef struct tl_probation_terms {
     double require_lock; /* percent of the probation's steps in lock, 0 … 100; 0: not asked */
     bool must_confirm;   /* kept only if somebody confirms it */
 } tl_probation_terms;
-
-/* How the twin is now. Counts are those of its run: they grow, and begin at 0 with another run. */
-typedef struct tl_probation_snapshot {
-    uint64_t ticks; /* steps + skipped */
-    uint64_t steps;
-    uint64_t skipped;
-    uint64_t gaps; /* times that ticks were skipped, however many at once */
-    uint64_t deadline_misses;
-    tl_lock_tally lock;
-    tl_lock_tally lock_before;          /* by the yardstick before; means nothing if there is none */
-    uint64_t twin_failures;             /* ends that nobody asked for; */
-    char failure[TL_PROBATION_FAILURE]; /* why it was the last time; "": not known */
-    bool twin_alive;
-    uint64_t pairs; /* of an output and what it is matched with, both good; of a twin that matches nothing its steps */
-    bool plant_is_shut; /* its sources were not opened yet */
-} tl_probation_snapshot;
 
 /* What a probation has come to: all that is kept of it on disk, and enough to go on with it. */
 typedef struct tl_probation_account {
@@ -87,7 +70,7 @@ typedef struct tl_probation {
     char why[TL_PROBATION_WHY]; /* "in lock for 97.2 % of the steps, asked were 95 %"; "": it goes on */
     /* private */
     bool has_last;
-    tl_probation_snapshot last;
+    tl_run_status last;
     tl_time left, grace, lost, down; /* ns */
     tl_time lost_before;             /* as `lost`, by the yardstick before */
     tl_time shut;
@@ -95,15 +78,15 @@ typedef struct tl_probation {
 
 /* `before`: the configuration before, as it was at the end, or is. `now`: what counts from here on begins with; NULL: a run that has
  * not begun yet, all counts at 0. */
-void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_probation_snapshot *before,
-                        const tl_probation_snapshot *now);
+void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
+                        const tl_run_status *now);
 
 /* After a new start of whoever keeps it, or of the box: what was kept is taken as far as it can be true. What has happened meanwhile is not known: counting
  * goes on with the first snapshot. */
 void tl_probation_resume(tl_probation *probation, const tl_probation_account *account);
 
 /* So much time has passed since the last call, and this is how the twin is now. Once it is kept or returned from it stays so. */
-tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_probation_snapshot *now);
+tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now);
 
 /* Somebody is content. Nothing if it was returned from. */
 tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who);

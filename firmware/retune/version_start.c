@@ -127,7 +127,7 @@ static tl_status add_file(starting_run *self, uint64_t *number, tl_error *error)
 
 static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl_error *error) {
     const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S, .require_lock = TL_ACTIVATION_LOCK_PERCENT};
-    const tl_probation_snapshot nothing = {.ticks = 0};
+    const tl_run_status nothing = {.ticks = 0};
     tl_probation probation;
     tl_probation_begin(&probation, &terms, &nothing, NULL);
     probation.account.yardstick = self->verdict.yardstick;

@@ -60,7 +60,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     return true;
 }
 
-void tl_played_add(tl_probation_snapshot *sum, const tl_probation_snapshot *more) {
+void tl_played_add(tl_run_status *sum, const tl_run_status *more) {
     sum->ticks += more->ticks;
     sum->steps += more->steps;
     sum->skipped += more->skipped;
@@ -72,8 +72,8 @@ void tl_played_add(tl_probation_snapshot *sum, const tl_probation_snapshot *more
 }
 
 /* One output that both match. */
-static void add_output(tl_activation_work *work, double difference, double tolerance) {
-    tl_activation_output *output = &work->output[0];
+static void add_output(tl_run_status *work, double difference, double tolerance) {
+    tl_run_output *output = &work->output[0];
     work->outputs = 1;
     (void)snprintf(output->name, sizeof output->name, "motor.omega");
     output->pairs += 10;
@@ -83,8 +83,8 @@ static void add_output(tl_activation_work *work, double difference, double toler
 
 static void look_at_shadow(void *context, tl_activation_shadow *seen) {
     (void)context;
-    tl_played_add(&run->shadow.work.figures, &run->each);
-    tl_played_add(&run->shadow.beside.figures, &run->beside);
+    tl_played_add(&run->shadow.work, &run->each);
+    tl_played_add(&run->shadow.beside, &run->beside);
     add_output(&run->shadow.work, run->off, 1e6);
     add_output(&run->shadow.beside, run->off_beside, 1.0);
     *seen = run->shadow;
@@ -385,7 +385,7 @@ void tl_played_set(void) {
     run->in_memory[0] = '\0';
     memset(&run->shadow, 0, sizeof run->shadow);
     run->shadow.phase = TL_ACTIVATION_SHADOW_LIVE;
-    run->each = (tl_probation_snapshot){.ticks = 10, .steps = 10, .lock.steps[TL_LOCK_LOCKED] = 10};
+    run->each = (tl_run_status){.ticks = 10, .steps = 10, .lock.steps[TL_LOCK_LOCKED] = 10};
     run->beside = run->each;
     run->other[0] = '\0';
     run->flipped = TL_ACTIVATION_TAKEN;

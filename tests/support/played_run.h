@@ -41,13 +41,13 @@ typedef struct tl_played {
 
     /* The twin in the other place. */
     tl_activation_shadow shadow;
-    char other[TL_SHA256_TEXT];   /* of what it is of; "": there is none */
-    tl_activation_needs needs;    /* that it was begun with */
-    tl_activation_news flipped;   /* what comes of a flip */
-    bool is_slow;                 /* nothing is ordered at once */
-    tl_probation_snapshot each;   /* look: so much more is done by the shadow, */
-    tl_probation_snapshot beside; /* and by the run's twin */
-    double off, off_beside;       /* what the one output that both match is off by, for each look */
+    char other[TL_SHA256_TEXT]; /* of what it is of; "": there is none */
+    tl_activation_needs needs;  /* that it was begun with */
+    tl_activation_news flipped; /* what comes of a flip */
+    bool is_slow;               /* nothing is ordered at once */
+    tl_run_status each;         /* look: so much more is done by the shadow, */
+    tl_run_status beside;       /* and by the run's twin */
+    double off, off_beside;     /* what the one output that both match is off by, for each look */
     int flips, ends;
     char allowed[PATH_MAX + 32]; /* where the administrator's list is */
     const char *step_s;          /* of configurations, */
@@ -101,6 +101,6 @@ const char *tl_played_last_word(void);
 /* Refused: nothing of it is left, and the run goes on as it was. */
 void tl_played_expect_refused(tl_control_result result, const char *why);
 
-void tl_played_add(tl_probation_snapshot *sum, const tl_probation_snapshot *more);
+void tl_played_add(tl_run_status *sum, const tl_run_status *more);
 
 #endif

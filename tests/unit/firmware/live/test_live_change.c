@@ -393,7 +393,7 @@ static void test_flips_that_cannot_be(void) {
 }
 
 static void publish_tick(int64_t tick) {
-    static tl_live_figures figures;
+    static tl_run_status figures;
     figures.tick = tick;
     tl_latest_publish(&places[0].pulse->figures, &figures, sizeof figures);
 }

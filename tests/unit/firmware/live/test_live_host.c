@@ -105,7 +105,7 @@ static bool tune(const char *of) {
     return functions.tune(functions.context, &given);
 }
 
-static void publish(uint32_t place, tl_live_figures *figures) {
+static void publish(uint32_t place, tl_run_status *figures) {
     tl_latest_publish(&twins[place].figures, figures, sizeof *figures);
 }
 
@@ -154,11 +154,11 @@ static void test_an_end_waits_until_it_can_be_ordered(void) {
 }
 
 static void test_a_shadow_is_looked_at(void) {
-    static tl_live_figures figures;
+    static tl_run_status figures;
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     obey(TL_LIVE_SHADOW_LIVES, "");
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
-    figures = (tl_live_figures){.phase = TL_LIVE_RECORDED, .tick = 40, .last = 60, .steps = 7, .outputs = 1};
+    figures = (tl_run_status){.phase = TL_RUN_RECORDED, .tick = 40, .last = 60, .steps = 7, .outputs = 1};
     figures.used = TL_SECOND / 2;
     figures.output[0].pairs = 5;
     figures.output[0].sum_of_squares = 2.5;
@@ -166,25 +166,25 @@ static void test_a_shadow_is_looked_at(void) {
     memset(figures.output[0].name, 'x', sizeof figures.output[0].name); /* no end, */
     memcpy(figures.output[0].unit, "m\x1b", 3);                         /* and what commands a terminal */
     publish(1, &figures);
-    figures = (tl_live_figures){.phase = TL_LIVE_LIVE, .steps = 9};
+    figures = (tl_run_status){.phase = TL_RUN_LIVE, .steps = 9};
     publish(0, &figures);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_RECORDED, phase());
-    TEST_ASSERT_EQUAL_INT64(40, shadow.done);
-    TEST_ASSERT_EQUAL_INT64(60, shadow.known);
-    TEST_ASSERT_EQUAL_UINT64(7, shadow.work.figures.steps);
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, shadow.work.used_s);
-    TEST_ASSERT_EQUAL_UINT64(9, shadow.beside.figures.steps);
+    TEST_ASSERT_EQUAL_INT64(40, shadow.work.tick);
+    TEST_ASSERT_EQUAL_INT64(60, shadow.work.last);
+    TEST_ASSERT_EQUAL_UINT64(7, shadow.work.steps);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND / 2, shadow.work.used);
+    TEST_ASSERT_EQUAL_UINT64(9, shadow.beside.steps);
     TEST_ASSERT_EQUAL_size_t(1, shadow.work.outputs);
     TEST_ASSERT_EQUAL_UINT64(5, shadow.work.output[0].pairs);
     TEST_ASSERT_EQUAL_DOUBLE(2.5, shadow.work.output[0].sum_of_squares);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, shadow.work.output[0].tolerance);
-    TEST_ASSERT_EQUAL_size_t(TL_ACTIVATION_NAME - 1, strlen(shadow.work.output[0].name));
+    TEST_ASSERT_EQUAL_size_t(TL_RUN_OUTPUT_NAME - 1, strlen(shadow.work.output[0].name));
     TEST_ASSERT_EQUAL_STRING("m\\x1B", shadow.work.output[0].unit);
-    figures = (tl_live_figures){.phase = 77, .outputs = UINT32_MAX};
+    figures = (tl_run_status){.phase = 77, .outputs = UINT32_MAX};
     publish(1, &figures);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_BEGINS, phase());
-    TEST_ASSERT_EQUAL_size_t(TL_ACTIVATION_OUTPUTS, shadow.work.outputs);
-    figures = (tl_live_figures){.phase = TL_LIVE_LIVE};
+    TEST_ASSERT_EQUAL_size_t(TL_MAX_MATCH, shadow.work.outputs);
+    figures = (tl_run_status){.phase = TL_RUN_LIVE};
     publish(1, &figures);
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_SHADOW_LIVE, phase());
     obey(TL_LIVE_SHADOW_ENDED, "it was ended by signal 9");
@@ -350,19 +350,19 @@ static void test_why_the_twin_has_failed(void) {
     memset(failure, 'x', sizeof failure); /* without an end */
     tl_latest_publish(&stage.failure, failure, sizeof failure);
     functions.look(functions.context, &view);
-    TEST_ASSERT_EQUAL_size_t(TL_PROBATION_FAILURE - 1, strlen(view.figures.failure));
+    TEST_ASSERT_EQUAL_size_t(TL_RUN_FAILURE - 1, strlen(view.figures.failure));
 }
 
 /* What the twin sees of the plant. */
 static void test_sight(void) {
-    static tl_live_figures figures;
-    figures = (tl_live_figures){.steps = 50, .shut = 1, .outputs = 2, .output = {{.pairs = 7}, {.pairs = 4}}};
+    static tl_run_status figures;
+    figures = (tl_run_status){.steps = 50, .plant_is_shut = true, .outputs = 2, .output = {{.pairs = 7}, {.pairs = 4}}};
     publish(0, &figures);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(11, view.figures.pairs);
     TEST_ASSERT_TRUE(view.figures.plant_is_shut);
     figures.outputs = 0; /* it matches nothing */
-    figures.shut = 0;
+    figures.plant_is_shut = false;
     publish(0, &figures);
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_UINT64(50, view.figures.pairs);

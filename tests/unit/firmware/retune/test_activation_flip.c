@@ -18,7 +18,7 @@ void tearDown(void) {
 }
 
 static void test_a_flip(void) {
-    const tl_probation_snapshot misses = {.steps = 100, .deadline_misses = 50};
+    const tl_run_status misses = {.steps = 100, .deadline_misses = 50};
     char before[TL_SHA256_TEXT];
     memcpy(before, run->in_force, sizeof before);
     run->shadow.phase = TL_ACTIVATION_SHADOW_BEGINS;
@@ -32,9 +32,9 @@ static void test_a_flip(void) {
     TEST_ASSERT_EQUAL_UINT(2, run->needs.adjust);
     TEST_ASSERT_EQUAL_UINT(3, run->needs.components);
     run->shadow.phase = TL_ACTIVATION_SHADOW_RECORDED;
-    run->shadow.done = 1200;
-    run->shadow.known = 6000;
-    tl_played_add(&run->shadow.work.figures, &misses); /* are not compared, nor what comes before the lead-in is over */
+    run->shadow.work.tick = 1200;
+    run->shadow.work.last = 6000;
+    tl_played_add(&run->shadow.work, &misses); /* are not compared, nor what comes before the lead-in is over */
     run->activation.looked -= 6 * TL_SECOND;
     tl_activation_look(&run->activation);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "recorded samples: 1200 of 6000"));

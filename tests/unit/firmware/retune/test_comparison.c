@@ -9,7 +9,7 @@
 
 enum { LINES = 8 };
 
-static tl_probation_snapshot before;
+static tl_run_status before;
 static tl_activation_shadow now;
 static tl_comparison comparison;
 static char why[TL_COMPARISON_TEXT];
@@ -22,9 +22,9 @@ static void hear(void *context, const char *text) {
     (void)snprintf(told[lines++], TL_COMPARISON_TEXT, "%s", text);
 }
 
-static void set_output(tl_activation_work *work, size_t index, const char *name, uint64_t pairs, double sum) {
-    work->outputs = work->outputs > index ? work->outputs : index + 1;
-    tl_activation_output *output = &work->output[index];
+static void set_output(tl_run_status *work, size_t index, const char *name, uint64_t pairs, double sum) {
+    work->outputs = work->outputs > index ? work->outputs : (uint32_t)index + 1;
+    tl_run_output *output = &work->output[index];
     (void)snprintf(output->name, sizeof output->name, "%s", name);
     (void)snprintf(output->unit, sizeof output->unit, "rad/s");
     output->pairs = pairs;
@@ -33,19 +33,19 @@ static void set_output(tl_activation_work *work, size_t index, const char *name,
 }
 
 /* A thousand more steps, all in lock. */
-static void do_steps(tl_activation_work *work) {
-    work->figures.ticks += 1000;
-    work->figures.steps += 1000;
-    work->figures.lock.steps[TL_LOCK_LOCKED] += 1000;
+static void do_steps(tl_run_status *work) {
+    work->ticks += 1000;
+    work->steps += 1000;
+    work->lock.steps[TL_LOCK_LOCKED] += 1000;
     work->evaluations += 5000;
     work->executions += 20000;
-    work->used_s += 2.0;
+    work->used += 2 * TL_SECOND;
 }
 
 void setUp(void) {
-    before = (tl_probation_snapshot){.ticks = 1000, .steps = 1000};
+    before = (tl_run_status){.ticks = 1000, .steps = 1000};
     memset(&now, 0, sizeof now);
-    now.beside.figures = before;
+    now.beside = before;
     lines = 0;
     set_output(&now.beside, 0, "motor.omega", 100, 1e6);
     set_output(&now.work, 0, "motor.omega", 50, 1e9);
@@ -64,7 +64,7 @@ static tl_comparison_result judge(void) {
 /* What was before it began does not count. */
 static void test_the_words(void) {
     now.work.timed_out = 3;
-    now.beside.figures.deadline_misses = 2;
+    now.beside.deadline_misses = 2;
     set_output(&now.beside, 0, "motor.omega", 200, 1e6 + 400.0);
     set_output(&now.beside, 1, "motor.i", 0, 0.0);
     set_output(&now.work, 0, "motor.omega", 150, 1e9 + 100.0);
@@ -89,10 +89,10 @@ static void test_what_no_twin_could_say(void) {
     now.work.outputs = 1000;
     now.work.output[0].pairs++;
     now.work.output[0].sum_of_squares = (double)NAN;
-    now.work.used_s = (double)INFINITY;
+    now.work.used = INT64_MAX;
     memset(now.work.output[1].name, 'a', sizeof now.work.output[1].name); /* no end */
     memset(now.work.output[1].unit, 'b', sizeof now.work.output[1].unit);
-    for (size_t i = 2; i < TL_ACTIVATION_OUTPUTS; i++) {
+    for (size_t i = 2; i < TL_MAX_MATCH; i++) {
         set_output(&now.work, i, "motor.omega", 0, 0.0); /* that name is there already */
     }
     now.work.outputs = 1000;
@@ -108,8 +108,8 @@ static void test_a_good_one(void) {
 }
 
 static void test_the_runs_twin_suffers(void) {
-    now.beside.figures.deadline_misses = 20;
-    now.work.figures.deadline_misses = 20;
+    now.beside.deadline_misses = 20;
+    now.work.deadline_misses = 20;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
     TEST_ASSERT_EQUAL_STRING(
         "beside it the run's twin missed 20 deadlines and made 0 ticks up of 1000: this box does not "
@@ -119,17 +119,17 @@ static void test_the_runs_twin_suffers(void) {
 
 /* A machine that stands still once, for however many ticks, is no lack of room; one that does so again and again is. */
 static void test_the_runs_twin_makes_ticks_up(void) {
-    now.beside.figures.skipped = 200;
-    now.beside.figures.gaps = 2;
+    now.beside.skipped = 200;
+    now.beside.gaps = 2;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
     setUp();
-    now.beside.figures.skipped = 200;
-    now.beside.figures.gaps = 3;
+    now.beside.skipped = 200;
+    now.beside.gaps = 3;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
     TEST_ASSERT_NOT_NULL(strstr(why, "made 200 ticks up of 1000"));
     setUp();
-    now.beside.figures.skipped = 251;
-    now.beside.figures.gaps = 1;
+    now.beside.skipped = 251;
+    now.beside.gaps = 1;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
 }
 
@@ -139,37 +139,37 @@ static void test_the_runs_twin_as_ever(void) {
     setUp();
     before.deadline_misses = 10;
     tl_comparison_begin(&comparison, &before, &(tl_activation_shadow){.phase = TL_ACTIVATION_SHADOW_LIVE});
-    now.beside.figures.steps = now.beside.figures.ticks = 1000;
-    now.beside.figures.deadline_misses = 29;
+    now.beside.steps = now.beside.ticks = 1000;
+    now.beside.deadline_misses = 29;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
 }
 
 /* It has no priority yet. */
 static void test_the_shadow_suffers(void) {
-    now.work.figures.skipped = now.work.figures.ticks / 4;
+    now.work.skipped = now.work.ticks / 4;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
     setUp();
-    now.work.figures.skipped = now.work.figures.ticks / 4 + 1;
+    now.work.skipped = now.work.ticks / 4 + 1;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_NO_ROOM, judge());
     TEST_ASSERT_NOT_NULL(strstr(why, "the new twin missed 0 deadlines"));
 }
 
 static void test_the_runs_twin_was_begun_again(void) {
-    now.beside.figures.twin_failures = before.twin_failures + 1;
-    now.beside.figures.skipped = 500;
+    now.beside.twin_failures = before.twin_failures + 1;
+    now.beside.skipped = 500;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
     TEST_ASSERT_NOT_NULL(strstr(why, "was begun again"));
 }
 
 static void test_few_misses_are_none(void) {
-    now.work.figures.deadline_misses = 10;
-    now.work.figures.skipped = 2;
+    now.work.deadline_misses = 10;
+    now.work.skipped = 2;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
 }
 
 static void test_the_lock(void) {
-    now.work.figures.lock.steps[TL_LOCK_LOCKED] = 900;
-    now.work.figures.lock.steps[TL_LOCK_LOST] = 100;
+    now.work.lock.steps[TL_LOCK_LOCKED] = 900;
+    now.work.lock.steps[TL_LOCK_LOST] = 100;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
     TEST_ASSERT_EQUAL_STRING("the new twin was in lock for 90 % of the steps, asked are 95 %; the run's for 100 %",
                              why);
@@ -178,8 +178,8 @@ static void test_the_lock(void) {
 }
 
 static void test_the_lock_by_the_tolerances_before(void) {
-    now.work.figures.lock_before.steps[TL_LOCK_LOCKED] = 900;
-    now.work.figures.lock_before.steps[TL_LOCK_LOST] = 100;
+    now.work.lock_before.steps[TL_LOCK_LOCKED] = 900;
+    now.work.lock_before.steps[TL_LOCK_LOST] = 100;
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
     TEST_ASSERT_TRUE(tl_comparison_is_worse(&comparison, 95.0, why));
     TEST_ASSERT_EQUAL_STRING("by the tolerances of the version before, the new twin was in lock for 90 % of the steps, "
@@ -188,14 +188,14 @@ static void test_the_lock_by_the_tolerances_before(void) {
 }
 
 static void test_no_step(void) {
-    now.work.figures = (tl_probation_snapshot){.ticks = 0};
+    now.work = (tl_run_status){.ticks = 0};
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_BAD, judge());
     TEST_ASSERT_EQUAL_STRING("the new twin has not computed a step", why);
 }
 
 /* It has failed, and was begun again: its successor counts from 0. */
 static void test_another_twin_of_the_run(void) {
-    now.beside.figures = (tl_probation_snapshot){.ticks = 500, .steps = 500, .lock.steps[TL_LOCK_LOCKED] = 500};
+    now.beside = (tl_run_status){.ticks = 500, .steps = 500, .lock.steps[TL_LOCK_LOCKED] = 500};
     tl_comparison_end(&comparison, &now);
     tl_comparison_tell(&comparison, hear, NULL);
     TEST_ASSERT_NOT_NULL(strstr(told[1], "of 500 steps"));
@@ -205,7 +205,7 @@ static void test_another_twin_of_the_run(void) {
 /* An event horizon: no stroke has ended yet. */
 static void test_a_lock_that_was_not_judged(void) {
     double gone = 1.0;
-    memset(&now.work.figures.lock, 0, sizeof now.work.figures.lock);
+    memset(&now.work.lock, 0, sizeof now.work.lock);
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, judge());
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_UNJUDGED, tl_comparison_sight_of(&comparison, &gone));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, gone);
@@ -216,10 +216,10 @@ static void test_a_lock_that_was_not_judged(void) {
 /* So many of a hundred steps in lock, lost, and with no good signal. */
 static void set_lock(uint64_t locked, uint64_t lost, uint64_t free) {
     setUp();
-    memset(&now.work.figures.lock, 0, sizeof now.work.figures.lock);
-    now.work.figures.lock.steps[TL_LOCK_LOCKED] = locked;
-    now.work.figures.lock.steps[TL_LOCK_LOST] = lost;
-    now.work.figures.lock.steps[TL_LOCK_FREE] = free;
+    memset(&now.work.lock, 0, sizeof now.work.lock);
+    now.work.lock.steps[TL_LOCK_LOCKED] = locked;
+    now.work.lock.steps[TL_LOCK_LOST] = lost;
+    now.work.lock.steps[TL_LOCK_FREE] = free;
 }
 
 /* Both have seen the plant for a moment, in which one tick more or less was in lock. */

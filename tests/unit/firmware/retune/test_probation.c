@@ -9,10 +9,10 @@
 enum { RATE = 100 }; /* steps a second */
 
 static tl_probation probation;
-static tl_probation_snapshot now;
+static tl_run_status now;
 
 void setUp(void) {
-    now = (tl_probation_snapshot){.twin_alive = true, .lock = {.state = TL_LOCK_LOCKED}};
+    now = (tl_run_status){.twin_alive = true, .lock = {.state = TL_LOCK_LOCKED}};
 }
 
 void tearDown(void) {}
@@ -189,7 +189,7 @@ static void test_why_it_fails_is_said(void) {
     memcpy(now.failure, "it hung ", 8);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_seconds(0.1));
     TEST_ASSERT_EQUAL_STRING_LEN("the twin has failed: it hung xx", probation.why, 31);
-    TEST_ASSERT_EQUAL_size_t(strlen("the twin has failed: ") + TL_PROBATION_FAILURE - 1, strlen(probation.why));
+    TEST_ASSERT_EQUAL_size_t(strlen("the twin has failed: ") + TL_RUN_FAILURE - 1, strlen(probation.why));
 }
 
 static void test_another_run_that_fails(void) {
@@ -268,7 +268,7 @@ static void test_another_run_begins_at_0(void) {
     now.deadline_misses = 300;
     now.lock.steps[TL_LOCK_LOCKED] = 10000;
     tl_probation_begin(&probation, &terms, &now, NULL);
-    now = (tl_probation_snapshot){.ticks = 20, .steps = 20, .deadline_misses = 2, .twin_alive = true};
+    now = (tl_run_status){.ticks = 20, .steps = 20, .deadline_misses = 2, .twin_alive = true};
     now.lock.steps[TL_LOCK_FREE] = 20;
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, tl_probation_feed(&probation, TL_SECOND, &now));
     TEST_ASSERT_EQUAL_UINT64(2, probation.account.misses);
