@@ -375,6 +375,8 @@ static void flip_in_mode(tl_measurements mode) {
                              tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
     expect_events(&places[1], 1, "has taken over from tick %");
     expect_events(&places[0], 1, "has taken over from tick %");
+    expect_events(&places[0], 0, "%announced too late%");
+    expect_events(&places[1], 0, "%announced too late%");
     TEST_ASSERT_EQUAL_UINT64(places[0].summary.ticks,
                              places[0].summary.figures.steps + places[0].summary.figures.skipped);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, places[0].summary.resumption.from);
@@ -426,17 +428,20 @@ static void test_the_runs_is_dead(void) {
     expect_repeated(&places[1], 1);
 }
 
-/* A flip that is announced too late begins with the next tick. */
+/* A flip that is announced too late begins with the next tick, and both runs say so. */
 static void test_a_flip_in_the_past(void) {
     begin_both(4 * MILLISECOND);
-    end(&places[0]);
     stage.to = 1;
     stage.tick = 3;
     __atomic_store_n(&stage.flips, 1, __ATOMIC_RELEASE);
+    live_until_flipped(&places[0], 1);
     live_until_flipped(&places[1], 1); /* a cycle that makes up many ticks at once looks for it only then */
     live_until_tick(&places[1], places[1].shown.tick + 20);
     TEST_ASSERT_FALSE(places[1].shown.is_shadow);
+    end(&places[0]);
     end(&places[1]);
+    expect_events(&places[0], 1, "flip at tick 3: announced too late%");
+    expect_events(&places[1], 1, "flip at tick 3: announced too late%");
     TEST_ASSERT_EQUAL_INT64(number(&places[1], "min(tick) FROM samples", 1),
                             number(&places[1], "resumed_tick FROM beginnings", 1));
     expect_repeated(&places[1], 1);
