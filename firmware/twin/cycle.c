@@ -148,6 +148,16 @@ static void count_anew(tl_cycle *cycle) {
     memset(cycle->shown.match, 0, sizeof cycle->shown.match);
 }
 
+/* If the supervisor was stopped as it announced the flip, the two twins may have seen it at different ticks. */
+static void tell_late_flip(const tl_cycle *cycle) {
+    if (cycle->next_tick > cycle->flip.tick) {
+        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
+                         "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
+                         "; ticks around it may be missing or in both runs",
+                         cycle->flip.tick, cycle->next_tick);
+    }
+}
+
 /* Nothing is missed any more: the next tick is at its time. */
 static void tl_cycle_be_live(tl_cycle *cycle) {
     if (cycle->is_behind) {
@@ -212,12 +222,14 @@ static void take_over(tl_cycle *cycle) {
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
     count_anew(cycle);
     tell_taken_over(cycle);
+    tell_late_flip(cycle);
     say(cycle);
 }
 
 /* ---- the run's ---- */
 
 static void hand_over(tl_cycle *cycle) {
+    tell_late_flip(cycle);
     tl_cycle_keep_in_force(cycle);
     (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
     cycle->settings.place.start = cycle->start;

@@ -6,7 +6,7 @@
  * Order:   the activator orders (tl_live_order), with the candidate beside it; the supervisor begins the shadow, and announces flips on the stage; each
  *          twin looks at it at the start of a tick, and says in its pulse what it has done (tl_live_twin_pulse.flipped). Nobody sends, nobody waits.
  * Tick:    so far ahead that both see it before it has come, and the shadow finds a tick with time to spare in which it saves itself: its run begins with
- *          that checkpoint.
+ *          that checkpoint. A twin that sees a flip after its tick does its part at its next tick, and records a warning.
  * Death:   the supervisor flips once the run's twin has ended its part, or is dead. A shadow that has died by then is begun again as the run's twin.
  * Trust:   the stage is the supervisor's word. An order is bounded by who reads it; the supervisor reads no candidate.
  * Thread:  plain data; one writer, any readers.

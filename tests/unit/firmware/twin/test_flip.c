@@ -50,6 +50,7 @@ static uint64_t posts;
 static tl_plant_input input;
 static tl_measurements measurements;
 static bool can_save;
+static tl_time run_start; /* instant of tick 0 */
 static tl_scratch scratch;
 static tl_error error;
 
@@ -63,17 +64,17 @@ void setUp(void) {
     can_save = true;
 }
 
+/* Without any assertion: both cycles end, whatever a case has left. */
 static void close_place(place *self) {
     if (self->cycle != NULL) {
         (void)tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error);
         self->cycle = NULL;
     }
     if (self->thread != NULL) {
-        tl_test_outbox_close(&self->box);
+        (void)tl_test_outbox_try_close(&self->box, &error);
         tl_fmu_thread_end(self->thread);
         self->thread = NULL;
     }
-    tl_follower_end(&self->twin);
 }
 
 void tearDown(void) {
@@ -81,6 +82,9 @@ void tearDown(void) {
         close_place(&places[i]);
     }
     tl_scratch_empty(&scratch);
+    for (size_t i = 0; i < PLACES; i++) {
+        tl_follower_end(&places[i].twin);
+    }
 }
 
 /* ---- places ---- */
@@ -110,8 +114,8 @@ static void put_event(void *context, int64_t tick, tl_severity severity, const c
     tl_outbox_event(context, tick, severity, source, text);
 }
 
-/* A shadow begins at `tick` of the run that began at `start`. */
-static void start(place *self, tl_time step, bool is_shadow, int64_t tick, tl_time run_start) {
+/* A shadow begins at `tick` of the run. */
+static void start(place *self, tl_time step, bool is_shadow, int64_t tick) {
     char name[32];
     uint32_t index = (uint32_t)(self - places);
     memset(self, 0, sizeof *self);
@@ -189,14 +193,24 @@ static void live_until_shadow(const place *self, bool is_shadow) {
     }
 }
 
-/* A flip to this place, so many ticks ahead; waits until both have said it. The first tick of it. */
-static int64_t flip_to(uint32_t to, int64_t ahead) {
+/* Until a shadow has made up what it missed. */
+static void live_until_live(const place *self) {
+    tl_time until = tl_clock_now(NULL) + PATIENCE;
+    while (!self->shown.is_live) {
+        TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "the shadow does not come to the plant's ticks");
+        live_on(MILLISECOND);
+    }
+}
+
+/* A flip to this place, announced as early as the supervisor does it and `more` ticks; waits until both have said it. The first tick of it. */
+static int64_t flip_to(uint32_t to, int64_t more) {
     uint32_t number = stage.flips + 1;
-    place *from = &places[1 - to];
-    (void)tl_cycle_status_now(from->cycle, &from->shown);
+    tl_time step = places[to].twin.assembly.config.step;
     stage.to = to;
-    stage.tick = from->shown.tick + ahead;
+    stage.tick = (tl_clock_now(NULL) + tl_live_stage_ahead(step) - run_start) / step + 1 + more;
     __atomic_store_n(&stage.flips, number, __ATOMIC_RELEASE);
+    TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < tl_time_of_step(run_start, step, stage.tick),
+                             "the test was kept from announcing the flip in time");
     live_until_flipped(&places[0], number);
     live_until_flipped(&places[1], number);
     stage.place = to;
@@ -204,9 +218,9 @@ static int64_t flip_to(uint32_t to, int64_t ahead) {
 }
 
 static void end(place *self) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error),
-                                  error.text);
+    tl_status status = tl_cycle_stop(self->cycle, &self->summary, &self->has_run, &error);
     self->cycle = NULL;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, status, error.text);
     if (self->has_run) {
         (void)tl_outbox_put_end(&self->box.outbox, "end");
     }
@@ -316,18 +330,15 @@ static void expect_repeated(place *self, int64_t number_of_run) {
 
 /* ---- flips ---- */
 
-static tl_time start_of_run(const place *self) {
-    return tl_outbox_beginning(&self->box.outbox)->start;
-}
-
 static void begin_both(tl_time step) {
     live_on(MILLISECOND);
-    start(&places[0], step, false, 0, 0);
+    start(&places[0], step, false, 0);
     live_until_tick(&places[0], 10);
-    start(&places[1], step, true, places[0].shown.tick + 2, start_of_run(&places[0]));
+    run_start = tl_outbox_beginning(&places[0].box.outbox)->start;
+    start(&places[1], step, true, places[0].shown.tick + 2);
     live_until_tick(&places[1], places[0].shown.tick + 10);
+    live_until_live(&places[1]);
     TEST_ASSERT_TRUE(places[1].shown.is_shadow);
-    TEST_ASSERT_TRUE(places[1].shown.is_live);
 }
 
 static void expect_events(const place *self, int64_t count, const char *like) {
@@ -341,14 +352,14 @@ static void flip_in_mode(tl_measurements mode) {
     static tl_test_random random = {20261123};
     measurements = mode;
     begin_both(4 * MILLISECOND);
-    int64_t there = flip_to(1, 20 + (int64_t)tl_test_random_below(&random, 40));
+    int64_t there = flip_to(1, (int64_t)tl_test_random_below(&random, 40));
     live_until_tick(&places[1], there + 20 + (int64_t)tl_test_random_below(&random, 20));
     live_until_shadow(&places[0], true);
     live_until_shadow(&places[1], false);
     uint64_t due = places[1].shown.ticks;
     TEST_ASSERT_EQUAL_UINT64((uint64_t)(places[1].shown.tick - there + 1), due);
     TEST_ASSERT_TRUE(due - places[1].shown.steps - places[1].shown.skipped <= (mode == TL_AHEAD ? 1 : 0));
-    int64_t back = flip_to(0, 20 + (int64_t)tl_test_random_below(&random, 40));
+    int64_t back = flip_to(0, (int64_t)tl_test_random_below(&random, 40));
     live_until_tick(&places[0], back + 30);
     end(&places[1]);
     end(&places[0]);
@@ -364,6 +375,8 @@ static void flip_in_mode(tl_measurements mode) {
                              tl_sql_text(places[1].database, "SELECT ended_reason FROM runs"));
     expect_events(&places[1], 1, "has taken over from tick %");
     expect_events(&places[0], 1, "has taken over from tick %");
+    expect_events(&places[0], 0, "%announced too late%");
+    expect_events(&places[1], 0, "%announced too late%");
     TEST_ASSERT_EQUAL_UINT64(places[0].summary.ticks,
                              places[0].summary.figures.steps + places[0].summary.figures.skipped);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_CHECKPOINT, places[0].summary.resumption.from);
@@ -387,7 +400,7 @@ static void test_there_and_back_in_mode_ahead(void) {
 static void test_a_twin_that_cannot_be_saved(void) {
     can_save = false;
     begin_both(4 * MILLISECOND);
-    int64_t there = flip_to(1, 25);
+    int64_t there = flip_to(1, 0);
     live_until_tick(&places[1], there + 20);
     end(&places[0]);
     end(&places[1]);
@@ -415,17 +428,20 @@ static void test_the_runs_is_dead(void) {
     expect_repeated(&places[1], 1);
 }
 
-/* A flip that is announced too late begins with the next tick. */
+/* A flip that is announced too late begins with the next tick, and both runs say so. */
 static void test_a_flip_in_the_past(void) {
     begin_both(4 * MILLISECOND);
-    end(&places[0]);
     stage.to = 1;
     stage.tick = 3;
     __atomic_store_n(&stage.flips, 1, __ATOMIC_RELEASE);
+    live_until_flipped(&places[0], 1);
     live_until_flipped(&places[1], 1); /* a cycle that makes up many ticks at once looks for it only then */
     live_until_tick(&places[1], places[1].shown.tick + 20);
     TEST_ASSERT_FALSE(places[1].shown.is_shadow);
+    end(&places[0]);
     end(&places[1]);
+    expect_events(&places[0], 1, "flip at tick 3: announced too late%");
+    expect_events(&places[1], 1, "flip at tick 3: announced too late%");
     TEST_ASSERT_EQUAL_INT64(number(&places[1], "min(tick) FROM samples", 1),
                             number(&places[1], "resumed_tick FROM beginnings", 1));
     expect_repeated(&places[1], 1);
@@ -437,7 +453,7 @@ static void test_what_is_not_its_concern(void) {
     stage.to = 1;
     stage.tick = 12;
     live_on(MILLISECOND);
-    start(&places[0], 4 * MILLISECOND, false, 0, 0);
+    start(&places[0], 4 * MILLISECOND, false, 0);
     live_until_tick(&places[0], 30);
     TEST_ASSERT_FALSE(places[0].shown.is_shadow);
     TEST_ASSERT_EQUAL_UINT32(0, places[0].flipped);
@@ -470,7 +486,7 @@ static void test_a_tuning_of_the_shadow(void) {
     begin_both(4 * MILLISECOND);
     tell_tuning(&places[1], 0.25);
     live_until_tick(&places[1], places[1].shown.tick + 10);
-    int64_t there = flip_to(1, 25);
+    int64_t there = flip_to(1, 0);
     live_until_tick(&places[1], there + 10);
     end(&places[0]);
     end(&places[1]);
@@ -484,8 +500,8 @@ static void test_a_tuning_of_the_shadow(void) {
 static void test_a_tuning_of_the_run_before(void) {
     begin_both(4 * MILLISECOND);
     tell_tuning(&places[0], 0.25);
-    (void)flip_to(1, 25);
-    int64_t back = flip_to(0, 25);
+    (void)flip_to(1, 0);
+    int64_t back = flip_to(0, 0);
     live_until_tick(&places[0], back + 10);
     end(&places[1]);
     end(&places[0]);
