@@ -309,18 +309,17 @@ static bool sees_otherwise(tl_recording_database *database, const tl_history_run
 
 static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
     const tl_history_run *run = NULL;
-    int64_t first = 0;
-    int64_t last = 0;
+    int64_t range[2] = {0};
     bool any = false;
     tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
     if (status == TL_OK) {
         status = check_signals(database, run, config, error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
+        status = tl_history_ticks_begin(database->history, run, 0, &database->ticks, error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_range(database->ticks, &any, &first, &last, error);
+        status = tl_history_range(database->history, run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
     }
     if (status != TL_OK) {
         return status;
@@ -331,9 +330,9 @@ static tl_status open_run(tl_recording_database *database, const tl_config *conf
     }
     database->anew = !database->same_configuration && sees_otherwise(database, run);
     database->by_recording = strcmp(run->verb, "replay") == 0;
-    *ticks = last + 1;
+    *ticks = range[1] + 1;
     status = find_tunings(database, run, error);
-    return status == TL_OK ? find_beginning(database, run, first, error) : status;
+    return status == TL_OK ? find_beginning(database, run, range[0], error) : status;
 }
 
 static tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
