@@ -656,6 +656,9 @@ static tl_status give_table(const row_walk *walk, tl_history_table table, size_t
         .number = walk->range[0] - 1, .last = walk->range[1], .signal = INT64_MAX, .signals = (int64_t)signals};
     int count = ROWS_AT_ONCE;
     tl_status status = keep_statement(walk->history, tables[table].rows, kept, error);
+    if (status != TL_OK) {
+        return status;
+    }
     (void)sqlite3_bind_int64(*kept, 1, walk->run->run);
     (void)sqlite3_bind_int64(*kept, 4, key.last);
     (void)sqlite3_bind_int(*kept, 5, ROWS_AT_ONCE);
