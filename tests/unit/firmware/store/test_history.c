@@ -494,6 +494,23 @@ static void test_impossible_values_are_damage(void) {
     expect_damage("UPDATE runs SET step_ns = 0");
 }
 
+/* A walk begins where it is told to, and the error names the row. */
+static void test_damage_behind_a_sound_block(void) {
+    tl_history_tick tick;
+    bool end = false;
+    record_run(200);
+    tl_sql_execute(bench.path, "UPDATE steps SET outcome = 99 WHERE step = 180");
+    open_history();
+    expect_ok(tl_history_find(history, 0, &run, &bench.error));
+    expect_ok(tl_history_ticks_begin(history, run, 100, &ticks, &bench.error));
+    for (int64_t number = 100; number < 164; number++) {
+        expect_ok(tl_history_ticks_next(ticks, &tick, &end, &bench.error));
+        expect_tick(&tick, number);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_history_ticks_next(ticks, &tick, &end, &bench.error));
+    TEST_ASSERT_NOT_NULL(strstr(bench.error.text, "step 180 of run 1 is none that the recorder writes"));
+}
+
 /* ---- What was made to do harm ------------------------------------------------------------------------------------ */
 
 /* The first rows of tables with a key of several columns, on every page: in the order 0, 3, 6, … 1, 4, 7, …, by their pointers
@@ -682,6 +699,7 @@ int main(void) {
     RUN_TEST(test_files_that_are_none);
     RUN_TEST(test_a_damaged_file_is_said);
     RUN_TEST(test_impossible_values_are_damage);
+    RUN_TEST(test_damage_behind_a_sound_block);
     RUN_TEST(test_more_impossible_values);
     RUN_TEST(test_rows_that_are_not_in_their_order);
     RUN_TEST(test_code_in_a_file_is_not_run);
