@@ -17,7 +17,53 @@
 #include "firmware/plant/plant_input.h"
 #include "master/base/status.h"
 
-/* ---- The ticks of a run that was recorded into a database, for recording.h.
+struct tl_recording {
+    char path[PATH_MAX]; /* for messages */
+    const tl_config *config;
+    int64_t ticks;           /* in all */
+    int64_t next;            /* tick */
+    tl_recording_hear *hear; /* NULL: nobody does */
+    void *listener;
+    tl_plant_input input;
+    void *mail; /* memory of its mailboxes */
+    /* from CSV */
+    tl_csv_reader *reader;
+    tl_time start;  /* of the first row; from a database: 0, unless stamps are by_recording */
+    tl_csv_row row; /* read, not yet posted */
+    bool row_waits;
+    /* from a database */
+    tl_history *history; /* NULL: from CSV */
+    tl_history_ticks *walk;
+    bool same_configuration; /* repeat what the run skipped and had time for */
+    size_t recorded;         /* signals of the run that are the configuration's, further look-ups included */
+    size_t raw
+        [TL_MAX_SIGNALS]; /* which of the run's signals shows the readings of each of the configuration's as they came, as far as it knows */
+    bool by_recording; /* stamps, and so t_start, are those of the recording that the run replayed */
+    tl_recording_beginning beginning;
+    tl_recording_tunings tunings;
+    tl_run_tuning *tuning_list;
+    tl_recorder_known *tuning_known;
+    bool anew;                      /* signals are looked up anew: */
+    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
+};
+
+static tl_status open_input(tl_recording *recording, tl_error *error) {
+    tl_live_plant_set_limits(&recording->input, recording->config);
+    recording->mail = tl_plant_mail_make_least(recording->config->signal_count, recording->input.mailboxes);
+    return recording->mail != NULL && tl_plant_input_open(&recording->input)
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
+}
+
+/* Of a signal of the configuration's own, its listener hears too. */
+static void post_reading(tl_recording *recording, size_t signal, const tl_reading *reading) {
+    tl_plant_input_post(&recording->input, signal, reading);
+    if (recording->hear != NULL && recording->config->signals[signal].of == signal) {
+        recording->hear(recording->listener, signal, reading);
+    }
+}
+
+/* ---- The ticks of a run that was recorded into a database
  *
  * Purpose: a run of the file, as it was seen. Where the configuration is the very one of the run, ticks it missed
  *          are made up again, searches it had no time for end where they ended, and the tunings that it took are taken at their ticks, so that the
@@ -26,39 +72,7 @@
  *          saw: at most one a tick of each. So a run that was recorded without delays can be replayed with them.
  * Errors:  TL_BAD_DATA where the signals or the step are not the configuration's, the run's beginning is gone, or what it took
  *          cannot be followed.
- * Thread:  one thread.
  */
-
-typedef struct tl_recording_database tl_recording_database;
-
-static void tl_recording_database_close(tl_recording_database *database);
-
-/* ---- recording database ---- */
-
-struct tl_recording_database {
-    char path[PATH_MAX]; /* for messages */
-    tl_history *history;
-    tl_history_ticks *ticks;
-    bool same_configuration; /* repeat what the run skipped and had time for */
-    int64_t next;            /* tick expected */
-    const tl_config *config;
-    size_t recorded; /* signals of the run that are the configuration's, further look-ups included */
-    size_t raw
-        [TL_MAX_SIGNALS]; /* which of the run's signals shows the readings of each of the configuration's as they came, as far as it knows */
-    bool by_recording; /* stamps are those of the recording that the run replayed … */
-    tl_time start;     /* … and so is t_start; else 0 */
-    tl_recording_beginning beginning;
-    tl_recording_tunings tunings;
-    tl_run_tuning *tuning_list;
-    tl_recorder_known *tuning_known;
-    tl_recording_hear *hear; /* NULL: nobody does */
-    void *listener;
-    /* where signals are looked up anew */
-    bool anew;
-    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
-    tl_plant_input input;
-    void *mail; /* memory of its mailboxes */
-};
 
 /* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
 static bool is_same_signal(const char *recorded, const char *name) {
@@ -85,28 +99,28 @@ static bool shows(const char *recorded, const char *name) {
 }
 
 /* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
-static void find_readings(tl_recording_database *database, const tl_recorder_signal *signals, size_t count) {
-    const tl_config *config = database->config;
+static void find_readings(tl_recording *recording, const tl_recorder_signal *signals, size_t count) {
+    const tl_config *config = recording->config;
     for (size_t i = 0; i < config->signal_count; i++) {
         size_t first = config->signals[i].of;
-        database->raw[i] = i < database->recorded ? i : first;
+        recording->raw[i] = i < recording->recorded ? i : first;
         for (size_t k = 0; k < count && k < TL_MAX_SIGNALS; k++) {
-            database->raw[i] = shows(signals[k].name, config->signals[first].plan.name) ? k : database->raw[i];
+            recording->raw[i] = shows(signals[k].name, config->signals[first].plan.name) ? k : recording->raw[i];
         }
     }
 }
 
 /* All second look-ups must be there; or none of them, and then they are made of the first ones. */
-static tl_status check_signals(tl_recording_database *database, const tl_history_run *run, const tl_config *config,
+static tl_status check_signals(tl_recording *recording, const tl_history_run *run, const tl_config *config,
                                tl_error *error) {
-    const char *path = database->path;
+    const char *path = recording->path;
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
     size_t own = config->signal_count;
     while (own > 0 && config->signals[own - 1].of != own - 1) {
         own--;
     }
-    tl_status status = tl_history_signals(database->history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    tl_status status = tl_history_signals(recording->history, run, TL_HISTORY_PLANT, &signals, &count, error);
     if (status != TL_OK) {
         return status;
     }
@@ -114,8 +128,8 @@ static tl_status check_signals(tl_recording_database *database, const tl_history
     for (size_t i = own; i < config->signal_count; i++) {
         all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
     }
-    database->recorded = all ? config->signal_count : own;
-    find_readings(database, signals, count);
+    recording->recorded = all ? config->signal_count : own;
+    find_readings(recording, signals, count);
     count = count_first_look_ups(signals, count);
     for (size_t i = 0; i < own; i++) {
         const char *name = config->signals[i].plan.name;
@@ -134,48 +148,46 @@ static tl_status check_signals(tl_recording_database *database, const tl_history
     return TL_OK;
 }
 
-static tl_status fail_beginning(const tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+static tl_status fail_beginning(const tl_recording *recording, const tl_history_run *run, tl_error *error) {
     return tl_fail(error, TL_BAD_DATA,
                    "%s: the beginning of run %" PRId64 " is not there (any more): it cannot be replayed",
-                   database->path, run->run);
+                   recording->path, run->run);
 }
 
 /* A checkpoint that its bytes do not fit to is as good as none. */
-static tl_status find_checkpoint(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
-    tl_recording_beginning *beginning = &database->beginning;
+static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *run, tl_error *error) {
+    tl_recording_beginning *beginning = &recording->beginning;
     const tl_history_checkpoint *checkpoint = NULL;
-    tl_status status = tl_history_checkpoint_before(database->history, run, beginning->tick, &checkpoint, error);
+    tl_status status = tl_history_checkpoint_before(recording->history, run, beginning->tick, &checkpoint, error);
     if (status != TL_OK) {
         return status;
     }
     if (checkpoint == NULL || checkpoint->tick != beginning->tick - 1) {
-        return fail_beginning(database, run, error);
+        return fail_beginning(recording, run, error);
     }
     beginning->checkpoint = checkpoint;
     return checkpoint->whole ? TL_OK
                              : tl_fail(error, TL_BAD_DATA,
                                        "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
                                        "replayed",
-                                       database->path, run->run);
+                                       recording->path, run->run);
 }
 
 /* Where the twin has to stand before the first tick. */
-static tl_status find_beginning(tl_recording_database *database, const tl_history_run *run, int64_t first,
-                                tl_error *error) {
+static tl_status find_beginning(tl_recording *recording, const tl_history_run *run, int64_t first, tl_error *error) {
     bool resumed = run->resumption.from != TL_RESUMED_NOT;
     if (run->removed_before > 0 || (first != 0 && !resumed)) {
-        return fail_beginning(database, run, error);
+        return fail_beginning(recording, run, error);
     }
-    database->next = first;
-    database->beginning = (tl_recording_beginning){
+    recording->beginning = (tl_recording_beginning){
         .run = run->run,
         .tick = first,
-        .follows = database->same_configuration && resumed,
+        .follows = recording->same_configuration && resumed,
         .resumption = run->resumption,
         .fmus = run->fmus,
     };
-    bool loads = database->beginning.follows && run->resumption.from == TL_RESUMED_CHECKPOINT;
-    return loads ? find_checkpoint(database, run, error) : TL_OK;
+    bool loads = recording->beginning.follows && run->resumption.from == TL_RESUMED_CHECKPOINT;
+    return loads ? find_checkpoint(recording, run, error) : TL_OK;
 }
 
 /* ---- tunings ---- */
@@ -193,67 +205,67 @@ static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning 
 }
 
 /* One that was met before need not be read again. */
-static bool copy_earlier(tl_recording_database *database, size_t index) {
-    tl_run_tuning *list = database->tuning_list;
+static bool copy_earlier(tl_recording *recording, size_t index) {
+    tl_run_tuning *list = recording->tuning_list;
     for (size_t i = 0; i < index; i++) {
         if (strcmp(list[i].hash, list[index].hash) == 0) {
             list[index].values = list[i].values;
-            database->tuning_known[index].text = database->tuning_known[i].text;
+            recording->tuning_known[index].text = recording->tuning_known[i].text;
             return true;
         }
     }
     return false;
 }
 
-static tl_status take_tuning(tl_recording_database *database, const tl_history_run *run, const tl_history_tuning *found,
+static tl_status take_tuning(tl_recording *recording, const tl_history_run *run, const tl_history_tuning *found,
                              size_t index, tl_error *error) {
-    tl_run_tuning *tuning = &database->tuning_list[index];
-    tl_recorder_known *known = &database->tuning_known[index];
+    tl_run_tuning *tuning = &recording->tuning_list[index];
+    tl_recorder_known *known = &recording->tuning_known[index];
     tl_error why;
     tuning->tick = found->tick;
     (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", found->hash);
     *known = (tl_recorder_known){
         .hash = found->hash, .at = found->at, .who = found->who, .origin = found->origin, .why = found->why};
-    if (copy_earlier(database, index)) {
+    if (copy_earlier(recording, index)) {
         return TL_OK;
     }
-    tl_status status = tl_history_text(database->history, found->hash, &known->text, error);
+    tl_status status = tl_history_text(recording->history, found->hash, &known->text, error);
     if (status == TL_OK) {
-        status = parse_tuning(known->text, database->config, &tuning->values, &why);
+        status = parse_tuning(known->text, recording->config, &tuning->values, &why);
         return status == TL_OK ? TL_OK
                                : tl_fail(error, TL_BAD_DATA,
                                          "%s: run %" PRId64 " took the configuration %.12s at tick %" PRId64
                                          ", which cannot be followed: %.200s",
-                                         database->path, run->run, found->hash, found->tick, why.text);
+                                         recording->path, run->run, found->hash, found->tick, why.text);
     }
     return status;
 }
 
 /* All of them, if they are to be followed; else how many there are. */
-static tl_status find_tunings(tl_recording_database *database, const tl_history_run *run, tl_error *error) {
+static tl_status find_tunings(tl_recording *recording, const tl_history_run *run, tl_error *error) {
     const tl_history_tuning *found = NULL;
     size_t count = 0;
-    tl_status status = tl_history_tunings(database->history, run, &found, &count, error);
-    database->tunings.recorded = status == TL_OK ? count : 0;
-    if (status != TL_OK || count == 0 || !database->same_configuration) {
+    tl_status status = tl_history_tunings(recording->history, run, &found, &count, error);
+    recording->tunings.recorded = status == TL_OK ? count : 0;
+    if (status != TL_OK || count == 0 || !recording->same_configuration) {
         return status;
     }
     if (count > TL_RECORDING_TUNINGS) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: run %" PRId64 " took %zu configurations while it ran: at most %d can be followed",
-                       database->path, run->run, count, (int)TL_RECORDING_TUNINGS);
+                       recording->path, run->run, count, (int)TL_RECORDING_TUNINGS);
     }
-    database->tuning_list = calloc(count, sizeof *database->tuning_list);
-    database->tuning_known = calloc(count, sizeof *database->tuning_known);
-    if (database->tuning_list == NULL || database->tuning_known == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", database->path);
+    recording->tuning_list = calloc(count, sizeof *recording->tuning_list);
+    recording->tuning_known = calloc(count, sizeof *recording->tuning_known);
+    if (recording->tuning_list == NULL || recording->tuning_known == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
     }
     for (size_t i = 0; status == TL_OK && i < count; i++) {
-        status = take_tuning(database, run, &found[i], i, error);
+        status = take_tuning(recording, run, &found[i], i, error);
     }
-    database->tunings.list = database->tuning_list;
-    database->tunings.known = database->tuning_known;
-    database->tunings.count = count;
+    recording->tunings.list = recording->tuning_list;
+    recording->tunings.known = recording->tuning_known;
+    recording->tunings.count = count;
     return status;
 }
 
@@ -292,145 +304,125 @@ static void hear_nothing(void *context, tl_status status, const char *where, con
 }
 
 /* Whether the run may have seen signals at other instants than the configuration does. Its text tells, where it is there and still is a configuration. */
-static bool sees_otherwise(tl_recording_database *database, const tl_history_run *run) {
+static bool sees_otherwise(tl_recording *recording, const tl_history_run *run) {
     const char *text = NULL;
     tl_config own;
     tl_error error;
     tl_report silent = {.add = hear_nothing};
-    if (tl_history_text(database->history, run->configuration_hash, &text, &error) != TL_OK ||
-        tl_config_read_text(database->config->path, text, strlen(text), &own, &silent) != TL_OK) {
-        return looks_back(database->config);
+    if (tl_history_text(recording->history, run->configuration_hash, &text, &error) != TL_OK ||
+        tl_config_read_text(recording->config->path, text, strlen(text), &own, &silent) != TL_OK) {
+        return looks_back(recording->config);
     }
     tl_config_use_lookups(&own);
-    bool otherwise = !look_alike(database->config, &own);
+    bool otherwise = !look_alike(recording->config, &own);
     tl_config_free(&own);
     return otherwise;
 }
 
-static tl_status open_run(tl_recording_database *database, const tl_config *config, int64_t *ticks, tl_error *error) {
+static tl_status open_run(tl_recording *recording, tl_error *error) {
+    const tl_config *config = recording->config;
     const tl_history_run *run = NULL;
-    int64_t first = 0;
-    int64_t last = 0;
+    int64_t range[2] = {0};
     bool any = false;
-    tl_status status = tl_history_find(database->history, config->recording_run, &run, error);
+    tl_status status = tl_history_find(recording->history, config->recording_run, &run, error);
     if (status == TL_OK) {
-        status = check_signals(database, run, config, error);
+        status = check_signals(recording, run, config, error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_begin(database->history, run, &database->ticks, error);
+        status = tl_history_ticks_begin(recording->history, run, 0, &recording->walk, error);
     }
     if (status == TL_OK) {
-        status = tl_history_ticks_range(database->ticks, &any, &first, &last, error);
+        status = tl_history_range(recording->history, run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
     }
     if (status != TL_OK) {
         return status;
     }
-    database->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
+    recording->same_configuration = strcmp(run->configuration_hash, config->hash) == 0;
     if (!any) {
-        return fail_beginning(database, run, error);
+        return fail_beginning(recording, run, error);
     }
-    database->anew = !database->same_configuration && sees_otherwise(database, run);
-    database->by_recording = strcmp(run->verb, "replay") == 0;
-    *ticks = last + 1;
-    status = find_tunings(database, run, error);
-    return status == TL_OK ? find_beginning(database, run, first, error) : status;
+    recording->anew = !recording->same_configuration && sees_otherwise(recording, run);
+    recording->by_recording = strcmp(run->verb, "replay") == 0;
+    recording->ticks = range[1] + 1;
+    status = find_tunings(recording, run, error);
+    return status == TL_OK ? find_beginning(recording, run, range[0], error) : status;
 }
 
-static tl_status tl_recording_database_open(const char *path, const tl_config *config, tl_recording_database **database,
-                                            int64_t *ticks, tl_error *error) {
-    tl_recording_database *opened = calloc(1, sizeof *opened);
-    if (opened == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
-    }
-    (void)snprintf(opened->path, sizeof opened->path, "%s", path);
-    opened->config = config;
-    tl_live_plant_set_limits(&opened->input, config);
-    opened->mail = tl_plant_mail_make_least(config->signal_count, opened->input.mailboxes);
-    if (opened->mail == NULL || !tl_plant_input_open(&opened->input)) {
-        tl_recording_database_close(opened);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
-    }
+static tl_status open_database(tl_recording *recording, const char *path, tl_error *error) {
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        opened->posted[i] = TL_TIME_NEVER;
+        recording->posted[i] = TL_TIME_NEVER;
     }
-    tl_status status = tl_history_open(path, &opened->history, error);
+    tl_status status = open_input(recording, error);
     if (status == TL_OK) {
-        status = open_run(opened, config, ticks, error);
+        status = tl_history_open(path, &recording->history, error);
+    }
+    if (status == TL_OK) {
+        status = open_run(recording, error);
     }
     if (status == TL_BAD_DATA) {
-        tl_history_diagnose(opened->history, error);
+        tl_history_diagnose(recording->history, error);
     }
-    if (status != TL_OK) {
-        tl_recording_database_close(opened);
-        return status;
-    }
-    *database = opened;
-    return TL_OK;
+    return status;
 }
 
 /* t_start of a replayed recording is its first row, and what is known at tick 0 is of that row, or older. */
-static void find_start(tl_recording_database *database, const tl_sample *sample) {
+static void find_start(tl_recording *recording, const tl_sample *sample) {
     tl_time newest = TL_TIME_NEVER;
-    for (size_t i = 0; i < database->recorded; i++) {
+    for (size_t i = 0; i < recording->recorded; i++) {
         newest = sample->stamps[i] > newest ? sample->stamps[i] : newest;
     }
-    database->start = database->by_recording && newest != TL_TIME_NEVER ? newest : 0;
+    recording->start = recording->by_recording && newest != TL_TIME_NEVER ? newest : 0;
 }
 
 /* Readings that are new since the tick before, under their own stamps. */
-static void take_readings(tl_recording_database *database, const tl_sample *seen) {
-    for (size_t i = 0; i < database->config->signal_count; i++) {
-        size_t from = database->raw[i];
+static void take_readings(tl_recording *recording, const tl_sample *seen) {
+    for (size_t i = 0; i < recording->config->signal_count; i++) {
+        size_t from = recording->raw[i];
         bool is_rejected = seen->quality[from] == TL_OUTLIER; /* which is judged anew */
         const tl_reading reading = {.value = seen->values[from],
                                     .stamp = seen->stamps[from],
                                     .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
-        if (reading.stamp == database->posted[i]) {
+        if (reading.stamp == recording->posted[i]) {
             continue;
         }
-        database->posted[i] = reading.stamp;
-        tl_plant_input_post(&database->input, i, &reading);
-        if (database->hear != NULL && database->config->signals[i].of == i) {
-            database->hear(database->listener, i, &reading);
-        }
+        recording->posted[i] = reading.stamp;
+        post_reading(recording, i, &reading);
     }
 }
 
 /* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
-static bool was_followed(const tl_recording_database *database, const tl_history_tick *read) {
-    return database->beginning.follows && read->sample.tick < database->beginning.resumption.tick &&
+static bool was_followed(const tl_recording *recording, const tl_history_tick *read) {
+    return recording->beginning.follows && read->sample.tick < recording->beginning.resumption.tick &&
            (!read->has_step || read->outcome == TL_FOLLOWED);
 }
 
-static tl_status tl_recording_database_next(tl_recording_database *database, tl_recording_tick *tick, bool *end,
-                                            tl_error *error) {
+static tl_status next_from_database(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
     tl_history_tick read;
-    tl_status status = tl_history_ticks_next(database->ticks, &read, end, error);
+    tl_status status = tl_history_ticks_next(recording->walk, &read, end, error);
     if (status == TL_BAD_DATA) {
-        tl_history_diagnose(database->history, error);
+        tl_history_diagnose(recording->history, error);
     }
     if (status != TL_OK || *end) {
         return status;
     }
-    if (read.sample.tick != database->next) {
+    if (read.sample.tick != recording->next) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: tick %" PRId64 " was lost while it was recorded: it cannot be replayed further",
-                       database->path, database->next);
+                       recording->path, recording->next);
     }
-    bool repeat = database->same_configuration && read.has_step;
-    database->next++;
+    bool repeat = recording->same_configuration && read.has_step;
     if (read.sample.tick == 0) {
-        find_start(database, &read.sample);
+        find_start(recording, &read.sample);
     }
-    read.sample.instant = tl_time_of_step(database->start, database->config->step, read.sample.tick);
+    read.sample.instant = tl_time_of_step(recording->start, recording->config->step, read.sample.tick);
     tick->sample = read.sample;
-    if (database->anew || database->hear != NULL) {
-        take_readings(database, &read.sample);
+    if (recording->anew || recording->hear != NULL) {
+        take_readings(recording, &read.sample);
     }
-    if (database->anew) { /* as the configuration looks them up */
-        tl_plant_input_take(&database->input, read.sample.tick, read.sample.instant, &tick->sample);
+    if (recording->anew) { /* as the configuration looks them up */
+        tl_plant_input_take(&recording->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
-    tick->followed = was_followed(database, &read);
+    tick->followed = was_followed(recording, &read);
     memcpy(tick->u, read.u, sizeof tick->u);
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
     tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;
@@ -441,55 +433,6 @@ static tl_status tl_recording_database_next(tl_recording_database *database, tl_
     tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
     return TL_OK;
 }
-
-/* As in recording.h. */
-static void tl_recording_database_listen(tl_recording_database *database, tl_recording_hear *hear, void *context) {
-    database->hear = hear;
-    database->listener = context;
-}
-
-static void tl_recording_database_close(tl_recording_database *database) {
-    if (database == NULL) {
-        return;
-    }
-    tl_history_ticks_end(database->ticks);
-    tl_history_close(database->history);
-    free(database->tuning_list);
-    free(database->tuning_known);
-    tl_plant_input_close(&database->input);
-    free(database->mail);
-    free(database);
-}
-
-static tl_recording_tunings tl_recording_database_tunings(const tl_recording_database *database) {
-    return database->tunings;
-}
-
-/* NULL: at tick 0, as any twin does. */
-static const tl_recording_beginning *tl_recording_database_beginning(const tl_recording_database *database) {
-    bool begins_at_0 = database->beginning.tick == 0 && !database->beginning.follows;
-    return begins_at_0 ? NULL : &database->beginning;
-}
-
-/* ---- recording ---- */
-
-struct tl_recording {
-    int64_t ticks; /* in all */
-    int64_t next;  /* tick */
-    /* from a database */
-    tl_recording_database *database;
-    /* from CSV */
-    tl_csv_reader *reader;
-    tl_plant_input input;
-    void *mail; /* memory of its mailboxes */
-    tl_time step;
-    tl_time start;  /* of the first row */
-    tl_csv_row row; /* read, not yet posted */
-    bool row_waits;
-    size_t own;              /* signals that are no further look-ups */
-    tl_recording_hear *hear; /* NULL: nobody does */
-    void *listener;
-};
 
 /* ---- CSV ---- */
 
@@ -527,7 +470,8 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
 }
 
 /* Reads the file once: every row is checked before the first is used, and its length is known. */
-static tl_status survey(const char *path, const tl_config *config, tl_recording *recording, tl_error *error) {
+static tl_status survey(tl_recording *recording, const char *path, tl_error *error) {
+    const tl_config *config = recording->config;
     tl_csv_reader *reader = NULL;
     tl_status status = open_reader(path, config, &reader, error);
     tl_time last = 0;
@@ -550,21 +494,12 @@ static tl_status survey(const char *path, const tl_config *config, tl_recording 
     return status;
 }
 
-static tl_status open_csv(const char *path, const tl_config *config, tl_recording *recording, tl_error *error) {
-    tl_status status = survey(path, config, recording, error);
-    if (status != TL_OK) {
-        return status;
+static tl_status open_csv(tl_recording *recording, const char *path, tl_error *error) {
+    tl_status status = survey(recording, path, error);
+    if (status == TL_OK) {
+        status = open_input(recording, error);
     }
-    recording->step = config->step;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        recording->own += config->signals[i].of == i ? 1 : 0;
-    }
-    tl_live_plant_set_limits(&recording->input, config);
-    recording->mail = tl_plant_mail_make_least(config->signal_count, recording->input.mailboxes);
-    if (recording->mail == NULL || !tl_plant_input_open(&recording->input)) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
-    }
-    return open_reader(path, config, &recording->reader, error);
+    return status == TL_OK ? open_reader(path, recording->config, &recording->reader, error) : status;
 }
 
 static void post_row(tl_recording *recording) {
@@ -575,16 +510,13 @@ static void post_row(tl_recording *recording) {
                 .stamp = recording->row.time,
                 .quality = recording->row.quality[i],
             };
-            tl_plant_input_post(&recording->input, i, &reading);
-            if (recording->hear != NULL && i < recording->own) {
-                recording->hear(recording->listener, i, &reading);
-            }
+            post_reading(recording, i, &reading);
         }
     }
 }
 
 static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick, tl_error *error) {
-    tl_time instant = tl_time_of_step(recording->start, recording->step, recording->next);
+    tl_time instant = tl_time_of_step(recording->start, recording->config->step, recording->next);
     tl_time alike = recording->next > 0 ? TL_PLANT_ALIKE : 0; /* as in plant_input.c */
     for (;;) {
         if (!recording->row_waits) {
@@ -604,13 +536,8 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
         post_row(recording);
         recording->row_waits = false;
     }
+    memset(tick, 0, sizeof *tick);
     tl_plant_input_take(&recording->input, recording->next, instant, &tick->sample);
-    tick->made_up = false;
-    tick->cut_short = false;
-    tick->resets = false;
-    tick->evaluations = 0;
-    tick->without_nominal = false;
-    tick->followed = false;
     return TL_OK;
 }
 
@@ -628,43 +555,41 @@ static bool is_database(const char *path) {
 }
 
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error) {
-    tl_recording *opened = calloc(1, sizeof *opened);
-    if (opened == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
-    }
     struct stat about;
     if (stat(path, &about) == 0 && !S_ISREG(about.st_mode) && !S_ISDIR(about.st_mode)) {
-        free(opened);
         return tl_fail(error, TL_BAD_DATA,
                        "%s: is no regular file, expected a recording (CSV or database); a FIFO is a live source for "
                        "`twinlock run`",
                        path);
     }
-    if (config->recording_run != 0 && !is_database(path)) {
-        free(opened);
+    bool from_database = is_database(path);
+    if (config->recording_run != 0 && !from_database) {
         return tl_fail(error, TL_BAD_USAGE, "%s: is no database, and has no run %lld: remove --run", path,
                        (long long)config->recording_run);
     }
-    tl_status status = is_database(path)
-                           ? tl_recording_database_open(path, config, &opened->database, &opened->ticks, error)
-                           : open_csv(path, config, opened, error);
+    tl_recording *opened = calloc(1, sizeof *opened);
+    if (opened == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", path);
+    }
+    (void)snprintf(opened->path, sizeof opened->path, "%s", path);
+    opened->config = config;
+    tl_status status = from_database ? open_database(opened, path, error) : open_csv(opened, path, error);
     if (status != TL_OK) {
         tl_recording_close(opened);
         return status;
     }
-    const tl_recording_beginning *beginning = tl_recording_get_beginning(opened);
-    opened->next = beginning != NULL ? beginning->tick : 0;
+    opened->next = opened->beginning.tick;
     *recording = opened;
     return TL_OK;
 }
 
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording) {
-    return recording->database != NULL ? tl_recording_database_tunings(recording->database)
-                                       : (tl_recording_tunings){.recorded = 0};
+    return recording->tunings;
 }
 
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording) {
-    return recording->database != NULL ? tl_recording_database_beginning(recording->database) : NULL;
+    bool begins_at_0 = recording->beginning.tick == 0 && !recording->beginning.follows;
+    return begins_at_0 ? NULL : &recording->beginning;
 }
 
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
@@ -672,16 +597,13 @@ tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bo
     if (*end) {
         return TL_OK;
     }
-    tl_status status = recording->database != NULL ? tl_recording_database_next(recording->database, tick, end, error)
-                                                   : next_from_csv(recording, tick, error);
+    tl_status status = recording->history != NULL ? next_from_database(recording, tick, end, error)
+                                                  : next_from_csv(recording, tick, error);
     recording->next++;
     return status;
 }
 
 void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context) {
-    if (recording->database != NULL) {
-        tl_recording_database_listen(recording->database, hear, context);
-    }
     recording->hear = hear;
     recording->listener = context;
 }
@@ -695,7 +617,10 @@ void tl_recording_close(tl_recording *recording) {
         return;
     }
     tl_csv_close(recording->reader);
-    tl_recording_database_close(recording->database);
+    tl_history_ticks_end(recording->walk);
+    tl_history_close(recording->history);
+    free(recording->tuning_list);
+    free(recording->tuning_known);
     tl_plant_input_close(&recording->input);
     free(recording->mail);
     free(recording);

@@ -12,33 +12,19 @@
 #include "firmware/store/database.h"
 #include "master/base/arena.h"
 
-/* ---- Reading what the recorder wrote.
- *
- * A walk through the ticks reads TICKS_AT_ONCE of them in one transaction and hands them out one by one. Nothing in a
- * database is believed, not even that rows come in the order that was asked for: SQLite takes them as they lie in pages,
- * which may be damaged. What the recorder does not write is damage, and said. */
-
-enum { TICKS_AT_ONCE = 64 };
+/* Nothing in a database is trusted, not even that rows come in the order that was asked for: SQLite takes them as they lie in
+ * pages, which may be damaged. Values that the recorder does not write are reported as damage. */
 
 static const tl_time LONGEST_STEP = 3600 * TL_SECOND; /* of a configuration */
+
+enum { TABLES = TL_HISTORY_ADJUSTMENTS + 1 };
 
 struct tl_history {
     sqlite3 *database;
     tl_arena arena;
-};
-
-struct tl_history_ticks {
-    tl_history *history;
-    const tl_history_run *run;
-    size_t signals;
-    int64_t next; /* first tick not read yet */
-    sqlite3_stmt *first_sample;
-    sqlite3_stmt *samples;
-    sqlite3_stmt *steps;
-    sqlite3_stmt *adjustments;
-    size_t count; /* of ticks in the buffer */
-    size_t given; /* of them, handed out */
-    tl_history_tick buffer[TICKS_AT_ONCE];
+    /* Prepared at their first use: */
+    sqlite3_stmt *ranges[TABLES];
+    sqlite3_stmt *rows[TABLES];
 };
 
 tl_status tl_history_open(const char *path, tl_history **history, tl_error *error) {
@@ -59,6 +45,10 @@ tl_status tl_history_open(const char *path, tl_history **history, tl_error *erro
 
 void tl_history_close(tl_history *history) {
     if (history != NULL) {
+        for (size_t i = 0; i < TABLES; i++) {
+            (void)sqlite3_finalize(history->ranges[i]);
+            (void)sqlite3_finalize(history->rows[i]);
+        }
         (void)sqlite3_close(history->database);
         tl_arena_release(&history->arena);
         free(history);
@@ -120,7 +110,74 @@ static uint32_t take_small(tl_row *row) {
     return (uint32_t)tl_row_integer(row, 0, INT32_MAX);
 }
 
-/* ---- One run ---- */
+/* ---- Lists: all rows of a question about a run. Counted first, so that they are read into one array. ------------- */
+
+typedef struct row_list {
+    const char *sql;  /* ?1 is the run */
+    const char *what; /* for messages; NULL: runs */
+    size_t most;      /* more are damage */
+    size_t size;      /* of an item */
+    /* Reads items[index] from the row. What the recorder does not write makes the row wrong. */
+    void (*read)(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items);
+} row_list;
+
+static tl_status fail_list(tl_history *history, const row_list *list, int64_t run, tl_error *error) {
+    return list->what == NULL
+               ? tl_database_damaged(history->database, error,
+                                     "what it tells of run %" PRId64 " is incomplete or wrong", run)
+               : tl_database_damaged(history->database, error, "the %s of run %" PRId64 " are incomplete or wrong",
+                                     list->what, run);
+}
+
+static tl_status count_rows(tl_history *history, const row_list *list, sqlite3_stmt *statement, int64_t run,
+                            size_t *count, tl_error *error) {
+    int code = SQLITE_ROW;
+    while (*count <= list->most && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        (*count)++;
+    }
+    (void)sqlite3_reset(statement);
+    if (code == SQLITE_ROW) {
+        return fail_list(history, list, run, error);
+    }
+    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
+}
+
+static tl_status read_items(tl_history *history, const row_list *list, sqlite3_stmt *statement,
+                            const tl_history_run *run, void *items, size_t *count, tl_error *error) {
+    int code = SQLITE_DONE;
+    size_t done = 0;
+    while (done < *count && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        tl_row row = tl_row_of(statement);
+        list->read(history, run, &row, done, items);
+        if (!row.right) {
+            return fail_list(history, list, run != NULL ? run->run : sqlite3_column_int64(statement, 0), error);
+        }
+        done++;
+    }
+    *count = done;
+    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+}
+
+/* NULL as run: `id` is the one that is looked for. */
+static tl_status read_list(tl_history *history, const row_list *list, const tl_history_run *run, int64_t id,
+                           void **items, size_t *count, tl_error *error) {
+    sqlite3_stmt *statement = NULL;
+    *items = NULL;
+    *count = 0;
+    tl_status status = tl_database_prepare(history->database, list->sql, &statement, error);
+    if (status == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, id);
+        status = count_rows(history, list, statement, id, count, error);
+    }
+    if (status == TL_OK) {
+        *items = tl_arena_take(&history->arena, *count, list->size);
+        status = *items != NULL ? read_items(history, list, statement, run, *items, count, error) : fail_memory(error);
+    }
+    (void)sqlite3_finalize(statement);
+    return status;
+}
+
+/* ---- Runs ---- */
 
 #define RUN_COLUMNS                                                                                                    \
     "SELECT run, verb, name, version, configuration, started, ended, ended_reason, committed,"                         \
@@ -174,82 +231,34 @@ static void read_resumption(tl_history *history, tl_row *row, tl_history_run *ru
     row->right = row->right && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
 
-/* False if the row cannot be one that the recorder wrote. */
-static bool read_run(tl_history *history, sqlite3_stmt *statement, tl_history_run *run) {
-    tl_row row = tl_row_of(statement);
-    run->run = tl_row_integer(&row, 1, TL_ROW_LARGEST);
-    read_names(history, &row, run);
-    read_times(history, &row, run);
-    read_rule(&row, run);
-    read_counts(&row, run);
-    read_resumption(history, &row, run);
-    return row.right;
+static void read_run(tl_history *history, const tl_history_run *none, tl_row *row, size_t index, void *items) {
+    tl_history_run *run = (tl_history_run *)items + index;
+    (void)none;
+    run->run = tl_row_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
+    read_names(history, row, run);
+    read_times(history, row, run);
+    read_rule(row, run);
+    read_counts(row, run);
+    read_resumption(history, row, run);
 }
 
-/* ---- Runs ---- */
-
-static tl_status count_rows(tl_history *history, sqlite3_stmt *statement, size_t *count, tl_error *error) {
-    int code = SQLITE_ROW;
-    int64_t last = INT64_MIN;
-    *count = 0;
-    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        int64_t run = sqlite3_column_int64(statement, 0);
-        if (*count > 0 && run <= last) {
-            (void)sqlite3_reset(statement);
-            return tl_database_damaged(history->database, error, "its runs are not in their order");
-        }
-        last = run;
-        (*count)++;
-    }
-    (void)sqlite3_reset(statement);
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
-}
-
-static tl_status read_runs(tl_history *history, sqlite3_stmt *statement, const tl_history_run **runs, size_t *count,
+static tl_status read_runs(tl_history *history, const char *sql, int64_t id, const tl_history_run **runs, size_t *count,
                            tl_error *error) {
-    tl_status status = count_rows(history, statement, count, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    tl_history_run *read = tl_arena_take(&history->arena, *count, sizeof *read);
-    if (read == NULL) {
-        return fail_memory(error);
-    }
-    size_t done = 0;
-    int code = SQLITE_DONE;
-    while (done < *count && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (!read_run(history, statement, &read[done])) {
-            return tl_database_damaged(history->database, error,
-                                       "what it tells of run %" PRId64 " is incomplete or wrong",
-                                       (int64_t)sqlite3_column_int64(statement, 0));
-        }
-        done++;
-    }
-    *runs = read;
-    *count = done;
-    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
-}
-
-tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(history->database, RUN_COLUMNS "ORDER BY run", &statement, error);
-    if (status == TL_OK) {
-        status = read_runs(history, statement, runs, count, error);
-    }
-    (void)sqlite3_finalize(statement);
+    const row_list list = {sql, NULL, SIZE_MAX - 1, sizeof(tl_history_run), read_run};
+    void *items = NULL;
+    tl_status status = read_list(history, &list, NULL, id, &items, count, error);
+    *runs = items;
     return status;
 }
 
+tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size_t *count, tl_error *error) {
+    return read_runs(history, RUN_COLUMNS "ORDER BY run", 0, runs, count, error);
+}
+
 tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run **run, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    size_t count = 0;
     const char *sql = id == 0 ? RUN_COLUMNS "ORDER BY run DESC LIMIT 1" : RUN_COLUMNS "WHERE run = ?1";
-    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, id);
-        status = read_runs(history, statement, run, &count, error);
-    }
-    (void)sqlite3_finalize(statement);
+    size_t count = 0;
+    tl_status status = read_runs(history, sql, id, run, &count, error);
     if (status == TL_OK && count == 0) {
         return id == 0 ? tl_fail(error, TL_BAD_DATA, "%s: holds no run", file_of(history))
                        : tl_fail(error, TL_BAD_DATA, "%s: holds no run %lld", file_of(history), (long long)id);
@@ -282,80 +291,30 @@ tl_status tl_history_configuration(tl_history *history, const tl_history_run *ru
     return tl_history_text(history, run->configuration_hash, text, error);
 }
 
-/* ---- Tunings ---- */
+/* ---- Tunings, signals, components ---- */
 
-static bool read_tuning(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement, int64_t least,
-                        tl_history_tuning *tuning) {
-    tl_row row = tl_row_of(statement);
+/* In the order of their ticks. */
+static void read_tuning(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+    tl_history_tuning *tuning = (tl_history_tuning *)items + index;
     int64_t at = 0;
-    tuning->tick = tl_row_integer(&row, least, tl_history_last_possible(run));
-    tuning->hash = take_text(history, &row, TL_SHA256_TEXT);
-    tuning->at = take_text(history, &row, TL_UTC_TEXT);
-    tuning->who = take_text(history, &row, TL_ROW_NAME);
-    tuning->origin = take_text(history, &row, TL_ROW_NAME);
-    tuning->why = take_text(history, &row, TL_ROW_NAME);
-    return row.right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1 &&
-           tl_identity_is_sound(tuning->hash);
-}
-
-static tl_status fail_tunings(tl_history *history, const tl_history_run *run, tl_error *error) {
-    return tl_database_damaged(history->database, error, "the tunings of run %" PRId64 " are incomplete or wrong",
-                               run->run);
-}
-
-static tl_status read_tunings(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
-                              tl_history_tuning *tunings, size_t *count, tl_error *error) {
-    int code = SQLITE_ROW;
-    int64_t least = 0;
-    size_t most = *count;
-    *count = 0;
-    while (*count < most && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (!read_tuning(history, run, statement, least, &tunings[*count])) {
-            return fail_tunings(history, run, error);
-        }
-        least = tunings[*count].tick + 1;
-        (*count)++;
-    }
-    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
-}
-
-/* How many there are, at most TL_HISTORY_TUNINGS. */
-static tl_status count_tunings(tl_history *history, const tl_history_run *run, size_t *count, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_status status =
-        tl_database_prepare(history->database, "SELECT count(*) FROM tunings WHERE run = ?1", &statement, error);
-    *count = 0;
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        int code = sqlite3_step(statement);
-        int64_t found = code == SQLITE_ROW ? sqlite3_column_int64(statement, 0) : 0;
-        status = code != SQLITE_ROW                        ? tl_database_fail(history->database, code, error)
-                 : found < 0 || found > TL_HISTORY_TUNINGS ? fail_tunings(history, run, error)
-                                                           : TL_OK;
-        *count = status == TL_OK ? (size_t)found : 0;
-    }
-    (void)sqlite3_finalize(statement);
-    return status;
+    tuning->tick = tl_row_integer(row, index == 0 ? 0 : tuning[-1].tick + 1, tl_history_last_possible(run));
+    tuning->hash = take_text(history, row, TL_SHA256_TEXT);
+    tuning->at = take_text(history, row, TL_UTC_TEXT);
+    tuning->who = take_text(history, row, TL_ROW_NAME);
+    tuning->origin = take_text(history, row, TL_ROW_NAME);
+    tuning->why = take_text(history, row, TL_ROW_NAME);
+    row->right = row->right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1 &&
+                 tl_identity_is_sound(tuning->hash);
 }
 
 tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
                              size_t *count, tl_error *error) {
-    static const char sql[] =
-        "SELECT tick, configuration, at, who, origin, why FROM tunings WHERE run = ?1 ORDER BY tick";
-    sqlite3_stmt *statement = NULL;
-    tl_history_tuning *read = NULL;
-    *tunings = NULL;
-    tl_status status = count_tunings(history, run, count, error);
-    if (status == TL_OK) {
-        read = tl_arena_take(&history->arena, *count, sizeof *read);
-        status = read != NULL ? tl_database_prepare(history->database, sql, &statement, error) : fail_memory(error);
-    }
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        status = read_tunings(history, run, statement, read, count, error);
-    }
-    (void)sqlite3_finalize(statement);
-    *tunings = read;
+    static const row_list list = {
+        "SELECT tick, configuration, at, who, origin, why FROM tunings WHERE run = ?1 ORDER BY tick", "tunings",
+        TL_HISTORY_TUNINGS, sizeof(tl_history_tuning), read_tuning};
+    void *items = NULL;
+    tl_status status = read_list(history, &list, run, run->run, &items, count, error);
+    *tunings = items;
     return status;
 }
 
@@ -369,101 +328,53 @@ static tl_type take_type(tl_row *row) {
     return (tl_type)code;
 }
 
-static bool read_signal(tl_history *history, sqlite3_stmt *statement, size_t index, tl_recorder_signal *signal) {
-    tl_row row = tl_row_of(statement);
-    (void)tl_row_integer(&row, (int64_t)index, (int64_t)index);
-    signal->name = take_text(history, &row, TL_ROW_NAME);
-    signal->unit = take_text(history, &row, TL_ROW_NAME);
-    signal->type = take_type(&row);
-    signal->to = take_text_or_null(history, &row, TL_ROW_NAME);
-    return row.right;
+/* In the order of their indices; an index that is missing is damage. */
+static void read_signal(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+    tl_recorder_signal *signal = (tl_recorder_signal *)items + index;
+    (void)run;
+    (void)tl_row_integer(row, (int64_t)index, (int64_t)index);
+    signal->name = take_text(history, row, TL_ROW_NAME);
+    signal->unit = take_text(history, row, TL_ROW_NAME);
+    signal->type = take_type(row);
+    signal->to = take_text_or_null(history, row, TL_ROW_NAME);
 }
 
-/* Rows are in the order of their indices; an index that is missing is damage. */
-static tl_status read_signals(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement, size_t most,
-                              const tl_recorder_signal **signals, size_t *count, tl_error *error) {
-    tl_recorder_signal *read = tl_arena_take(&history->arena, most, sizeof *read);
-    int code = SQLITE_ROW;
-    size_t done = 0;
-    *count = 0;
-    if (read == NULL) {
-        return fail_memory(error);
-    }
-    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (done >= most || !read_signal(history, statement, done, &read[done])) {
-            return tl_database_damaged(history->database, error,
-                                       "the signals of run %" PRId64 " are incomplete or wrong", run->run);
-        }
-        done++;
-    }
-    *signals = read;
-    *count = done;
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
-}
+#define ASK_SIGNALS(kind)                                                                                              \
+    "SELECT signal, name, unit, type, compared_with FROM signals WHERE run = ?1 AND kind = '" kind "' ORDER BY signal"
 
 tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_history_kind kind,
                              const tl_recorder_signal **signals, size_t *count, tl_error *error) {
-    static const char *const names[] = {"plant", "match", "adjust"};
-    static const size_t most[] = {TL_MAX_SIGNALS, TL_MAX_MATCH, TL_MAX_ADJUST};
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(history->database,
-                                           "SELECT signal, name, unit, type, compared_with FROM signals"
-                                           " WHERE run = ?1 AND kind = ?2 ORDER BY signal",
-                                           &statement, error);
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        (void)sqlite3_bind_text(statement, 2, names[kind], -1, SQLITE_STATIC);
-        status = read_signals(history, run, statement, most[kind], signals, count, error);
-    }
-    (void)sqlite3_finalize(statement);
+    static const row_list lists[] = {
+        {ASK_SIGNALS("plant"), "signals", TL_MAX_SIGNALS, sizeof(tl_recorder_signal), read_signal},
+        {ASK_SIGNALS("match"), "signals", TL_MAX_MATCH, sizeof(tl_recorder_signal), read_signal},
+        {ASK_SIGNALS("adjust"), "signals", TL_MAX_ADJUST, sizeof(tl_recorder_signal), read_signal},
+    };
+    void *items = NULL;
+    tl_status status = read_list(history, &lists[kind], run, run->run, &items, count, error);
+    *signals = items;
     return status;
 }
 
-static bool read_component(tl_history *history, sqlite3_stmt *statement, size_t index, tl_run_component *component) {
-    tl_row row = tl_row_of(statement);
-    (void)tl_row_integer(&row, (int64_t)index, (int64_t)index);
-    component->name = take_text(history, &row, TL_ROW_NAME);
-    component->counts.plain = take_count(&row);
-    component->counts.predicted = take_count(&row);
-    component->counts.executions = take_count(&row);
-    component->counts.caught_up = take_count(&row);
-    component->counts.unstored = take_count(&row);
-    return row.right;
-}
-
-static tl_status read_ledger(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
-                             const tl_run_component **components, size_t *count, tl_error *error) {
-    tl_run_component *read = tl_arena_take(&history->arena, TL_RECORDER_COMPONENTS, sizeof *read);
-    int code = SQLITE_ROW;
-    size_t done = 0;
-    *count = 0;
-    if (read == NULL) {
-        return fail_memory(error);
-    }
-    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        if (done >= TL_RECORDER_COMPONENTS || !read_component(history, statement, done, &read[done])) {
-            return tl_database_damaged(history->database, error,
-                                       "the components of run %" PRId64 " are incomplete or wrong", run->run);
-        }
-        done++;
-    }
-    *components = read;
-    *count = done;
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
+static void read_component(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+    tl_run_component *component = (tl_run_component *)items + index;
+    (void)run;
+    (void)tl_row_integer(row, (int64_t)index, (int64_t)index);
+    component->name = take_text(history, row, TL_ROW_NAME);
+    component->counts.plain = take_count(row);
+    component->counts.predicted = take_count(row);
+    component->counts.executions = take_count(row);
+    component->counts.caught_up = take_count(row);
+    component->counts.unstored = take_count(row);
 }
 
 tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, const tl_run_component **components,
                             size_t *count, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(history->database,
-                                           "SELECT component, name, plain, predicted, executions, caught_up, unstored"
-                                           " FROM components WHERE run = ?1 ORDER BY component",
-                                           &statement, error);
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        status = read_ledger(history, run, statement, components, count, error);
-    }
-    (void)sqlite3_finalize(statement);
+    static const row_list list = {"SELECT component, name, plain, predicted, executions, caught_up, unstored"
+                                  " FROM components WHERE run = ?1 ORDER BY component",
+                                  "components", TL_RECORDER_COMPONENTS, sizeof(tl_run_component), read_component};
+    void *items = NULL;
+    tl_status status = read_list(history, &list, run, run->run, &items, count, error);
+    *components = items;
     return status;
 }
 
@@ -521,134 +432,275 @@ tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run
     return status;
 }
 
-/* The one tick, step or time that a question about a run gives. *any: it is one, and not NULL. */
-static tl_status ask_number(tl_history *history, const tl_history_run *run, const char *sql, bool *any, int64_t *number,
-                            tl_error *error) {
+tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run) {
+    static const char sql[] = "SELECT min(sum(used_ns) / max(sum(executions), 1), 1000000000) FROM"
+                              " (SELECT used_ns, executions FROM steps WHERE run = ?1 AND used_ns > 0"
+                              " ORDER BY step DESC LIMIT 1000)";
     sqlite3_stmt *statement = NULL;
-    *any = false;
-    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    (void)sqlite3_bind_int64(statement, 1, run->run);
-    int code = sqlite3_step(statement);
-    tl_row row = tl_row_of(statement);
-    if (code == SQLITE_ROW && !tl_row_is_null(&row)) {
-        *number = tl_row_integer(&row, 0, tl_history_last_possible(run));
-        *any = row.right;
-        status = row.right ? TL_OK
-                           : tl_database_damaged(history->database, error, "run %" PRId64 " has ticks that cannot be",
-                                                 run->run);
-    } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
-        status = tl_database_fail(history->database, code, error);
+    tl_error ignored;
+    tl_time cost = 0;
+    if (tl_database_prepare(history->database, sql, &statement, &ignored) == TL_OK) {
+        (void)sqlite3_bind_int64(statement, 1, run->run);
+        if (sqlite3_step(statement) == SQLITE_ROW) {
+            tl_row row = tl_row_of(statement);
+            cost = tl_row_integer_or(&row, 0, TL_SECOND, 0);
+        }
     }
     (void)sqlite3_finalize(statement);
-    return status;
+    return cost;
 }
 
-tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run) {
-    tl_error ignored;
-    bool any = false;
-    int64_t cost = 0;
-    tl_status status = ask_number(
-        history, run,
-        "SELECT min(sum(used_ns) / max(sum(executions), 1), 1000000000) FROM (SELECT used_ns, executions FROM steps"
-        " WHERE run = ?1 AND used_ns > 0 ORDER BY step DESC LIMIT 1000)",
-        &any, &cost, &ignored);
-    return status == TL_OK && any ? cost : 0;
-}
+/* ---- Rows: each statement begins behind the last row of the one before ------------------------------------------- */
 
-tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, int64_t *step, tl_error *error) {
-    bool any = false;
-    *step = -1;
-    return ask_number(history, run, "SELECT step FROM steps WHERE run = ?1 ORDER BY step DESC LIMIT 1", &any, step,
-                      error);
-}
+enum { ROWS_AT_ONCE = 4096 };
 
-/* ---- Ticks ------------------------------------------------------------------------------------------------------- */
+/* Of the row before, and what the next one may be. */
+typedef struct row_key {
+    int64_t number;  /* tick or step; the next is not before it, */
+    int64_t last;    /* nor after this one */
+    int64_t signal;  /* of the same number, the next one's is larger */
+    int64_t signals; /* that there are */
+} row_key;
 
-static void tl_history_key_take(tl_history_key *key, tl_row *row) {
-    int64_t number = tl_row_integer(row, key->number, key->last);
+static void take_key(row_key *key, tl_row *row) {
+    int64_t number = tl_row_integer(row, key->number < 0 ? 0 : key->number, key->last);
     int64_t signal = tl_row_integer(row, 0, key->signals - 1);
     row->right = row->right && (number > key->number || signal > key->signal);
     key->number = number;
     key->signal = signal;
 }
 
-tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
-                                 tl_error *error) {
-    tl_history_ticks *begun = calloc(1, sizeof *begun);
-    const tl_recorder_signal *signals = NULL;
-    *ticks = NULL;
-    if (begun == NULL) {
-        return fail_memory(error);
+/* Hands out a row whose key was read. False: it is none that the recorder writes. */
+typedef bool give_row(tl_row *row, const row_key *key, const tl_history_visitor *visitor);
+
+/* One of a newer program may be larger than those that have a name here. */
+static int64_t take_code(tl_row *row, const tl_history_visitor *visitor, int64_t named) {
+    return tl_row_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
+}
+
+static int64_t take_count_rows(tl_row *row) {
+    return tl_row_integer(row, 0, TL_ROW_LARGEST);
+}
+
+static uint32_t take_bits(tl_row *row) {
+    return (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
+}
+
+static bool give_sample(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+    tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
+    sample.value = tl_row_number(row);
+    sample.quality = take_code(row, visitor, TL_OUTLIER);
+    sample.stamp = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
+    if (row->right) {
+        visitor->sample(visitor->context, &sample);
     }
-    begun->history = history;
-    begun->run = run;
-    tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &begun->signals, error);
-    if (status == TL_OK) {
-        status = tl_database_prepare(history->database,
-                                     "SELECT tick FROM samples WHERE run = ?1 AND tick >= ?2 ORDER BY tick LIMIT 1",
-                                     &begun->first_sample, error);
+    return row->right;
+}
+
+static bool give_step(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+    tl_history_step step = {.step = key->number};
+    step.outcome = take_code(row, visitor, TL_OUTCOMES - 1);
+    step.stop = take_code(row, visitor, TL_STOP_TIME);
+    step.objective = tl_row_number(row);
+    step.objective_nominal = tl_row_number(row);
+    step.evaluations = take_bits(row);
+    step.executions = take_count_rows(row);
+    step.used = take_count_rows(row);
+    step.predicted = take_count_rows(row);
+    step.flags = take_bits(row);
+    step.held = take_bits(row);
+    if (row->right) {
+        visitor->step(visitor->context, &step);
     }
-    if (status == TL_OK) {
-        status = tl_database_prepare(history->database,
-                                     "SELECT tick, signal, value, quality, stamp_ns FROM samples"
-                                     " WHERE run = ?1 AND tick >= ?2 AND tick < ?3 ORDER BY tick, signal",
-                                     &begun->samples, error);
+    return row->right;
+}
+
+static bool give_output(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+    tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
+    output.y = tl_row_number(row);
+    output.y_hat = tl_row_number(row);
+    output.quality = take_count_rows(row);
+    output.readings = take_count_rows(row);
+    output.squares = tl_row_number(row);
+    output.rejected = take_count_rows(row);
+    if (row->right) {
+        visitor->output(visitor->context, &output);
     }
-    if (status == TL_OK) {
-        status = tl_database_prepare(history->database,
-                                     "SELECT step, 0, outcome, stop, evaluations, executions, flags FROM steps"
-                                     " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step",
-                                     &begun->steps, error);
+    return row->right;
+}
+
+static bool give_adjustment(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+    tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
+    adjustment.u = tl_row_number(row);
+    adjustment.u_hat = tl_row_number(row);
+    if (row->right) {
+        visitor->adjustment(visitor->context, &adjustment);
     }
-    if (status == TL_OK) {
-        status = tl_database_prepare(history->database,
-                                     "SELECT step, signal, u FROM adjustments"
-                                     " WHERE run = ?1 AND step >= ?2 AND step < ?3 ORDER BY step, signal",
-                                     &begun->adjustments, error);
-    }
+    return row->right;
+}
+
+/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+
+#define ASK_RANGE(table, key)                                                                                          \
+    "SELECT (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " LIMIT 1),"                \
+    " (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " DESC LIMIT 1)"
+
+#define ASK_ROWS(table, key, columns)                                                                                  \
+    "SELECT " key ", signal, " columns " FROM " table " WHERE run = ?1 AND (" key ", signal) > (?2, ?3) AND " key      \
+    " <= ?4 ORDER BY " key ", signal LIMIT ?5"
+
+/* How to ask for the ends of a table and for its rows, and who understands these. */
+static const struct {
+    const char *what;
+    const char *range;
+    const char *rows;
+    give_row *give;
+} tables[TABLES] = {
+    [TL_HISTORY_SAMPLES] = {"the sample of tick", ASK_RANGE("samples", "tick"),
+                            ASK_ROWS("samples", "tick", "value, quality, stamp_ns"), give_sample},
+    [TL_HISTORY_STEPS] = {"step", ASK_RANGE("steps", "step"),
+                          "SELECT step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
+                          " flags, held FROM steps"
+                          " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
+                          give_step},
+    [TL_HISTORY_OUTPUTS] = {"the output of step", ASK_RANGE("outputs", "step"),
+                            ASK_ROWS("outputs", "step", "y, y_hat, quality, readings, squares, rejected"), give_output},
+    [TL_HISTORY_ADJUSTMENTS] = {"u of step", ASK_RANGE("adjustments", "step"),
+                                ASK_ROWS("adjustments", "step", "u, u_hat"), give_adjustment},
+};
+
+static tl_status fail_rows(tl_history *history, const tl_history_run *run, tl_error *error) {
+    return tl_database_damaged(history->database, error, "run %" PRId64 " has rows that the recorder does not write",
+                               run->run);
+}
+
+static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t number,
+                          tl_error *error) {
+    return tl_database_damaged(history->database, error,
+                               "%s %" PRId64 " of run %" PRId64 " is none that the recorder writes", tables[table].what,
+                               number, run->run);
+}
+
+/* A statement that is kept; it is reset after each use. */
+static tl_status keep_statement(tl_history *history, const char *sql, sqlite3_stmt **kept, tl_error *error) {
+    return *kept != NULL ? TL_OK : tl_database_prepare(history->database, sql, kept, error);
+}
+
+tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t from,
+                           int64_t range[2], bool *any, tl_error *error) {
+    tl_status status = keep_statement(history, tables[table].range, &history->ranges[table], error);
+    sqlite3_stmt *statement = history->ranges[table];
+    *any = false;
     if (status != TL_OK) {
-        tl_history_ticks_end(begun);
         return status;
     }
-    *ticks = begun;
-    return TL_OK;
+    (void)sqlite3_bind_int64(statement, 1, run->run);
+    (void)sqlite3_bind_int64(statement, 2, from);
+    int code = sqlite3_step(statement);
+    tl_row row = tl_row_of(statement);
+    status = code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+    *any = code == SQLITE_ROW && !tl_row_is_null(&row);
+    if (*any) {
+        range[0] = tl_row_integer(&row, 0, tl_history_last_possible(run));
+        range[1] = tl_row_integer(&row, range[0], tl_history_last_possible(run));
+        status = row.right ? TL_OK : fail_rows(history, run, error);
+    }
+    (void)sqlite3_reset(statement);
+    return status;
 }
 
-void tl_history_ticks_end(tl_history_ticks *ticks) {
-    if (ticks != NULL) {
-        (void)sqlite3_finalize(ticks->first_sample);
-        (void)sqlite3_finalize(ticks->samples);
-        (void)sqlite3_finalize(ticks->steps);
-        (void)sqlite3_finalize(ticks->adjustments);
-        free(ticks);
-    }
+tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, int64_t *step, tl_error *error) {
+    int64_t range[2] = {-1, -1};
+    bool any = false;
+    tl_status status = tl_history_range(history, run, TL_HISTORY_STEPS, INT64_MIN, range, &any, error);
+    *step = any ? range[1] : -1;
+    return status;
 }
 
-tl_status tl_history_ticks_range(const tl_history_ticks *ticks, bool *any, int64_t *first, int64_t *last,
-                                 tl_error *error) {
-    tl_status status = ask_number(ticks->history, ticks->run,
-                                  "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1", any, first, error);
-    if (status == TL_OK && *any) {
-        status = ask_number(ticks->history, ticks->run,
-                            "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1", any, last, error);
+/* Whose rows are handed out to whom. */
+typedef struct row_walk {
+    tl_history *history;
+    const tl_history_run *run;
+    const int64_t *range;
+    const tl_history_visitor *visitor;
+} row_walk;
+
+/* The rows of one statement, which begins behind the key. */
+static tl_status give_some(const row_walk *walk, tl_history_table table, row_key *key, int *count, tl_error *error) {
+    sqlite3_stmt *statement = walk->history->rows[table];
+    int code = SQLITE_ROW;
+    tl_status status = TL_OK;
+    *count = 0;
+    (void)sqlite3_bind_int64(statement, 2, key->number);
+    (void)sqlite3_bind_int64(statement, 3, key->signal);
+    while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        tl_row row = tl_row_of(statement);
+        int64_t number = sqlite3_column_int64(statement, 0);
+        (*count)++;
+        take_key(key, &row);
+        if (!row.right || !tables[table].give(&row, key, walk->visitor)) {
+            status = walk->visitor->strict ? fail_row(walk->history, walk->run, table, number, error)
+                                           : fail_rows(walk->history, walk->run, error);
+        }
     }
-    if (status == TL_OK && *any && *last < *first) {
-        status = tl_database_damaged(ticks->history->database, error,
-                                     "the ticks of run %" PRId64 " are not in their order", ticks->run->run);
+    if (status == TL_OK && code != SQLITE_DONE) {
+        status = tl_database_fail(walk->history->database, code, error);
+    }
+    (void)sqlite3_reset(statement);
+    return status;
+}
+
+static tl_status give_table(const row_walk *walk, tl_history_table table, size_t signals, tl_error *error) {
+    sqlite3_stmt **kept = &walk->history->rows[table];
+    row_key key = {
+        .number = walk->range[0] - 1, .last = walk->range[1], .signal = INT64_MAX, .signals = (int64_t)signals};
+    int count = ROWS_AT_ONCE;
+    tl_status status = keep_statement(walk->history, tables[table].rows, kept, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_bind_int64(*kept, 1, walk->run->run);
+    (void)sqlite3_bind_int64(*kept, 4, key.last);
+    (void)sqlite3_bind_int(*kept, 5, ROWS_AT_ONCE);
+    while (status == TL_OK && count == ROWS_AT_ONCE) {
+        status = give_some(walk, table, &key, &count, error);
     }
     return status;
 }
 
-static void bind_range(sqlite3_stmt *statement, int64_t run, int64_t first, int64_t end) {
-    (void)sqlite3_bind_int64(statement, 1, run);
-    (void)sqlite3_bind_int64(statement, 2, first);
-    if (sqlite3_bind_parameter_count(statement) >= 3) {
-        (void)sqlite3_bind_int64(statement, 3, end);
+tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
+                          const tl_history_visitor *visitor, tl_error *error) {
+    const row_walk walk = {history, run, range, visitor};
+    tl_status status = TL_OK;
+    if (visitor->sample != NULL) {
+        status = give_table(&walk, TL_HISTORY_SAMPLES, visitor->signals[TL_HISTORY_PLANT], error);
     }
+    if (status == TL_OK && visitor->step != NULL) {
+        status = give_table(&walk, TL_HISTORY_STEPS, 1, error);
+    }
+    if (status == TL_OK && visitor->output != NULL) {
+        status = give_table(&walk, TL_HISTORY_OUTPUTS, visitor->signals[TL_HISTORY_MATCH], error);
+    }
+    if (status == TL_OK && visitor->adjustment != NULL) {
+        status = give_table(&walk, TL_HISTORY_ADJUSTMENTS, visitor->signals[TL_HISTORY_ADJUST], error);
+    }
+    return status;
 }
+
+/* ---- Ticks: rows of TICKS_AT_ONCE ticks are read in one transaction, and handed out one by one ------------------- */
+
+enum { TICKS_AT_ONCE = 64 };
+
+struct tl_history_ticks {
+    tl_history *history;
+    const tl_history_run *run;
+    tl_history_visitor samples;
+    tl_history_visitor steps; /* and adjustments */
+    int64_t next;             /* first tick not read yet */
+    size_t count;             /* of ticks in the buffer */
+    size_t given;             /* of them, handed out */
+    tl_history_tick buffer[TICKS_AT_ONCE];
+};
 
 static void begin_tick(tl_history_tick *tick, int64_t number) {
     memset(tick, 0, sizeof *tick);
@@ -659,127 +711,100 @@ static void begin_tick(tl_history_tick *tick, int64_t number) {
     }
 }
 
-static tl_status fail_damaged(tl_history_ticks *ticks, const char *what, int64_t number, tl_error *error) {
-    return tl_database_damaged(ticks->history->database, error,
-                               "%s %" PRId64 " of run %" PRId64 " is none that the recorder writes", what, number,
-                               ticks->run->run);
-}
-
-/* Where a table is read, and in which tick of the buffer: ticks are in their order, so the search goes on from there. */
-typedef struct table_walk {
-    tl_history_key key;
-    size_t slot;
-} table_walk;
-
-/* The tick with this number; NULL: it is not in the buffer. */
-static tl_history_tick *find_tick(tl_history_ticks *ticks, table_walk *walk, int64_t number) {
-    while (walk->slot < ticks->count && ticks->buffer[walk->slot].sample.tick < number) {
-        walk->slot++;
-    }
-    bool found = walk->slot < ticks->count && ticks->buffer[walk->slot].sample.tick == number;
-    return found ? &ticks->buffer[walk->slot] : NULL;
-}
-
-/* One row: one signal of one tick. A value that is missing was no number. */
-static bool add_sample(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
-    tl_history_key_take(&walk->key, row);
-    double value = tl_row_number(row);
-    int64_t quality = tl_row_integer(row, TL_GOOD, TL_OUTLIER);
-    tl_time stamp = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
-    if (!row->right) {
-        return false;
-    }
+/* A value that is missing was no number. */
+static void add_sample(void *context, const tl_history_sample *found) {
+    tl_history_ticks *ticks = context;
     /* Ascending within TICKS_AT_ONCE numbers: there is room. */
-    if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != walk->key.number) {
-        begin_tick(&ticks->buffer[ticks->count++], walk->key.number);
+    if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != found->tick) {
+        begin_tick(&ticks->buffer[ticks->count++], found->tick);
     }
-    bool missing = isnan(value);
+    bool missing = isnan(found->value);
     tl_sample *sample = &ticks->buffer[ticks->count - 1].sample;
-    sample->values[walk->key.signal] = missing ? 0.0 : value;
-    sample->quality[walk->key.signal] = (uint8_t)(missing && quality == TL_GOOD ? TL_NOT_A_NUMBER : quality);
-    sample->stamps[walk->key.signal] = stamp;
-    return true;
+    sample->values[found->signal] = missing ? 0.0 : found->value;
+    sample->quality[found->signal] = (uint8_t)(missing && found->quality == TL_GOOD ? TL_NOT_A_NUMBER : found->quality);
+    sample->stamps[found->signal] = found->stamp;
 }
 
-/* One row: one step. */
-static bool add_step(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
-    tl_history_tick unwanted = {0};
-    tl_history_key_take(&walk->key, row);
-    tl_history_tick *tick = find_tick(ticks, walk, walk->key.number + ticks->run->lead);
-    tick = tick == NULL ? &unwanted : tick;
-    tick->has_step = true;
-    tick->step = walk->key.number;
-    tick->outcome = (tl_outcome)tl_row_integer(row, TL_FREE, TL_OUTCOMES - 1);
-    tick->stop = (tl_stop)tl_row_integer(row, TL_STOP_NONE, TL_STOP_TIME);
-    tick->evaluations = (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
-    tick->executions = (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
-    tick->flags = (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
-    return row->right;
+/* The tick at which a step was computed; NULL: it is not in the buffer. Without gaps before it, its place follows from its number. */
+static tl_history_tick *find_tick(tl_history_ticks *ticks, int64_t step) {
+    int64_t number = step + ticks->run->lead;
+    int64_t at = number - ticks->buffer[0].sample.tick;
+    at = at < (int64_t)ticks->count ? at : (int64_t)ticks->count - 1;
+    while (at > 0 && ticks->buffer[at].sample.tick > number) {
+        at--;
+    }
+    return at >= 0 && ticks->buffer[at].sample.tick == number ? &ticks->buffer[at] : NULL;
+}
+
+static void add_step(void *context, const tl_history_step *found) {
+    tl_history_tick *tick = find_tick(context, found->step);
+    if (tick != NULL) {
+        tick->has_step = true;
+        tick->step = found->step;
+        tick->outcome = (tl_outcome)found->outcome;
+        tick->stop = (tl_stop)found->stop;
+        tick->evaluations = (uint32_t)found->evaluations;
+        tick->executions = (uint64_t)found->executions;
+        tick->flags = found->flags;
+    }
 }
 
 /* The signals of a step come in their order; what is not a number ends the row. */
-static bool add_adjustment(tl_history_ticks *ticks, tl_row *row, table_walk *walk) {
-    tl_history_key_take(&walk->key, row);
-    double u = tl_row_number(row);
-    tl_history_tick *tick = row->right ? find_tick(ticks, walk, walk->key.number + ticks->run->lead) : NULL;
-    if (tick != NULL && walk->key.signal == (int64_t)tick->adjusted && !isnan(u)) {
-        tick->u[tick->adjusted++] = u;
+static void add_adjustment(void *context, const tl_history_adjustment *found) {
+    tl_history_tick *tick = find_tick(context, found->step);
+    if (tick != NULL && found->signal == tick->adjusted && !isnan(found->u)) {
+        tick->u[tick->adjusted++] = found->u;
     }
-    return row->right;
 }
 
-/* All rows of one table that belong to TICKS_AT_ONCE ticks or steps. */
-static tl_status read_rows(tl_history_ticks *ticks, sqlite3_stmt *statement, int64_t first, const char *what,
-                           size_t signals, bool (*add)(tl_history_ticks *ticks, tl_row *row, table_walk *walk),
-                           tl_error *error) {
-    int code = SQLITE_ROW;
-    tl_status status = TL_OK;
-    table_walk walk = {.key = {.number = first < 0 ? 0 : first,
-                               .last = first + TICKS_AT_ONCE - 1,
-                               .signal = -1,
-                               .signals = (int64_t)signals}};
-    bind_range(statement, ticks->run->run, first, first + TICKS_AT_ONCE);
-    while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
-        if (!add(ticks, &row, &walk)) {
-            status = fail_damaged(ticks, what, sqlite3_column_int64(statement, 0), error);
-        }
+tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, int64_t from, tl_history_ticks **ticks,
+                                 tl_error *error) {
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    *ticks = NULL;
+    tl_status status = tl_history_signals(history, run, TL_HISTORY_PLANT, &signals, &count, error);
+    if (status != TL_OK) {
+        return status;
     }
-    if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(ticks->history->database, code, error);
+    tl_history_ticks *begun = calloc(1, sizeof *begun);
+    if (begun == NULL) {
+        return fail_memory(error);
     }
-    (void)sqlite3_reset(statement);
-    return status;
+    begun->history = history;
+    begun->run = run;
+    begun->next = from < 0 ? 0 : from;
+    begun->samples = (tl_history_visitor){
+        .context = begun, .strict = true, .signals = {[TL_HISTORY_PLANT] = count}, .sample = add_sample};
+    begun->steps = (tl_history_visitor){.context = begun,
+                                        .strict = true,
+                                        .signals = {[TL_HISTORY_ADJUST] = TL_MAX_ADJUST},
+                                        .step = add_step,
+                                        .adjustment = add_adjustment};
+    *ticks = begun;
+    return TL_OK;
+}
+
+void tl_history_ticks_end(tl_history_ticks *ticks) {
+    free(ticks);
 }
 
 /* The first tick from `next` on that is there, and the TICKS_AT_ONCE − 1 after it. */
 static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
-    sqlite3 *database = ticks->history->database;
-    tl_status status = TL_OK;
-    bind_range(ticks->first_sample, ticks->run->run, ticks->next, 0);
-    int code = sqlite3_step(ticks->first_sample);
-    tl_row row = tl_row_of(ticks->first_sample);
-    int64_t first = code == SQLITE_ROW ? tl_row_integer(&row, ticks->next, tl_history_last_possible(ticks->run)) : 0;
-    if (!row.right) {
-        status = fail_damaged(ticks, "the sample of tick", sqlite3_column_int64(ticks->first_sample, 0), error);
-    } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
-        status = tl_database_fail(database, code, error);
-    }
-    (void)sqlite3_reset(ticks->first_sample);
-    if (status != TL_OK || code != SQLITE_ROW) {
+    int64_t there[2] = {0};
+    bool any = false;
+    tl_status status =
+        tl_history_range(ticks->history, ticks->run, TL_HISTORY_SAMPLES, ticks->next, there, &any, error);
+    if (status != TL_OK || !any) {
         return status;
     }
-    int64_t first_step = first - ticks->run->lead;
-    status = read_rows(ticks, ticks->samples, first, "the sample of tick", ticks->signals, add_sample, error);
-    if (status == TL_OK && (ticks->count == 0 || ticks->buffer[0].sample.tick != first)) {
-        status = fail_damaged(ticks, "the sample of tick", first, error); /* it was there a moment ago */
+    const int64_t numbers[2] = {there[0], there[0] + TICKS_AT_ONCE - 1};
+    const int64_t steps[2] = {numbers[0] - ticks->run->lead, numbers[1] - ticks->run->lead};
+    status = tl_history_rows(ticks->history, ticks->run, numbers, &ticks->samples, error);
+    if (status == TL_OK && (ticks->count == 0 || ticks->buffer[0].sample.tick != numbers[0])) {
+        return fail_row(ticks->history, ticks->run, TL_HISTORY_SAMPLES, numbers[0],
+                        error); /* it was there a moment ago */
     }
-    if (status == TL_OK) {
-        status = read_rows(ticks, ticks->steps, first_step, "step", 1, add_step, error);
-    }
-    return status == TL_OK
-               ? read_rows(ticks, ticks->adjustments, first_step, "u of step", TL_MAX_ADJUST, add_adjustment, error)
-               : status;
+    return status == TL_OK ? tl_history_rows(ticks->history, ticks->run, steps, &ticks->steps, error) : status;
 }
 
 /* Fills the buffer, in one transaction. What cannot be read whole is not handed out at all. */
@@ -802,215 +827,10 @@ static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
 }
 
 tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, bool *end, tl_error *error) {
-    *end = false;
-    if (ticks->given == ticks->count) {
-        tl_status status = read_ticks(ticks, error);
-        if (status != TL_OK) {
-            return status;
-        }
-        if (ticks->count == 0) {
-            *end = true;
-            return TL_OK;
-        }
-    }
-    *tick = ticks->buffer[ticks->given++];
-    return TL_OK;
-}
-
-void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick) {
-    ticks->next = tick < 0 ? 0 : tick;
-    ticks->count = 0;
-    ticks->given = 0;
-}
-
-/* ---- Walking along the key: each statement begins behind the last row of the one before. */
-
-enum { ROWS_AT_ONCE = 4096 };
-
-/* ---- One row ----------------------------------------------------------------------------------------------------- */
-
-/* Hands out a row whose key was read. False: it is none that the recorder writes. */
-typedef bool give_row(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor);
-
-static int64_t take_count_rows(tl_row *row) {
-    return tl_row_integer(row, 0, TL_ROW_LARGEST);
-}
-
-static uint32_t take_bits(tl_row *row) {
-    return (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
-}
-
-static bool give_sample(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor) {
-    tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
-    sample.value = tl_row_number(row);
-    sample.quality = take_count_rows(row);
-    sample.stamp = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
-    if (row->right) {
-        visitor->sample(visitor->context, &sample);
-    }
-    return row->right;
-}
-
-static bool give_step(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor) {
-    tl_history_step step = {.step = key->number};
-    step.outcome = take_count_rows(row);
-    step.stop = take_count_rows(row);
-    step.objective = tl_row_number(row);
-    step.objective_nominal = tl_row_number(row);
-    step.evaluations = take_count_rows(row);
-    step.executions = take_count_rows(row);
-    step.used = take_count_rows(row);
-    step.predicted = take_count_rows(row);
-    step.flags = take_bits(row);
-    step.held = take_bits(row);
-    if (row->right) {
-        visitor->step(visitor->context, &step);
-    }
-    return row->right;
-}
-
-static bool give_output(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor) {
-    tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
-    output.y = tl_row_number(row);
-    output.y_hat = tl_row_number(row);
-    output.quality = take_count_rows(row);
-    output.readings = take_count_rows(row);
-    output.squares = tl_row_number(row);
-    output.rejected = take_count_rows(row);
-    if (row->right) {
-        visitor->output(visitor->context, &output);
-    }
-    return row->right;
-}
-
-static bool give_adjustment(tl_row *row, const tl_history_key *key, const tl_history_visitor *visitor) {
-    tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
-    adjustment.u = tl_row_number(row);
-    adjustment.u_hat = tl_row_number(row);
-    if (row->right) {
-        visitor->adjustment(visitor->context, &adjustment);
-    }
-    return row->right;
-}
-
-/* ---- Tables ------------------------------------------------------------------------------------------------------ */
-
-#define ASK_RANGE(table, key)                                                                                          \
-    "SELECT (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " LIMIT 1),"                \
-    " (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " DESC LIMIT 1)"
-
-#define ASK_ROWS(table, key, columns)                                                                                  \
-    "SELECT " key ", signal, " columns " FROM " table " WHERE run = ?1 AND (" key ", signal) > (?2, ?3) AND " key      \
-    " <= ?4 ORDER BY " key ", signal LIMIT ?5"
-
-/* How to ask for the ends of a table and for its rows, and who understands these. */
-static const struct {
-    const char *range;
-    const char *rows;
-    give_row *give;
-} tables[] = {
-    [TL_HISTORY_SAMPLES] = {ASK_RANGE("samples", "tick"), ASK_ROWS("samples", "tick", "value, quality, stamp_ns"),
-                            give_sample},
-    [TL_HISTORY_STEPS] = {ASK_RANGE("steps", "step"),
-                          "SELECT step, 0, outcome, stop, J, J_nominal, evaluations, executions, used_ns, predicted,"
-                          " flags, held FROM steps"
-                          " WHERE run = ?1 AND step > ?2 AND ?3 = ?3 AND step <= ?4 ORDER BY step LIMIT ?5",
-                          give_step},
-    [TL_HISTORY_OUTPUTS] = {ASK_RANGE("outputs", "step"),
-                            ASK_ROWS("outputs", "step", "y, y_hat, quality, readings, squares, rejected"), give_output},
-    [TL_HISTORY_ADJUSTMENTS] = {ASK_RANGE("adjustments", "step"), ASK_ROWS("adjustments", "step", "u, u_hat"),
-                                give_adjustment},
-};
-
-static tl_status fail_damaged_rows(tl_history *history, const tl_history_run *run, tl_error *error) {
-    return tl_database_damaged(tl_history_database(history), error,
-                               "run %" PRId64 " has rows that the recorder does not write", run->run);
-}
-
-tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t from,
-                           int64_t range[2], bool *any, tl_error *error) {
-    sqlite3 *database = tl_history_database(history);
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(database, tables[table].range, &statement, error);
-    *any = false;
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        (void)sqlite3_bind_int64(statement, 2, from);
-        int code = sqlite3_step(statement);
-        tl_row row = tl_row_of(statement);
-        status = code == SQLITE_ROW ? TL_OK : tl_database_fail(database, code, error);
-        *any = code == SQLITE_ROW && !tl_row_is_null(&row);
-        if (*any) {
-            range[0] = tl_row_integer(&row, 0, tl_history_last_possible(run));
-            range[1] = tl_row_integer(&row, range[0], tl_history_last_possible(run));
-            status = row.right ? TL_OK : fail_damaged_rows(history, run, error);
-        }
-    }
-    (void)sqlite3_finalize(statement);
-    return status;
-}
-
-/* Whose rows are handed out to whom. */
-typedef struct row_walk {
-    tl_history *history;
-    const tl_history_run *run;
-    const int64_t *range;
-    const tl_history_visitor *visitor;
-} row_walk;
-
-/* The rows of one statement, which begins behind the key. */
-static tl_status give_some(const row_walk *walk, sqlite3_stmt *statement, give_row *give, tl_history_key *key,
-                           int *count, tl_error *error) {
-    int code = SQLITE_ROW;
-    *count = 0;
-    (void)sqlite3_bind_int64(statement, 2, key->number);
-    (void)sqlite3_bind_int64(statement, 3, key->signal);
-    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
-        (*count)++;
-        tl_history_key_take(key, &row);
-        if (!row.right || !give(&row, key, walk->visitor)) {
-            (void)sqlite3_reset(statement);
-            return fail_damaged_rows(walk->history, walk->run, error);
-        }
-    }
-    (void)sqlite3_reset(statement);
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(tl_history_database(walk->history), code, error);
-}
-
-static tl_status give_table(const row_walk *walk, tl_history_table table, size_t signals, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_history_key key = {
-        .number = walk->range[0] - 1, .last = walk->range[1], .signal = INT64_MAX, .signals = (int64_t)signals};
-    int count = ROWS_AT_ONCE;
-    tl_status status = tl_database_prepare(tl_history_database(walk->history), tables[table].rows, &statement, error);
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, walk->run->run);
-        (void)sqlite3_bind_int64(statement, 4, key.last);
-        (void)sqlite3_bind_int(statement, 5, ROWS_AT_ONCE);
-    }
-    while (status == TL_OK && count == ROWS_AT_ONCE) {
-        status = give_some(walk, statement, tables[table].give, &key, &count, error);
-    }
-    (void)sqlite3_finalize(statement);
-    return status;
-}
-
-tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
-                          const tl_history_visitor *visitor, tl_error *error) {
-    const row_walk walk = {history, run, range, visitor};
-    tl_status status = TL_OK;
-    if (visitor->sample != NULL) {
-        status = give_table(&walk, TL_HISTORY_SAMPLES, visitor->signals[TL_HISTORY_PLANT], error);
-    }
-    if (status == TL_OK && visitor->step != NULL) {
-        status = give_table(&walk, TL_HISTORY_STEPS, 1, error);
-    }
-    if (status == TL_OK && visitor->output != NULL) {
-        status = give_table(&walk, TL_HISTORY_OUTPUTS, visitor->signals[TL_HISTORY_MATCH], error);
-    }
-    if (status == TL_OK && visitor->adjustment != NULL) {
-        status = give_table(&walk, TL_HISTORY_ADJUSTMENTS, visitor->signals[TL_HISTORY_ADJUST], error);
+    tl_status status = ticks->given == ticks->count ? read_ticks(ticks, error) : TL_OK;
+    *end = status == TL_OK && ticks->count == 0;
+    if (status == TL_OK && !*end) {
+        *tick = ticks->buffer[ticks->given++];
     }
     return status;
 }
@@ -1067,7 +887,7 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
     static const char sql[] = "SELECT event, at, tick, coalesce(name, CAST(severity AS TEXT)), source, text FROM events"
                               " LEFT JOIN severities ON code = severity"
                               " WHERE run = ?1 AND at >= ?2 AND event >= ?3 ORDER BY event";
-    sqlite3 *database = tl_history_database(history);
+    sqlite3 *database = history->database;
     sqlite3_stmt *statement = NULL;
     int64_t first = 0;
     int code = SQLITE_ROW;

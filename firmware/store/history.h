@@ -133,18 +133,11 @@ typedef struct tl_history_tick {
     size_t adjusted;         /* of which so many have one */
 } tl_history_tick;
 
-/* A walk through the ticks of a run, from the first that is still there. */
+/* A walk through the ticks of a run that are still there. */
 typedef struct tl_history_ticks tl_history_ticks;
 
-/* The history must outlive the walk. Several walks may be under way. */
-tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, tl_history_ticks **ticks,
-                                 tl_error *error);
-
-/* The next tick to be given is this one, or the first after it that is there. */
-void tl_history_ticks_seek(tl_history_ticks *ticks, int64_t tick);
-
-/* The first and the last tick that are there now, where there is *any. */
-tl_status tl_history_ticks_range(const tl_history_ticks *ticks, bool *any, int64_t *first, int64_t *last,
+/* From tick `from` on. The history must outlive the walk. Several walks may be under way. */
+tl_status tl_history_ticks_begin(tl_history *history, const tl_history_run *run, int64_t from, tl_history_ticks **ticks,
                                  tl_error *error);
 
 /* The next tick that is there; ticks that were lost or removed are left out, so look at sample.tick. *end where there
@@ -158,21 +151,8 @@ void tl_history_ticks_end(tl_history_ticks *ticks);
  * while a plant waits. NULL is allowed. */
 void tl_history_diagnose(tl_history *history, tl_error *error);
 
-/* ---- What the files of the history share: its connection, and how a table is read along its key.
- *
- * Thread: the history's.
- */
-
-/* SELECT only. */
+/* Its connection, for tests. SELECT only. */
 sqlite3 *tl_history_database(tl_history *history);
-
-/* Of the row before, and what the next one may be. */
-typedef struct tl_history_key {
-    int64_t number;  /* tick or step; the next is not before it, */
-    int64_t last;    /* nor after this one */
-    int64_t signal;  /* of the same number, the next one's is larger; −1 at the beginning */
-    int64_t signals; /* that there are */
-} tl_history_key;
 
 /* ---- The rows of one run as they were recorded, handed out one by one.
  *
@@ -242,6 +222,7 @@ typedef struct tl_history_event {
 /* Who takes rows. */
 typedef struct tl_history_visitor {
     void *context;
+    bool strict;                           /* codes that have no name here are damage too; the error names the row */
     size_t signals[TL_HISTORY_ADJUST + 1]; /* of each tl_history_kind, what there is room for: another one is damage */
     /* NULL: nobody takes the rows of this table, and they are not read. */
     void (*sample)(void *context, const tl_history_sample *sample);
@@ -258,7 +239,7 @@ typedef enum tl_history_table {
     TL_HISTORY_ADJUSTMENTS
 } tl_history_table;
 
-/* The first and the last tick (of samples) or step that is there at or after `from`; *any is false if there is none. */
+/* The first and the last tick (of samples) or step that is there at or after `from` (INT64_MIN: of all); *any is false if there is none. */
 tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t from,
                            int64_t range[2], bool *any, tl_error *error);
 

@@ -191,37 +191,9 @@ static tl_status find(tl_past_history *self, bool *found, tl_error *error) {
 
 /* ---- from where ---- */
 
-static const double *u_of(const tl_past_history *self, const tl_history_tick *tick) {
-    return tick->has_step && tick->adjusted == config_of(self)->adjust_count ? tick->u : NULL;
-}
-
-static bool add_tick(tl_past_history *self, const tl_history_tick *tick) {
-    bool added = tl_past_ticks_add(&self->ticks, &tick->sample, u_of(self, tick));
-    if (added && tick->has_step && (tick->flags & TL_FLAG_RESET) != 0) {
-        tl_past_ticks_set_reset(&self->ticks, tick->sample.tick);
-    }
-    return added;
-}
-
 /* The ticks from `from` on, up to a hole. Looks at no more than it takes to see that there are more than can be followed. */
 static tl_status survey(tl_past_history *self, int64_t from, tl_error *error) {
-    tl_history_ticks *ticks = NULL;
-    tl_history_tick tick;
-    bool end = false;
-    tl_past_ticks_begin(&self->ticks, from);
-    tl_status status = tl_history_ticks_begin(self->history, self->run, &ticks, error);
-    if (status == TL_OK) {
-        tl_history_ticks_seek(ticks, from);
-        status = tl_history_ticks_next(ticks, &tick, &end, error);
-    }
-    for (int64_t next = from; status == TL_OK && !end && next - from <= self->most && tick.sample.tick == next;
-         next++) {
-        status = add_tick(self, &tick)
-                     ? tl_history_ticks_next(ticks, &tick, &end, error)
-                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
-    }
-    tl_history_ticks_end(ticks);
-    return status;
+    return tl_past_ticks_read(&self->ticks, self->history, self->run, from, self->most + 1, error);
 }
 
 /* ---- what was in force ---- */
@@ -327,18 +299,12 @@ static tl_status next_checkpoint(tl_past_history *self, bool *found, tl_error *e
 
 /* Without one: all of the run if there is time for it, else the newest of it. */
 static tl_status find_inputs(tl_past_history *self, bool *found, tl_error *error) {
-    tl_history_ticks *ticks = NULL;
-    int64_t first = 0;
-    int64_t newest = 0;
+    int64_t range[2] = {0};
     bool any = false;
-    tl_status status = tl_history_ticks_begin(self->history, self->run, &ticks, error);
-    if (status == TL_OK) {
-        status = tl_history_ticks_range(ticks, &any, &first, &newest, error);
-    }
-    tl_history_ticks_end(ticks);
+    tl_status status = tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
     if (status == TL_OK && any) {
-        bool long_ago = self->last - first + 1 > self->most;
-        status = survey(self, long_ago ? self->last - self->most + 1 : first, error);
+        bool long_ago = self->last - range[0] + 1 > self->most;
+        status = survey(self, long_ago ? self->last - self->most + 1 : range[0], error);
     }
     *found = status == TL_OK && any && tl_past_ticks_last(&self->ticks) == self->last;
     if (*found) {

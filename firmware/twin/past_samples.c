@@ -62,15 +62,6 @@ static bool is_of_boot(const tl_history_run *run, const char *boot) {
     return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, boot) == 0;
 }
 
-static const tl_history_run *numbered(const sample_search *self, int64_t number) {
-    for (size_t i = 0; i < self->count; i++) {
-        if (self->runs[i].run == number) {
-            return &self->runs[i];
-        }
-    }
-    return NULL;
-}
-
 /* By name, one after the other: another plant is another course. */
 static tl_status have_same_signals(const sample_search *self, const tl_history_run *other, bool *are_same,
                                    tl_error *error) {
@@ -92,24 +83,22 @@ static tl_status have_same_signals(const sample_search *self, const tl_history_r
 /* The run before it, of which it has t_start. */
 static const tl_history_run *parent_of(const sample_search *self, const char *boot) {
     const tl_history_run *run = self->run;
-    const tl_history_run *parent = run->resumption.from != TL_RESUMED_NOT ? numbered(self, run->resumption.run) : NULL;
-    bool fits = parent != NULL && is_of_boot(parent, boot) && parent->start == run->start && parent->step == run->step;
-    return fits ? parent : NULL;
+    for (size_t i = 0; run->resumption.from != TL_RESUMED_NOT && i < self->count; i++) {
+        const tl_history_run *parent = &self->runs[i];
+        if (parent->run == run->resumption.run) {
+            bool fits = is_of_boot(parent, boot) && parent->start == run->start && parent->step == run->step;
+            return fits ? parent : NULL;
+        }
+    }
+    return NULL;
 }
 
-static tl_status range_of(const sample_search *self, int64_t *first, int64_t *last, tl_error *error) {
-    tl_history_ticks *ticks = NULL;
+/* 0 and -1 if there are none. */
+static tl_status range_of(const sample_search *self, int64_t range[2], tl_error *error) {
     bool any = false;
-    tl_status status = tl_history_ticks_begin(self->history, self->run, &ticks, error);
-    if (status == TL_OK) {
-        status = tl_history_ticks_range(ticks, &any, first, last, error);
-    }
-    tl_history_ticks_end(ticks);
-    if (status == TL_OK && !any) {
-        *first = 0;
-        *last = -1;
-    }
-    return status;
+    range[0] = 0;
+    range[1] = -1;
+    return tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
 }
 
 /* The newest that is being written. */
@@ -124,42 +113,22 @@ static tl_status find_run(sample_search *self, const char *boot, tl_error *error
 
 /* From which tick on, and of which run. */
 static tl_status choose(sample_search *self, const char *boot, int64_t *from, tl_error *error) {
-    int64_t first = 0;
-    int64_t last = -1;
-    tl_status status = range_of(self, &first, &last, error);
+    int64_t range[2];
+    tl_status status = range_of(self, range, error);
     if (status == TL_OK && *from < 0) {
-        *from = last + 1 - TL_PAST_SAMPLES_BEFORE / self->run->step;
+        *from = range[1] + 1 - TL_PAST_SAMPLES_BEFORE / self->run->step;
         *from = *from > 0 ? *from : 0;
     }
-    const tl_history_run *parent = status == TL_OK && *from < first ? parent_of(self, boot) : NULL;
+    const tl_history_run *parent = status == TL_OK && *from < range[0] ? parent_of(self, boot) : NULL;
     bool follows = false;
     if (parent != NULL) {
         status = have_same_signals(self, parent, &follows, error);
     }
     if (follows) {
         self->run = parent;
-        status = range_of(self, &first, &last, error);
+        status = range_of(self, range, error);
     }
-    *from = *from > first ? *from : first;
-    return status;
-}
-
-static tl_status take(sample_search *self, int64_t from, size_t most, tl_error *error) {
-    tl_history_ticks *ticks = NULL;
-    tl_history_tick tick;
-    bool end = false;
-    tl_past_ticks_begin(&self->found, from);
-    tl_status status = tl_history_ticks_begin(self->history, self->run, &ticks, error);
-    if (status == TL_OK) {
-        tl_history_ticks_seek(ticks, from);
-        status = tl_history_ticks_next(ticks, &tick, &end, error);
-    }
-    for (int64_t next = from; status == TL_OK && !end && self->found.count < most && tick.sample.tick == next; next++) {
-        status = tl_past_ticks_add(&self->found, &tick.sample, NULL)
-                     ? tl_history_ticks_next(ticks, &tick, &end, error)
-                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for recorded samples");
-    }
-    tl_history_ticks_end(ticks);
+    *from = *from > range[0] ? *from : range[0];
     return status;
 }
 
@@ -198,7 +167,8 @@ static tl_status fill(sample_search *self, const char *boot, int64_t from, void 
     if (status == TL_OK && count <= TL_MAX_SIGNALS && room > sizeof(samples_head)) {
         self->found.shape = (tl_past_shape){.signals = count};
         size_t most = (room - sizeof(samples_head)) / tl_past_tick_bytes(&self->found.shape);
-        status = take(self, from, most < TL_PAST_SAMPLES ? most : TL_PAST_SAMPLES, error);
+        most = most < TL_PAST_SAMPLES ? most : TL_PAST_SAMPLES;
+        status = tl_past_ticks_read(&self->found, self->history, self->run, from, (int64_t)most, error);
         *size = status == TL_OK ? write_image(self, signals, image) : 0;
     }
     return status;

@@ -139,6 +139,33 @@ void tl_past_ticks_set_reset(tl_past_ticks *ticks, int64_t tick) {
     }
 }
 
+static tl_status add_recorded(tl_past_ticks *ticks, const tl_history_tick *tick, tl_error *error) {
+    bool has_u = tick->has_step && tick->adjusted == ticks->shape.adjusts;
+    if (!tl_past_ticks_add(ticks, &tick->sample, has_u ? tick->u : NULL)) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
+    }
+    if (tick->has_step && (tick->flags & TL_FLAG_RESET) != 0) {
+        tl_past_ticks_set_reset(ticks, tick->sample.tick);
+    }
+    return TL_OK;
+}
+
+tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
+                             int64_t most, tl_error *error) {
+    tl_history_ticks *walk = NULL;
+    tl_history_tick tick;
+    bool end = false;
+    tl_past_ticks_begin(ticks, from);
+    tl_status status = tl_history_ticks_begin(history, run, from, &walk, error);
+    for (int64_t next = from; status == TL_OK && !end && next - from < most; next++) {
+        status = tl_history_ticks_next(walk, &tick, &end, error);
+        end = end || (status == TL_OK && tick.sample.tick != next);
+        status = status == TL_OK && !end ? add_recorded(ticks, &tick, error) : status;
+    }
+    tl_history_ticks_end(walk);
+    return status;
+}
+
 void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first) {
     size_t out = (size_t)(first - ticks->first);
     if (out != 0) {

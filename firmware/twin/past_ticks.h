@@ -14,8 +14,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/store/history.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
+#include "master/base/status.h"
 
 /* What a time in ns is nearer to 0 than: sums of two are in range. */
 #define TL_PAST_FAR (INT64_MAX / 4)
@@ -58,6 +60,11 @@ void tl_past_ticks_free(tl_past_ticks *ticks);
 
 /* The next tick. `u` NULL: none (yet). False: memory is out. Stamps count from t_start. */
 bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample, const double *u);
+
+/* Begins anew: the recorded ticks of a run from `from` on, up to a hole, at most `most` of them; u if the run has as many as the shape. Errors:
+ * those of history.h. */
+tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
+                             int64_t most, tl_error *error);
 
 /* The u of a tick that was added; of others it is ignored. */
 void tl_past_ticks_set_u(tl_past_ticks *ticks, int64_t tick, const double *u);

@@ -55,7 +55,7 @@ static void walk(tl_history *history, const tl_history_run *run) {
     tl_error error = {TL_OK, ""};
     int64_t last = -1;
     bool end = false;
-    tl_status status = tl_history_ticks_begin(history, run, &ticks, &error);
+    tl_status status = tl_history_ticks_begin(history, run, 0, &ticks, &error);
     for (int i = 0; i < MOST_TICKS && status == TL_OK && !end; i++) {
         status = tl_history_ticks_next(ticks, &tick, &end, &error);
         if (status == TL_OK && !end) {

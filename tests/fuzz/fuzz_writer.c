@@ -143,7 +143,7 @@ static void walk_ticks(tl_history *history, const tl_history_run *run) {
     tl_history_ticks *ticks = NULL;
     tl_history_tick tick;
     bool end = false;
-    tl_fuzz_hold(tl_history_ticks_begin(history, run, &ticks, NULL) == TL_OK);
+    tl_fuzz_hold(tl_history_ticks_begin(history, run, 0, &ticks, NULL) == TL_OK);
     for (int i = 0; i < TICKS_MOST && !end; i++) {
         tl_fuzz_hold(tl_history_ticks_next(ticks, &tick, &end, NULL) == TL_OK);
     }

@@ -357,7 +357,7 @@ static void test_numbers_that_no_history_would_take(void) {
     tl_history_ticks *walk = NULL;
     tl_history_tick tick;
     bool end = false;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, &walk, &bench.error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, 0, &walk, &bench.error));
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);
     TEST_ASSERT_EQUAL_INT64(5, tick.sample.tick);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_ticks_next(walk, &tick, &end, &bench.error), bench.error.text);

@@ -266,7 +266,7 @@ static void read_steps(const place *self, int64_t number_of_run) {
     memset(steps, 0, sizeof steps);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_open(self->database, &history, &error), error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_history_find(history, number_of_run, &run, &error), error.text);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, &ticks, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, 0, &ticks, &error));
     while (tl_history_ticks_next(ticks, &read, &over, &error) == TL_OK && !over) {
         if (read.has_step) {
             TEST_ASSERT_TRUE(read.step >= 0 && read.step < STEPS);
