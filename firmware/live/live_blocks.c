@@ -17,7 +17,7 @@ static size_t outbox_with(const tl_config *config, size_t checkpoint) {
 
 void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_blocks *blocks) {
     const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_past_shape ticks = tl_past_shape_of(config);
+    const tl_recorder_shape ticks = tl_recorder_shape_of(config);
     size_t room = tl_checkpointer_room(checkpoint);
     tl_plant_mail_shape mail;
     tl_plant_mail_shape_of(config, &mail);

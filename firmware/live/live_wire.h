@@ -168,10 +168,7 @@ static inline tl_outbox_settings tl_live_outbox_of_shape(const tl_recorder_shape
 }
 
 static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
-    const tl_recorder_shape shape = {.plant = config->signal_count,
-                                     .match = config->match_count,
-                                     .adjust = config->adjust_count,
-                                     .components = config->component_count + 1};
+    const tl_recorder_shape shape = tl_recorder_shape_of(config);
     return tl_live_outbox_of_shape(&shape, config->step);
 }
 

@@ -23,13 +23,13 @@
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
+    uint64_t executions;     /* if it was cut short: the executions that the run's search had time for, */
+    uint32_t evaluations;    /* and the evaluations, which may be none */
+    bool cut_short;          /* the run's search at this tick ran out of time, */
+    bool without_nominal;    /* before it evaluated nominal */
     bool made_up;            /* the run missed this tick */
-    bool cut_short;          /* the run's search at this tick ran out of time: */
-    uint32_t evaluations;    /* it had time for these, which may be none, */
-    bool without_nominal;    /* and nominal's was not among them, */
-    uint64_t executions;     /* and for so many executions */
-    bool resets;             /* before its step the run's FMUs began anew */
-    bool followed;           /* it is one of the run that this one goes on with, */
+    bool resets;             /* the FMUs were reset before its step */
+    bool followed;           /* it is one of the run that this one resumes, */
     double u[TL_MAX_ADJUST]; /* which committed this */
 } tl_recording_tick;
 

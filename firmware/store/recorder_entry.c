@@ -10,33 +10,110 @@
 
 enum { MARK = 0xB4 }; /* kinds begin with it */
 
+/* Most parts have one or two words: a loop packs a tick of two signals in two thirds of the time that calls take. */
+static inline void copy_part(unsigned char *to, const unsigned char *from, size_t size) {
+    if (size > 8 * sizeof(uint64_t)) {
+        memcpy(to, from, size);
+        return;
+    }
+    size_t at = 0;
+    for (; at + sizeof(uint64_t) <= size; at += sizeof(uint64_t)) {
+        memcpy(to + at, from + at, sizeof(uint64_t));
+    }
+    for (; at < size; at++) {
+        to[at] = from[at];
+    }
+}
+
 /* An entry ends with a digest of its position and bytes: a wild store into the ring does not pass for a value. */
 static uint64_t mix(uint64_t digest, const void *part, size_t size) {
     const unsigned char *bytes = part;
     for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
         uint64_t word = 0;
-        memcpy(&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
+        copy_part((unsigned char *)&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
         digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
         digest ^= digest >> 29;
     }
     return digest;
 }
 
-/* The fields of a tl_record before its arrays. */
-typedef struct step_head {
-    int64_t step;
-    tl_time used;
-    double objective;
-    double objective_nominal;
-    uint32_t evaluations;
-    uint32_t executions;
-    uint32_t predicted;
-    uint32_t flags;
-    uint32_t held;
-    uint8_t outcome;
-    uint8_t stop;
-    uint8_t unused[2]; /* so that no byte of it is indeterminate */
-} step_head;
+/* ---- Packed structures ---- */
+
+const tl_packed_part tl_packed_signals[] = {
+    {offsetof(tl_sample, values), sizeof(double), TL_PACKED_PLANT},
+    {offsetof(tl_sample, stamps), sizeof(tl_time), TL_PACKED_PLANT},
+    {offsetof(tl_sample, quality), sizeof(uint8_t), TL_PACKED_PLANT},
+    {0},
+};
+
+/* Without padding, so that no byte is indeterminate. */
+const tl_packed_part tl_packed_record[] = {
+    {offsetof(tl_record, step), offsetof(tl_record, held) + sizeof(uint32_t), TL_PACKED_ONE}, /* all up to it */
+    {offsetof(tl_record, used), sizeof(tl_time), TL_PACKED_ONE},
+    {offsetof(tl_record, delay_state), sizeof(tl_delay_state), TL_PACKED_ONE},
+    {offsetof(tl_record, delay), sizeof(tl_time), TL_PACKED_ONE},
+    {offsetof(tl_record, y), sizeof(double), TL_PACKED_MATCH},
+    {offsetof(tl_record, y_hat), sizeof(double), TL_PACKED_MATCH},
+    {offsetof(tl_record, readings), sizeof(tl_record_readings), TL_PACKED_MATCH},
+    {offsetof(tl_record, u), sizeof(double), TL_PACKED_ADJUST},
+    {offsetof(tl_record, u_hat), sizeof(double), TL_PACKED_ADJUST},
+    {offsetof(tl_record, y_hat_quality), sizeof(uint8_t), TL_PACKED_MATCH},
+    {0},
+};
+
+tl_recorder_shape tl_recorder_shape_of(const tl_config *config) {
+    return (tl_recorder_shape){.plant = config->signal_count,
+                               .match = config->match_count,
+                               .adjust = config->adjust_count,
+                               .components = config->component_count + 1};
+}
+
+static size_t bytes_of(const tl_packed_part *part, const tl_recorder_shape *shape) {
+    const size_t counts[] = {1, shape->plant, shape->match, shape->adjust};
+    return part->size * counts[part->count];
+}
+
+size_t tl_packed_size(const tl_packed_part *parts, const tl_recorder_shape *shape) {
+    size_t size = 0;
+    for (; parts->size != 0; parts++) {
+        size += bytes_of(parts, shape);
+    }
+    return size;
+}
+
+unsigned char *tl_pack(const tl_packed_part *parts, const tl_recorder_shape *shape, const void *from,
+                       unsigned char *bytes) {
+    for (; parts->size != 0; parts++) {
+        size_t size = bytes_of(parts, shape);
+        copy_part(bytes, (const unsigned char *)from + parts->at, size);
+        bytes += size;
+    }
+    return bytes;
+}
+
+const unsigned char *tl_unpack(const tl_packed_part *parts, const tl_recorder_shape *shape, const unsigned char *bytes,
+                               void *to) {
+    for (; parts->size != 0; parts++) {
+        size_t size = bytes_of(parts, shape);
+        copy_part((unsigned char *)to + parts->at, bytes, size);
+        bytes += size;
+    }
+    return bytes;
+}
+
+static bool are_qualities(const uint8_t *quality, size_t count) {
+    size_t i = 0;
+    while (i < count && quality[i] <= TL_OUTLIER) {
+        i++;
+    }
+    return i == count;
+}
+
+bool tl_packed_record_is_sound(const tl_record *record, size_t match) {
+    return (unsigned)record->outcome < TL_OUTCOMES && (unsigned)record->stop <= TL_STOP_TIME &&
+           (unsigned)record->delay_state <= TL_DELAY_LOST && record->flags < 2U * TL_LAST_FLAG &&
+           are_qualities(record->y_hat_quality, match);
+}
 
 /* ---- Sizes ---- */
 
@@ -51,10 +128,9 @@ static size_t size_of(const tl_recorder_shape *shape, tl_recorder_kind kind) {
     case TL_ENTRY_START:
         return size_of_start(false);
     case TL_ENTRY_SAMPLE:
-        return 1 + sizeof(uint64_t) + sizeof(int64_t) + shape->plant * (sizeof(double) + sizeof(tl_time) + 1);
+        return 1 + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
     case TL_ENTRY_STEP:
-        return 1 + sizeof(step_head) + shape->match * (2 * sizeof(double) + 1 + sizeof(tl_record_readings)) +
-               shape->adjust * 2 * sizeof(double) + shape->components * sizeof(tl_recorder_component);
+        return 1 + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
     case TL_ENTRY_END:
         return 1 + TL_RECORDER_REASON;
     case TL_ENTRY_TUNING:
@@ -86,9 +162,16 @@ static void put(tl_recorder_pen *pen, const void *part, size_t size) {
     pen->digest = mix(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
-    memcpy(pen->bytes + at, part, first);
-    memcpy(pen->bytes, (const unsigned char *)part + first, size - first);
+    copy_part(pen->bytes + at, part, first);
+    copy_part(pen->bytes, (const unsigned char *)part + first, size - first);
     pen->position += size;
+}
+
+static void put_parts(tl_recorder_pen *pen, const tl_packed_part *parts, const tl_recorder_shape *shape,
+                      const void *from) {
+    for (; parts->size != 0; parts++) {
+        put(pen, (const unsigned char *)from + parts->at, bytes_of(parts, shape));
+    }
 }
 
 static void put_byte(tl_recorder_pen *pen, unsigned value) {
@@ -135,39 +218,21 @@ tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp) {
 
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start, uint64_t id) {
+    tl_sample relative = *sample;
+    for (size_t i = 0; i < shape->plant; i++) {
+        relative.stamps[i] = tl_recorder_entry_stamp(start, sample->stamps[i]);
+    }
     put_kind(pen, TL_ENTRY_SAMPLE);
     put(pen, &id, sizeof id);
-    put(pen, &sample->tick, sizeof sample->tick);
-    put(pen, sample->values, shape->plant * sizeof(double));
-    for (size_t i = 0; i < shape->plant; i++) {
-        tl_time stamp = tl_recorder_entry_stamp(start, sample->stamps[i]);
-        put(pen, &stamp, sizeof stamp);
-    }
-    put(pen, sample->quality, shape->plant);
+    put(pen, &relative.tick, sizeof relative.tick);
+    put_parts(pen, tl_packed_signals, shape, &relative);
     put_digest(pen);
 }
 
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger) {
-    step_head head = {.step = record->step,
-                      .used = record->used,
-                      .objective = record->objective,
-                      .objective_nominal = record->objective_nominal,
-                      .evaluations = record->evaluations,
-                      .executions = record->executions,
-                      .predicted = record->predicted,
-                      .flags = record->flags,
-                      .held = record->held,
-                      .outcome = (uint8_t)record->outcome,
-                      .stop = (uint8_t)record->stop};
     put_kind(pen, TL_ENTRY_STEP);
-    put(pen, &head, sizeof head);
-    put(pen, record->y, shape->match * sizeof(double));
-    put(pen, record->y_hat, shape->match * sizeof(double));
-    put(pen, record->y_hat_quality, shape->match);
-    put(pen, record->readings, shape->match * sizeof record->readings[0]);
-    put(pen, record->u, shape->adjust * sizeof(double));
-    put(pen, record->u_hat, shape->adjust * sizeof(double));
+    put_parts(pen, tl_packed_record, shape, record);
     put(pen, ledger, shape->components * sizeof *ledger);
     put_digest(pen);
 }
@@ -203,24 +268,24 @@ static bool get(look *at, void *part, size_t size) {
     if (page->end - at->position < size) {
         return false;
     }
-    memcpy(part, page->bytes + from, first);
-    memcpy((unsigned char *)part + first, page->bytes, size - first);
+    copy_part(part, page->bytes + from, first);
+    copy_part((unsigned char *)part + first, page->bytes, size - first);
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     at->position += size;
     at->digest = mix(at->digest, part, size);
     return true;
 }
 
+static bool get_parts(look *at, const tl_packed_part *parts, const tl_recorder_shape *shape, void *to) {
+    bool whole = true;
+    for (; whole && parts->size != 0; parts++) {
+        whole = get(at, (unsigned char *)to + parts->at, bytes_of(parts, shape));
+    }
+    return whole;
+}
+
 static const char *const CUT = "an entry that ends behind the last one";
 static const char *const UNKNOWN = "an enumeration with a value that it does not have";
-
-static bool are_qualities(const uint8_t *quality, size_t count) {
-    size_t i = 0;
-    while (i < count && quality[i] <= TL_OUTLIER) {
-        i++;
-    }
-    return i == count;
-}
 
 static const char *get_tuning(look *at, tl_run_tuning *tuning) {
     if (!get(at, tuning, sizeof *tuning)) {
@@ -253,46 +318,14 @@ static const char *get_start(look *at, tl_recorder_entry *entry) {
 
 static const char *get_sample(look *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {
     bool whole = get(at, id, sizeof *id) && get(at, &sample->tick, sizeof sample->tick) &&
-                 get(at, sample->values, shape->plant * sizeof(double)) &&
-                 get(at, sample->stamps, shape->plant * sizeof(tl_time)) && get(at, sample->quality, shape->plant);
+                 get_parts(at, tl_packed_signals, shape, sample);
     return !whole ? CUT : are_qualities(sample->quality, shape->plant) ? NULL : UNKNOWN;
 }
 
-static const char *get_head(look *at, tl_record *record) {
-    step_head head;
-    if (!get(at, &head, sizeof head)) {
-        return CUT;
-    }
-    if (head.outcome >= TL_OUTCOMES || head.stop > TL_STOP_TIME || head.flags >= 2 * (uint32_t)TL_LAST_FLAG) {
-        return UNKNOWN;
-    }
-    record->step = head.step;
-    record->outcome = (tl_outcome)head.outcome;
-    record->stop = (tl_stop)head.stop;
-    record->objective = head.objective;
-    record->objective_nominal = head.objective_nominal;
-    record->evaluations = head.evaluations;
-    record->executions = head.executions;
-    record->predicted = head.predicted;
-    record->flags = head.flags;
-    record->held = head.held;
-    record->used = head.used;
-    return NULL;
-}
-
 static const char *get_step(look *at, const tl_recorder_shape *shape, tl_recorder_entry *entry) {
-    tl_record *record = &entry->record;
-    const char *fault = get_head(at, record);
-    if (fault != NULL) {
-        return fault;
-    }
-    bool whole =
-        get(at, record->y, shape->match * sizeof(double)) && get(at, record->y_hat, shape->match * sizeof(double)) &&
-        get(at, record->y_hat_quality, shape->match) &&
-        get(at, record->readings, shape->match * sizeof record->readings[0]) &&
-        get(at, record->u, shape->adjust * sizeof(double)) && get(at, record->u_hat, shape->adjust * sizeof(double)) &&
-        get(at, entry->ledger, shape->components * sizeof *entry->ledger);
-    return !whole ? CUT : are_qualities(record->y_hat_quality, shape->match) ? NULL : UNKNOWN;
+    bool whole = get_parts(at, tl_packed_record, shape, &entry->record) &&
+                 get(at, entry->ledger, shape->components * sizeof *entry->ledger);
+    return !whole ? CUT : tl_packed_record_is_sound(&entry->record, shape->match) ? NULL : UNKNOWN;
 }
 
 static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {

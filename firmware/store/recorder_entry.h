@@ -1,7 +1,8 @@
-/* What waits in a ring for the recorder: a run's beginning, its samples, steps, tunings and end, cut to the signals that the run has.
+/* Packs samples and records to the signals that a run has, and packs the entries of the recorder's ring.
  *
- * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes; the ring then lasts longer.
- * Format:  one byte that says what follows, then its fields one after the other, then a digest; the same program on both sides.
+ * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes. The ring, the channel to the process of the FMUs
+ *          and the images of earlier runs (past.h) pack the same tables.
+ * Format:  an entry is one byte that says what follows, then its fields one after the other, then a digest; the same program on both sides.
  * Trust:   whoever reads may do so in another process than that which wrote. Of what is there each kind, enumeration, text and digest is
  *          checked: a stray store is detected, but not a forged entry. Numbers are not judged.
  * Thread:  put: the producer; take: the consumer.
@@ -14,6 +15,7 @@
 #include <stdint.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/config/config.h"
 #include "firmware/store/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -29,6 +31,38 @@ typedef struct tl_recorder_shape {
     size_t adjust;
     size_t components;
 } tl_recorder_shape;
+
+/* Of a twin; its components are those of the configuration and the plant. */
+tl_recorder_shape tl_recorder_shape_of(const tl_config *config);
+
+/* ---- packed structures ---- */
+
+typedef enum tl_packed_count { TL_PACKED_ONE, TL_PACKED_PLANT, TL_PACKED_MATCH, TL_PACKED_ADJUST } tl_packed_count;
+
+/* A part of a structure: an array of one element, or of as many as the shape says. The last part of a table has the size 0. */
+typedef struct tl_packed_part {
+    size_t at;   /* offset in the structure */
+    size_t size; /* bytes of one element */
+    tl_packed_count count;
+} tl_packed_part;
+
+extern const tl_packed_part tl_packed_signals[]; /* values, stamps and qualities of a tl_sample */
+extern const tl_packed_part tl_packed_record[];  /* a tl_record */
+
+/* Bytes of the packed parts. */
+size_t tl_packed_size(const tl_packed_part *parts, const tl_recorder_shape *shape);
+
+/* Copies the parts, one after the other, to or from `bytes`, which may lie anywhere. Returns the end of these bytes. Elements beyond the
+ * shape are not read and not written. Values are not checked. */
+unsigned char *tl_pack(const tl_packed_part *parts, const tl_recorder_shape *shape, const void *from,
+                       unsigned char *bytes);
+const unsigned char *tl_unpack(const tl_packed_part *parts, const tl_recorder_shape *shape, const unsigned char *bytes,
+                               void *to);
+
+/* Whether outcome, stop, delay state, flags and qualities of a record exist. Numbers are not checked. */
+bool tl_packed_record_is_sound(const tl_record *record, size_t match);
+
+/* ---- entries ---- */
 
 typedef enum tl_recorder_kind {
     TL_ENTRY_START,
@@ -48,7 +82,7 @@ typedef struct tl_recorder_entry {
     char fmus[TL_SHA256_TEXT]; /* and which FMUs it has: tl_identity_is_sound(), */
     tl_run_tuning tuning;      /* and what it was built with; TL_ENTRY_TUNING. Its values are not judged */
     tl_sample sample;          /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;          /* TL_ENTRY_STEP; without the measured delay */
+    tl_record record;          /* TL_ENTRY_STEP */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;

@@ -75,13 +75,9 @@ typedef struct past_head {
     uint64_t from;
 } past_head;
 
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '3'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '4'};
 
-tl_past_shape tl_past_shape_of(const tl_config *config) {
-    return (tl_past_shape){.signals = config->signal_count, .adjusts = config->adjust_count};
-}
-
-size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
+size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
     return sizeof(past_head) + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
 }
 
@@ -118,8 +114,8 @@ void tl_past_write(const tl_past *past, void *image) {
         .started = past->started,
         .checkpoint_size = past->checkpoint_size,
         .tunings = past->tuning_count,
-        .signals = past->shape.signals,
-        .adjusts = past->shape.adjusts,
+        .signals = past->shape.plant,
+        .adjusts = past->shape.adjust,
         .from = (uint64_t)past->from,
     };
     memcpy(own.magic, MAGIC, sizeof MAGIC);
@@ -163,11 +159,11 @@ static bool is_origin(const past_head *found) {
 }
 
 static tl_status check_head(const past_head *found, size_t size, const tl_config *config, tl_error *error) {
-    const tl_past_shape shape = tl_past_shape_of(config);
+    const tl_recorder_shape shape = tl_recorder_shape_of(config);
     if (memcmp(found->magic, MAGIC, sizeof MAGIC) != 0 || found->size != size) {
         return fail_damaged(error, "it does not begin as it should");
     }
-    if (found->signals != shape.signals || found->adjusts != shape.adjusts || found->step != config->step) {
+    if (found->signals != shape.plant || found->adjusts != shape.adjust || found->step != config->step) {
         return fail_damaged(error, "it has not the signals of this configuration");
     }
     int64_t last_possible = TL_PAST_FAR / config->step;
@@ -234,7 +230,7 @@ static tl_past past_of(const past_head *found, const unsigned char *behind, tl_t
         .gap = now - tl_time_of_step(found->start, found->step, found->last),
         .checkpoint_tick = found->first - 1,
         .checkpoint_size = (size_t)found->checkpoint_size,
-        .shape = {.signals = (size_t)found->signals, .adjusts = (size_t)found->adjusts},
+        .shape = {.plant = (size_t)found->signals, .adjust = (size_t)found->adjusts},
         .tunings = behind + found->checkpoint_size,
         .tuning_count = (size_t)found->tunings,
         .ticks = behind + found->checkpoint_size + found->tunings * sizeof(tl_run_tuning),

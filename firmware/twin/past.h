@@ -89,18 +89,15 @@ typedef struct tl_past {
     const unsigned char *
         tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
     size_t tuning_count;
-    tl_past_shape shape;
+    tl_recorder_shape shape;
     const unsigned char *ticks; /* packed */
 } tl_past;
 
 /* What is worth being said, as events of the source "resume". `text` lives during the call. */
 typedef void tl_past_tell(void *context, tl_severity severity, const char *text);
 
-/* Its signals and adjusted variables. `config` is one whose second look-ups are signals (tl_config_use_lookups()), here and below. */
-tl_past_shape tl_past_shape_of(const tl_config *config);
-
 /* An image of so many ticks, a checkpoint of so many bytes, and so many tunings. */
-size_t tl_past_image_bytes(const tl_past_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
+size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
 
 /* Of all that was taken in a run, in the order of their ticks, what matters from `first` to `last`: to the front. How many. */
 size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
@@ -108,7 +105,7 @@ size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t firs
 /* The image, as large as that. Gap and age are not in it. */
 void tl_past_write(const tl_past *past, void *image);
 
-/* `now` is CLOCK_MONOTONIC.
+/* `now` is CLOCK_MONOTONIC. `config` is one whose second look-ups are signals (tl_config_use_lookups()).
  * Errors: TL_BAD_DATA: it is no image, or not one of such a run that was under way just now. */
 tl_status tl_past_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
                        tl_error *error);

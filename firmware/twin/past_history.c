@@ -380,7 +380,7 @@ tl_past_history *tl_past_history_open(const tl_past_history_settings *settings) 
     }
     opened->settings = *settings;
     opened->before = INT64_MAX;
-    opened->ticks.shape = tl_past_shape_of(settings->config);
+    opened->ticks.shape = tl_recorder_shape_of(settings->config);
     if (tl_history_open(settings->path, &opened->history, &error) != TL_OK) {
         tell_unreadable(opened, &error);
         tl_past_history_close(opened);

@@ -69,7 +69,7 @@ static void begin_stretch(const tl_past_outbox *self, stretch *run, const tl_res
     unsigned char *bytes = run->ticks.bytes; /* its memory is used again */
     size_t capacity = run->ticks.capacity;
     *run = (stretch){.is_there = true, .beginning = *beginning, .last = -1};
-    run->ticks = (tl_past_ticks){.shape = tl_past_shape_of(config_of(self)), .bytes = bytes, .capacity = capacity};
+    run->ticks = (tl_past_ticks){.shape = tl_recorder_shape_of(config_of(self)), .bytes = bytes, .capacity = capacity};
     run->tunings[0] = *in_force;
     run->tunings[0].tick = 0;
     run->tuning_count = in_force->hash[0] != '\0' ? 1 : 0;

@@ -136,7 +136,7 @@ static size_t write_image(const sample_search *self, const tl_recorder_signal *s
     const tl_past_ticks *found = &self->found;
     size_t bytes = found->count * tl_past_tick_bytes(&found->shape);
     samples_head own = {.size = sizeof own + bytes,
-                        .count = found->shape.signals,
+                        .count = found->shape.plant,
                         .first = found->first,
                         .ticks = found->count,
                         .step = self->run->step,
@@ -145,7 +145,7 @@ static size_t write_image(const sample_search *self, const tl_recorder_signal *s
         return 0;
     }
     memcpy(own.magic, MAGIC, sizeof MAGIC);
-    identify_recorded(signals, found->shape.signals, own.signals);
+    identify_recorded(signals, found->shape.plant, own.signals);
     memcpy(image, &own, sizeof own);
     memcpy((unsigned char *)image + sizeof own, found->bytes, bytes);
     return (size_t)own.size;
@@ -165,7 +165,7 @@ static tl_status fill(sample_search *self, const char *boot, int64_t from, void 
         status = tl_history_signals(self->history, self->run, TL_HISTORY_PLANT, &signals, &count, error);
     }
     if (status == TL_OK && count <= TL_MAX_SIGNALS && room > sizeof(samples_head)) {
-        self->found.shape = (tl_past_shape){.signals = count};
+        self->found.shape = (tl_recorder_shape){.plant = count};
         size_t most = (room - sizeof(samples_head)) / tl_past_tick_bytes(&self->found.shape);
         most = most < TL_PAST_SAMPLES ? most : TL_PAST_SAMPLES;
         status = tl_past_ticks_read(&self->found, self->history, self->run, from, (int64_t)most, error);
@@ -196,12 +196,12 @@ static tl_status fail(tl_error *error, const char *what) {
 static tl_status check_head(const samples_head *found, size_t size, const tl_config *config, tl_time start,
                             tl_error *error) {
     char digest[TL_SHA256_TEXT];
-    const tl_past_shape shape = {.signals = config->signal_count};
+    const tl_recorder_shape shape = {.plant = config->signal_count};
     if (memcmp(found->magic, MAGIC, sizeof MAGIC) != 0 || found->size != size) {
         return fail(error, "they do not begin as they should");
     }
     identify_configured(config, digest);
-    if (found->count != shape.signals || memcmp(found->signals, digest, sizeof digest) != 0 ||
+    if (found->count != shape.plant || memcmp(found->signals, digest, sizeof digest) != 0 ||
         found->step != config->step) {
         return fail(error, "they are not of the signals of this configuration");
     }
@@ -228,7 +228,7 @@ tl_status tl_past_samples_read(const void *image, size_t size, const tl_config *
     const tl_past_samples read = {.first = found.first,
                                   .count = (size_t)found.ticks,
                                   .start = start,
-                                  .shape = {.signals = config->signal_count},
+                                  .shape = {.plant = config->signal_count},
                                   .ticks = (const unsigned char *)image + sizeof found};
     for (size_t i = 0; status == TL_OK && i < read.count; i++) {
         bool sound = tl_past_tick_is_sound(&read.shape, read.ticks + i * tl_past_tick_bytes(&read.shape));

@@ -29,7 +29,7 @@ typedef struct tl_past_samples {
     int64_t first;
     size_t count;
     tl_time start; /* t_start on CLOCK_MONOTONIC */
-    tl_past_shape shape;
+    tl_recorder_shape shape;
     const unsigned char *ticks; /* in the image */
 } tl_past_samples;
 

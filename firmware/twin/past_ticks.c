@@ -12,17 +12,17 @@ enum { NO_STEP, HAS_STEP, HAS_RESET };
 
 /* ---- one ---- */
 
-static size_t u_at(const tl_past_shape *shape) {
-    return 1 + shape->signals * (sizeof(double) + sizeof(tl_time));
+static size_t u_at(const tl_recorder_shape *shape) {
+    return 1 + tl_packed_size(tl_packed_signals, shape);
 }
 
-size_t tl_past_tick_bytes(const tl_past_shape *shape) {
-    return u_at(shape) + shape->adjusts * sizeof(double) + shape->signals;
+size_t tl_past_tick_bytes(const tl_recorder_shape *shape) {
+    return u_at(shape) + shape->adjust * sizeof(double);
 }
 
-static void pack_u(const tl_past_shape *shape, const double *u, unsigned char *bytes) {
+static void pack_u(const tl_recorder_shape *shape, const double *u, unsigned char *bytes) {
     bytes[0] = HAS_STEP;
-    memcpy(bytes + u_at(shape), u, shape->adjusts * sizeof *u);
+    memcpy(bytes + u_at(shape), u, shape->adjust * sizeof *u);
 }
 
 /* A device may say any time: one that is too far away to count with stays at the border. */
@@ -31,49 +31,46 @@ static tl_time nearer(tl_time stamp) {
     return stamp == TL_TIME_NEVER || most >= -TL_PAST_FAR ? most : -TL_PAST_FAR;
 }
 
-static void pack(const tl_past_shape *shape, const tl_sample *sample, unsigned char *bytes) {
-    size_t words = shape->signals * sizeof(double);
-    memset(bytes, 0, tl_past_tick_bytes(shape));
-    memcpy(bytes + 1, sample->values, words);
-    for (size_t i = 0; i < shape->signals; i++) {
-        tl_time stamp = nearer(sample->stamps[i]);
-        memcpy(bytes + 1 + words + i * sizeof stamp, &stamp, sizeof stamp);
+static void pack(const tl_recorder_shape *shape, const tl_sample *sample, unsigned char *bytes) {
+    tl_sample near = *sample;
+    for (size_t i = 0; i < shape->plant; i++) {
+        near.stamps[i] = nearer(sample->stamps[i]);
     }
-    memcpy(bytes + u_at(shape) + shape->adjusts * sizeof(double), sample->quality, shape->signals);
+    bytes[0] = NO_STEP;
+    unsigned char *u = tl_pack(tl_packed_signals, shape, &near, bytes + 1);
+    memset(u, 0, shape->adjust * sizeof(double));
 }
 
 /* As it is packed, and no further. */
-static void take(const tl_past_shape *shape, const unsigned char *bytes, tl_past_tick *tick) {
-    size_t words = shape->signals * sizeof(double);
+static void take(const tl_recorder_shape *shape, const unsigned char *bytes, tl_past_tick *tick) {
     tick->has_u = bytes[0] != NO_STEP;
     tick->resets = bytes[0] == HAS_RESET;
-    memcpy(tick->sample.values, bytes + 1, words);
-    memcpy(tick->sample.stamps, bytes + 1 + words, words);
-    memcpy(tick->u, bytes + u_at(shape), shape->adjusts * sizeof(double));
-    memcpy(tick->sample.quality, bytes + u_at(shape) + shape->adjusts * sizeof(double), shape->signals);
+    const unsigned char *u = tl_unpack(tl_packed_signals, shape, bytes + 1, &tick->sample);
+    memcpy(tick->u, u, shape->adjust * sizeof(double));
 }
 
-bool tl_past_tick_is_sound(const tl_past_shape *shape, const unsigned char *bytes) {
+bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes) {
     tl_past_tick tick;
     bool sound = bytes[0] <= HAS_RESET;
     take(shape, bytes, &tick);
-    for (size_t i = 0; sound && i < shape->signals; i++) {
+    for (size_t i = 0; sound && i < shape->plant; i++) {
         tl_time stamp = tick.sample.stamps[i];
         bool in_time = stamp == TL_TIME_NEVER || (stamp >= -TL_PAST_FAR && stamp <= TL_PAST_FAR);
         sound = isfinite(tick.sample.values[i]) && in_time && tick.sample.quality[i] <= TL_OUTLIER;
     }
-    for (size_t i = 0; sound && i < shape->adjusts; i++) {
+    for (size_t i = 0; sound && i < shape->adjust; i++) {
         sound = isfinite(tick.u[i]);
     }
     return sound;
 }
 
-void tl_past_tick_unpack(const tl_past_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick) {
+void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start,
+                         tl_past_tick *tick) {
     memset(tick, 0, sizeof *tick);
     memset(tick->sample.quality, TL_NO_LINK, sizeof tick->sample.quality);
     take(shape, bytes, tick);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        bool never = i >= shape->signals || tick->sample.stamps[i] == TL_TIME_NEVER;
+        bool never = i >= shape->plant || tick->sample.stamps[i] == TL_TIME_NEVER;
         tick->sample.stamps[i] = never ? TL_TIME_NEVER : tick->sample.stamps[i] + start;
     }
 }

@@ -1,8 +1,8 @@
 /* Ticks to be followed, packed one after the other: what the plant showed, and the u that was committed.
  *
  * Purpose: in an image (past.h) and for who makes one. A tick of two signals takes a thirtieth of what a tl_past_tick takes.
- * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), values, stamps relative to t_start, u, qualities;
- *          private to program and machine. It may lie anywhere.
+ * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), the signals (recorder_entry.h) with stamps
+ *          relative to t_start, u; private to program and machine. It may lie anywhere.
  * Trust:   tl_past_tick_is_sound() judges packed bytes; the others believe them.
  * Owner:   the memory of a row is its own until tl_past_ticks_free().
  * Thread:  one at a time.
@@ -15,18 +15,13 @@
 #include <stdint.h>
 
 #include "firmware/store/history.h"
+#include "firmware/store/recorder_entry.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
 /* What a time in ns is nearer to 0 than: sums of two are in range. */
 #define TL_PAST_FAR (INT64_MAX / 4)
-
-/* How many of each a tick has: at most TL_MAX_SIGNALS and TL_MAX_ADJUST. */
-typedef struct tl_past_shape {
-    size_t signals;
-    size_t adjusts;
-} tl_past_shape;
 
 typedef struct tl_past_tick {
     tl_sample sample;        /* signals that the shape does not have: no link */
@@ -35,19 +30,19 @@ typedef struct tl_past_tick {
     double u[TL_MAX_ADJUST]; /* zeros if it has none */
 } tl_past_tick;
 
-size_t tl_past_tick_bytes(const tl_past_shape *shape);
+size_t tl_past_tick_bytes(const tl_recorder_shape *shape);
 
 /* Numbers are finite, times below TL_PAST_FAR, qualities exist. */
-bool tl_past_tick_is_sound(const tl_past_shape *shape, const unsigned char *bytes);
+bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes);
 
 /* `start` is added to the stamps; tick and instant are set to 0. */
-void tl_past_tick_unpack(const tl_past_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick);
+void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick);
 
 /* ---- a row of them, for who makes one ---- */
 
 /* A zeroed row with its shape is empty. */
 typedef struct tl_past_ticks {
-    tl_past_shape shape;
+    tl_recorder_shape shape;
     int64_t first;
     size_t count;
     size_t capacity;

@@ -11,8 +11,8 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/confine.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/twin/twin_pack.h"
 #include "firmware/twin/twin_pair.h"
+#include "firmware/twin/twin_step.h"
 #include "firmware/twin/twin_ways.h"
 #include "master/twin/account.h"
 

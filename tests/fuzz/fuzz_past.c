@@ -24,7 +24,7 @@ static const char configuration[] =
 enum { SIZE = 8, LAST = 32, STEP = 40, START = 48 };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
-    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '3'};
+    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '4'};
     const uint64_t bytes = size;
     int64_t last = 0;
     int64_t step = 0;

@@ -43,7 +43,7 @@ static void put_signals(unsigned char *image) {
 
 static void put_right(unsigned what, unsigned char *image, size_t size, const tl_config *config) {
     static const char magic[] = {'t', 'w', 'l', 'k', 's', 'm', 'p', '1'};
-    const tl_past_shape shape = {.signals = config->signal_count};
+    const tl_recorder_shape shape = {.plant = config->signal_count};
     if (size < HEAD) {
         return;
     }

@@ -11,8 +11,8 @@
 
 #include "firmware/report/summary.h"
 #include "firmware/report/trajectory.h"
-#include "firmware/twin/twin_pack.h"
 #include "firmware/twin/twin_recorder.h"
+#include "firmware/twin/twin_step.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 

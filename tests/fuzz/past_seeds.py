@@ -12,7 +12,7 @@ NO_STEP, STEPPED, BEGAN_ANEW = 0, 1, 2
 
 def tick(number, step):
     stamps = (-2**63 if number == 0 else number * STEP - 1234, number * STEP)
-    return struct.pack("=B2d2qd2B", step, 0.1 * number, 60.0 - number, *stamps, 0.0 if step == NO_STEP else 0.003, number % 2, 0)
+    return struct.pack("=B2d2q2Bd", step, 0.1 * number, 60.0 - number, *stamps, number % 2, 0, 0.0 if step == NO_STEP else 0.003)
 
 
 def tuning(tick):
@@ -26,7 +26,7 @@ def image(origin, first, count, checkpoint, taken=b""):
     ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i]) for i in range(count))
     size = 104 + len(taken) + len(checkpoint) + len(ticks)
     last = first + count - 1
-    head = struct.pack("=8s12q", b"twlkpst3", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+    head = struct.pack("=8s12q", b"twlkpst4", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
                        len(checkpoint), len(taken) // 888, 2, 1, origin)
     return RIGHT + head + checkpoint + taken + ticks
 

@@ -92,6 +92,7 @@ void tl_made_record(int64_t step, tl_record *record) {
     record->predicted = (uint32_t)(hash >> 20) % 600;
     record->flags = (uint32_t)(hash >> 28) % 8;
     record->held = (uint32_t)(hash >> 32) % (1U << TL_MADE_ADJUST);
+    record->delay_state = (tl_delay_state)((hash >> 36) % (TL_DELAY_LOST + 1));
     for (uint64_t i = 0; i < TL_MADE_MATCH; i++) {
         record->y[i] = number(step, 20 + i);
         record->y_hat[i] = number(step, 30 + i);

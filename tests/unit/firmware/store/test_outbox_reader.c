@@ -187,8 +187,8 @@ static void a_byte_that_was_written_over(void) {
         enumerations += strstr(reader.fault, "an enumeration") != NULL ? 1 : 0;
         outbox.ring[i] = right;
     }
-    TEST_ASSERT_EQUAL_INT(TL_MADE_PLANT + 3 + 1 + 1 + TL_MADE_MATCH,
-                          enumerations); /* flags beyond the 8 that there are, outcome, stop, qualities */
+    /* qualities; outcome, stop and delay state, 4 bytes each; flags beyond the 8 that there are */
+    TEST_ASSERT_EQUAL_INT(TL_MADE_PLANT + TL_MADE_MATCH + 3 * 4 + 3, enumerations);
 }
 
 /* The writer goes on behind what the reader skips, also if the end was written over. */

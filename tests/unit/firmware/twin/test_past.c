@@ -68,7 +68,7 @@ void setUp(void) {
                          .adjust_count = TL_MADE_ADJUST,
                          .step = TL_SECOND / 100,
                          .record_resume = 60 * TL_SECOND};
-    ticks = (tl_past_ticks){.shape = tl_past_shape_of(&config)};
+    ticks = (tl_past_ticks){.shape = tl_recorder_shape_of(&config)};
     for (size_t i = 0; i < CHECKPOINT; i++) {
         checkpoint[i] = (unsigned char)(i * 7);
     }
@@ -370,7 +370,7 @@ static void test_damaged_ticks(void) {
     for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++) {
         write_tick(5, 1 + 8, &numbers[i], 8);
         expect_refused("its tick 1006");
-        write_tick(TICKS - 1, 1 + 2 * words + 8, &numbers[i], 8);
+        write_tick(TICKS - 1, 1 + 2 * words + TL_MADE_PLANT + 8, &numbers[i], 8);
         expect_refused("its tick 1040");
     }
     for (size_t i = 0; i < sizeof stamps / sizeof stamps[0]; i++) {
@@ -379,7 +379,7 @@ static void test_damaged_ticks(void) {
     }
     write_tick(9, 0, &three, 1);
     expect_refused("its tick 1010");
-    write_tick(9, 1 + 2 * words + TL_MADE_ADJUST * 8 + 2, &quality, 1);
+    write_tick(9, 1 + 2 * words + 2, &quality, 1);
     expect_refused("its tick 1010");
 }
 

@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_pack.h"
+#include "firmware/twin/twin_step.h"
 #include "tests/support/random_numbers.h"
 
 enum { ROUNDS = 200, CANARY = 0x5A, BEFORE = 3 /* so that nothing is aligned */ };
