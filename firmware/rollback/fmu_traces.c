@@ -53,13 +53,17 @@ static bool has(const tl_fmu_traces *traces, unsigned number) {
     return (traces->descriptors[number / 64] >> number % 64 & 1) != 0;
 }
 
+/* Leaves the text empty if the descriptor is closed by now: another thread of ours had opened it for a moment. */
 static void describe_descriptor(unsigned number, char text[TL_FMU_TRACE_TEXT]) {
     char link[64];
     char target[96];
     char name[96];
     (void)snprintf(link, sizeof link, "/proc/self/fd/%u", number);
     ssize_t length = readlink(link, target, sizeof target);
-    (void)tl_clean_text(target, length > 0 ? (size_t)length : 0, name, sizeof name);
+    if (length < 0) {
+        return;
+    }
+    (void)tl_clean_text(target, (size_t)length, name, sizeof name);
     (void)snprintf(text, TL_FMU_TRACE_TEXT, "an open file or socket, %s", name);
 }
 
