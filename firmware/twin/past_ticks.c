@@ -137,7 +137,7 @@ void tl_past_ticks_set_reset(tl_past_ticks *ticks, int64_t tick) {
 }
 
 static tl_status add_recorded(tl_past_ticks *ticks, const tl_history_tick *tick, tl_error *error) {
-    bool has_u = tick->has_step && tick->adjusted == ticks->shape.adjusts;
+    bool has_u = tick->has_step && tick->adjusted == ticks->shape.adjust;
     if (!tl_past_ticks_add(ticks, &tick->sample, has_u ? tick->u : NULL)) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
     }
