@@ -9,12 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/verb_program.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/report/show.h"
-#include "firmware/retune/control.h"
 #include "master/base/nearest.h"
 
 /* ---- option table ---- */
@@ -492,8 +492,8 @@ static bool read_table(const char *text, void *target) {
 /* Given twice, the lesser one counts: words behind those of a command line that limits its caller raise nothing. */
 static bool read_right(const char *text, void *target) {
     uint32_t *least = target;
-    tl_control_right right = TL_CONTROL_MAY_READ;
-    bool is_right = tl_control_right_of(text, &right);
+    tl_change_right right = TL_RIGHT_READ;
+    bool is_right = tl_change_right_of(text, &right);
     *least = is_right && right < *least ? right : *least;
     return is_right;
 }
@@ -619,7 +619,7 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
         .watchdog_s = 30,
         .seed = 1,
         .table = TL_OPTIONS_NO_TABLE,
-        .right = TL_CONTROL_RIGHTS,
+        .right = TL_RIGHT_BOX,
     };
     list_options(verb, list);
     optind = 0; /* GNU: begin anew */

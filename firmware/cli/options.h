@@ -82,7 +82,7 @@ typedef struct tl_options {
     bool versions;
     bool show;
     const char *why;
-    uint32_t right;     /* --right: a tl_control_right; TL_CONTROL_RIGHTS: not given, the rights of the box */
+    uint32_t right;     /* --right: a tl_change_right; TL_RIGHT_BOX: not given, the rights of the box */
     double shadow_s;    /* whole; 0: as usual */
     double probation_s; /* whole; 0: as usual */
     double keep_lock;   /* --require-lock of reload: percent; below 0: as usual */
@@ -118,7 +118,7 @@ typedef enum tl_option_kind {
     TL_OPTION_RUN_OR_LAST,   /* the same, or "last", which is 0 */
     TL_OPTION_SINCE,         /* a tl_options_since */
     TL_OPTION_TABLE,         /* one of tl_option_tables; an int */
-    TL_OPTION_RIGHT          /* a tl_control_right as a uint32_t; given twice, the lesser one counts */
+    TL_OPTION_RIGHT          /* a tl_change_right as a uint32_t; given twice, the lesser one counts */
 } tl_option_kind;
 
 typedef struct tl_option {

@@ -15,6 +15,7 @@
 #include "firmware/process/confine.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/service.h"
+#include "firmware/retune/control.h"
 #include "firmware/serve/address.h"
 #include "firmware/serve/server.h"
 #include "firmware/serve/tokens.h"
@@ -109,7 +110,7 @@ static tl_program_outcome take_name(char **words, size_t count, tl_token_options
 }
 
 static tl_program_outcome take_role(const char *role, tl_token_options *options) {
-    if (role == NULL || !tl_control_right_of(role, &options->role)) {
+    if (role == NULL || !tl_change_right_of(role, &options->role)) {
         return tl_program_options_refuse(&TOKEN_PROGRAM, "add needs --role read, retune or commission");
     }
     return TL_PROGRAM_READ;

@@ -7,8 +7,8 @@
 
 #include <stdbool.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/program_options.h"
-#include "firmware/retune/control.h"
 
 /* ---- The options of `twinlock serve` and `twinlock token`.
  *
@@ -35,7 +35,7 @@ typedef enum tl_token_action { TL_TOKEN_ADD, TL_TOKEN_LIST, TL_TOKEN_REVOKE } tl
 typedef struct tl_token_options {
     tl_token_action action;
     const char *name; /* of ADD and REVOKE */
-    tl_control_right role;
+    tl_change_right role;
     const char *tokens;
 } tl_token_options;
 

@@ -56,7 +56,7 @@ static void expect_wrong(tl_verb verb, const char *option, const char *value, co
 static void test_defaults(void) {
     for (tl_verb verb = 0; verb < TL_VERB_COUNT; verb++) {
         const tl_options wanted = {
-            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_CONTROL_RIGHTS};
+            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_RIGHT_BOX};
         TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(verb, "subject"));
         TEST_ASSERT_EQUAL_STRING("subject", options.subject);
         TEST_ASSERT_EQUAL_STRING("", said);
@@ -102,9 +102,9 @@ static void test_every_option_sets_its_own(void) {
 static void test_the_lesser_right_counts(void) {
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "-", "--right", "retune", "--right", "commission"));
     TEST_ASSERT_EQUAL_STRING("-", options.subject);
-    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_RETUNE, options.right);
+    TEST_ASSERT_EQUAL_UINT32(TL_RIGHT_RETUNE, options.right);
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "--right", "commission", "-", "--rig=read"));
-    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_READ, options.right);
+    TEST_ASSERT_EQUAL_UINT32(TL_RIGHT_READ, options.right);
     expect_wrong(TL_VERB_RELOAD, "--right", "box", "read, retune or commission");
 }
 
