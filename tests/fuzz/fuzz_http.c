@@ -46,7 +46,7 @@ static void check(const tl_http_request *request) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const tl_program_list none;
+    static const tl_option_list none;
     const tl_host_names names = {.own = "box", .others = none};
     const char *found[LINES];
     char sentence[TL_HTTP_SENTENCE] = "";
