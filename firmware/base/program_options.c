@@ -2,155 +2,275 @@
 #include "firmware/base/program_options.h"
 
 #include <getopt.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "master/base/nearest.h"
 
-enum { FIRST_ROW = 256, SENTENCE = 256, INDENT = 4 };
+/* What getopt_long() returns: an option of the verb, from here on, so that no option is taken for a character. */
+enum { FIRST_ROW = 256, LONGEST_NAME = 64, LIST = 256, NARROWEST = 4 };
+
+/* One command line while it is read. */
+typedef struct reading {
+    const tl_option_table *table;
+    const tl_verb_row *verb;
+    char **argv;
+    void *settings;
+    size_t count; /* of the verb's own options */
+    const tl_option *options[TL_OPTIONS_MOST];
+    bool given[TL_OPTIONS_MOST];
+} reading;
+
+static reading begin(const tl_option_table *table, size_t verb) {
+    reading self = {.table = table, .verb = &table->verbs[verb]};
+    for (size_t i = 0; i < table->option_count; i++) {
+        if ((table->options[i].verbs >> verb & 1U) != 0) {
+            self.options[self.count++] = &table->options[i];
+        }
+    }
+    return self;
+}
 
 /* ---- values ------------------------------------------------------------------------------------------------------ */
 
-static bool add_to(tl_program_list *list, const char *text) {
-    bool fits = list->count < TL_PROGRAM_LIST;
+bool tl_option_switch(const char *text, void *target) {
+    (void)text;
+    *(bool *)target = true;
+    return true;
+}
+
+bool tl_option_text(const char *text, void *target) {
+    *(const char **)target = text;
+    return true;
+}
+
+bool tl_option_listed(const char *text, void *target) {
+    tl_option_list *list = target;
+    bool fits = list->count < TL_OPTION_LIST;
     if (fits) {
-        list->values[list->count] = text;
-        list->count++;
+        list->values[list->count++] = text;
     }
     return fits;
 }
 
-/* False: it is not what it should be. */
-static bool set_value(const tl_program_option *option, const char *text, void *settings) {
-    void *target = (char *)settings + option->offset;
-    bool is_right = true;
-    switch (option->kind) {
-    case TL_PROGRAM_SWITCH:
-        *(bool *)target = true;
-        break;
-    case TL_PROGRAM_TEXT:
-        *(const char **)target = text;
-        break;
-    case TL_PROGRAM_LIST_OF:
-        is_right = add_to(target, text);
-        break;
+/* ---- help -------------------------------------------------------------------------------------------------------- */
+
+/* Lines, each indented but the first. */
+static void print_lines(const char *lines, int indent) {
+    for (const char *line = lines;;) {
+        size_t length = strcspn(line, "\n");
+        (void)printf("%.*s\n", (int)length, line);
+        line += length;
+        if (*line == '\0') {
+            return;
+        }
+        (void)printf("%*s", indent, "");
+        line++;
     }
-    return is_right;
+}
+
+static size_t width_of(const tl_option *option) {
+    return strlen("--") + strlen(option->name) + (option->value != NULL ? strlen(" ") + strlen(option->value) : 0);
+}
+
+static void print_option(const tl_option *option, size_t widest) {
+    int indent = (int)(strlen("  ") + widest + strlen("  "));
+    bool has_value = option->value != NULL;
+    int used = printf("  --%s%s%s", option->name, has_value ? " " : "", has_value ? option->value : "");
+    if (width_of(option) > widest) {
+        (void)putchar('\n');
+        used = 0;
+    }
+    (void)printf("%*s", indent - used, "");
+    print_lines(option->help, indent);
+}
+
+void tl_options_print_help(const tl_option_table *table, size_t verb) {
+    const reading self = begin(table, verb);
+    size_t widest = NARROWEST;
+    for (size_t i = 0; i < self.count; i++) {
+        size_t width = width_of(self.options[i]);
+        widest = width <= table->widest && width > widest ? width : widest;
+    }
+    (void)printf("usage: twinlock %s %s\n\n%s\n\n", self.verb->name, self.verb->usage, self.verb->description);
+    for (size_t i = 0; i < self.count; i++) {
+        print_option(self.options[i], widest);
+    }
 }
 
 /* ---- what is wrong ----------------------------------------------------------------------------------------------- */
 
-tl_program_outcome tl_program_options_refuse(const tl_program *program, const char *what) {
-    (void)fprintf(stderr, "%s: %s\nusage: %s %s; `%s --help` explains them\n", program->name, what, program->name,
-                  program->usage, program->name);
-    return TL_PROGRAM_WRONG;
+tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format, ...) {
+    va_list arguments;
+    (void)fprintf(stderr, "twinlock %s: ", verb->name);
+    va_start(arguments, format);
+    (void)vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    (void)fprintf(stderr, "\nusage: twinlock %s %s; `twinlock %s --help` explains them\n", verb->name, verb->usage,
+                  verb->name);
+    return TL_OPTIONS_WRONG;
 }
 
-static tl_program_outcome refuse_word(const tl_program *program, const char *word) {
-    char what[SENTENCE];
-    tl_nearest nearest = {.text = word + strspn(word, "-")};
-    for (size_t i = 0; i < program->option_count; i++) {
-        tl_nearest_offer(&nearest, program->options[i].name);
+/* Adds a word to a list: "--record or --recording". */
+static void add_to(char list[LIST], const char *separator, const char *before, const char *word) {
+    size_t used = strlen(list);
+    (void)snprintf(list + used, LIST - used, "%s%s%s", used > 0 ? separator : "", before, word);
+}
+
+/* The verbs that have an option of this name: "replay, show"; "" if none has. */
+static void list_verbs(const tl_option_table *table, const char *name, char list[LIST]) {
+    for (size_t i = 0; i < table->option_count; i++) {
+        for (size_t verb = 0; verb < table->verb_count && strcmp(table->options[i].name, name) == 0; verb++) {
+            if ((table->options[i].verbs >> verb & 1U) != 0) {
+                add_to(list, ", ", "", table->verbs[verb].name);
+            }
+        }
+    }
+}
+
+/* `word` begins with "--". */
+static tl_options_outcome refuse_word(const reading *self, const char *word) {
+    char name[LONGEST_NAME];
+    char longer[LIST] = "";
+    char verbs[LIST] = "";
+    size_t count = 0;
+    tl_nearest nearest = {.text = name};
+    const char *from = word + strlen("--");
+    (void)snprintf(name, sizeof name, "%.*s", (int)strcspn(from, "="), from);
+    for (size_t i = 0; i < self->count; i++) {
+        tl_nearest_offer(&nearest, self->options[i]->name);
+        if (strncmp(self->options[i]->name, name, strlen(name)) == 0) {
+            add_to(longer, " or ", "--", self->options[i]->name);
+            count++;
+        }
+    }
+    if (count > 1) {
+        return tl_options_refuse(self->verb, "--%s is short for several options: %s", name, longer);
+    }
+    list_verbs(self->table, name, verbs);
+    if (verbs[0] != '\0') {
+        return tl_options_refuse(self->verb, "there is no option --%s here: it is one of %s", name, verbs);
     }
     if (nearest.best != NULL) {
-        (void)snprintf(what, sizeof what, "there is no option %.64s: did you mean --%s?", word, nearest.best);
-    } else {
-        (void)snprintf(what, sizeof what, "there is no option %.64s, or it is short for several", word);
+        return tl_options_refuse(self->verb, "there is no option --%s: did you mean --%s?", name, nearest.best);
     }
-    return tl_program_options_refuse(program, what);
+    return tl_options_refuse(self->verb, "there is no option --%s", name);
 }
 
 /* getopt_long() came upon what it does not know, or upon a value that is missing (':') or not wanted. */
-static tl_program_outcome refuse_option(const tl_program *program, int result, char *const *argv) {
-    char what[SENTENCE];
-    if (optopt < FIRST_ROW) {
-        return refuse_word(program, argv[optind - 1]);
+static tl_options_outcome refuse_option(const reading *self, int result) {
+    if (optopt >= FIRST_ROW) {
+        const tl_option *option = self->options[optopt - FIRST_ROW];
+        if (result == ':') {
+            return tl_options_refuse(self->verb, "--%s: %s is missing behind it", option->name, option->value);
+        }
+        return tl_options_refuse(self->verb, "--%s takes no value: found \"%s\"", option->name, self->argv[optind - 1]);
     }
-    const tl_program_option *option = &program->options[optopt - FIRST_ROW];
-    if (result == ':') {
-        (void)snprintf(what, sizeof what, "--%s: %s is missing behind it", option->name, option->value);
-    } else {
-        (void)snprintf(what, sizeof what, "--%s takes no value", option->name);
+    if (optopt != 0) {
+        return tl_options_refuse(self->verb, "there is no option -%c", optopt);
     }
-    return tl_program_options_refuse(program, what);
+    return refuse_word(self, self->argv[optind - 1]);
 }
 
-/* Only a list refuses a value: one too many. */
-static tl_program_outcome refuse_value(const tl_program *program, const tl_program_option *option, const char *found) {
-    char what[SENTENCE];
-    (void)snprintf(what, sizeof what, "--%s: found \"%.64s\", expected at most %d of them", option->name, found,
-                   TL_PROGRAM_LIST);
-    return tl_program_options_refuse(program, what);
+/* ---- rules between options --------------------------------------------------------------------------------------- */
+
+static tl_options_outcome check_words(const reading *self, size_t count, char *const *words) {
+    const char *noun = self->verb->noun;
+    if (noun != NULL && count == 0) {
+        return tl_options_refuse(self->verb, "expected exactly one %s, found none", noun);
+    }
+    if (noun != NULL && count > 1) {
+        return tl_options_refuse(self->verb, "expected exactly one %s, found \"%s\" and \"%s\"", noun, words[0],
+                                 words[1]);
+    }
+    return TL_OPTIONS_READ;
 }
 
-static tl_program_outcome check_words(const tl_program *program, size_t count, char *const *words) {
-    char what[SENTENCE];
-    if (count < program->least_words) {
-        (void)snprintf(what, sizeof what, "something is missing: found %zu of at least %zu words", count,
-                       program->least_words);
-        return tl_program_options_refuse(program, what);
+static size_t find_option(const reading *self, const char *name) {
+    size_t i = 0;
+    while (strcmp(self->options[i]->name, name) != 0) {
+        i++;
     }
-    if (count > program->most_words) {
-        (void)snprintf(what, sizeof what, "found \"%.64s\", which is one word too many", words[program->most_words]);
-        return tl_program_options_refuse(program, what);
-    }
-    return TL_PROGRAM_READ;
+    return i;
 }
 
-/* ---- help -------------------------------------------------------------------------------------------------------- */
-
-static void print_lines(const char *lines, int indent) {
-    for (const char *line = lines; line != NULL;) {
-        const char *end = strchr(line, '\n');
-        int length = end != NULL ? (int)(end - line) : (int)strlen(line);
-        (void)printf("%*s%.*s\n", indent, "", length, line);
-        line = end != NULL ? end + 1 : NULL;
+static tl_options_outcome check_needs(const reading *self) {
+    for (size_t i = 0; i < self->count; i++) {
+        const char *needs = self->given[i] ? self->options[i]->needs : NULL;
+        size_t needed = needs != NULL ? find_option(self, needs) : i;
+        if (!self->given[needed] && needs != NULL) {
+            const char *value = self->options[needed]->value;
+            return tl_options_refuse(self->verb, "--%s needs --%s%s%s", self->options[i]->name, needs,
+                                     value != NULL ? " " : "", value != NULL ? value : "");
+        }
     }
+    return TL_OPTIONS_READ;
 }
 
-static tl_program_outcome print_help(const tl_program *program) {
-    (void)printf("usage: %s %s\n\n%s\n\n", program->name, program->usage, program->description);
-    for (size_t i = 0; i < program->option_count; i++) {
-        const tl_program_option *option = &program->options[i];
-        const char *value = option->value != NULL ? option->value : "";
-        (void)printf("  --%s%s%s\n", option->name, option->value != NULL ? " " : "", value);
-        print_lines(option->help, 2 * INDENT);
+/* What does not belong together is not there together. */
+static tl_options_outcome check_together(const reading *self) {
+    char list[LIST] = "";
+    size_t alone = 0;
+    const tl_option *only = NULL;
+    const tl_option *changes = NULL;
+    for (size_t i = 0; i < self->count; i++) {
+        const tl_option *option = self->options[i];
+        if (option->alone) {
+            add_to(list, ", ", "--", option->name);
+        }
+        alone += option->alone && self->given[i] ? 1 : 0;
+        only = only == NULL && option->only && self->given[i] ? option : only;
+        changes = changes == NULL && option->changes && self->given[i] ? option : changes;
     }
-    (void)printf("  --help\n%*sthis text\n", 2 * INDENT, "");
-    return TL_PROGRAM_HELPED;
+    if (alone > 1) {
+        return tl_options_refuse(self->verb, "expected at most one of %s", list);
+    }
+    if (only != NULL && changes != NULL) {
+        return tl_options_refuse(self->verb, "--%s is of no use with --%s", changes->name, only->name);
+    }
+    return TL_OPTIONS_READ;
 }
 
 /* ---- the whole --------------------------------------------------------------------------------------------------- */
 
-static void list_options(const tl_program *program, struct option list[TL_PROGRAM_OPTIONS + 2]) {
-    for (size_t i = 0; i < program->option_count; i++) {
-        const tl_program_option *option = &program->options[i];
-        list[i] = (struct option){option->name, option->value != NULL ? required_argument : no_argument, NULL,
-                                  FIRST_ROW + (int)i};
+static void list_options(const reading *self, struct option list[TL_OPTIONS_MOST + 1]) {
+    for (size_t i = 0; i < self->count; i++) {
+        int has_value = self->options[i]->value != NULL ? required_argument : no_argument;
+        list[i] = (struct option){self->options[i]->name, has_value, NULL, FIRST_ROW + (int)i};
     }
-    list[program->option_count] = (struct option){"help", no_argument, NULL, 'h'};
-    list[program->option_count + 1] = (struct option){NULL, 0, NULL, 0};
+    list[self->count] = (struct option){NULL, 0, NULL, 0};
 }
 
-tl_program_outcome tl_program_options_read(const tl_program *program, int argc, char **argv, void *settings,
-                                           char ***words, size_t *count) {
-    struct option list[TL_PROGRAM_OPTIONS + 2];
-    list_options(program, list);
+static tl_options_outcome take(reading *self, int result) {
+    const tl_option *option = result == 'h' ? NULL : self->options[result - FIRST_ROW];
+    if (option == NULL || option->read == NULL) {
+        tl_options_print_help(self->table, (size_t)(self->verb - self->table->verbs));
+        return TL_OPTIONS_HELPED;
+    }
+    if (!option->read(optarg, (char *)self->settings + option->offset)) {
+        return tl_options_refuse(self->verb, "--%s: found \"%s\", expected %s", option->name, optarg, option->expected);
+    }
+    self->given[result - FIRST_ROW] = true;
+    return TL_OPTIONS_READ;
+}
+
+tl_options_outcome tl_program_options_read(const tl_option_table *table, size_t verb, int argc, char **argv,
+                                           void *settings, char ***words, size_t *count) {
+    struct option list[TL_OPTIONS_MOST + 1];
+    reading self = begin(table, verb);
+    tl_options_outcome outcome = TL_OPTIONS_READ;
+    self.argv = argv;
+    self.settings = settings;
+    list_options(&self, list);
     optind = 0; /* GNU: begin anew */
     opterr = 0;
-    for (int result = 0; (result = getopt_long(argc, argv, ":h", list, NULL)) != -1;) {
-        if (result == 'h') {
-            return print_help(program);
-        }
-        if (result == '?' || result == ':') {
-            return refuse_option(program, result, argv);
-        }
-        const tl_program_option *option = &program->options[result - FIRST_ROW];
-        if (!set_value(option, optarg, settings)) {
-            return refuse_value(program, option, optarg);
-        }
+    for (int result = 0; outcome == TL_OPTIONS_READ && (result = getopt_long(argc, argv, ":h", list, NULL)) != -1;) {
+        outcome = result == '?' || result == ':' ? refuse_option(&self, result) : take(&self, result);
     }
     *words = argv + optind;
     *count = (size_t)(argc - optind);
-    return check_words(program, *count, *words);
+    outcome = outcome == TL_OPTIONS_READ ? check_words(&self, *count, *words) : outcome;
+    outcome = outcome == TL_OPTIONS_READ ? check_needs(&self) : outcome;
+    return outcome == TL_OPTIONS_READ ? check_together(&self) : outcome;
 }

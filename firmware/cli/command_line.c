@@ -38,7 +38,7 @@ static int refuse_verb(const char *name) {
         (void)fputs(": options come behind the verb", stderr);
     }
     (void)fputs("\n\n", stderr);
-    tl_option_table_print_usage(stderr);
+    tl_options_print_usage(stderr);
     return tl_exit_code(TL_BAD_USAGE);
 }
 
@@ -57,11 +57,11 @@ static int help(const char *name) {
         return help_program(program);
     }
     if (name == NULL) {
-        tl_option_table_print_usage(stdout);
+        tl_options_print_usage(stdout);
     } else if (verb == TL_VERB_COUNT) {
         return refuse_verb(name);
     } else {
-        tl_option_table_print_help(verb, stdout);
+        tl_options_print_help(&tl_verb_table, verb);
     }
     return tl_exit_code(TL_OK);
 }
@@ -84,7 +84,7 @@ int tl_command_line_run(int argc, char **argv) {
     tl_verb verb = find_verb(first);
     const tl_verb_program *program = tl_verb_program_find(first);
     if (argc < 2) {
-        tl_option_table_print_usage(stderr);
+        tl_options_print_usage(stderr);
         return tl_exit_code(TL_BAD_USAGE);
     }
     if (verb != TL_VERB_COUNT) {

@@ -70,10 +70,10 @@ static void fill_request(reload *self) {
     tl_control_request *request = &self->request;
     memset(request, 0, sizeof *request);
     request->verb = (uint32_t)verb_of(options);
-    /* A right that is claimed, whichever it is, is less than that of the box: see TL_CHANGE_ON_THE_BOX. */
-    bool is_limited = options->right < TL_CONTROL_RIGHTS;
-    request->right = is_limited ? options->right : TL_CONTROL_MAY_COMMISSION;
-    request->origin = is_limited ? TL_CONTROL_BY_LIMITED : TL_CONTROL_BY_RELOAD;
+    /* A right that is claimed, whichever it is, is less than that of the box: see TL_RIGHT_BOX. */
+    bool is_limited = options->right < TL_RIGHT_BOX;
+    request->right = is_limited ? options->right : TL_RIGHT_COMMISSION;
+    request->origin = is_limited ? TL_ORIGIN_LIMITED : TL_ORIGIN_RELOAD;
     request->flags = (options->only_check ? TL_CONTROL_ONLY_CHECK : 0U) |
                      (options->restart ? TL_CONTROL_MAY_RESTART : 0U) |
                      (options->accept_worse ? TL_CONTROL_EVEN_WORSE : 0U) |

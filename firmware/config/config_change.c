@@ -134,9 +134,9 @@ static bool is_path(const tl_json_value *value) {
 }
 
 static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
-    needs->right = TL_CHANGE_BY_COMMISSION; /* if it is gone */
+    needs->right = TL_RIGHT_COMMISSION; /* if it is gone */
     if (after->type != TL_JSON_ABSENT) {
-        needs->right = TL_CHANGE_ON_THE_BOX;
+        needs->right = TL_RIGHT_BOX;
         needs->names = what;
     }
 }
@@ -157,7 +157,7 @@ static void judge_set(const tl_json_value *before, const tl_json_value *after, t
     if (is_path(after)) {
         name(after, TL_NAMES_FILE, needs);
     } else if (after->type == TL_JSON_TEXT) {
-        needs->right = TL_CHANGE_BY_COMMISSION;
+        needs->right = TL_RIGHT_COMMISSION;
     }
 }
 
@@ -196,7 +196,7 @@ static void judge_huber(const tl_json_value *before, const tl_json_value *after,
     const double least = 1.0;
     (void)before;
     if (!(number_of(after, least) >= least)) {
-        needs->right = TL_CHANGE_BY_COMMISSION;
+        needs->right = TL_RIGHT_COMMISSION;
     }
 }
 
@@ -229,19 +229,19 @@ static void judge_stale(const tl_json_value *before, const tl_json_value *after,
 /* ---- the table ---- */
 
 #define IN_PLACE                                                                                                       \
-    { TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+    { TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
 #define NEW_TWIN                                                                                                       \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+    { TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
 #define NEW_TWIN_COMMISSIONED                                                                                          \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
+    { TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION, TL_NAMES_NOTHING }
 #define NEW_TWIN_ON_THE_BOX                                                                                            \
-    { TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
+    { TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX, TL_NAMES_NOTHING }
 #define RESTART_ON_THE_BOX                                                                                             \
-    { TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX, TL_NAMES_NOTHING }
+    { TL_CHANGE_RESTART, TL_RIGHT_BOX, TL_NAMES_NOTHING }
 #define RESTART                                                                                                        \
-    { TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING }
+    { TL_CHANGE_RESTART, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
 #define RESTART_COMMISSIONED                                                                                           \
-    { TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION, TL_NAMES_NOTHING }
+    { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_NOTHING }
 
 /* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
 static const tl_change_rule rules[] = {
@@ -489,7 +489,7 @@ static tl_change_needs needs_of_order(const tl_change_rule *rule) {
     } means[] = {{"synchronise.match", TL_CHANGE_NEW_TWIN},
                  {"synchronise.adjust", TL_CHANGE_NEW_TWIN},
                  {"plant", TL_CHANGE_RESTART}};
-    tl_change_needs needs = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
+    tl_change_needs needs = {TL_CHANGE_NONE, TL_RIGHT_RETUNE, TL_NAMES_NOTHING};
     for (size_t i = 0; rule != NULL && i < sizeof means / sizeof means[0]; i++) {
         needs.kind = strcmp(rule->pattern, means[i].pattern) == 0 ? means[i].kind : needs.kind;
     }
@@ -509,21 +509,6 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
         }
     }
     return needs;
-}
-
-const char *tl_change_kind_name(tl_change_kind kind) {
-    static const char *const names[TL_CHANGE_KINDS] = {[TL_CHANGE_NONE] = "none",
-                                                       [TL_CHANGE_IN_PLACE] = "in place",
-                                                       [TL_CHANGE_NEW_TWIN] = "new twin",
-                                                       [TL_CHANGE_RESTART] = "restart"};
-    return names[kind];
-}
-
-const char *tl_change_right_name(tl_change_right right) {
-    static const char *const names[TL_CHANGE_RIGHTS] = {[TL_CHANGE_BY_RETUNE] = "retune",
-                                                        [TL_CHANGE_BY_COMMISSION] = "commission",
-                                                        [TL_CHANGE_ON_THE_BOX] = "on the box"};
-    return names[right];
 }
 
 /* ---- The differences of two texts, each with what it needs. */
@@ -587,13 +572,13 @@ static void bar(tl_config_change *change, const tl_json_difference *difference, 
 
 static tl_change_needs needs_of(collection *c, const tl_json_difference *difference) {
     tl_change_needs needs = tl_change_needs_of(difference);
-    if (needs.right != TL_CHANGE_ON_THE_BOX) {
+    if (needs.right != TL_RIGHT_BOX) {
         return needs;
     }
     bool is_allowed = needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT &&
                       tl_allowed_names_have(c->allowed, needs.names, difference->after.text);
     if (is_allowed) {
-        needs.right = TL_CHANGE_BY_COMMISSION;
+        needs.right = TL_RIGHT_COMMISSION;
     } else {
         bar(c->change, difference, needs.names);
     }
@@ -630,12 +615,12 @@ tl_status tl_config_change_find(const char *in_force, size_t in_force_size, cons
     collection c = {.change = change, .allowed = allowed};
     tl_json_source before = {in_force, in_force_size, "the configuration in force"};
     tl_json_source after = {candidate, candidate_size, "the new configuration"};
-    *change = (tl_config_change){.count = 0};
+    *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     tl_status status = tl_json_compare(&before, &after, collect_change, &c, error);
     if (status == TL_OK) {
         list_last(&c);
     } else {
-        *change = (tl_config_change){.count = 0};
+        *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     }
     return status;
 }
@@ -650,8 +635,8 @@ void tl_config_edit_write(const tl_config_edit *edit, char text[TL_CONFIG_EDIT_T
         (void)snprintf(what, sizeof what, "%s → %s", edit->before, edit->after);
     }
     (void)snprintf(text, TL_CONFIG_EDIT_TEXT, "%s: %s (%s%s)", edit->path[0] != '\0' ? edit->path : "all of it", what,
-                   tl_change_kind_name(edit->needs.kind),
-                   edit->needs.right == TL_CHANGE_ON_THE_BOX      ? ", on the box only"
-                   : edit->needs.right == TL_CHANGE_BY_COMMISSION ? ", needs the right to commission"
-                                                                  : "");
+                   tl_change_kinds[edit->needs.kind],
+                   edit->needs.right == TL_RIGHT_BOX          ? ", on the box only"
+                   : edit->needs.right == TL_RIGHT_COMMISSION ? ", needs the right to commission"
+                                                              : "");
 }

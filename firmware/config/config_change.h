@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/base/change.h"
 #include "firmware/config/json_difference.h"
 #include "firmware/config/json_document.h"
 #include "master/base/status.h"
@@ -21,26 +22,6 @@
  * Thread:  pure functions.
  */
 
-/* From the least to the most. */
-typedef enum tl_change_kind {
-    TL_CHANGE_NONE,     /* the same values */
-    TL_CHANGE_IN_PLACE, /* the twin takes it at the beginning of a tick, and keeps its state and all it has learned */
-    TL_CHANGE_NEW_TWIN, /* other FMUs, parameters, connections, another search: a twin of another build, over the same samples */
-    TL_CHANGE_RESTART /* the rest: other sources or signals, another cycle, another database */
-} tl_change_kind;
-
-enum { TL_CHANGE_KINDS = TL_CHANGE_RESTART + 1 };
-
-/* What who changes it must be allowed to do; each may what those before it may. */
-typedef enum tl_change_right {
-    TL_CHANGE_BY_RETUNE,     /* values */
-    TL_CHANGE_BY_COMMISSION, /* what names a host, port, device, interface or component, what acts on a line's electrical side, what may remove recorded
-                                runs, how the process is scheduled, and by what the twin is judged (what is measured, the strokes, the step; a wider tolerance: errand/validator.h) */
-    TL_CHANGE_ON_THE_BOX /* what names a library or a file that nobody on the box has named, or lets FMUs out: that does not come by the network, whoever sends it */
-} tl_change_right;
-
-enum { TL_CHANGE_RIGHTS = TL_CHANGE_ON_THE_BOX + 1 };
-
 /* What a value names that does not come by the network, unless it was named on the box before (config_change.h). */
 typedef enum tl_change_named {
     TL_NAMES_NOTHING,
@@ -51,7 +32,7 @@ typedef enum tl_change_named {
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right right; /* of what has a name: unless that is allowed; then TL_CHANGE_BY_COMMISSION is enough */
+    tl_change_right right; /* of what has a name: unless that is allowed; then TL_RIGHT_COMMISSION is enough */
     tl_change_named names;
 } tl_change_needs;
 
@@ -71,12 +52,6 @@ const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
 /* What this difference by itself needs, without what is within it. Another order of keys is none, but of what is matched and adjusted, and of signals: a twin knows these by
  * their places. */
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
-
-/* "none", "in place", "new twin", "restart". */
-const char *tl_change_kind_name(tl_change_kind kind);
-
-/* "retune", "commission", "on the box". */
-const char *tl_change_right_name(tl_change_right right);
 
 /* ---- Names of files and libraries that a configuration from the network may have.
  *

@@ -149,7 +149,7 @@ static void tl_activation_write_changes(const tl_activation *self, char *text, s
 
 /* Keys that only a new run can take, as far as they are listed. */
 static size_t write_keys(const tl_verdict *verdict, char *text, size_t size) {
-    const char *restart = tl_change_kind_name(TL_CHANGE_RESTART);
+    const char *restart = tl_change_kinds[TL_CHANGE_RESTART];
     size_t found = 0;
     for (uint32_t i = 0; i < verdict->changes && i < TL_VERDICT_CHANGES; i++) {
         size_t length = strlen(text);
@@ -221,7 +221,7 @@ static void keep_refusal(const tl_activation *self, tl_control_result result, co
     }
     memset(&news, 0, sizeof news);
     memcpy(news.hash, request->hash, sizeof news.hash);
-    (void)snprintf(news.origin, sizeof news.origin, "%s", tl_control_origin_name((tl_control_origin)request->origin));
+    (void)snprintf(news.origin, sizeof news.origin, "%s", tl_change_origins[request->origin]);
     (void)snprintf(news.result, sizeof news.result, "%s", result == TL_CONTROL_CANCELLED ? "cancelled" : "refused");
     (void)snprintf(news.who, sizeof news.who, "%s", request->who);
     (void)snprintf(news.why, sizeof news.why, "%s", request->why);
@@ -263,7 +263,7 @@ static double tl_activation_required_lock(const tl_control_request *request) {
 static uint32_t length_of(const tl_activation *self) {
     const tl_control_request *request = &self->request;
     tl_time given = request->probation_s == 0 ? TL_ACTIVATION_PROBATION_S : (tl_time)request->probation_s;
-    tl_time least = request->right < TL_CONTROL_MAY_COMMISSION ? 2 * self->verdict.window / TL_SECOND + 1 : 1;
+    tl_time least = request->right < TL_RIGHT_COMMISSION ? 2 * self->verdict.window / TL_SECOND + 1 : 1;
     given = given > least ? given : least;
     return (uint32_t)(given < TL_PROBATION_LONGEST_S ? given : TL_PROBATION_LONGEST_S);
 }
@@ -290,14 +290,9 @@ static bool is_own_file(const tl_activation *self) {
     return is;
 }
 
-static tl_version_origin origin_of(const tl_activation *self) {
-    if (self->request.origin == TL_CONTROL_BY_NETWORK) {
-        return TL_VERSION_BY_NETWORK;
-    }
-    if (self->request.origin == TL_CONTROL_BY_LIMITED) {
-        return TL_VERSION_BY_LIMITED;
-    }
-    return is_own_file(self) ? TL_VERSION_BY_RELOAD : TL_VERSION_BY_HAND;
+static tl_change_origin origin_of(const tl_activation *self) {
+    tl_change_origin origin = (tl_change_origin)self->request.origin;
+    return origin == TL_ORIGIN_RELOAD && !is_own_file(self) ? TL_ORIGIN_HAND : origin;
 }
 
 static tl_status put_version(tl_activation *self, tl_error *error) {
@@ -374,8 +369,7 @@ static void tell_origin(const tl_activation *self) {
     const tl_version *active = tl_activation_active(self);
     if (active != NULL) {
         (void)snprintf(text, sizeof text, "version %llu is of %s, by %s%s%s", (unsigned long long)active->number,
-                       active->who, tl_version_origin_name(active->origin), active->why[0] == '\0' ? "" : ": ",
-                       active->why);
+                       active->who, tl_change_origins[active->origin], active->why[0] == '\0' ? "" : ": ", active->why);
         tl_activation_tell(self, TL_EVENT_INFO, text);
     }
 }
@@ -464,7 +458,7 @@ static void hand_over(tl_activation *self) {
         .size = self->size,
         .hash = active->hash,
         .who = active->who,
-        .origin = tl_version_origin_name(active->origin),
+        .origin = tl_change_origins[active->origin],
         .why = self->is_return ? self->reason : active->why,
     };
     self->is_handed = self->settings.host->tune(self->settings.host->context, &tuning);
@@ -663,8 +657,9 @@ static tl_activation_way way_of(const tl_activation *self) {
     return self->verdict.kind >= TL_CHANGE_NEW_TWIN ? TL_ACTIVATION_BY_FLIP : TL_ACTIVATION_IN_PLACE;
 }
 
-static tl_control_right right_of(const tl_verdict *verdict) {
-    return verdict->right == TL_CHANGE_BY_RETUNE ? TL_CONTROL_MAY_RETUNE : TL_CONTROL_MAY_COMMISSION;
+/* That a request must have. What only the box may change is told by its origin. */
+static uint32_t right_of(const tl_verdict *verdict) {
+    return verdict->right < TL_RIGHT_BOX ? verdict->right : TL_RIGHT_COMMISSION;
 }
 
 static void try_fmus(tl_activation *self);
@@ -685,7 +680,7 @@ static void tl_activation_conclude(tl_activation *self) {
 /* Whoever has compared the texts could not see it. */
 static void take_other_fmus(tl_activation *self) {
     self->verdict.kind = TL_CHANGE_NEW_TWIN;
-    self->verdict.right = TL_CHANGE_BY_COMMISSION;
+    self->verdict.right = TL_RIGHT_COMMISSION;
     tl_activation_say(
         self, TL_CONTROL_VALIDATE,
         "it is the active one, but an FMU's file is another than the one that the twin has loaded (new twin); "
@@ -702,7 +697,7 @@ static void weigh(tl_activation *self) {
     }
     self->way = way_of(self);
     bool is_allowed = (self->request.flags & (TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK)) != 0;
-    if (verdict->right == TL_CHANGE_ON_THE_BOX && self->request.origin != TL_CONTROL_BY_RELOAD) {
+    if (verdict->right == TL_RIGHT_BOX && self->request.origin != TL_ORIGIN_RELOAD) {
         tl_activation_say_problems(self);
         tl_activation_turn_down(
             self, TL_CONTROL_FORBIDDEN,
@@ -1443,8 +1438,8 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
     activation->has_other_fmus = false;
     activation->is_awaited = (request->flags & TL_CONTROL_WAIT) != 0;
     activation->step = TL_CONTROL_AUTHORISE;
-    tl_activation_say(activation, TL_CONTROL_AUTHORISE, tl_control_right_name((tl_control_right)request->right));
-    if (request->right < TL_CONTROL_MAY_RETUNE) {
+    tl_activation_say(activation, TL_CONTROL_AUTHORISE, tl_change_rights[request->right]);
+    if (request->right < TL_RIGHT_RETUNE) {
         tl_activation_turn_down(activation, TL_CONTROL_FORBIDDEN, "it was sent with the right to read only");
     } else if (!is_as_expected(activation)) {
         tl_activation_turn_down(activation, TL_CONTROL_CHANGED,

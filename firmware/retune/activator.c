@@ -104,9 +104,9 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
     told->parent = version->parent;
     told->is_active = version->number == self->versions.active ? 1 : 0;
     memcpy(told->hash, version->hash, sizeof told->hash);
-    (void)snprintf(told->kind, sizeof told->kind, "%s", tl_change_kind_name(version->kind));
-    (void)snprintf(told->origin, sizeof told->origin, "%s", tl_version_origin_name(version->origin));
-    (void)snprintf(told->right, sizeof told->right, "%s", tl_change_right_name(version->right));
+    (void)snprintf(told->kind, sizeof told->kind, "%s", tl_change_kinds[version->kind]);
+    (void)snprintf(told->origin, sizeof told->origin, "%s", tl_change_origins[version->origin]);
+    (void)snprintf(told->right, sizeof told->right, "%s", tl_change_rights[version->right]);
     (void)snprintf(told->who, sizeof told->who, "%s", version->who);
     (void)snprintf(told->why, sizeof told->why, "%s", version->why);
     (void)snprintf(told->at, sizeof told->at, "%s", version->at);
@@ -202,7 +202,7 @@ static void look_at_waiter(tl_activator *self) {
 
 static void confirm(tl_activator *self, visitor *who, const tl_control_request *request) {
     bool is_done = false;
-    if (request->right < TL_CONTROL_MAY_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+    if (request->right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
         finish(
             self, who, TL_CONTROL_FORBIDDEN,
             "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
@@ -267,7 +267,7 @@ static bool changes(tl_control_verb verb) {
 
 static void answer(tl_activator *self, visitor *who, const tl_control_request *request, size_t size) {
     tl_control_verb verb = (tl_control_verb)request->verb;
-    if (changes(verb) && request->right < TL_CONTROL_MAY_RETUNE) {
+    if (changes(verb) && request->right < TL_RIGHT_RETUNE) {
         finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
         return;
     }

@@ -19,12 +19,6 @@
 
 /* ---- control words ---- */
 
-static const char *const right_names[TL_CONTROL_RIGHTS] = {
-    [TL_CONTROL_MAY_READ] = "read", [TL_CONTROL_MAY_RETUNE] = "retune", [TL_CONTROL_MAY_COMMISSION] = "commission"};
-
-static const char *const origin_names[TL_CONTROL_ORIGINS] = {
-    [TL_CONTROL_BY_RELOAD] = "reload", [TL_CONTROL_BY_NETWORK] = "network", [TL_CONTROL_BY_LIMITED] = "limited"};
-
 static const char *const step_names[TL_CONTROL_STEPS] = {
     [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
     [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
@@ -46,24 +40,6 @@ static const char *const result_names[TL_CONTROL_RESULTS] = {
     [TL_CONTROL_UNDONE] = "undone",
     [TL_CONTROL_CANCELLED] = "cancelled",
 };
-
-const char *tl_control_right_name(tl_control_right right) {
-    return right_names[right];
-}
-
-bool tl_control_right_of(const char *name, tl_control_right *right) {
-    for (unsigned i = 0; i < TL_CONTROL_RIGHTS; i++) {
-        if (strcmp(name, right_names[i]) == 0) {
-            *right = (tl_control_right)i;
-            return true;
-        }
-    }
-    return false;
-}
-
-const char *tl_control_origin_name(tl_control_origin origin) {
-    return origin_names[origin];
-}
 
 const char *tl_control_step_name(tl_control_step step) {
     return step_names[step];
@@ -314,7 +290,7 @@ static bool is_hash(const char text[TL_SHA256_TEXT]) {
 
 static bool is_sound(const tl_control_request *request) {
     return request->protocol == TL_CONTROL_PROTOCOL && request->verb < TL_CONTROL_VERBS &&
-           request->right < TL_CONTROL_RIGHTS && request->origin < TL_CONTROL_ORIGINS &&
+           request->right <= TL_RIGHT_COMMISSION && request->origin <= TL_ORIGIN_LIMITED &&
            request->flags <= TL_CONTROL_FLAGS && isfinite(request->require_lock) && request->require_lock <= 100.0 &&
            is_hash(request->hash) && is_hash(request->if_match) && is_clean(request->who, sizeof request->who) &&
            is_clean(request->why, sizeof request->why);

@@ -10,6 +10,7 @@
 #include <stdint.h>
 #include <sys/types.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/identity.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
@@ -46,22 +47,6 @@ typedef enum tl_control_verb {
     TL_CONTROL_VERBS
 } tl_control_verb;
 
-/* What somebody may do; each may what those before it may. */
-typedef enum tl_control_right {
-    TL_CONTROL_MAY_READ,
-    TL_CONTROL_MAY_RETUNE,     /* change values: nothing that names another host, device, file or component */
-    TL_CONTROL_MAY_COMMISSION, /* change everything */
-    TL_CONTROL_RIGHTS
-} tl_control_right;
-
-/* By which way a configuration came. */
-typedef enum tl_control_origin {
-    TL_CONTROL_BY_RELOAD,  /* `twinlock reload`: a file on the box */
-    TL_CONTROL_BY_NETWORK, /* twinlock-serve */
-    TL_CONTROL_BY_LIMITED, /* `twinlock reload --right`: the caller claims less than the rights of the box */
-    TL_CONTROL_ORIGINS
-} tl_control_origin;
-
 /* How a change is to be made. */
 typedef enum tl_control_flag {
     TL_CONTROL_ONLY_CHECK = 1, /* all steps up to the activation, and not that */
@@ -76,9 +61,10 @@ typedef enum tl_control_flag {
 
 typedef struct tl_control_request {
     uint32_t protocol;
-    uint32_t verb;        /* tl_control_verb */
-    uint32_t right;       /* tl_control_right that the caller has, or claims; the peer's own user may have less */
-    uint32_t origin;      /* tl_control_origin */
+    uint32_t verb; /* tl_control_verb */
+    uint32_t
+        right; /* tl_change_right that the caller has, or claims, at most TL_RIGHT_COMMISSION; the peer's own user may have less */
+    uint32_t origin;      /* tl_change_origin, at most TL_ORIGIN_LIMITED */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
     uint32_t probation_s; /* 0: as usual */
     uint32_t shadow_s;    /* for which a new twin runs beside the old one over live samples; 0: as usual */
@@ -208,15 +194,6 @@ typedef struct tl_control_reply {
  *
  * Thread: pure.
  */
-
-/* "read", "retune", "commission". */
-const char *tl_control_right_name(tl_control_right right);
-
-/* False: there is no such right. */
-bool tl_control_right_of(const char *name, tl_control_right *right);
-
-/* "reload", "network", "limited". */
-const char *tl_control_origin_name(tl_control_origin origin);
 
 /* "authorise", "validate", …; "idle". */
 const char *tl_control_step_name(tl_control_step step);

@@ -89,8 +89,8 @@ static void clean_change(tl_control_change *change) {
 bool tl_verdict_take(const tl_verdict *from, tl_verdict *verdict) {
     uint32_t is_there = __atomic_load_n(&from->is_there, __ATOMIC_ACQUIRE);
     memcpy(verdict, from, sizeof *verdict);
-    if (is_there != 1 || verdict->is_valid > 1 || verdict->kind >= TL_CHANGE_KINDS ||
-        verdict->right >= TL_CHANGE_RIGHTS || !tl_lock_yardstick_is_sound(&verdict->yardstick) || verdict->window < 0 ||
+    if (is_there != 1 || verdict->is_valid > 1 || verdict->kind >= TL_CHANGE_KINDS || verdict->right >= TL_RIGHTS ||
+        !tl_lock_yardstick_is_sound(&verdict->yardstick) || verdict->window < 0 ||
         verdict->window > TL_VERDICT_LONGEST) {
         return false;
     }
@@ -102,7 +102,8 @@ bool tl_verdict_take(const tl_verdict *from, tl_verdict *verdict) {
     for (size_t i = 0; i < TL_VERDICT_CHANGES; i++) {
         clean_change(&verdict->change[i]);
     }
-    return verdict->is_valid == 0 || tl_tuning_check(&verdict->tuning, NULL) == TL_OK;
+    return verdict->is_valid == 0 ||
+           (verdict->right >= TL_RIGHT_RETUNE && tl_tuning_check(&verdict->tuning, NULL) == TL_OK);
 }
 
 /* ---- trial answer ---- */

@@ -36,8 +36,8 @@ static void add_change(tl_verdict *verdict, const tl_config_edit *edit) {
     (void)snprintf(change->path, sizeof change->path, "%s", edit->path);
     (void)snprintf(change->before, sizeof change->before, "%.*s", (int)sizeof change->before - 1, edit->before);
     (void)snprintf(change->after, sizeof change->after, "%.*s", (int)sizeof change->after - 1, edit->after);
-    (void)snprintf(change->kind, sizeof change->kind, "%s", tl_change_kind_name(edit->needs.kind));
-    (void)snprintf(change->right, sizeof change->right, "%s", tl_change_right_name(edit->needs.right));
+    (void)snprintf(change->kind, sizeof change->kind, "%s", tl_change_kinds[edit->needs.kind]);
+    (void)snprintf(change->right, sizeof change->right, "%s", tl_change_rights[edit->needs.right]);
 }
 
 /* ---- what only somebody on the box may give ---- */
@@ -89,7 +89,7 @@ static tl_status find_change(const tl_errand_job *job, tl_verdict *verdict, tl_e
     tl_allowed_names allowed = {.count = 0};
     if (job->in_force[0] == '\0') {
         verdict->kind = TL_CHANGE_RESTART;
-        verdict->right = TL_CHANGE_BY_COMMISSION;
+        verdict->right = TL_RIGHT_COMMISSION;
         return TL_OK;
     }
     tl_status status = find_allowed(job, &allowed, error);
@@ -193,12 +193,12 @@ static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double fou
                        match->to);
     }
     add_problem(verdict, TL_BAD_DATA, path, text);
-    verdict->right = TL_CHANGE_BY_COMMISSION;
+    verdict->right = TL_RIGHT_COMMISSION;
 }
 
 /* Whatever the version matches that was commissioned last stays matched, and is not judged much less strictly; else it takes the right to commission. */
 static void limit_widening(const tl_config *commissioned, const tl_config *now, tl_verdict *verdict) {
-    for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_CHANGE_ON_THE_BOX; i++) {
+    for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_RIGHT_BOX; i++) {
         const tl_plan_match *match = &commissioned->match[i];
         double limit = largest_error(commissioned, i);
         double found = largest_error(now, find_match(now, match));

@@ -118,8 +118,8 @@ static tl_status add_file(starting_run *self, uint64_t *number, tl_error *error)
         .size = self->choice.size,
         .who = "the file",
         .why = "",
-        .origin = TL_VERSION_BY_START,
-        .right = TL_CHANGE_BY_COMMISSION,
+        .origin = TL_ORIGIN_START,
+        .right = TL_RIGHT_COMMISSION,
         .kind = (tl_change_kind)self->verdict.kind,
     };
     return tl_versions_add(&self->versions, &news, number, error);

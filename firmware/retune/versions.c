@@ -64,44 +64,19 @@ static void tl_version_text_path(const tl_versions *versions, const char *hash, 
 
 /* ---- words ---- */
 
-static const char *const origins[TL_VERSION_ORIGINS] = {[TL_VERSION_BY_START] = "start",
-                                                        [TL_VERSION_BY_RELOAD] = "reload",
-                                                        [TL_VERSION_BY_LIMITED] = "limited",
-                                                        [TL_VERSION_BY_NETWORK] = "network",
-                                                        [TL_VERSION_BY_HAND] = "hand"};
 static const char *const results[TL_VERSION_RESULTS] = {
     [TL_VERSION_CANDIDATE] = "candidate", [TL_VERSION_ACTIVE] = "active",     [TL_VERSION_PROBATION] = "probation",
     [TL_VERSION_KEPT] = "kept",           [TL_VERSION_RETURNED] = "returned", [TL_VERSION_REFUSED] = "refused"};
-
-const char *tl_version_origin_name(tl_version_origin origin) {
-    return origins[origin];
-}
 
 const char *tl_version_result_name(tl_version_result result) {
     return results[result];
 }
 
-static const char *right_name(size_t right) {
-    return tl_change_right_name((tl_change_right)right);
-}
-
-static const char *kind_name(size_t kind) {
-    return tl_change_kind_name((tl_change_kind)kind);
-}
-
-static const char *origin_name(size_t origin) {
-    return origins[origin];
-}
-
-static const char *result_name(size_t result) {
-    return results[result];
-}
-
-/* Which of `count` names the member is; none: 0, and the reader is not right any more. */
-static size_t read_word(tl_json_reader *reader, const char *key, const char *(*name)(size_t), size_t count) {
+/* Which of `count` words the member is; none: 0, and the reader is not right any more. */
+static size_t read_word(tl_json_reader *reader, const char *key, const char *const words[], size_t count) {
     const char *word = tl_json_text(reader, key);
     for (size_t i = 0; i < count; i++) {
-        if (strcmp(name(i), word) == 0) {
+        if (strcmp(words[i], word) == 0) {
             return i;
         }
     }
@@ -172,9 +147,9 @@ static tl_status tl_version_write_record(const tl_versions *versions, const tl_v
     tl_json_add_count(&writer, "parent", version->parent);
     tl_json_add_text(&writer, "hash", version->hash);
     tl_json_add_count(&writer, "bytes", version->size);
-    tl_json_add_text(&writer, "origin", origins[version->origin]);
-    tl_json_add_text(&writer, "right", tl_change_right_name(version->right));
-    tl_json_add_text(&writer, "kind", tl_change_kind_name(version->kind));
+    tl_json_add_text(&writer, "origin", tl_change_origins[version->origin]);
+    tl_json_add_text(&writer, "right", tl_change_rights[version->right]);
+    tl_json_add_text(&writer, "kind", tl_change_kinds[version->kind]);
     tl_json_add_text(&writer, "result", results[version->result]);
     tl_json_add_text(&writer, "reason", version->reason);
     tl_json_add_text(&writer, "who", version->who);
@@ -193,10 +168,10 @@ static void understand_record(tl_json_reader *reader, tl_version *version) {
         .number = tl_json_count(reader, "version"),
         .parent = tl_json_count(reader, "parent"),
         .size = tl_json_count(reader, "bytes"),
-        .origin = (tl_version_origin)read_word(reader, "origin", origin_name, TL_VERSION_ORIGINS),
-        .right = (tl_change_right)read_word(reader, "right", right_name, TL_CHANGE_RIGHTS),
-        .kind = (tl_change_kind)read_word(reader, "kind", kind_name, TL_CHANGE_KINDS),
-        .result = (tl_version_result)read_word(reader, "result", result_name, TL_VERSION_RESULTS),
+        .origin = (tl_change_origin)read_word(reader, "origin", tl_change_origins, TL_ORIGINS),
+        .right = (tl_change_right)read_word(reader, "right", tl_change_rights, TL_RIGHTS),
+        .kind = (tl_change_kind)read_word(reader, "kind", tl_change_kinds, TL_CHANGE_KINDS),
+        .result = (tl_version_result)read_word(reader, "result", results, TL_VERSION_RESULTS),
         .boottime_ms = tl_json_count(reader, "boottime_ms"),
     };
     read_text(reader, "hash", version->hash, sizeof version->hash);
@@ -216,7 +191,7 @@ static bool tl_version_read_record(const tl_versions *versions, uint64_t number,
     if (right) {
         understand_record(&reader, version);
         right = reader.right && version->number == number && version->parent < number && is_hash(version->hash) &&
-                version->size <= TL_VERSIONS_BYTES;
+                version->size <= TL_VERSIONS_BYTES && version->right >= TL_RIGHT_RETUNE;
     }
     tl_json_reader_free(&reader);
     return right;
@@ -404,7 +379,7 @@ static bool is_number(uint64_t number) {
 static void understand_active(tl_json_reader *reader, tl_versions *versions) {
     versions->active = tl_json_count(reader, "active");
     versions->settled = tl_json_count(reader, "settled");
-    versions->how = (tl_version_result)read_word(reader, "settled_as", result_name, TL_VERSION_RESULTS);
+    versions->how = (tl_version_result)read_word(reader, "settled_as", results, TL_VERSION_RESULTS);
     read_text(reader, "settled_because", versions->because, sizeof versions->because);
     read_text(reader, "taken", versions->taken, sizeof versions->taken);
     understand_probation(reader, &versions->probation);
@@ -646,8 +621,8 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) 
 
 static bool is_commissioned(const tl_version *version) {
     bool is_good = version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE;
-    bool is_limited = version->origin == TL_VERSION_BY_NETWORK || version->origin == TL_VERSION_BY_LIMITED;
-    return is_good && (!is_limited || version->right >= TL_CHANGE_BY_COMMISSION);
+    bool is_limited = version->origin == TL_ORIGIN_NETWORK || version->origin == TL_ORIGIN_LIMITED;
+    return is_good && (!is_limited || version->right >= TL_RIGHT_COMMISSION);
 }
 
 const tl_version *tl_versions_commissioned(const tl_versions *versions) {
@@ -816,7 +791,7 @@ static void mend(tl_versions *versions) {
 }
 
 static bool is_of_file(const tl_version *version) {
-    return version->origin == TL_VERSION_BY_START || version->origin == TL_VERSION_BY_RELOAD;
+    return version->origin == TL_ORIGIN_START || version->origin == TL_ORIGIN_RELOAD;
 }
 
 /* The newest that was good, if nobody knows which one was active; and the newest of the file on the box. */

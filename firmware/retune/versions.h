@@ -41,16 +41,6 @@ enum {
     TL_VERSION_PREFIX = 6 /* digits of a hash that tell a version, at least */
 };
 
-/* By which way a version came. */
-typedef enum tl_version_origin {
-    TL_VERSION_BY_START,   /* the file on the box, found changed at the start */
-    TL_VERSION_BY_RELOAD,  /* the file on the box, at a reload */
-    TL_VERSION_BY_LIMITED, /* `twinlock reload --right` */
-    TL_VERSION_BY_NETWORK,
-    TL_VERSION_BY_HAND, /* another file, by `twinlock reload` */
-    TL_VERSION_ORIGINS
-} tl_version_origin;
-
 /* What came of it. */
 typedef enum tl_version_result {
     TL_VERSION_CANDIDATE, /* nothing yet */
@@ -62,9 +52,6 @@ typedef enum tl_version_result {
     TL_VERSION_RESULTS
 } tl_version_result;
 
-/* "start", "reload", "limited", "network", "hand". */
-const char *tl_version_origin_name(tl_version_origin origin);
-
 /* "candidate", "active", "probation", "kept", "returned", "refused". */
 const char *tl_version_result_name(tl_version_result result);
 
@@ -73,7 +60,7 @@ typedef struct tl_version {
     uint64_t parent; /* the one that was active when it came; 0: none */
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
-    tl_version_origin origin;
+    tl_change_origin origin;
     tl_change_right right; /* it was taken with */
     tl_change_kind kind;   /* against its parent; TL_CHANGE_RESTART of the first */
     tl_version_result result;
@@ -137,7 +124,7 @@ typedef struct tl_version_news {
     const char *text;
     size_t size;
     const char *who, *why; /* cut, and made fit to be shown */
-    tl_version_origin origin;
+    tl_change_origin origin;
     tl_change_right right;
     tl_change_kind kind;
 } tl_version_news;
@@ -175,7 +162,7 @@ typedef struct tl_version_choice {
     size_t size;
     uint64_t number; /* of the version; 0: it is the file, which is none yet */
     bool
-        is_candidate; /* the file was changed since it was taken last: it is to be added as TL_VERSION_BY_START, and tried */
+        is_candidate; /* the file was changed since it was taken last: it is to be added as TL_ORIGIN_START, and tried */
     char say[TL_VERSION_SAY]; /* what a person should know; "": nothing */
 } tl_version_choice;
 

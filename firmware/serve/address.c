@@ -24,7 +24,7 @@ bool tl_plain_name(const char *name) {
 
 enum { LONGEST = 256 };
 
-tl_host_names tl_host_names_of(const tl_program_list *others) {
+tl_host_names tl_host_names_of(const tl_option_list *others) {
     tl_host_names names = {.others = *others};
     if (gethostname(names.own, sizeof names.own - 1) != 0) {
         names.own[0] = '\0';

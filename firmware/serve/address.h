@@ -30,11 +30,11 @@ bool tl_plain_name(const char *name);
 
 typedef struct tl_host_names {
     char own[HOST_NAME_MAX + 1]; /* what the machine calls itself */
-    tl_program_list others;      /* what the administrator has added */
+    tl_option_list others;       /* what the administrator has added */
 } tl_host_names;
 
 /* `others` are texts that live on. */
-tl_host_names tl_host_names_of(const tl_program_list *others);
+tl_host_names tl_host_names_of(const tl_option_list *others);
 
 /* `host` is the header as it came, with a port or without; NULL: there was none. `local` is the address that the connection came to, which is a name, too;
  * on the loopback "localhost" is one. */

@@ -376,7 +376,7 @@ tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request 
                                     char sentence[TL_HTTP_SENTENCE]) {
     char path[TL_HTTP_TARGET];
     size_t length = strlen(words->target);
-    *request = (tl_http_request){.control = {.origin = TL_CONTROL_BY_NETWORK, .require_lock = -1.0}};
+    *request = (tl_http_request){.control = {.origin = TL_ORIGIN_NETWORK, .require_lock = -1.0}};
     if (length >= sizeof path) {
         return refuse(sentence, TL_HTTP_TARGET_TOO_LONG, "the address is too long");
     }

@@ -7,14 +7,14 @@
 #include "firmware/serve/token_verb.h"
 #include "master/base/status.h"
 
-static int code_of(tl_program_outcome outcome) {
-    return tl_exit_code(outcome == TL_PROGRAM_HELPED ? TL_OK : TL_BAD_USAGE);
+static int code_of(tl_options_outcome outcome) {
+    return tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
 }
 
 static int be_token(int argc, char **argv) {
     tl_token_options options;
-    tl_program_outcome outcome = tl_token_options_read(argc, argv, &options);
-    return outcome == TL_PROGRAM_READ ? tl_token_verb_run(&options) : code_of(outcome);
+    tl_options_outcome outcome = tl_token_options_read(argc, argv, &options);
+    return outcome == TL_OPTIONS_READ ? tl_token_verb_run(&options) : code_of(outcome);
 }
 
 int main(int argc, char **argv) {
@@ -24,6 +24,6 @@ int main(int argc, char **argv) {
     if (argc > 1 && strcmp(argv[1], "token") == 0) {
         return be_token(argc - 1, argv + 1);
     }
-    tl_program_outcome outcome = tl_serve_options_read(argc, argv, &options);
-    return outcome == TL_PROGRAM_READ ? tl_serve_verb_run(&options) : code_of(outcome);
+    tl_options_outcome outcome = tl_serve_options_read(argc, argv, &options);
+    return outcome == TL_OPTIONS_READ ? tl_serve_verb_run(&options) : code_of(outcome);
 }

@@ -15,128 +15,128 @@
 #include "firmware/process/confine.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/service.h"
+#include "firmware/retune/control.h"
 #include "firmware/serve/address.h"
 #include "firmware/serve/server.h"
 #include "firmware/serve/tokens.h"
 
-/* ---- serve options ---- */
-
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
-#define SETS(type, member) .offset = offsetof(type, member)
 
-/* ---- serve ------------------------------------------------------------------------------------------------------- */
-
-static const tl_program_option SERVE[] = {
-    {"listen", "ADDRESS", TL_PROGRAM_TEXT, SETS(tl_serve_options, listen),
-     "an address of this box with a port, such as 192.0.2.7:8443 or [::]:8443; default\n127.0.0.1:8443, which nobody outside of the box reaches"},
-    {"host", "NAME", TL_PROGRAM_LIST_OF, SETS(tl_serve_options, hosts),
-     "a name that others call this box by, besides its addresses and its own name; may be\ngiven several times"},
-    {"certificate", "FILE", TL_PROGRAM_TEXT, SETS(tl_serve_options, certificate),
-     "a certificate of your own (PEM, with those that signed it); default: one that is made\nhere at the first start"},
-    {"key", "FILE", TL_PROGRAM_TEXT, SETS(tl_serve_options, key), "its key (PEM); default: in the same file"},
-    {"state", "DIR", TL_PROGRAM_TEXT, SETS(tl_serve_options, state),
-     "where the certificate that is made here lies; default /var/lib/twinlock-serve"},
-    {"tokens", "FILE", TL_PROGRAM_TEXT, SETS(tl_serve_options, tokens),
-     "who may do what, as `twinlock token` writes it; default /etc/twinlock-serve/tokens"},
-    {"plants", "DIR", TL_PROGRAM_TEXT, SETS(tl_serve_options, plants),
-     "where plants have their control sockets, as NAME/control; default /run/twinlock"},
-    {"fingerprint", NULL, TL_PROGRAM_SWITCH, SETS(tl_serve_options, fingerprint),
-     "print the pin of this box's key, for `curl --pinnedpubkey`, and the SHA-256 of its\ncertificate, as browsers show it; then end"},
-    {"unconfined", NULL, TL_PROGRAM_SWITCH, SETS(tl_serve_options, unconfined),
-     "keep what the user may do: files, programs, connections"},
-};
-
-static const tl_program SERVE_PROGRAM = {
-    .name = "twinlock serve",
-    .usage = "[options]",
-    .description = "Lets others change the configuration of running plants by HTTPS, and ask how they are. It needs a\n"
-                   "token from each (`twinlock token`), and plants that `twinlock run --control` keeps.",
-    .options = SERVE,
-    .option_count = COUNT(SERVE),
-};
-
-tl_program_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options) {
-    char **words = NULL;
-    size_t count = 0;
-    *options = (tl_serve_options){
-        .listen = "127.0.0.1:8443",
-        .state = "/var/lib/twinlock-serve",
-        .tokens = TL_TOKENS_FILE,
-        .plants = TL_CONTROL_FOLDER,
-    };
-    tl_program_outcome outcome = tl_program_options_read(&SERVE_PROGRAM, argc, argv, options, &words, &count);
-    if (outcome == TL_PROGRAM_READ && options->key != NULL && options->certificate == NULL) {
-        return tl_program_options_refuse(&SERVE_PROGRAM, "--key needs --certificate FILE");
-    }
-    return outcome;
-}
-
-/* ---- token ------------------------------------------------------------------------------------------------------- */
+/* ---- options ---- */
 
 typedef struct token_words {
     const char *role;
     const char *tokens;
 } token_words;
 
-static const tl_program_option TOKEN[] = {
-    {"role", "ROLE", TL_PROGRAM_TEXT, SETS(token_words, role),
+enum { SERVE = 1 << 0, TOKEN = 1 << 1 }; /* by the rows of VERBS */
+
+static const tl_verb_row VERBS[] = {
+    {"serve", "[options]", NULL, NULL,
+     "Lets others change the configuration of running plants by HTTPS, and ask how they are. It needs a\n"
+     "token from each (`twinlock token`), and plants that `twinlock run --control` keeps."},
+    {"token", "add NAME --role ROLE | list | revoke NAME", NULL, NULL,
+     "Makes a token, shows it once, and keeps what tells it again; lists those there are; takes one back.\n"
+     "`twinlock serve` looks at each request anew."},
+};
+static const tl_verb_row *const SERVE_VERB = &VERBS[0], *const TOKEN_VERB = &VERBS[1];
+
+#define SETS(type, member) .offset = offsetof(type, member)
+
+static const tl_option OPTIONS[] = {
+    {SERVE, "listen", "ADDRESS", tl_option_text, SETS(tl_serve_options, listen),
+     "an address of this box with a port, such as 192.0.2.7:8443 or [::]:8443; default\n127.0.0.1:8443, which nobody outside of the box reaches"},
+    {SERVE, "host", "NAME", tl_option_listed, SETS(tl_serve_options, hosts),
+     "a name that others call this box by, besides its addresses and its own name; may be\ngiven several times",
+     .expected = "at most 8 of them"},
+    {SERVE, "certificate", "FILE", tl_option_text, SETS(tl_serve_options, certificate),
+     "a certificate of your own (PEM, with those that signed it); default: one that is made\nhere at the first start"},
+    {SERVE, "key", "FILE", tl_option_text, SETS(tl_serve_options, key), "its key (PEM); default: in the same file",
+     .needs = "certificate"},
+    {SERVE, "state", "DIR", tl_option_text, SETS(tl_serve_options, state),
+     "where the certificate that is made here lies; default /var/lib/twinlock-serve"},
+    {SERVE, "tokens", "FILE", tl_option_text, SETS(tl_serve_options, tokens),
+     "who may do what, as `twinlock token` writes it; default /etc/twinlock-serve/tokens"},
+    {SERVE, "plants", "DIR", tl_option_text, SETS(tl_serve_options, plants),
+     "where plants have their control sockets, as NAME/control; default /run/twinlock"},
+    {SERVE, "fingerprint", NULL, tl_option_switch, SETS(tl_serve_options, fingerprint),
+     "print the pin of this box's key, for `curl --pinnedpubkey`, and the SHA-256 of its\ncertificate, as browsers show it; then end"},
+    {SERVE, "unconfined", NULL, tl_option_switch, SETS(tl_serve_options, unconfined),
+     "keep what the user may do: files, programs, connections"},
+    {TOKEN, "role", "ROLE", tl_option_text, SETS(token_words, role),
      "read: see how plants are; retune: and change values of theirs; commission: and name\nother hosts, devices, files and components"},
-    {"tokens", "FILE", TL_PROGRAM_TEXT, SETS(token_words, tokens),
+    {TOKEN, "tokens", "FILE", tl_option_text, SETS(token_words, tokens),
      "the file of tokens; default /etc/twinlock-serve/tokens"},
+    {SERVE | TOKEN, "help", .help = "this text"},
 };
 
-static const tl_program TOKEN_PROGRAM = {
-    .name = "twinlock token",
-    .usage = "add NAME --role ROLE | list | revoke NAME",
-    .description =
-        "Makes a token, shows it once, and keeps what tells it again; lists those there are; takes one back.\n"
-        "`twinlock serve` looks at each request anew.",
-    .options = TOKEN,
-    .option_count = COUNT(TOKEN),
-    .least_words = 1,
-    .most_words = 2,
-};
+static const tl_option_table TABLE = {VERBS, COUNT(VERBS), OPTIONS, COUNT(OPTIONS), .widest = 0};
 
-static tl_program_outcome take_name(char **words, size_t count, tl_token_options *options) {
-    if (count < 2) {
-        return tl_program_options_refuse(&TOKEN_PROGRAM, "a name is missing, for example anna");
-    }
-    if (!tl_plain_name(words[1]) || strlen(words[1]) >= TL_TOKEN_NAME) {
-        return tl_program_options_refuse(&TOKEN_PROGRAM, "a token's name has at most 31 letters, digits, - _ and .");
-    }
-    options->name = words[1];
-    return TL_PROGRAM_READ;
-}
-
-static tl_program_outcome take_role(const char *role, tl_token_options *options) {
-    if (role == NULL || !tl_control_right_of(role, &options->role)) {
-        return tl_program_options_refuse(&TOKEN_PROGRAM, "add needs --role read, retune or commission");
-    }
-    return TL_PROGRAM_READ;
-}
-
-tl_program_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options) {
-    char **words = NULL;
+/* Reads one of VERBS, and refuses more or fewer words than that. */
+static tl_options_outcome read_options(const tl_verb_row *verb, int argc, char **argv, void *settings, char ***words,
+                                       size_t least, size_t most) {
     size_t count = 0;
+    tl_options_outcome outcome =
+        tl_program_options_read(&TABLE, (size_t)(verb - VERBS), argc, argv, settings, words, &count);
+    if (outcome == TL_OPTIONS_READ && count < least) {
+        return tl_options_refuse(verb, "something is missing: found %zu of at least %zu words", count, least);
+    }
+    if (outcome == TL_OPTIONS_READ && count > most) {
+        return tl_options_refuse(verb, "found \"%.64s\", which is one word too many", (*words)[most]);
+    }
+    return outcome;
+}
+
+tl_options_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options) {
+    char **words = NULL;
+    *options = (tl_serve_options){
+        .listen = "127.0.0.1:8443",
+        .state = "/var/lib/twinlock-serve",
+        .tokens = TL_TOKENS_FILE,
+        .plants = TL_CONTROL_FOLDER,
+    };
+    return read_options(SERVE_VERB, argc, argv, options, &words, 0, 0);
+}
+
+static tl_options_outcome take_name(const char *name, tl_token_options *options) {
+    if (name == NULL) {
+        return tl_options_refuse(TOKEN_VERB, "a name is missing, for example anna");
+    }
+    if (!tl_plain_name(name) || strlen(name) >= TL_TOKEN_NAME) {
+        return tl_options_refuse(TOKEN_VERB, "a token's name has at most 31 letters, digits, - _ and .");
+    }
+    options->name = name;
+    return TL_OPTIONS_READ;
+}
+
+static tl_options_outcome take_role(const char *role, tl_token_options *options) {
+    if (role == NULL || !tl_change_right_of(role, &options->role)) {
+        return tl_options_refuse(TOKEN_VERB, "add needs --role read, retune or commission");
+    }
+    return TL_OPTIONS_READ;
+}
+
+tl_options_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options) {
+    char **words = NULL;
     token_words given = {.tokens = TL_TOKENS_FILE};
-    tl_program_outcome outcome = tl_program_options_read(&TOKEN_PROGRAM, argc, argv, &given, &words, &count);
-    if (outcome != TL_PROGRAM_READ) {
+    tl_options_outcome outcome = read_options(TOKEN_VERB, argc, argv, &given, &words, 1, 2);
+    if (outcome != TL_OPTIONS_READ) {
         return outcome;
     }
     *options = (tl_token_options){.tokens = given.tokens, .action = TL_TOKEN_LIST};
     if (strcmp(words[0], "list") == 0) {
-        return TL_PROGRAM_READ;
+        return TL_OPTIONS_READ;
     }
     if (strcmp(words[0], "revoke") == 0) {
         options->action = TL_TOKEN_REVOKE;
-        return take_name(words, count, options);
+        return take_name(words[1], options);
     }
     if (strcmp(words[0], "add") == 0) {
         options->action = TL_TOKEN_ADD;
-        outcome = take_name(words, count, options);
-        return outcome == TL_PROGRAM_READ ? take_role(given.role, options) : outcome;
+        outcome = take_name(words[1], options);
+        return outcome == TL_OPTIONS_READ ? take_role(given.role, options) : outcome;
     }
-    return tl_program_options_refuse(&TOKEN_PROGRAM, "expected add, list or revoke");
+    return tl_options_refuse(TOKEN_VERB, "expected add, list or revoke");
 }
 
 /* ---- serve verb ---- */

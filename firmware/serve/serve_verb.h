@@ -7,8 +7,8 @@
 
 #include <stdbool.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/program_options.h"
-#include "firmware/retune/control.h"
 
 /* ---- The options of `twinlock serve` and `twinlock token`.
  *
@@ -18,7 +18,7 @@
 /* Texts are those of the command line. */
 typedef struct tl_serve_options {
     const char *listen; /* "127.0.0.1:8443" */
-    tl_program_list hosts;
+    tl_option_list hosts;
     const char *certificate; /* NULL: one of our own */
     const char *key;
     const char *state; /* folder of that */
@@ -28,19 +28,19 @@ typedef struct tl_serve_options {
     bool unconfined;
 } tl_serve_options;
 
-tl_program_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options);
+tl_options_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options);
 
 typedef enum tl_token_action { TL_TOKEN_ADD, TL_TOKEN_LIST, TL_TOKEN_REVOKE } tl_token_action;
 
 typedef struct tl_token_options {
     tl_token_action action;
     const char *name; /* of ADD and REVOKE */
-    tl_control_right role;
+    tl_change_right role;
     const char *tokens;
 } tl_token_options;
 
 /* argv[0] is "token". */
-tl_program_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options);
+tl_options_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options);
 
 /* ---- `twinlock serve`: from its options to its end.
  *

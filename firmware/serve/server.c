@@ -87,7 +87,7 @@ static void tl_visit_audit(const tl_visit *visit) {
     }
     const char *result = visit->dialogue.result;
     tl_log(TL_LOG_NOTICE, "audit: token=%s role=%s from=%s verb=%s plant=%s result=%s version=%llu%s%s", visit->token,
-           tl_control_right_name((tl_control_right)control->right), visit->from, verb_of(control), request->plant,
+           tl_change_rights[control->right], visit->from, verb_of(control), request->plant,
            result != NULL ? result : "not known: who asked has left", (unsigned long long)visit->dialogue.version,
            control->why[0] != '\0' ? " why=" : "", control->why);
 }
@@ -195,7 +195,7 @@ static tl_http_status refuse_token(tl_server *server, tl_visit *visit, const cha
     return refuse(visit, TL_HTTP_UNAUTHORISED, TL_CONTROL_FORBIDDEN, why);
 }
 
-static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char *word, tl_control_right *right) {
+static tl_http_status judge_token(tl_server *server, tl_visit *visit, const char *word, tl_change_right *right) {
     if (tl_token_delays_left(&server->token_delays, &visit->address, tl_clock_now(NULL)) > 0) {
         return refuse(visit, TL_HTTP_TOO_MANY, TL_CONTROL_BUSY, "too many wrong tokens came from your address: wait");
     }
@@ -236,11 +236,11 @@ static tl_http_status judge_words(tl_visit *visit, struct MHD_Connection *connec
     return status == TL_HTTP_OK ? status : refuse(visit, status, result, sentence);
 }
 
-static tl_http_status judge_right(tl_visit *visit, tl_control_right right) {
+static tl_http_status judge_right(tl_visit *visit, tl_change_right right) {
     tl_http_request *request = &visit->dialogue.request;
     request->control.right = right;
     (void)snprintf(request->control.who, sizeof request->control.who, "%s", visit->token);
-    if (request->is_change && right < TL_CONTROL_MAY_RETUNE) {
+    if (request->is_change && right < TL_RIGHT_RETUNE) {
         return refuse(visit, TL_HTTP_FORBIDDEN, TL_CONTROL_FORBIDDEN, "this token may read, and change nothing");
     }
     return TL_HTTP_OK;
@@ -250,7 +250,7 @@ static tl_http_status judge_right(tl_visit *visit, tl_control_right right) {
  * libmicrohttpd's own texts, in its buffer. */
 static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
                                      const char *method, const char *protocol) {
-    tl_control_right right = TL_CONTROL_MAY_READ;
+    tl_change_right right = TL_RIGHT_READ;
     if (!is_well_formed(visit, connection, method, protocol)) {
         return refuse(
             visit, TL_HTTP_BAD_REQUEST, TL_CONTROL_BAD,

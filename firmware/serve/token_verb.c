@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/log.h"
 #include "firmware/base/text.h"
-#include "firmware/retune/control.h"
 #include "firmware/serve/tokens.h"
 
 static tl_status add(const tl_token_options *options, tl_tokens *tokens, tl_error *error) {
@@ -50,7 +50,7 @@ static tl_status revoke(const tl_token_options *options, tl_tokens *tokens, tl_e
 static void list(const tl_tokens *tokens) {
     for (size_t i = 0; i < tokens->count; i++) {
         const tl_token *token = &tokens->rows[i];
-        (void)printf("%-31s  %-10s  %s\n", token->name, tl_control_right_name(token->role), token->made);
+        (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->made);
     }
 }
 

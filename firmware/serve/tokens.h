@@ -8,6 +8,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/identity.h"
 #include "firmware/retune/control.h"
 #include "firmware/serve/address.h"
@@ -57,7 +58,7 @@ enum { TL_TOKENS = 64, TL_TOKEN_NAME = 32, TL_TOKEN_SECRET = 65 };
 
 typedef struct tl_token {
     char name[TL_TOKEN_NAME]; /* as tl_plain_name() */
-    tl_control_right role;
+    tl_change_right role;
     char hash[TL_SHA256_TEXT];
     char made[TL_CONTROL_TIME];
 } tl_token;

@@ -60,7 +60,7 @@ static void check(const tl_config_change *change) {
         tl_fuzz_hold(strlen(text) < sizeof text);
     }
     tl_fuzz_hold(worst == change->needs.kind);
-    tl_fuzz_hold((change->barred > 0) == (change->needs.right == TL_CHANGE_ON_THE_BOX));
+    tl_fuzz_hold((change->barred > 0) == (change->needs.right == TL_RIGHT_BOX));
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

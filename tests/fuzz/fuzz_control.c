@@ -80,8 +80,8 @@ static void fuzz_server(void) {
     send_changed(&request, sizeof request);
     int before = lowest_number();
     if (tl_control_receive(&peer, &request, taken, &size) == TL_CONTROL_ASKED) {
-        tl_fuzz_hold(request.verb < TL_CONTROL_VERBS && request.right < TL_CONTROL_RIGHTS);
-        tl_fuzz_hold(request.origin < TL_CONTROL_ORIGINS && request.flags <= TL_CONTROL_FLAGS);
+        tl_fuzz_hold(request.verb < TL_CONTROL_VERBS && request.right < TL_RIGHT_BOX);
+        tl_fuzz_hold(request.origin < TL_ORIGIN_START && request.flags <= TL_CONTROL_FLAGS);
         tl_fuzz_hold((request.verb == TL_CONTROL_TAKE) == (size != 0));
         hold_text(request.who, sizeof request.who);
         hold_text(request.why, sizeof request.why);
@@ -122,7 +122,8 @@ static void fuzz_verdict(void) {
     if (!tl_verdict_take(&from, &verdict)) {
         return;
     }
-    tl_fuzz_hold(verdict.kind < TL_CHANGE_KINDS && verdict.right < TL_CHANGE_RIGHTS && verdict.is_valid <= 1);
+    tl_fuzz_hold(verdict.kind < TL_CHANGE_KINDS && verdict.right < TL_RIGHTS && verdict.is_valid <= 1);
+    tl_fuzz_hold(verdict.is_valid == 0 || verdict.right >= TL_RIGHT_RETUNE);
     hold_text(verdict.name, sizeof verdict.name);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
         hold_text(verdict.problem[i].path, sizeof verdict.problem[i].path);

@@ -36,7 +36,7 @@ static void check(const tl_http_request *request) {
     tl_fuzz_hold(request->wants_plants || tl_plain_name(request->plant));
     tl_fuzz_hold(strchr(request->plant, '/') == NULL && request->plant[0] != '.');
     tl_fuzz_hold(control->verb < TL_CONTROL_VERBS && control->flags <= TL_CONTROL_FLAGS);
-    tl_fuzz_hold(control->origin == TL_CONTROL_BY_NETWORK && control->right == 0 && control->who[0] == '\0');
+    tl_fuzz_hold(control->origin == TL_ORIGIN_NETWORK && control->right == 0 && control->who[0] == '\0');
     tl_fuzz_hold(control->require_lock >= -1.0 && control->require_lock <= 100.0);
     tl_fuzz_hold(control->probation_s <= 604800);
     tl_fuzz_hold(hash == 0 || hash == TL_SHA256_TEXT - 1);
@@ -46,7 +46,7 @@ static void check(const tl_http_request *request) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static const tl_program_list none;
+    static const tl_option_list none;
     const tl_host_names names = {.own = "box", .others = none};
     const char *found[LINES];
     char sentence[TL_HTTP_SENTENCE] = "";

@@ -179,7 +179,7 @@ static bool refuse(tl_control_peer *peer, const tl_control_request *request) {
         finish(peer, TL_CONTROL_CHANGED, "another configuration is active than the one you have changed");
     } else if (says("busy")) {
         finish(peer, TL_CONTROL_BUSY, "another change is under way");
-    } else if (says("commission") && request->right < TL_CONTROL_MAY_COMMISSION) {
+    } else if (says("commission") && request->right < TL_RIGHT_COMMISSION) {
         finish(peer, TL_CONTROL_FORBIDDEN, "sources.plc.host names another host: that takes the right commission");
     } else if (says("invalid")) {
         say_problem(peer, 7, "synchronise.margin", "found -1, expected a number above 0, for example 1.5");

@@ -258,7 +258,13 @@ static void take_first(void) {
     char text[TL_PLAYED_TEXT];
     uint64_t number = 0;
     size_t size = tl_played_write(text, "1", 1);
-    const tl_version_news news = {.text = text, .size = size, .who = "the file", .why = "", .kind = TL_CHANGE_RESTART};
+    const tl_version_news news = {.text = text,
+                                  .size = size,
+                                  .who = "the file",
+                                  .why = "",
+                                  .origin = TL_ORIGIN_START,
+                                  .right = TL_RIGHT_COMMISSION,
+                                  .kind = TL_CHANGE_RESTART};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_open(run->scratch.folder, &run->versions, &run->error),
                                   run->error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&run->versions, &news, &number, &run->error), run->error.text);
@@ -306,7 +312,7 @@ void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {
     size_t size = tl_played_write(text, tolerance, prediction);
     memset(&request, 0, sizeof request);
     request.right = run->right;
-    request.origin = run->right == TL_CONTROL_MAY_COMMISSION ? TL_CONTROL_BY_RELOAD : TL_CONTROL_BY_NETWORK;
+    request.origin = run->right == TL_RIGHT_COMMISSION ? TL_ORIGIN_RELOAD : TL_ORIGIN_NETWORK;
     request.require_lock = -1.0;
     request.flags = flags;
     request.shadow_s = 5;
@@ -381,7 +387,7 @@ void tl_played_set(void) {
     run->events = 0;
     run->step_s = "0.01";
     run->by_strokes = false;
-    run->right = TL_CONTROL_MAY_COMMISSION;
+    run->right = TL_RIGHT_COMMISSION;
     run->in_memory[0] = '\0';
     memset(&run->shadow, 0, sizeof run->shadow);
     run->shadow.phase = TL_ACTIVATION_SHADOW_LIVE;

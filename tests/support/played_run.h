@@ -52,7 +52,7 @@ typedef struct tl_played {
     char allowed[PATH_MAX + 32]; /* where the administrator's list is */
     const char *step_s;          /* of configurations, */
     bool by_strokes;             /* which have an event horizon */
-    tl_control_right right;      /* with which they are sent; with less than commission by the network */
+    tl_change_right right;       /* with which they are sent; with less than commission by the network */
 
     /* What was said to who has asked. */
     tl_control_reply said[TL_PLAYED_SAID];

@@ -56,7 +56,7 @@ static void expect_wrong(tl_verb verb, const char *option, const char *value, co
 static void test_defaults(void) {
     for (tl_verb verb = 0; verb < TL_VERB_COUNT; verb++) {
         const tl_options wanted = {
-            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_CONTROL_RIGHTS};
+            .call_limit_s = 60, .watchdog_s = 30, .seed = 1, .table = TL_OPTIONS_NO_TABLE, .right = TL_RIGHT_BOX};
         TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(verb, "subject"));
         TEST_ASSERT_EQUAL_STRING("subject", options.subject);
         TEST_ASSERT_EQUAL_STRING("", said);
@@ -102,9 +102,9 @@ static void test_every_option_sets_its_own(void) {
 static void test_the_lesser_right_counts(void) {
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "-", "--right", "retune", "--right", "commission"));
     TEST_ASSERT_EQUAL_STRING("-", options.subject);
-    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_RETUNE, options.right);
+    TEST_ASSERT_EQUAL_UINT32(TL_RIGHT_RETUNE, options.right);
     TEST_ASSERT_EQUAL_INT(TL_OPTIONS_READ, READ(TL_VERB_RELOAD, "--right", "commission", "-", "--rig=read"));
-    TEST_ASSERT_EQUAL_UINT32(TL_CONTROL_MAY_READ, options.right);
+    TEST_ASSERT_EQUAL_UINT32(TL_RIGHT_READ, options.right);
     expect_wrong(TL_VERB_RELOAD, "--right", "box", "read, retune or commission");
 }
 
@@ -191,16 +191,17 @@ static void test_options_of_no_use(void) {
 
 /* Each verb has its options once, and of values that are checked it is said what they should be. */
 static void test_the_table(void) {
-    for (size_t i = 0; i < TL_OPTION_COUNT; i++) {
-        const tl_option *option = &tl_option_rows[i];
+    TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_OPTIONS_MOST, tl_verb_table.option_count);
+    for (size_t i = 0; i < tl_verb_table.option_count; i++) {
+        const tl_option *option = &tl_verb_table.options[i];
         TEST_ASSERT_NOT_NULL(option->name);
-        bool checked =
-            option->kind != TL_OPTION_HELP && option->kind != TL_OPTION_SWITCH && option->kind != TL_OPTION_TEXT;
+        bool is_text = option->read == tl_option_text;
+        bool checked = option->read != NULL && option->read != tl_option_switch && !is_text;
         TEST_ASSERT_EQUAL_MESSAGE(checked, option->expected != NULL, option->name);
-        TEST_ASSERT_EQUAL_MESSAGE(checked || option->kind == TL_OPTION_TEXT, option->value != NULL, option->name);
+        TEST_ASSERT_EQUAL_MESSAGE(checked || is_text, option->value != NULL, option->name);
         for (size_t k = 0; k < i; k++) {
-            bool same = strcmp(option->name, tl_option_rows[k].name) == 0;
-            TEST_ASSERT_FALSE_MESSAGE(same && (option->verbs & tl_option_rows[k].verbs) != 0, option->name);
+            bool same = strcmp(option->name, tl_verb_table.options[k].name) == 0;
+            TEST_ASSERT_FALSE_MESSAGE(same && (option->verbs & tl_verb_table.options[k].verbs) != 0, option->name);
         }
     }
 }

@@ -151,7 +151,7 @@ static void test_what_is_not_in_the_table(void) {
     tl_json_difference root = {.before = {.type = TL_JSON_OBJECT}, .after = {.type = TL_JSON_ARRAY}};
     tl_change_needs needs = tl_change_needs_of(&root);
     TEST_ASSERT_EQUAL_INT(TL_CHANGE_RESTART, needs.kind);
-    TEST_ASSERT_EQUAL_INT(TL_CHANGE_BY_COMMISSION, needs.right);
+    TEST_ASSERT_EQUAL_INT(TL_RIGHT_COMMISSION, needs.right);
 }
 
 /* Nothing is changed in place but this. */

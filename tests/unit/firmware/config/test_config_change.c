@@ -43,8 +43,8 @@ static void find(const char *before, const char *after) {
 }
 
 static void expect_needs(tl_change_kind kind, tl_change_right right, size_t count, const char *about) {
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(tl_change_kind_name(kind), tl_change_kind_name(change.needs.kind), about);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(tl_change_right_name(right), tl_change_right_name(change.needs.right), about);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(tl_change_kinds[kind], tl_change_kinds[change.needs.kind], about);
+    TEST_ASSERT_EQUAL_STRING_MESSAGE(tl_change_rights[right], tl_change_rights[change.needs.right], about);
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, change.count, about);
 }
 
@@ -73,29 +73,29 @@ static void expect_one(const one *o) {
 
 static void test_values_that_are_changed_in_place(void) {
     static const one changes[] = {
-        {"\"tolerance\": 0.5", "\"tolerance\": 0.25", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"tolerance\": 0.5", "\"tolerance\": 0.25", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.tolerance: 0.5 → 0.25 (in place)"},
-        {"\"weight\": 2", "\"weight\": 3", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"weight\": 2", "\"weight\": 3", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.weight: 2 → 3 (in place)"},
-        {", \"weight\": 2", "", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {", \"weight\": 2", "", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.weight: 2 is removed (in place)"},
-        {"\"weight\": 2", "\"weight\": 2, \"huber\": 3", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"weight\": 2", "\"weight\": 2, \"huber\": 3", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.huber: 3 is added (in place)"},
-        {"\"nominal\": 0", "\"nominal\": 1.5", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"nominal\": 0", "\"nominal\": 1.5", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.nominal: 0 → 1.5 (in place)"},
-        {"\"max\": 5", "\"max\": 4", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"max\": 5", "\"max\": 4", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.max: 5 → 4 (in place)"},
-        {"\"max\": 5", "\"max\": 5, \"penalty\": {\"rate\": 1}", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"max\": 5", "\"max\": 5, \"penalty\": {\"rate\": 1}", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.penalty: {\"rate\":1} is added (in place)"},
-        {"\"evaluations\": 100", "\"evaluations\": 40", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"evaluations\": 100", "\"evaluations\": 40", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.budget.evaluations: 100 → 40 (in place)"},
-        {"\"evaluations\": 100", "\"evaluations\": 100, \"time_s\": 0.004", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"evaluations\": 100", "\"evaluations\": 100, \"time_s\": 0.004", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.budget.time_s: 0.004 is added (in place)"},
-        {"{\"evaluations\": 100}", "{}", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"{\"evaluations\": 100}", "{}", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.budget.evaluations: 100 is removed (in place)"},
-        {"\"match\": ", "\"margin\": 0.05, \"match\": ", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"match\": ", "\"margin\": 0.05, \"match\": ", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.margin: 0.05 is added (in place)"},
-        {"\"match\": ", "\"noise_floor\": 0, \"match\": ", TL_CHANGE_IN_PLACE, TL_CHANGE_BY_RETUNE,
+        {"\"match\": ", "\"noise_floor\": 0, \"match\": ", TL_CHANGE_IN_PLACE, TL_RIGHT_RETUNE,
          "synchronise.noise_floor: 0 is added (in place)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
@@ -105,24 +105,24 @@ static void test_values_that_are_changed_in_place(void) {
 
 static void test_values_of_these_keys_that_are_not(void) {
     static const one changes[] = {
-        {"\"weight\": 2", "\"weight\": 0", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"weight\": 2", "\"weight\": 0", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.weight: 2 → 0 (new twin)"},
-        {"\"weight\": 2", "\"weight\": \"2\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"weight\": 2", "\"weight\": \"2\"", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.weight: 2 → \"2\" (new twin)"},
-        {"\"tolerance\": 0.5, ", "", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"tolerance\": 0.5, ", "", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.match.motor.omega.tolerance: 0.5 is removed (new twin)"},
-        {"\"nominal\": 0, ", "", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"nominal\": 0, ", "", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.adjust.motor.load.nominal: 0 is removed (new twin)"},
-        {"\"evaluations\": 100", "\"evaluations\": 101", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"evaluations\": 100", "\"evaluations\": 101", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.budget.evaluations: 100 → 101 (new twin)"},
-        {"\"evaluations\": 100", "\"evaluations\": true", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"evaluations\": 100", "\"evaluations\": true", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "synchronise.budget.evaluations: 100 → true (new twin)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
         expect_one(&changes[i]);
     }
     find("{\"synchronise\": {\"match\": {\"a.y\": {\"weight\": 0}}}}", "{\"synchronise\": {\"match\": {\"a.y\": {}}}}");
-    expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 1, "weight from 0 to its default");
+    expect_needs(TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, 1, "weight from 0 to its default");
 }
 
 /* A twin has room for 60, whatever it was told. */
@@ -145,41 +145,39 @@ static void test_evaluations(void) {
         (void)snprintf(before, sizeof before, "{\"synchronise\": {\"budget\": %s}}", cases[i].before);
         (void)snprintf(after, sizeof after, "{\"synchronise\": {\"budget\": %s}}", cases[i].after);
         find(before, after);
-        expect_needs(cases[i].kind, TL_CHANGE_BY_RETUNE, 1, cases[i].after);
+        expect_needs(cases[i].kind, TL_RIGHT_RETUNE, 1, cases[i].after);
     }
     find("{\"synchronise\": {}}", "{\"synchronise\": {\"budget\": {\"evaluations\": 61}}}");
-    expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 1, "within a part that is new");
+    expect_needs(TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, 1, "within a part that is new");
 }
 
 static void test_what_takes_a_new_twin(void) {
     static const one changes[] = {
-        {"\"R\": 1", "\"R\": 1.25", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
-         "components.motor.set.R: 1 → 1.25 (new twin)"},
-        {"\"table\": 2", "\"table\": \"/srv/other\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
+        {"\"R\": 1", "\"R\": 1.25", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, "components.motor.set.R: 1 → 1.25 (new twin)"},
+        {"\"table\": 2", "\"table\": \"/srv/other\"", TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX,
          "components.motor.set.table: 2 → \"/srv/other\" (new twin, on the box only)"},
-        {"\"table\": 2", "\"table\": \"other\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
+        {"\"table\": 2", "\"table\": \"other\"", TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION,
          "components.motor.set.table: 2 → \"other\" (new twin, needs the right to commission)"},
-        {"motor.fmu", "/tmp/motor.fmu", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
+        {"motor.fmu", "/tmp/motor.fmu", TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX,
          "components.motor.fmu: \"motor.fmu\" → \"/tmp/motor.fmu\" (new twin, on the box only)"},
-        {"motor.fmu", "pump.fmu", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
+        {"motor.fmu", "pump.fmu", TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX,
          "components.motor.fmu: \"motor.fmu\" → \"pump.fmu\" (new twin, on the box only)"},
-        {"\"read\": [\"/srv/tables\"]", "\"read\": []", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
+        {"\"read\": [\"/srv/tables\"]", "\"read\": []", TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION,
          "components.motor.read[0]: \"/srv/tables\" is removed (new twin, needs the right to commission)"},
-        {"[\"/srv/tables\"]", "[\"/etc\", \"/srv/tables\"]", TL_CHANGE_NEW_TWIN, TL_CHANGE_ON_THE_BOX,
+        {"[\"/srv/tables\"]", "[\"/etc\", \"/srv/tables\"]", TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX,
          "components.motor.read[0]: \"/etc\" is added (new twin, on the box only)"},
-        {"\"connect\": [", "\"connect\": [[\"plant.omega\", \"motor.x\"], ", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"\"connect\": [", "\"connect\": [[\"plant.omega\", \"motor.x\"], ", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "connect[0]: [\"plant.omega\",\"motor.x\"] is added (new twin)"},
-        {"[[\"plant.omega\", \"motor.omega_measured\"]]", "[]", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {"[[\"plant.omega\", \"motor.omega_measured\"]]", "[]", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "connect[0]: [\"plant.omega\",\"motor.omega_measured\"] is removed (new twin)"},
         {"\"match\": {", "\"match\": {\"motor.i\": {\"to\": \"plant.omega\", \"tolerance\": 1}, ", TL_CHANGE_NEW_TWIN,
-         TL_CHANGE_BY_RETUNE,
-         "synchronise.match.motor.i: {\"to\":\"plant.omega\",\"tolerance\":1} is added (new twin)"},
-        {"\"components\": {", "\"components\": {\"pump\": {\"fmu\": \"pump.fmu\"}, ", TL_CHANGE_NEW_TWIN,
-         TL_CHANGE_ON_THE_BOX, "components.pump: {\"fmu\":\"pump.fmu\"} is added (new twin, on the box only)"},
+         TL_RIGHT_RETUNE, "synchronise.match.motor.i: {\"to\":\"plant.omega\",\"tolerance\":1} is added (new twin)"},
+        {"\"components\": {", "\"components\": {\"pump\": {\"fmu\": \"pump.fmu\"}, ", TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX,
+         "components.pump: {\"fmu\":\"pump.fmu\"} is added (new twin, on the box only)"},
         {"\"components\": {", "\"components\": {\"pump\": {\"fmu\": \"pump.fmu\", \"sha256\": \"00\"}, ",
-         TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION,
+         TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION,
          "components.pump: {\"fmu\":\"pump.fmu\",\"sha256\":\"00\"} is added (new twin, needs the right to commission)"},
-        {" \"record\"", " \"delays\": \"measure\", \"record\"", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE,
+        {" \"record\"", " \"delays\": \"measure\", \"record\"", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE,
          "delays: \"measure\" is added (new twin)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
@@ -191,16 +189,16 @@ static void test_what_takes_a_new_twin(void) {
 static void test_what_is_read_otherwise_takes_a_restart(void) {
     static const one changes[] = {
         {"\"plant\": {", "\"plant\": {\"i\": {\"csv\": {\"source\": \"inverter\"}}, ", TL_CHANGE_RESTART,
-         TL_CHANGE_BY_COMMISSION,
+         TL_RIGHT_COMMISSION,
          "plant.i: {\"csv\":{\"source\":\"inverter\"}} is added (restart, needs the right to commission)"},
         {"\"plant\": {", "\"plant\": {\"i\": {\"gpio\": {\"line\": \"door\"}}, ", TL_CHANGE_RESTART,
-         TL_CHANGE_BY_COMMISSION,
+         TL_RIGHT_COMMISSION,
          "plant.i: {\"gpio\":{\"line\":\"door\"}} is added (restart, needs the right to commission)"},
-        {"10.0.0.5", "10.0.0.6", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+        {"10.0.0.5", "10.0.0.6", TL_CHANGE_RESTART, TL_RIGHT_COMMISSION,
          "sources.inverter.modbus_tcp.host: \"10.0.0.5\" → \"10.0.0.6\" (restart, needs the right to commission)"},
-        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+        {"\"sources\": {", "\"sources\": {\"lines\": {\"gpio\": {}}, ", TL_CHANGE_RESTART, TL_RIGHT_COMMISSION,
          "sources.lines: {\"gpio\":{}} is added (restart, needs the right to commission)"},
-        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
+        {"\"period_s\": 0.01", "\"period_s\": 0.1", TL_CHANGE_RESTART, TL_RIGHT_RETUNE,
          "sources.inverter.modbus_tcp.period_s: 0.01 → 0.1 (restart)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
@@ -215,16 +213,15 @@ static void test_how_a_reading_is_judged(void) {
         tl_change_kind kind;
         tl_change_right right;
     } cases[] = {
-        {"\"modbus\": {}, \"stale_s\": 1", "\"modbus\": {}, \"stale_s\": 2", TL_CHANGE_NEW_TWIN,
-         TL_CHANGE_BY_COMMISSION},
-        {"\"modbus\": {}, \"max\": 1", "\"modbus\": {}", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_COMMISSION},
-        {"\"modbus\": {}", "\"modbus\": {}, \"initial\": 1", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE},
-        {"\"can\": {}, \"every_s\": 1", "\"can\": {}, \"every_s\": 2", TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE},
+        {"\"modbus\": {}, \"stale_s\": 1", "\"modbus\": {}, \"stale_s\": 2", TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION},
+        {"\"modbus\": {}, \"max\": 1", "\"modbus\": {}", TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION},
+        {"\"modbus\": {}", "\"modbus\": {}, \"initial\": 1", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE},
+        {"\"can\": {}, \"every_s\": 1", "\"can\": {}, \"every_s\": 2", TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE},
         {"\"can\": {}, \"every_s\": 1, \"stale_s\": 1", "\"can\": {}, \"every_s\": 1", TL_CHANGE_NEW_TWIN,
-         TL_CHANGE_BY_COMMISSION},
-        {"\"modbus\": {}, \"every_s\": 1", "\"modbus\": {}", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE},
+         TL_RIGHT_COMMISSION},
+        {"\"modbus\": {}, \"every_s\": 1", "\"modbus\": {}", TL_CHANGE_RESTART, TL_RIGHT_RETUNE},
         {"\"modbus\": {}, \"every_s\": 1", "\"modbus\": {}, \"every_s\": 1, \"stale_s\": 1", TL_CHANGE_RESTART,
-         TL_CHANGE_BY_COMMISSION},
+         TL_RIGHT_COMMISSION},
     };
     for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
         char text[2][128];
@@ -237,17 +234,16 @@ static void test_how_a_reading_is_judged(void) {
 
 static void test_what_takes_a_restart(void) {
     static const one changes[] = {
-        {"\"name\": \"motor\"", "\"name\": \"pump\"", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
+        {"\"name\": \"motor\"", "\"name\": \"pump\"", TL_CHANGE_RESTART, TL_RIGHT_RETUNE,
          "name: \"motor\" → \"pump\" (restart)"},
-        {"\"step_s\": 0.01", "\"step_s\": 0.02", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+        {"\"step_s\": 0.01", "\"step_s\": 0.02", TL_CHANGE_RESTART, TL_RIGHT_COMMISSION,
          "step_s: 0.01 → 0.02 (restart, needs the right to commission)"},
-        {"run.db", "/srv/run.db", TL_CHANGE_RESTART, TL_CHANGE_ON_THE_BOX,
+        {"run.db", "/srv/run.db", TL_CHANGE_RESTART, TL_RIGHT_BOX,
          "record.file: \"run.db\" → \"/srv/run.db\" (restart, on the box only)"},
-        {"\"commit_s\": 1", "\"commit_s\": 2", TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE,
-         "record.commit_s: 1 → 2 (restart)"},
-        {"\"priority\": 10", "\"priority\": 90", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+        {"\"commit_s\": 1", "\"commit_s\": 2", TL_CHANGE_RESTART, TL_RIGHT_RETUNE, "record.commit_s: 1 → 2 (restart)"},
+        {"\"priority\": 10", "\"priority\": 90", TL_CHANGE_RESTART, TL_RIGHT_COMMISSION,
          "realtime.priority: 10 → 90 (restart, needs the right to commission)"},
-        {" \"record\"", " \"unknown\": 1, \"record\"", TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION,
+        {" \"record\"", " \"unknown\": 1, \"record\"", TL_CHANGE_RESTART, TL_RIGHT_COMMISSION,
          "unknown: 1 is added (restart, needs the right to commission)"},
     };
     for (size_t i = 0; i < sizeof changes / sizeof changes[0]; i++) {
@@ -257,9 +253,9 @@ static void test_what_takes_a_restart(void) {
 
 static void test_the_same(void) {
     find(base, base);
-    expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
+    expect_needs(TL_CHANGE_NONE, TL_RIGHT_RETUNE, 0, "");
     find("{\"a\": 5, \"b\": [1]}", "{ \"b\": [ 1.0 ],\n\"a\": 5e0 }");
-    expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
+    expect_needs(TL_CHANGE_NONE, TL_RIGHT_RETUNE, 0, "");
 }
 
 /* A tuning tells numbers by the places of what they are of, a mail signals: those may not change places. */
@@ -267,17 +263,17 @@ static void test_order(void) {
     char text[TL_CONFIG_EDIT_TEXT];
     find("{\"synchronise\": {\"adjust\": {}, \"match\": {\"a.x\": {\"tolerance\": 1}, \"a.y\": {\"tolerance\": 2}}}}",
          "{\"synchronise\": {\"match\": {\"a.y\": {\"tolerance\": 2}, \"a.x\": {\"tolerance\": 3}}, \"adjust\": {}}}");
-    expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 2, "");
+    expect_needs(TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, 2, "");
     tl_config_edit_write(&change.edits[0], text);
     TEST_ASSERT_EQUAL_STRING("synchronise.match: entries → entries in another order (new twin)", text);
     TEST_ASSERT_EQUAL_STRING("synchronise.match.a.x.tolerance", change.edits[1].path);
     find("{\"synchronise\": {\"adjust\": {\"a.u\": {\"step\": 1}, \"a.v\": {\"step\": 1}}}}",
          "{\"synchronise\": {\"adjust\": {\"a.v\": {\"step\": 1}, \"a.u\": {\"step\": 1}}}}");
-    expect_needs(TL_CHANGE_NEW_TWIN, TL_CHANGE_BY_RETUNE, 1, "");
+    expect_needs(TL_CHANGE_NEW_TWIN, TL_RIGHT_RETUNE, 1, "");
     find("{\"plant\": {\"x\": {}, \"y\": {}}}", "{\"plant\": {\"y\": {}, \"x\": {}}}");
-    expect_needs(TL_CHANGE_RESTART, TL_CHANGE_BY_RETUNE, 1, "");
+    expect_needs(TL_CHANGE_RESTART, TL_RIGHT_RETUNE, 1, "");
     find("{\"sources\": {\"x\": {}, \"y\": {}}}", "{\"sources\": {\"y\": {}, \"x\": {}}}");
-    expect_needs(TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, 0, "");
+    expect_needs(TL_CHANGE_NONE, TL_RIGHT_RETUNE, 0, "");
 }
 
 /* Whatever comes first, those that need most are listed. */
@@ -297,7 +293,7 @@ static void test_a_full_list(void) {
     find(before, after);
     free(before);
     free(after);
-    expect_needs(TL_CHANGE_RESTART, TL_CHANGE_BY_COMMISSION, MANY + 2, "");
+    expect_needs(TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, MANY + 2, "");
     TEST_ASSERT_EQUAL_size_t(TL_CONFIG_EDITS, change.listed);
     TEST_ASSERT_EQUAL_STRING("components.m.set.k000", change.edits[0].path);
     TEST_ASSERT_EQUAL_STRING("components.m.set.k061", change.edits[TL_CONFIG_EDITS - 3].path);
@@ -324,8 +320,7 @@ static void find_names(const char *component, const char *file) {
 
 static void expect_barred(size_t count, const char *path, const char *found, tl_change_named names) {
     TEST_ASSERT_EQUAL_size_t_MESSAGE(count, change.barred, path);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(count == 0 ? TL_CHANGE_BY_COMMISSION : TL_CHANGE_ON_THE_BOX, change.needs.right,
-                                  path);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(count == 0 ? TL_RIGHT_COMMISSION : TL_RIGHT_BOX, change.needs.right, path);
     for (size_t i = 0; i < count && i < TL_CONFIG_BARRED; i++) {
         if (strcmp(change.bar[i].path, path) == 0) {
             TEST_ASSERT_EQUAL_STRING(found, change.bar[i].found);
@@ -486,7 +481,7 @@ static void check_back(const char *text, const char *edited, const char *about) 
 
 static void check_edits(const cJSON *root, tl_test_random *random, const char *about) {
     random_edit edits[MOST_EDITS];
-    tl_change_needs worst = {TL_CHANGE_NONE, TL_CHANGE_BY_RETUNE, TL_NAMES_NOTHING};
+    tl_change_needs worst = {TL_CHANGE_NONE, TL_RIGHT_RETUNE, TL_NAMES_NOTHING};
     char *text = cJSON_Print(root);
     size_t count = choose_edits(root, edits, random);
     for (size_t i = 0; i < count; i++) {
@@ -536,7 +531,7 @@ static void check_order_and_space(const cJSON *root, const char *about) {
     tl_change_kind kind = TL_CHANGE_NONE;
     size_t places = count_places(root, &kind);
     find(text, turned);
-    expect_needs(kind, TL_CHANGE_BY_RETUNE, places, about);
+    expect_needs(kind, TL_RIGHT_RETUNE, places, about);
     cJSON_free(text);
     cJSON_free(turned);
     cJSON_Delete(copy);

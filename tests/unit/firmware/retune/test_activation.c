@@ -206,7 +206,7 @@ static void test_a_why_of_blanks(void) {
     tl_control_request request;
     size_t size = tl_played_write(text, "0.5", 1);
     memset(&request, 0, sizeof request);
-    request.right = TL_CONTROL_MAY_COMMISSION;
+    request.right = TL_RIGHT_COMMISSION;
     (void)snprintf(request.why, sizeof request.why, " \t ");
     tl_sha256(text, size, request.hash);
     run->count = 0;
@@ -226,7 +226,7 @@ static void test_in_safe_hold(void) {
 }
 
 /* The configuration with something else in place of its FMU's name. */
-static tl_control_result take_fmu(const char *fmu, tl_control_origin origin) {
+static tl_control_result take_fmu(const char *fmu, tl_change_origin origin) {
     char text[TL_PLAYED_TEXT];
     char edited[TL_PLAYED_TEXT];
     tl_control_request request;
@@ -234,7 +234,7 @@ static tl_control_result take_fmu(const char *fmu, tl_control_origin origin) {
     char *at = strstr(text, "\"motor.fmu\"");
     int size = snprintf(edited, sizeof edited, "%.*s%s%s", (int)(at - text), text, fmu, at + strlen("\"motor.fmu\""));
     memset(&request, 0, sizeof request);
-    request.right = TL_CONTROL_MAY_COMMISSION;
+    request.right = TL_RIGHT_COMMISSION;
     request.flags = TL_CONTROL_MAY_RESTART | TL_CONTROL_ONLY_CHECK;
     request.origin = (uint32_t)origin;
     request.shadow_s = 5;
@@ -254,21 +254,21 @@ static void expect_problem(const char *path, const char *text) {
 
 /* Whoever sends it: what names a file comes from the box. */
 static void test_what_does_not_come_by_the_network(void) {
-    for (unsigned i = 0; i < TL_CONTROL_ORIGINS; i++) {
-        tl_control_result result = i == TL_CONTROL_BY_RELOAD ? TL_CONTROL_DONE : TL_CONTROL_FORBIDDEN;
-        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"/a/b.fmu\"", (tl_control_origin)i));
-        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"other.fmu\"", (tl_control_origin)i));
+    for (unsigned i = 0; i < TL_ORIGIN_START; i++) {
+        tl_control_result result = i == TL_ORIGIN_RELOAD ? TL_CONTROL_DONE : TL_CONTROL_FORBIDDEN;
+        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"/a/b.fmu\"", (tl_change_origin)i));
+        TEST_ASSERT_EQUAL_INT(result, take_fmu("\"other.fmu\"", (tl_change_origin)i));
     }
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"/a/b.fmu\"", TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"/a/b.fmu\"", TL_ORIGIN_NETWORK));
     expect_problem("components.motor.fmu", "found \"/a/b.fmu\", expected the name of an FMU that is installed");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"other.fmu\"", TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"other.fmu\"", TL_ORIGIN_NETWORK));
     expect_problem("components.motor.fmu", "found \"other.fmu\" without its hash, expected \"sha256\"");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"motor.fmu\", \"unconfined\": true", TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu("\"motor.fmu\", \"unconfined\": true", TL_ORIGIN_NETWORK));
     expect_problem("components.motor.unconfined", "found true, expected nothing: it is changed on the box");
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE,
                           take_fmu("\"other.fmu\", \"sha256\": "
                                    "\"0123456789012345678901234567890123456789012345678901234567890123\"",
-                                   TL_CONTROL_BY_NETWORK));
+                                   TL_ORIGIN_NETWORK));
 }
 
 static void write_file(const char *path, const char *text) {
@@ -284,19 +284,19 @@ static void test_names_that_are_allowed(void) {
     static const char *const library = "\"motor.fmu\", \"libraries\": [\"/lib/l.so\"]";
     static const char *const file = "\"motor.fmu\", \"read\": [\"/srv/r\"]";
     (void)snprintf(run->allowed, sizeof run->allowed, "%s/allowed", run->scratch.folder);
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_ORIGIN_NETWORK));
     expect_problem("components.motor.libraries[0]", "/allowed has: let root add there the line: library NAME");
     write_file(run->allowed, "file /lib/l.so\nfile /srv/r\n");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_ORIGIN_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_ORIGIN_NETWORK));
     write_file(run->allowed, "library /lib/l.so\n");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(library, TL_CONTROL_BY_NETWORK));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(library, TL_ORIGIN_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(file, TL_ORIGIN_NETWORK));
     expect_problem("components.motor.read[0]", "let root add there the line: file NAME");
     write_file(run->path, "{\"components\": {\"motor\": {\"read\": [\"/srv/r\"]}}}");
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, take_fmu(file, TL_ORIGIN_NETWORK));
     TEST_ASSERT_EQUAL_INT(0, chmod(run->allowed, 0666));
-    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_CONTROL_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_CONTROL_FORBIDDEN, take_fmu(library, TL_ORIGIN_NETWORK));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_VALIDATE, "others than root may write it"));
 }
 
@@ -305,7 +305,7 @@ static void test_who_may_not(void) {
     tl_control_request request;
     size_t size = tl_played_write(text, "0.5", 1);
     memset(&request, 0, sizeof request);
-    request.right = TL_CONTROL_MAY_READ;
+    request.right = TL_RIGHT_READ;
     tl_sha256(text, size, request.hash);
     run->count = 0;
     tl_activation_take(&run->activation, &request, text, size);
@@ -316,9 +316,9 @@ static void test_who_may_not(void) {
 }
 
 static tl_control_result retune(const char *tolerance) {
-    run->right = TL_CONTROL_MAY_RETUNE;
+    run->right = TL_RIGHT_RETUNE;
     tl_control_result result = tl_played_take(tolerance, 1, 0);
-    run->right = TL_CONTROL_MAY_COMMISSION;
+    run->right = TL_RIGHT_COMMISSION;
     return result;
 }
 
@@ -371,9 +371,9 @@ static void test_what_it_is_judged_by(void) {
 /* No stroke and no window can be skipped by a short probation. */
 static void test_how_short_a_probation_may_be(void) {
     char text[TL_PLAYED_TEXT];
-    for (unsigned right = TL_CONTROL_MAY_RETUNE; right <= TL_CONTROL_MAY_COMMISSION; right++) {
+    for (unsigned right = TL_RIGHT_RETUNE; right <= TL_RIGHT_COMMISSION; right++) {
         tl_control_request request;
-        size_t size = tl_played_write(text, right == TL_CONTROL_MAY_RETUNE ? "0.5" : "0.6", 1);
+        size_t size = tl_played_write(text, right == TL_RIGHT_RETUNE ? "0.5" : "0.6", 1);
         memset(&request, 0, sizeof request);
         request.right = right;
         request.probation_s = 1;
@@ -381,8 +381,7 @@ static void test_how_short_a_probation_may_be(void) {
         run->count = 0;
         tl_activation_take(&run->activation, &request, text, size);
         tl_played_look_until(tl_played_is_ended);
-        TEST_ASSERT_EQUAL_UINT32(right == TL_CONTROL_MAY_RETUNE ? 3 : 1,
-                                 run->activation.probation.account.terms.given_s);
+        TEST_ASSERT_EQUAL_UINT32(right == TL_RIGHT_RETUNE ? 3 : 1, run->activation.probation.account.terms.given_s);
     }
 }
 

@@ -176,8 +176,8 @@ static void test_numbers_that_do_not_exist(void) {
     }
     bad[0].protocol = 99;
     bad[1].verb = TL_CONTROL_VERBS;
-    bad[2].right = TL_CONTROL_RIGHTS;
-    bad[3].origin = TL_CONTROL_ORIGINS;
+    bad[2].right = TL_RIGHT_BOX;
+    bad[3].origin = TL_ORIGIN_START;
     bad[4].flags = TL_CONTROL_FLAGS + 1;
     bad[5].require_lock = (double)NAN;
     bad[6].require_lock = 100.5;
@@ -359,20 +359,21 @@ static void test_names_that_lead_nowhere(void) {
 }
 
 static void test_words(void) {
-    tl_control_right right = TL_CONTROL_RIGHTS;
-    for (unsigned i = 0; i < TL_CONTROL_RIGHTS; i++) {
-        TEST_ASSERT_TRUE(tl_control_right_of(tl_control_right_name((tl_control_right)i), &right));
+    tl_change_right right = TL_RIGHT_BOX;
+    for (unsigned i = 0; i < TL_RIGHT_BOX; i++) {
+        TEST_ASSERT_TRUE(tl_change_right_of(tl_change_rights[i], &right));
         TEST_ASSERT_EQUAL_UINT(i, right);
     }
-    TEST_ASSERT_FALSE(tl_control_right_of("root", &right));
+    TEST_ASSERT_FALSE(tl_change_right_of("root", &right));
+    TEST_ASSERT_FALSE(tl_change_right_of(tl_change_rights[TL_RIGHT_BOX], &right));
     for (unsigned i = 0; i < TL_CONTROL_STEPS; i++) {
         TEST_ASSERT_NOT_NULL(tl_control_step_name((tl_control_step)i));
     }
     for (unsigned i = 0; i < TL_CONTROL_RESULTS; i++) {
         TEST_ASSERT_NOT_NULL(tl_control_result_name((tl_control_result)i));
     }
-    for (unsigned i = 0; i < TL_CONTROL_ORIGINS; i++) {
-        TEST_ASSERT_NOT_NULL(tl_control_origin_name((tl_control_origin)i));
+    for (unsigned i = 0; i < TL_ORIGINS; i++) {
+        TEST_ASSERT_NOT_NULL(tl_change_origins[i]);
     }
 }
 

@@ -40,16 +40,16 @@ static void open_here(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_open(state.folder, &versions, &error), error.text);
 }
 
-static uint64_t add_of(const char *text, tl_version_origin origin) {
+static uint64_t add_of(const char *text, tl_change_origin origin) {
     uint64_t number = 0;
     const tl_version_news news = {
-        text, strlen(text), "anna", "omega drifts", origin, TL_CHANGE_BY_RETUNE, TL_CHANGE_IN_PLACE};
+        text, strlen(text), "anna", "omega drifts", origin, TL_RIGHT_RETUNE, TL_CHANGE_IN_PLACE};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_versions_add(&versions, &news, &number, &error), error.text);
     return number;
 }
 
 static uint64_t add(const char *text) {
-    return add_of(text, TL_VERSION_BY_NETWORK);
+    return add_of(text, TL_ORIGIN_NETWORK);
 }
 
 static const tl_probation_account account = {
@@ -96,7 +96,7 @@ static void begin(void) {
     open_here();
     expect_choice("one", "one", 0, true);
     TEST_ASSERT_EQUAL_STRING("", choice.say);
-    activate(add_of("one", TL_VERSION_BY_START), false);
+    activate(add_of("one", TL_ORIGIN_START), false);
 }
 
 static void write_file(const char *name, const char *text) {
@@ -129,8 +129,8 @@ static void test_the_first_one(void) {
     TEST_ASSERT_NOT_NULL(one);
     TEST_ASSERT_EQUAL_UINT64(0, one->parent);
     TEST_ASSERT_EQUAL_UINT64(3, one->size);
-    TEST_ASSERT_EQUAL_INT(TL_VERSION_BY_START, one->origin);
-    TEST_ASSERT_EQUAL_INT(TL_CHANGE_BY_RETUNE, one->right);
+    TEST_ASSERT_EQUAL_INT(TL_ORIGIN_START, one->origin);
+    TEST_ASSERT_EQUAL_INT(TL_RIGHT_RETUNE, one->right);
     TEST_ASSERT_EQUAL_INT(TL_CHANGE_IN_PLACE, one->kind);
     TEST_ASSERT_EQUAL_STRING("anna", one->who);
     TEST_ASSERT_EQUAL_STRING("omega drifts", one->why);
@@ -220,9 +220,9 @@ static void test_the_version_that_was_commissioned_last(void) {
     char text[32];
     begin();
     TEST_ASSERT_EQUAL_UINT64(1, tl_versions_commissioned(&versions)->number);
-    keep(add_of("by hand", TL_VERSION_BY_HAND));
+    keep(add_of("by hand", TL_ORIGIN_HAND));
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
-    activate(add_of("on probation", TL_VERSION_BY_HAND), true);
+    activate(add_of("on probation", TL_ORIGIN_HAND), true);
     TEST_ASSERT_EQUAL_UINT64(2, tl_versions_commissioned(&versions)->number);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
     for (int i = 0; i < 2 * TL_VERSIONS_MOST; i++) {
@@ -319,7 +319,7 @@ static void test_another_life(void) {
 
 static void test_refused(void) {
     begin();
-    uint64_t two = add_of("two", TL_VERSION_BY_RELOAD);
+    uint64_t two = add_of("two", TL_ORIGIN_RELOAD);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, two, "step_s is missing", &error));
     for (int i = 0; i < 2; i++) {
         expect_result(2, TL_VERSION_REFUSED, "step_s is missing");
@@ -339,19 +339,14 @@ static void test_refused(void) {
 static void test_words_of_strangers(void) {
     uint64_t number = 0;
     open_here();
-    const tl_version_news news = {"{}",
-                                  2,
-                                  "an\xFFna\x1b[31m",
-                                  "\"why\"\n\xC2\x9B",
-                                  TL_VERSION_BY_LIMITED,
-                                  TL_CHANGE_BY_COMMISSION,
-                                  TL_CHANGE_RESTART};
+    const tl_version_news news = {
+        "{}", 2, "an\xFFna\x1b[31m", "\"why\"\n\xC2\x9B", TL_ORIGIN_LIMITED, TL_RIGHT_COMMISSION, TL_CHANGE_RESTART};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
     open_here();
     const tl_version *version = tl_versions_get(&versions, number);
     TEST_ASSERT_EQUAL_STRING("an\\xFFna\\x1B[31m", version->who);
     TEST_ASSERT_EQUAL_STRING("\"why\"\\x0A\\u{9B}", version->why);
-    TEST_ASSERT_EQUAL_STRING("limited", tl_version_origin_name(version->origin));
+    TEST_ASSERT_EQUAL_STRING("limited", tl_change_origins[version->origin]);
 }
 
 /* A reason that is no text, and one that is too long: what is written can be read. */
@@ -382,7 +377,7 @@ static void test_bytes(void) {
     uint64_t number = 0;
     char *text = NULL;
     open_here();
-    const tl_version_news news = {"a\0b\r\n", 5, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    const tl_version_news news = {"a\0b\r\n", 5, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_add(&versions, &news, &number, &error));
     open_here();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_read(&versions, number, &text, &error));
@@ -574,7 +569,7 @@ static void test_record_that_cannot_be(void) {
 /* A stranger's number: the last one there can be. */
 static void test_no_number_is_left(void) {
     uint64_t number = 0;
-    const tl_version_news news = {"two", 3, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    const tl_version_news news = {"two", 3, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     begin();
     write_file("999999999999999.record.json", "");
     (void)tl_stderr_capture_begin();
@@ -637,7 +632,7 @@ static void test_falling_back_to_the_file(void) {
     activate(add("two"), true);
     write_file(text_name(1), "");
     write_file(text_name(2), "");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("other", TL_VERSION_BY_RELOAD), "", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("other", TL_ORIGIN_RELOAD), "", &error));
     expect_choice("other", "other", 0, true);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(choice.say, "the configuration's file runs in its place"), choice.say);
     open_here();
@@ -712,7 +707,7 @@ static void test_an_edited_file(void) {
     expect_choice("one", "two", 2, false);
     expect_choice("edited", "edited", 0, true);
     TEST_ASSERT_EQUAL_STRING("the configuration's file was changed since it was taken last: it is tried", choice.say);
-    activate(add_of("edited", TL_VERSION_BY_START), true);
+    activate(add_of("edited", TL_ORIGIN_START), true);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_return(&versions, "lost", &error));
     open_here();
     expect_choice("edited", "two", 2, false); /* it was tried */
@@ -733,7 +728,7 @@ static void test_a_file_that_follows(void) {
 /* An old one is brought back: the file stays as it is, and is not tried again. */
 static void test_a_file_that_was_left(void) {
     begin();
-    activate(add_of("two", TL_VERSION_BY_RELOAD), false);
+    activate(add_of("two", TL_ORIGIN_RELOAD), false);
     activate(1, true);
     open_here();
     expect_choice("two", "one", 1, false);
@@ -741,7 +736,7 @@ static void test_a_file_that_was_left(void) {
 
 static void test_a_first_file_that_was_refused(void) {
     open_here();
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("one", TL_VERSION_BY_START), "bad", &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_refuse(&versions, add_of("one", TL_ORIGIN_START), "bad", &error));
     expect_choice("one", "one", 0, true);
     TEST_ASSERT_EQUAL_STRING("", choice.say);
     expect_no_choice();
@@ -795,12 +790,12 @@ static void expect_as_before(tl_status status) {
 
 static void test_a_full_disk(void) {
     uint64_t number = 0;
-    const tl_version_news news = {"four", 4, "", "", TL_VERSION_BY_NETWORK, TL_CHANGE_BY_RETUNE, TL_CHANGE_NONE};
+    const tl_version_news news = {"four", 4, "", "", TL_ORIGIN_NETWORK, TL_RIGHT_RETUNE, TL_CHANGE_NONE};
     (void)signal(SIGXFSZ, SIG_IGN);
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_FSIZE, &usual));
     begin();
     activate(add("two"), true);
-    (void)add_of("three", TL_VERSION_BY_RELOAD);
+    (void)add_of("three", TL_ORIGIN_RELOAD);
     fill_disk();
     expect_as_before(tl_versions_add(&versions, &news, &number, &error));
     expect_as_before(tl_versions_activate(&versions, 3, &account, &error));

@@ -231,9 +231,9 @@ int unlink(const char *name) {
 static const tl_probation_account account = {.terms = {60, 95.0, false}, .left_ms = 60000};
 static const tl_probation_account passed = {.terms = {60, 95.0, false}, .left_ms = 50000};
 
-static tl_status add(const char *text, tl_version_origin origin) {
+static tl_status add(const char *text, tl_change_origin origin) {
     uint64_t number = 0;
-    const tl_version_news news = {text, strlen(text), "anna", "", origin, TL_CHANGE_BY_RETUNE, TL_CHANGE_IN_PLACE};
+    const tl_version_news news = {text, strlen(text), "anna", "", origin, TL_RIGHT_RETUNE, TL_CHANGE_IN_PLACE};
     return tl_versions_add(&versions, &news, &number, &error);
 }
 
@@ -243,7 +243,7 @@ static tl_status open_folder(void) {
 }
 
 static tl_status add_one(void) {
-    return add("one", TL_VERSION_BY_START);
+    return add("one", TL_ORIGIN_START);
 }
 
 static tl_status activate_one(void) {
@@ -251,7 +251,7 @@ static tl_status activate_one(void) {
 }
 
 static tl_status add_two(void) {
-    return add("two", TL_VERSION_BY_NETWORK);
+    return add("two", TL_ORIGIN_NETWORK);
 }
 
 static tl_status activate_two(void) {
@@ -267,7 +267,7 @@ static tl_status keep(void) {
 }
 
 static tl_status add_three(void) {
-    return add("three", TL_VERSION_BY_RELOAD);
+    return add("three", TL_ORIGIN_RELOAD);
 }
 
 static tl_status activate_three(void) {
@@ -279,7 +279,7 @@ static tl_status give_back(void) {
 }
 
 static tl_status add_same(void) {
-    return add("two", TL_VERSION_BY_NETWORK);
+    return add("two", TL_ORIGIN_NETWORK);
 }
 
 static tl_status refuse_same(void) {
@@ -409,7 +409,7 @@ static bool fail_once(size_t change, size_t call) {
         TEST_ASSERT_EQUAL_STRING_MESSAGE(status == TL_OK ? after : before, found, about);
         TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, open_folder(), error.text);
     }
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("another", TL_VERSION_BY_NETWORK), error.text); /* life goes on */
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("another", TL_ORIGIN_NETWORK), error.text); /* life goes on */
     return true;
 }
 
@@ -429,12 +429,12 @@ static void test_old_ones_are_removed(void) {
     live_until(5);
     for (int i = 0; i < TL_VERSIONS_MOST - 2; i++) {
         (void)snprintf(text, sizeof text, "%d", i);
-        TEST_ASSERT_EQUAL_INT(TL_OK, add(text, TL_VERSION_BY_NETWORK));
+        TEST_ASSERT_EQUAL_INT(TL_OK, add(text, TL_ORIGIN_NETWORK));
     }
     make_durable();
     TEST_ASSERT_EQUAL_size_t(TL_VERSIONS_MOST, versions.count);
     looks = true;
-    TEST_ASSERT_EQUAL_INT(TL_OK, add("one more", TL_VERSION_BY_NETWORK));
+    TEST_ASSERT_EQUAL_INT(TL_OK, add("one more", TL_ORIGIN_NETWORK));
     looks = false;
     TEST_ASSERT_EQUAL_size_t(TL_VERSIONS_MOST, versions.count);
     TEST_ASSERT_GREATER_THAN_size_t(20, state_count);
