@@ -7,10 +7,13 @@
 #include "board/can/can.h"
 
 #include <inttypes.h>
+#include <linux/can.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
+#include <sys/socket.h>
 
 #include "board/can/can_link.h"
 #include "board/can/can_map.h"
@@ -269,6 +272,20 @@ static void can_close(tl_plant_io *io) {
 
 const tl_plant_io_driver tl_can_driver = {
     .name = "can", .poll = can_poll, .interrupt = can_interrupt, .finish = can_finish, .close = can_close};
+
+/* ---- access ---- */
+
+static const tl_plant_socket sockets[] = {{AF_CAN, SOCK_RAW, CAN_RAW}};
+static const uint32_t commands[] = {SIOCGIFINDEX, SIOCGIFFLAGS, SIOCGIFMTU};
+
+const tl_plant_access tl_can_access = {
+    .calls = "getsockopt setsockopt recvmsg",
+    .sockets = sockets,
+    .socket_count = sizeof sockets / sizeof sockets[0],
+    .address_bytes = sizeof(struct sockaddr_can),
+    .commands = commands,
+    .command_count = sizeof commands / sizeof commands[0],
+};
 
 /* ---- open ---- */
 

@@ -18,6 +18,7 @@
 #define TL_BOARD_CAN_CAN_H
 
 #include "board/can/can_codec.h"
+#include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
 enum { TL_CAN_INTERFACE = 15 }; /* characters that an interface's name has at most */
@@ -29,6 +30,7 @@ typedef struct tl_can_settings {
 } tl_can_settings;
 
 extern const tl_plant_io_driver tl_can_driver;
+extern const tl_plant_access tl_can_access;
 
 /* Copies what it needs of `settings`. Opens no socket yet. Errors: TL_BAD_DATA for a setting out of its range, or bits
  * beyond the frame; TL_TRY_AGAIN where a resource is missing. */

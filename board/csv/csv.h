@@ -11,6 +11,7 @@
 #define TL_BOARD_CSV_CSV_H
 
 #include "board/csv/csv_row.h"
+#include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
 /* ---- rows of a file ---- */
@@ -32,6 +33,7 @@ void tl_csv_close(tl_csv_reader *reader);
 /* ---- the driver ---- */
 
 extern const tl_plant_io_driver tl_csv_driver;
+extern const tl_plant_access tl_csv_access; /* nothing beside its files */
 
 /* Opens a file or FIFO for live reading without blocking; the path may not exist yet (that is a link that is
  * down).

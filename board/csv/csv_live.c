@@ -323,6 +323,8 @@ static void csv_close(tl_plant_io *io) {
     free(io);
 }
 
+const tl_plant_access tl_csv_access = {.tcp = false};
+
 const tl_plant_io_driver tl_csv_driver = {
     .name = "csv", .poll = csv_poll, .interrupt = csv_interrupt, .close = csv_close};
 

@@ -7,11 +7,13 @@
 #include "board/gpio/gpio.h"
 
 #include <errno.h>
+#include <linux/gpio.h>
 #include <math.h>
 #include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <time.h>
 
 #include "board/gpio/gpio_find.h"
@@ -362,6 +364,18 @@ static void gpio_close(tl_plant_io *io) {
 
 const tl_plant_io_driver tl_gpio_driver = {
     .name = "gpio", .poll = gpio_poll, .interrupt = gpio_interrupt, .close = gpio_close};
+
+/* ---- access ---- */
+
+static const uint32_t commands[] = {
+    GPIO_GET_CHIPINFO_IOCTL,  GPIO_GET_LINEINFO_IOCTL,          GPIO_GET_LINEHANDLE_IOCTL,
+    GPIO_GET_LINEEVENT_IOCTL, GPIOHANDLE_GET_LINE_VALUES_IOCTL, GPIO_V2_GET_LINEINFO_IOCTL,
+    GPIO_V2_GET_LINE_IOCTL,   GPIO_V2_LINE_GET_VALUES_IOCTL,
+};
+
+/* A filter sees no flags of a request. libgpiod finds in /sys whether a device is a chip. */
+const tl_plant_access tl_gpio_access = {
+    .commands = commands, .command_count = sizeof commands / sizeof commands[0], .read = "/sys", .write = "/dev"};
 
 /* ---- settings ---- */
 

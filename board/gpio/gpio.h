@@ -19,6 +19,7 @@
 #define TL_BOARD_GPIO_GPIO_H
 
 #include "board/gpio/gpio_channel.h"
+#include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 
 /* Edges, and looks for edges, of one line in one poll: so many, and so many more for each ms of the period. */
@@ -32,6 +33,7 @@ typedef struct tl_gpio_settings {
 } tl_gpio_settings;
 
 extern const tl_plant_io_driver tl_gpio_driver;
+extern const tl_plant_access tl_gpio_access;
 
 /* Copies what it needs of `settings`. Opens no chip yet. Errors: TL_BAD_DATA for a setting out of its range, an offset
  * without a chip. */

@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/ioctl.h>
 
 #include "board/io/backoff.h"
 #include "board/io/link.h"
@@ -319,6 +320,17 @@ static void modbus_close_io(tl_plant_io *io) {
 
 const tl_plant_io_driver tl_modbus_driver = {
     .name = "modbus", .poll = modbus_poll, .interrupt = modbus_interrupt, .close = modbus_close_io};
+
+/* ---- access ---- */
+
+static const uint32_t line_commands[] = {TCSETS,   TCSETSW,  TCSETSF,  TCFLSH,     TCSBRK,
+                                         TIOCEXCL, TIOCNXCL, TIOCMGET, TIOCGRS485, TIOCSRS485};
+
+const tl_plant_access tl_modbus_tcp_access = {.tcp = true};
+
+/* A device that is unplugged and plugged in has a new entry in /dev, to which links of other folders lead. */
+const tl_plant_access tl_modbus_rtu_access = {
+    .commands = line_commands, .command_count = sizeof line_commands / sizeof line_commands[0], .write = "/dev"};
 
 /* ---- settings ---- */
 

@@ -25,6 +25,7 @@
 
 #include <stdint.h>
 
+#include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 #include "board/modbus/modbus_codec.h"
 #include "board/modbus/modbus_line.h"
@@ -40,6 +41,7 @@ typedef struct tl_modbus_settings {
 } tl_modbus_settings;
 
 extern const tl_plant_io_driver tl_modbus_driver;
+extern const tl_plant_access tl_modbus_tcp_access, tl_modbus_rtu_access;
 
 /* Copies what it needs of `settings`. Does not connect yet. Errors: TL_BAD_DATA for a setting out of its range,
  * a type that its table cannot hold, a value beyond address 65535. */

@@ -9,6 +9,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
+#include "firmware/config/drivers.h"
 #include "firmware/config/measurements.h"
 #include "master/base/duration.h"
 #include "master/plan/plan.h"
@@ -354,8 +355,8 @@ static void check_sources(advice *given, const tl_config *config) {
     }
     for (size_t k = 0; k < config->signal_count; k++) {
         const tl_config_signal *signal = &config->signals[k];
-        bool by_can = signal->source != SIZE_MAX && config->sources[signal->source].kind == TL_SOURCE_CAN;
-        if (by_can && signal->stale_s == 0 && signal->of == k) {
+        bool is_silent = signal->source != SIZE_MAX && config->sources[signal->source].driver->is_silent;
+        if (is_silent && signal->stale_s == 0 && signal->of == k) {
             warn(given, signal->plan.where,
                  "a sender on a CAN bus that falls silent is noticed by nothing but the age of its values, and it has "
                  "no stale_s: its last value would be taken for good for ever");

@@ -14,6 +14,7 @@
 #include "firmware/cli/plant_stream.h"
 #include "firmware/cli/verb_job.h"
 #include "firmware/cli/verbs.h"
+#include "firmware/config/drivers.h"
 #include "firmware/process/interrupt.h"
 
 /* One Modbus server or CAN bus, and which row column feeds each of its channels. */
@@ -108,35 +109,30 @@ static tl_status find_signals(const player *self, const tl_config *listener, siz
     return TL_OK;
 }
 
-static tl_status serve_modbus(const tl_config *listener, const tl_config_source *source, const size_t *signals,
+static tl_status serve_modbus(const player *self, const tl_config_source *source, const void *channels,
                               served_source *served, tl_error *error) {
-    tl_modbus_channel channels[TL_MAX_SIGNALS];
-    for (size_t i = 0; i < served->channel_count; i++) {
-        channels[i] = listener->signals[signals[i]].modbus;
-    }
+    const tl_modbus_settings *modbus = source->settings;
     const tl_plant_server_settings settings = {
-        .host = source->host,
-        .port = source->port,
+        .host = modbus->host,
+        .port = modbus->port,
         .channels = channels,
         .channel_count = served->channel_count,
     };
+    (void)self;
     tl_status status = tl_plant_server_start(&settings, &served->server, error);
     if (status == TL_OK) {
         tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
-               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", source->host,
+               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", modbus->host,
                (unsigned)tl_plant_server_port(served->server));
     }
     return status;
 }
 
-static tl_status serve_can(const player *self, const tl_config *listener, const tl_config_source *source,
-                           const size_t *signals, served_source *served, tl_error *error) {
-    tl_can_channel channels[TL_MAX_SIGNALS];
-    for (size_t i = 0; i < served->channel_count; i++) {
-        channels[i] = listener->signals[signals[i]].can;
-    }
+static tl_status serve_can(const player *self, const tl_config_source *source, const void *channels,
+                           served_source *served, tl_error *error) {
+    const tl_can_settings *can = source->settings;
     const tl_plant_bus_settings settings = {
-        .interface = source->interface,
+        .interface = can->interface,
         .real = self->options->real_bus,
         .channels = channels,
         .channel_count = served->channel_count,
@@ -144,34 +140,48 @@ static tl_status serve_can(const player *self, const tl_config *listener, const 
     tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
     if (status == TL_OK) {
         tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name,
-               served->channel_count, served->channel_count == 1 ? "" : "s", source->interface);
+               served->channel_count, served->channel_count == 1 ? "" : "s", can->interface);
     }
     return status;
 }
 
-/* A serial line has its units at the other end, and a GPIO line is pulled by somebody: nothing here can be either. */
-static bool can_be_served(const tl_config_source *source) {
-    if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
-        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name,
-               source->kind == TL_SOURCE_GPIO ? "of GPIO lines" : "by Modbus RTU");
+typedef tl_status serve_source_function(const player *self, const tl_config_source *source, const void *channels,
+                                        served_source *served, tl_error *error);
+
+/* Who serves sources of this kind; NULL: nobody. Signals of a CSV source are written by --fifo. */
+static serve_source_function *find_server(const tl_config_source *source) {
+    static const struct {
+        const char *kind;
+        serve_source_function *serve;
+    } servers[] = {{"modbus_tcp", serve_modbus}, {"can", serve_can}};
+    for (size_t i = 0; i < sizeof servers / sizeof servers[0]; i++) {
+        if (strcmp(source->driver->name, servers[i].kind) == 0) {
+            return servers[i].serve;
+        }
     }
-    return source->kind == TL_SOURCE_MODBUS_TCP || source->kind == TL_SOURCE_CAN;
+    if (source->driver->not_played != NULL) {
+        tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name, source->driver->not_played);
+    }
+    return NULL;
 }
 
 /* Serves one source of the listener; one without signals is left out. */
 static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
     const tl_config_source *source = &listener->sources[index];
     served_source *served = &self->served[self->served_count];
+    serve_source_function *serve = find_server(source);
     size_t signals[TL_MAX_SIGNALS];
-    if (!can_be_served(source)) {
+    if (serve == NULL) {
         return TL_OK;
     }
     tl_status status = find_signals(self, listener, index, served, signals, error);
     if (status != TL_OK || served->channel_count == 0) {
         return status;
     }
-    status = source->kind == TL_SOURCE_CAN ? serve_can(self, listener, source, signals, served, error)
-                                           : serve_modbus(listener, source, signals, served, error);
+    void *channels = tl_driver_gather(source->driver, listener, signals, served->channel_count);
+    status = channels != NULL ? serve(self, source, channels, served, error)
+                              : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the signals of %s", source->name);
+    free(channels);
     self->served_count += status == TL_OK ? 1 : 0;
     return status;
 }

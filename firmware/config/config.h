@@ -15,9 +15,6 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "board/can/can.h"
-#include "board/gpio/gpio.h"
-#include "board/modbus/modbus.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
@@ -50,34 +47,15 @@ typedef struct tl_config_component {
     tl_keep keep;
 } tl_config_component;
 
-typedef enum tl_source_kind {
-    TL_SOURCE_MODBUS_TCP,
-    TL_SOURCE_MODBUS_RTU,
-    TL_SOURCE_CAN,
-    TL_SOURCE_GPIO,
-    TL_SOURCE_CSV
-} tl_source_kind;
+struct tl_driver; /* a row of drivers.h */
 
 /* A device or stream that live signals come from. */
 typedef struct tl_config_source {
     const char *where;
     const char *name;
-    tl_source_kind kind;
-    double period_s; /* default: step_s */
-    /* Modbus TCP */
-    const char *host;
-    uint16_t port; /* default 502 */
-    bool any_unit_id;
-    double timeout_s; /* default 0.5; of both kinds of Modbus */
-    /* Modbus RTU; line.device is relative to the configuration's folder */
-    tl_modbus_line line;
-    /* GPIO */
-    const char *chip; /* NULL: any */
-    /* CSV */
-    const char *file;        /* relative to the configuration's folder */
-    const char *time_column; /* default "time" */
-    /* CAN */
-    const char *interface; /* "can0" */
+    const struct tl_driver *driver; /* NULL in a configuration that is wrong only */
+    double period_s;                /* default: step_s */
+    void *settings;                 /* of the driver, as its row reads them: names of files and devices as written */
 } tl_config_source;
 
 /* What the name of a signal that shows another one's readings ends with: no name of a configuration does. */
@@ -85,13 +63,11 @@ typedef struct tl_config_source {
 
 typedef struct tl_config_signal {
     tl_plan_signal plan;
-    double minimum, maximum;  /* ∓infinity: none */
-    double stale_s;           /* 0: never stale */
-    const char *column;       /* in a recording or CSV source; default: the signal's name */
-    size_t source;            /* index of its live source; SIZE_MAX: none (recordings only) */
-    tl_modbus_channel modbus; /* where the source is Modbus */
-    tl_can_channel can;       /* where the source is CAN */
-    tl_gpio_channel gpio;     /* where the source is GPIO */
+    double minimum, maximum; /* ∓infinity: none */
+    double stale_s;          /* 0: never stale */
+    const char *column;      /* in a recording or CSV source; default: the signal's name */
+    size_t source;           /* index of its live source; SIZE_MAX: none (recordings only) */
+    void *channel;           /* of the source's driver, if there is a source */
     tl_time look_back;  /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
     bool next;          /* there, or next */
     tl_between between; /* what it is where it is looked up between two readings */

@@ -1,10 +1,14 @@
-/* `sources.NAME.can` and `plant.NAME.can`: a CAN interface, and where a signal stands in the frames of its bus. */
-#include "firmware/config/config_parts.h"
-
+/* `sources.NAME.can` and `plant.NAME.can`: a CAN interface, and where a signal stands in the frames of its bus; the row of
+ * the driver board/can. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "board/can/can.h"
+#include "firmware/config/config_change.h"
+#include "firmware/config/config_parts.h"
+#include "firmware/config/drivers.h"
 
 enum { EXPECTED = 160 };
 
@@ -20,18 +24,14 @@ static bool is_interface(const char *name) {
            strcmp(name, "..") != 0;
 }
 
-void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    (void)config; /* of one shape with the other kinds */
-    tl_config_object object;
-    (void)tl_config_member(entry, "can", TL_CONFIG_REQUIRED, "{\"interface\": \"can0\"}", &object);
-    source->kind = TL_SOURCE_CAN;
-    source->period_s = PERIOD_S;
-    if (tl_config_get_text(&object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &source->interface) &&
-        !is_interface(source->interface)) {
-        tl_config_wrong(&object, "interface", NULL,
+static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+    tl_can_settings *settings = source->settings;
+    (void)config;
+    if (tl_config_get_text(object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &settings->interface) &&
+        !is_interface(settings->interface)) {
+        tl_config_wrong(object, "interface", NULL,
                         "the name of a network interface: at most 15 characters, no space, slash or colon", "\"can0\"");
     }
-    tl_config_done(&object);
 }
 
 /* ---- plant.NAME.can ---- */
@@ -195,21 +195,62 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
     }
 }
 
-void tl_config_read_can_signal(tl_config_object *entry, tl_config_signal *signal) {
-    static const char *const example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}";
-    static const char *const kinds[] = {"can", NULL};
-    tl_config_object object;
-    if (!tl_config_member(entry, "can", TL_CONFIG_OPTIONAL, example, &object)) {
-        return;
-    }
-    if (signal->source != SIZE_MAX) {
-        tl_config_wrong(entry, "can", "can beside another live source", "at most one live source", NULL);
-    }
-    (void)tl_config_read_source_name(&object, TL_CONFIG_REQUIRED, "the name of a can source", kinds, signal);
-    read_id(&object, &signal->can);
-    read_frame(&object, &signal->can);
-    read_type(&object, &signal->can);
-    read_scale(&object, &signal->can);
-    read_multiplex(&object, &signal->can);
-    tl_config_done(&object);
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
+                        const tl_config *config) {
+    tl_can_channel *channel = signal->channel;
+    (void)named;
+    (void)config;
+    read_id(object, channel);
+    read_frame(object, channel);
+    read_type(object, channel);
+    read_scale(object, channel);
+    read_multiplex(object, channel);
 }
+
+/* ---- the row ---- */
+
+static tl_status open_can(const tl_config_source *source, const char *path, const void *channels, size_t count,
+                          tl_plant_io **io, tl_error *error) {
+    tl_can_settings settings = *(const tl_can_settings *)source->settings;
+    (void)path;
+    settings.channels = channels;
+    settings.channel_count = count;
+    return tl_can_open(&settings, io, error);
+}
+
+static const tl_change_rule RULES[] = {
+    {"sources.*.can", TL_RULE_COMMISSION, NULL},
+    {"sources.*.can.interface", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.source", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.id", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.extended", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.bytes", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.fd", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.start", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.length", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.order", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.type", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.scale", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.offset", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.multiplex", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.multiplex.**", TL_RULE_COMMISSION, NULL},
+    {NULL, TL_RULE_COMMISSION, NULL},
+};
+
+const tl_driver tl_driver_can = {
+    .name = "can",
+    .signal_key = "can",
+    .source_example = "{\"interface\": \"can0\"}",
+    .signal_example = "{\"source\": \"bus\", \"id\": \"0x123\", \"start\": 0, \"length\": 16}",
+    .period_s = PERIOD_S,
+    .settings_bytes = sizeof(tl_can_settings),
+    .channel_bytes = sizeof(tl_can_channel),
+    .read_source = read_source,
+    .read_signal = read_signal,
+    .rules = RULES,
+    .is_silent = true,
+    .io = &tl_can_driver,
+    .access = &tl_can_access,
+    .open = open_can,
+};

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/config/drivers.h"
 #include "master/plan/tuning.h"
 
 /* ---- allowed names ---- */
@@ -135,20 +136,11 @@ static bool is_path(const tl_json_value *value) {
 
 static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
     needs->right = TL_RIGHT_COMMISSION; /* if it is gone */
+    needs->names = TL_NAMES_NOTHING;
     if (after->type != TL_JSON_ABSENT) {
         needs->right = TL_RIGHT_BOX;
         needs->names = what;
     }
-}
-
-static void judge_file(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    (void)before;
-    name(after, TL_NAMES_FILE, needs);
-}
-
-static void judge_library(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    (void)before;
-    name(after, TL_NAMES_LIBRARY, needs);
 }
 
 /* A value of `set` that is a text may name a file, which the FMU may read then. */
@@ -213,10 +205,12 @@ static bool has_sibling(const tl_json_value *before, const tl_json_value *after,
     return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
 }
 
-/* Which Modbus polls repeat a reading is decided where they are read: tl_config_repeats(). */
+/* Which polls repeat a reading is decided where they are read: tl_config_repeats(). */
 static void judge_polls(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    if (has_sibling(before, after, "modbus")) {
-        needs->kind = TL_CHANGE_RESTART;
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        if ((*row)->is_polled && has_sibling(before, after, (*row)->signal_key)) {
+            needs->kind = TL_CHANGE_RESTART;
+        }
     }
 }
 
@@ -238,10 +232,8 @@ static void judge_stale(const tl_json_value *before, const tl_json_value *after,
     { TL_CHANGE_NEW_TWIN, TL_RIGHT_BOX, TL_NAMES_NOTHING }
 #define RESTART_ON_THE_BOX                                                                                             \
     { TL_CHANGE_RESTART, TL_RIGHT_BOX, TL_NAMES_NOTHING }
-#define RESTART                                                                                                        \
-    { TL_CHANGE_RESTART, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
-#define RESTART_COMMISSIONED                                                                                           \
-    { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_NOTHING }
+#define RESTART TL_RULE_RETUNE
+#define RESTART_COMMISSIONED TL_RULE_COMMISSION
 
 /* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
 static const tl_change_rule rules[] = {
@@ -263,37 +255,15 @@ static const tl_change_rule rules[] = {
     {"components.*.replay_steps", NEW_TWIN, NULL},
     {"components.*.fork_nodes", NEW_TWIN, NULL},
     {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.libraries[]", NEW_TWIN_COMMISSIONED, judge_library},
+    {"components.*.libraries[]", {TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION, TL_NAMES_LIBRARY}, NULL},
     {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},
-    {"components.*.read[]", NEW_TWIN_COMMISSIONED, judge_file},
+    {"components.*.read[]", {TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION, TL_NAMES_FILE}, NULL},
     {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
-    /* where live signals come from: the process that reads them takes another one only with another run */
+    /* where live signals come from: the process that reads them takes another one only with another run. The keys of each
+     * driver are in its own row. */
     {"sources", RESTART_COMMISSIONED, NULL},
     {"sources.*", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.host", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.port", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_tcp.any_unit_id", RESTART, NULL},
-    {"sources.*.modbus_tcp.period_s", RESTART, NULL},
-    {"sources.*.modbus_tcp.timeout_s", RESTART, NULL},
-    {"sources.*.modbus_rtu", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.device", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.baud", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.parity", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.stop_bits", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.rs485", RESTART_COMMISSIONED, NULL},
-    {"sources.*.modbus_rtu.period_s", RESTART, NULL},
-    {"sources.*.modbus_rtu.timeout_s", RESTART, NULL},
-    {"sources.*.gpio", RESTART_COMMISSIONED, NULL},
-    {"sources.*.gpio.chip", RESTART_COMMISSIONED, NULL},
-    {"sources.*.gpio.period_s", RESTART, NULL},
-    {"sources.*.csv", RESTART_COMMISSIONED, NULL},
-    {"sources.*.csv.file", RESTART_COMMISSIONED, judge_file},
-    {"sources.*.csv.time_column", RESTART, NULL},
-    {"sources.*.csv.period_s", RESTART, NULL},
-    {"sources.*.can", RESTART_COMMISSIONED, NULL},
-    {"sources.*.can.interface", RESTART_COMMISSIONED, NULL},
     /* signals: what is measured is what the twin is judged by */
     {"plant", RESTART_COMMISSIONED, NULL},
     {"plant.*", RESTART_COMMISSIONED, NULL},
@@ -305,40 +275,6 @@ static const tl_change_rule rules[] = {
     {"plant.*.between", NEW_TWIN, NULL},
     {"plant.*.every_s", NEW_TWIN, judge_polls},
     {"plant.*.initial", NEW_TWIN, NULL},
-    {"plant.*.csv", RESTART_COMMISSIONED, NULL},
-    {"plant.*.csv.column", RESTART_COMMISSIONED, NULL},
-    {"plant.*.csv.source", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.source", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.unit_id", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.table", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.address", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.type", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.words", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.bytes", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.scale", RESTART_COMMISSIONED, NULL},
-    {"plant.*.modbus.offset", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.source", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.id", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.extended", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.bytes", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.fd", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.start", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.length", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.order", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.type", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.scale", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.offset", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.multiplex", RESTART_COMMISSIONED, NULL},
-    {"plant.*.can.multiplex.**", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.source", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.line", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.offset", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.bias", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.active_low", RESTART_COMMISSIONED, NULL},
-    {"plant.*.gpio.debounce_s", RESTART_COMMISSIONED, NULL},
     {"recording", RESTART, NULL},
     {"recording.file", RESTART_COMMISSIONED, NULL},
     {"recording.time_column", RESTART, NULL},
@@ -439,8 +375,13 @@ static const tl_change_rule rules[] = {
     {NULL, RESTART_COMMISSIONED, NULL},
 };
 
-const tl_change_rule *tl_change_rules(void) {
-    return rules;
+const tl_change_rule *tl_change_rules(size_t list) {
+    for (size_t i = 0; i + 1 < list; i++) {
+        if (tl_drivers[i] == NULL) {
+            return NULL;
+        }
+    }
+    return list == 0 ? rules : tl_drivers[list - 1] != NULL ? tl_drivers[list - 1]->rules : NULL;
 }
 
 /* ---- looking up ---- */
@@ -473,9 +414,12 @@ static bool matches(const char *pattern, const tl_json_step *way, size_t depth) 
 }
 
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
-    for (const tl_change_rule *rule = rules; rule->pattern != NULL; rule++) {
-        if (matches(rule->pattern, way, depth)) {
-            return rule;
+    const tl_change_rule *list = NULL;
+    for (size_t i = 0; (list = tl_change_rules(i)) != NULL; i++) {
+        for (const tl_change_rule *rule = list; rule->pattern != NULL; rule++) {
+            if (matches(rule->pattern, way, depth)) {
+                return rule;
+            }
         }
     }
     return NULL;
@@ -504,6 +448,9 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
     }
     if (rule != NULL) {
         needs = rule->needs;
+        if (needs.names != TL_NAMES_NOTHING) {
+            name(&difference->after, rule->needs.names, &needs);
+        }
         if (rule->judge != NULL) {
             rule->judge(&difference->before, &difference->after, &needs);
         }

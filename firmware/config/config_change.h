@@ -33,7 +33,7 @@ typedef enum tl_change_named {
 typedef struct tl_change_needs {
     tl_change_kind kind;
     tl_change_right right; /* of what has a name: unless that is allowed; then TL_RIGHT_COMMISSION is enough */
-    tl_change_named names;
+    tl_change_named names; /* of a rule: what the value, if it is there, names; so it comes from the box only */
 } tl_change_needs;
 
 typedef struct tl_change_rule {
@@ -43,8 +43,17 @@ typedef struct tl_change_rule {
     void (*judge)(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs);
 } tl_change_rule;
 
-/* All of them, ended by one without a pattern. */
-const tl_change_rule *tl_change_rules(void);
+/* What keys of a driver need: a restart, and the right to retune or to commission; or the value names a file. */
+#define TL_RULE_RETUNE                                                                                                 \
+    { TL_CHANGE_RESTART, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
+#define TL_RULE_COMMISSION                                                                                             \
+    { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_NOTHING }
+#define TL_RULE_FILE                                                                                                   \
+    { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_FILE }
+
+/* List 0: of all keys but those of drivers; then one for each driver (drivers.h). Each is ended by a rule without a pattern; NULL: there is no
+ * such list. */
+const tl_change_rule *tl_change_rules(size_t list);
 
 /* The one of a path; NULL: none, and a change there is the worst of all. */
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);

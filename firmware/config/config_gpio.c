@@ -1,17 +1,16 @@
-/* `sources.NAME.gpio` and `plant.NAME.gpio`. */
+/* `sources.NAME.gpio` and `plant.NAME.gpio`: the row of the driver board/gpio. */
 #include <stdio.h>
 #include <string.h>
 
+#include "board/gpio/gpio.h"
+#include "firmware/config/config_change.h"
 #include "firmware/config/config_parts.h"
-#include "firmware/config/config_reader.h"
+#include "firmware/config/drivers.h"
 
-void tl_config_read_gpio_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    tl_config_object object;
-    (void)tl_config_member(entry, "gpio", TL_CONFIG_REQUIRED, "{\"chip\": \"gpiochip0\"}", &object);
-    source->kind = TL_SOURCE_GPIO;
-    (void)tl_config_get_text(&object, "chip", TL_CONFIG_OPTIONAL, "\"gpiochip0\"", &source->chip);
-    tl_config_read_period(&object, source, config);
-    tl_config_done(&object);
+static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+    tl_gpio_settings *settings = source->settings;
+    (void)config;
+    (void)tl_config_get_text(object, "chip", TL_CONFIG_OPTIONAL, "\"gpiochip0\"", &settings->chip);
 }
 
 /* A line by its name, or by its offset on the chip of the source. */
@@ -49,40 +48,78 @@ static bool is_same(const char *a, const char *b) {
     return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
 }
 
+static const char *chip_of(const tl_config_source *source) {
+    const tl_gpio_settings *settings = source->settings;
+    return settings->chip;
+}
+
 /* A line can be requested once. */
 static void check_once(const tl_config_object *object, const tl_config *config, const tl_config_signal *signal) {
-    const char *chip = config->sources[signal->source].chip;
+    const tl_config_source *source = &config->sources[signal->source];
+    const tl_gpio_channel *own = signal->channel;
     for (const tl_config_signal *other = config->signals; other < signal; other++) {
-        if (other->source < config->source_count && config->sources[other->source].kind == TL_SOURCE_GPIO &&
-            is_same(config->sources[other->source].chip, chip) && is_same(other->gpio.line, signal->gpio.line) &&
-            other->gpio.offset == signal->gpio.offset) {
+        const tl_gpio_channel *line = other->channel;
+        if (other->source < config->source_count && config->sources[other->source].driver == source->driver &&
+            is_same(chip_of(&config->sources[other->source]), chip_of(source)) && is_same(line->line, own->line) &&
+            line->offset == own->offset) {
             char found[TL_JSON_PATH + 32];
             (void)snprintf(found, sizeof found, "the line of %s", other->plan.where);
-            tl_config_wrong(object, signal->gpio.line != NULL ? "line" : "offset", found,
+            tl_config_wrong(object, own->line != NULL ? "line" : "offset", found,
                             "a line that no other signal has: it can be requested once", NULL);
             return;
         }
     }
 }
 
-void tl_config_read_gpio_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
-    static const char *const kinds[] = {"gpio", NULL};
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
+                        const tl_config *config) {
     static const tl_config_number debounce = {.maximum = 60, .example = "0.01"};
-    tl_config_object object;
-    if (!tl_config_member(entry, "gpio", TL_CONFIG_OPTIONAL, "{\"source\": \"box\", \"line\": \"START\"}", &object)) {
-        return;
+    tl_gpio_channel *channel = signal->channel;
+    read_line(object, named, channel);
+    (void)tl_config_get_boolean(object, "active_low", &channel->active_low);
+    read_bias(object, channel);
+    (void)tl_config_get_number(object, "debounce_s", &debounce, &channel->debounce_s);
+    if (named != NULL && signal->source < config->source_count) {
+        check_once(object, config, signal);
     }
-    if (signal->source != SIZE_MAX) {
-        tl_config_wrong(entry, "gpio", "gpio beside another live source", "at most one live source", NULL);
-    }
-    const cJSON *source =
-        tl_config_read_source_name(&object, TL_CONFIG_REQUIRED, "the name of a gpio source", kinds, signal);
-    read_line(&object, source, &signal->gpio);
-    (void)tl_config_get_boolean(&object, "active_low", &signal->gpio.active_low);
-    read_bias(&object, &signal->gpio);
-    (void)tl_config_get_number(&object, "debounce_s", &debounce, &signal->gpio.debounce_s);
-    if (source != NULL && signal->source < config->source_count) {
-        check_once(&object, config, signal);
-    }
-    tl_config_done(&object);
 }
+
+static tl_status open_gpio(const tl_config_source *source, const char *path, const void *channels, size_t count,
+                           tl_plant_io **io, tl_error *error) {
+    tl_gpio_settings settings = *(const tl_gpio_settings *)source->settings;
+    (void)path;
+    settings.period_s = source->period_s;
+    settings.channels = channels;
+    settings.channel_count = count;
+    return tl_gpio_open(&settings, io, error);
+}
+
+static const tl_change_rule RULES[] = {
+    {"sources.*.gpio", TL_RULE_COMMISSION, NULL},
+    {"sources.*.gpio.chip", TL_RULE_COMMISSION, NULL},
+    {"sources.*.gpio.period_s", TL_RULE_RETUNE, NULL},
+    {"plant.*.gpio", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.source", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.line", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.offset", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.bias", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.active_low", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.debounce_s", TL_RULE_COMMISSION, NULL},
+    {NULL, TL_RULE_COMMISSION, NULL},
+};
+
+const tl_driver tl_driver_gpio = {
+    .name = "gpio",
+    .signal_key = "gpio",
+    .source_example = "{\"chip\": \"gpiochip0\"}",
+    .signal_example = "{\"source\": \"box\", \"line\": \"START\"}",
+    .settings_bytes = sizeof(tl_gpio_settings),
+    .channel_bytes = sizeof(tl_gpio_channel),
+    .read_source = read_source,
+    .read_signal = read_signal,
+    .rules = RULES,
+    .not_played = "of GPIO lines",
+    .io = &tl_gpio_driver,
+    .access = &tl_gpio_access,
+    .open = open_gpio,
+};

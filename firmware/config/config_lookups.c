@@ -15,6 +15,7 @@
  * more, as it came, if there is room: NAME@reading.
  */
 #include "firmware/config/config_parts.h"
+#include "firmware/config/drivers.h"
 
 #include <stdio.h>
 #include <string.h>
@@ -86,8 +87,7 @@ uint32_t tl_config_free_twin_guard(const tl_config *config) {
 }
 
 bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal) {
-    tl_source_kind kind = signal->source < config->source_count ? config->sources[signal->source].kind : TL_SOURCE_CSV;
-    return kind == TL_SOURCE_MODBUS_TCP || kind == TL_SOURCE_MODBUS_RTU;
+    return signal->source < config->source_count && config->sources[signal->source].driver->is_polled;
 }
 
 tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal) {

@@ -1,38 +1,49 @@
-/* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`. */
+/* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the driver board/modbus. */
+#include <arpa/inet.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
+#include "board/modbus/modbus.h"
+#include "firmware/config/config_change.h"
 #include "firmware/config/config_parts.h"
-#include "firmware/config/config_reader.h"
+#include "firmware/config/drivers.h"
 
 /* ---- sources.NAME ---- */
 
-void tl_config_read_modbus_tcp_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    static const tl_config_number port_rule = {.whole = true, .minimum = 1, .maximum = 65535, .example = "502"};
+static void read_timeout(tl_config_object *object, tl_modbus_settings *settings) {
     static const tl_config_number timeout = {.minimum = 0.001, .maximum = 60, .example = "0.5"};
-    tl_config_object object;
+    settings->timeout_s = 0.5;
+    (void)tl_config_get_number(object, "timeout_s", &timeout, &settings->timeout_s);
+}
+
+static void read_tcp_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+    static const tl_config_number port_rule = {.whole = true, .minimum = 1, .maximum = 65535, .example = "502"};
+    tl_modbus_settings *settings = source->settings;
     double port = 502;
-    (void)tl_config_member(entry, "modbus_tcp", TL_CONFIG_REQUIRED, "{\"host\": \"192.0.2.10\"}", &object);
-    source->kind = TL_SOURCE_MODBUS_TCP;
-    source->timeout_s = 0.5;
-    (void)tl_config_get_text(&object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &source->host);
-    (void)tl_config_get_number(&object, "port", &port_rule, &port);
-    (void)tl_config_get_boolean(&object, "any_unit_id", &source->any_unit_id);
-    (void)tl_config_get_number(&object, "timeout_s", &timeout, &source->timeout_s);
-    tl_config_read_period(&object, source, config);
-    source->port = (uint16_t)port;
-    tl_config_done(&object);
+    (void)config;
+    (void)tl_config_get_text(object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &settings->host);
+    (void)tl_config_get_number(object, "port", &port_rule, &port);
+    (void)tl_config_get_boolean(object, "any_unit_id", &settings->any_unit_id);
+    read_timeout(object, settings);
+    settings->port = (uint16_t)port;
+}
+
+/* As written. */
+static const char *device_of(const tl_config_source *source) {
+    const tl_modbus_settings *settings = source->settings;
+    return settings->line.device;
 }
 
 static void read_device(tl_config_object *object, tl_config_source *source, const tl_config *config) {
     static const char *const example = "\"/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0\"";
-    source->line.device = "";
-    if (!tl_config_get_text(object, "device", TL_CONFIG_REQUIRED, example, &source->line.device)) {
+    tl_modbus_settings *settings = source->settings;
+    settings->line.device = "";
+    if (!tl_config_get_text(object, "device", TL_CONFIG_REQUIRED, example, &settings->line.device)) {
         return;
     }
     for (const tl_config_source *other = config->sources; other < source; other++) {
-        if (other->kind == TL_SOURCE_MODBUS_RTU && strcmp(other->line.device, source->line.device) == 0) {
+        if (other->driver == source->driver && strcmp(device_of(other), device_of(source)) == 0) {
             char found[TL_JSON_PATH + 32];
             (void)snprintf(found, sizeof found, "the device of %s", other->where);
             tl_config_wrong(object, "device", found, "a line of its own: one source reads all units of a line", NULL);
@@ -41,7 +52,7 @@ static void read_device(tl_config_object *object, tl_config_source *source, cons
     }
 }
 
-static void read_baud(tl_config_object *object, tl_config_source *source) {
+static void read_baud(tl_config_object *object, tl_modbus_line *line) {
     char expected[160];
     size_t used = (size_t)snprintf(expected, sizeof expected, "one of");
     for (const uint32_t *baud = tl_modbus_bauds; *baud != 0; baud++) {
@@ -60,29 +71,24 @@ static void read_baud(tl_config_object *object, tl_config_source *source) {
             tl_config_wrong(object, "baud", NULL, expected, "19200");
         }
     }
-    source->line.baud = (uint32_t)given;
+    line->baud = (uint32_t)given;
 }
 
-void tl_config_read_modbus_rtu_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    static const tl_config_number timeout = {.minimum = 0.001, .maximum = 60, .example = "0.5"};
+static void read_rtu_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
     static const tl_config_number stop_rule = {.whole = true, .minimum = 1, .maximum = 2, .example = "1"};
     static const char *const parities[] = {"even", "odd", "none", NULL};
-    tl_config_object object;
+    tl_modbus_settings *settings = source->settings;
+    tl_modbus_line *line = &settings->line;
     size_t parity = 0;
-    (void)tl_config_member(entry, "modbus_rtu", TL_CONFIG_REQUIRED, "{\"device\": \"/dev/ttyUSB0\"}", &object);
-    source->kind = TL_SOURCE_MODBUS_RTU;
-    source->timeout_s = 0.5;
-    read_device(&object, source, config);
-    read_baud(&object, source);
-    (void)tl_config_get_choice(&object, "parity", TL_CONFIG_OPTIONAL, parities, &parity);
+    read_device(object, source, config);
+    read_baud(object, line);
+    (void)tl_config_get_choice(object, "parity", TL_CONFIG_OPTIONAL, parities, &parity);
     double stop_bits = parity == 2 ? 2 : 1;
-    (void)tl_config_get_number(&object, "stop_bits", &stop_rule, &stop_bits);
-    (void)tl_config_get_boolean(&object, "rs485", &source->line.rs485);
-    (void)tl_config_get_number(&object, "timeout_s", &timeout, &source->timeout_s);
-    tl_config_read_period(&object, source, config);
-    source->line.parity = "EON"[parity];
-    source->line.stop_bits = (uint8_t)stop_bits;
-    tl_config_done(&object);
+    (void)tl_config_get_number(object, "stop_bits", &stop_rule, &stop_bits);
+    (void)tl_config_get_boolean(object, "rs485", &line->rs485);
+    read_timeout(object, settings);
+    line->parity = "EON"[parity];
+    line->stop_bits = (uint8_t)stop_bits;
 }
 
 /* ---- plant.NAME.modbus ---- */
@@ -149,30 +155,123 @@ static bool is_little(tl_config_object *object, const char *key) {
     return tl_config_get_choice(object, key, TL_CONFIG_OPTIONAL, orders, &index) && index == 1;
 }
 
-void tl_config_read_modbus_signal(tl_config_object *entry, tl_config_signal *signal) {
-    static const char *const example =
-        "{\"source\": \"plc\", \"table\": \"holding\", \"address\": 100, \"type\": \"int16\"}";
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
+                        const tl_config *config) {
     static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
-    static const char *const kinds[] = {"modbus_tcp", "modbus_rtu", NULL};
-    tl_modbus_channel *channel = &signal->modbus;
-    tl_config_object object;
-    if (!tl_config_member(entry, "modbus", TL_CONFIG_OPTIONAL, example, &object)) {
-        return;
-    }
-    if (signal->source != SIZE_MAX) {
-        tl_config_wrong(entry, "modbus", "modbus beside csv.source", "at most one live source", NULL);
-    }
-    const cJSON *source = tl_config_read_source_name(&object, TL_CONFIG_REQUIRED,
-                                                     "the name of a modbus_tcp or modbus_rtu source", kinds, signal);
-    read_unit_id(&object, source, channel);
-    read_table_and_type(&object, channel);
-    read_address(&object, channel);
-    channel->words_little = is_little(&object, "words");
-    channel->bytes_little = is_little(&object, "bytes");
+    tl_modbus_channel *channel = signal->channel;
+    (void)config;
+    read_unit_id(object, named, channel);
+    read_table_and_type(object, channel);
+    read_address(object, channel);
+    channel->words_little = is_little(object, "words");
+    channel->bytes_little = is_little(object, "bytes");
     channel->scale = 1;
-    if (tl_config_get_number(&object, "scale", &any, &channel->scale) && channel->scale == 0) {
-        tl_config_wrong(&object, "scale", NULL, "a number other than 0", "0.1");
+    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
+        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
     }
-    (void)tl_config_get_number(&object, "offset", &any, &channel->offset);
-    tl_config_done(&object);
+    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
 }
+
+/* ---- the rows ---- */
+
+/* Resolving a host name cannot be interrupted and has time limits of its own. */
+static const tl_time RESOLVE = 60 * TL_SECOND;
+
+/* Time-outs of a poll between two readings: to connect, and for a request that the device refuses in three shapes. */
+enum { WAITS = 4 };
+
+/* Bits of the longest request and its response on a serial line. */
+enum { LINE_BITS = 264 * 12 };
+
+static bool is_address(const char *host) {
+    unsigned char address[sizeof(struct in6_addr)];
+    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
+}
+
+static void reach_server(const tl_config_source *source, tl_source_reach *reach) {
+    const tl_modbus_settings *settings = source->settings;
+    reach->port = settings->port;
+    reach->names = !is_address(settings->host);
+    reach->wait = WAITS * tl_time_of_seconds(settings->timeout_s) + (reach->names ? RESOLVE : 0);
+}
+
+static void reach_line(const tl_config_source *source, tl_source_reach *reach) {
+    const tl_modbus_settings *settings = source->settings;
+    reach->write = settings->line.device;
+    reach->wait = WAITS * (tl_time_of_seconds(settings->timeout_s) + LINE_BITS * TL_SECOND / settings->line.baud);
+}
+
+/* By TCP there is no path. */
+static tl_status open_modbus(const tl_config_source *source, const char *path, const void *channels, size_t count,
+                             tl_plant_io **io, tl_error *error) {
+    tl_modbus_settings settings = *(const tl_modbus_settings *)source->settings;
+    settings.line.device = path;
+    settings.channels = channels;
+    settings.channel_count = count;
+    return tl_modbus_open(&settings, io, error);
+}
+
+static const tl_change_rule TCP_RULES[] = {
+    {"sources.*.modbus_tcp", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_tcp.host", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_tcp.port", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_tcp.period_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_tcp.timeout_s", TL_RULE_RETUNE, NULL},
+    {"plant.*.modbus", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.source", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.unit_id", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.table", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.address", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.type", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.words", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.bytes", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.scale", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.offset", TL_RULE_COMMISSION, NULL},
+    {NULL, TL_RULE_COMMISSION, NULL},
+};
+
+static const tl_change_rule RTU_RULES[] = {
+    {"sources.*.modbus_rtu", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.device", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.baud", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.parity", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.stop_bits", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.rs485", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_rtu.period_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_rtu.timeout_s", TL_RULE_RETUNE, NULL},
+    {NULL, TL_RULE_COMMISSION, NULL},
+};
+
+const tl_driver tl_driver_modbus_tcp = {
+    .name = "modbus_tcp",
+    .source_example = "{\"host\": \"192.0.2.10\"}",
+    .signal_example = "{\"source\": \"plc\", \"table\": \"holding\", \"address\": 100, \"type\": \"int16\"}",
+    .signal_key = "modbus",
+    .settings_bytes = sizeof(tl_modbus_settings),
+    .channel_bytes = sizeof(tl_modbus_channel),
+    .read_source = read_tcp_source,
+    .read_signal = read_signal,
+    .rules = TCP_RULES,
+    .is_polled = true,
+    .io = &tl_modbus_driver,
+    .access = &tl_modbus_tcp_access,
+    .reach = reach_server,
+    .open = open_modbus,
+};
+
+const tl_driver tl_driver_modbus_rtu = {
+    .name = "modbus_rtu",
+    .source_example = "{\"device\": \"/dev/ttyUSB0\"}",
+    .signal_key = "modbus",
+    .settings_bytes = sizeof(tl_modbus_settings),
+    .channel_bytes = sizeof(tl_modbus_channel),
+    .read_source = read_rtu_source,
+    .rules = RTU_RULES,
+    .is_polled = true,
+    .not_played = "by Modbus RTU",
+    .io = &tl_modbus_driver,
+    .access = &tl_modbus_rtu_access,
+    .reach = reach_line,
+    .open = open_modbus,
+};

@@ -32,23 +32,6 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config);
 void tl_config_read_sources(tl_config_object *root, tl_config *config);
 void tl_config_read_signals(tl_config_object *root, tl_config *config);
 
-/* The parts of these that are about one kind: the source `entry`.KIND, and the signal `entry`.KIND. */
-void tl_config_read_modbus_tcp_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
-void tl_config_read_modbus_rtu_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
-void tl_config_read_modbus_signal(tl_config_object *entry, tl_config_signal *signal);
-void tl_config_read_can_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
-void tl_config_read_can_signal(tl_config_object *entry, tl_config_signal *signal);
-void tl_config_read_gpio_source(tl_config_object *entry, tl_config_source *source, const tl_config *config);
-void tl_config_read_gpio_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal);
-
-/* period_s of a source. Devices need not be asked more often than a step can be short. */
-void tl_config_read_period(tl_config_object *object, tl_config_source *source, const tl_config *config);
-
-/* Reads the name of a source of one of these kinds (the last is NULL), and finds its index. Returns the source, or NULL
- * where there is none; a wrong name is reported as not being that of `what`. */
-const cJSON *tl_config_read_source_name(tl_config_object *object, tl_config_need need, const char *what,
-                                        const char *const *kinds, tl_config_signal *signal);
-
 /* delays */
 void tl_config_read_delays(tl_config_object *root, tl_config *config);
 

@@ -6,6 +6,9 @@
 #include <string.h>
 
 #include "firmware/config/config_reader.h"
+#include "firmware/config/drivers.h"
+
+enum { KINDS_TEXT = 256 };
 
 static const tl_config_map SOURCES = {.most = TL_MAX_SIGNALS,
                                       .example = "{\"plc\": {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}}"};
@@ -14,54 +17,53 @@ static const tl_config_map SIGNALS = {
 
 /* ---- sources ---- */
 
-static void read_csv(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
-    tl_config_object object;
-    (void)tl_config_member(entry, "csv", TL_CONFIG_REQUIRED, "{\"file\": \"plant.fifo\"}", &object);
-    source->kind = TL_SOURCE_CSV;
-    source->time_column = "time";
-    (void)tl_config_get_text(&object, "file", TL_CONFIG_REQUIRED, "\"plant.fifo\"", &source->file);
-    (void)tl_config_get_text(&object, "time_column", TL_CONFIG_OPTIONAL, "\"time\"", &source->time_column);
-    tl_config_read_period(&object, source, config);
-    tl_config_done(&object);
-}
-
-/* Every kind of source, and who reads it. */
-static const struct kind {
-    const char *key;
-    void (*read)(tl_config_object *entry, tl_config_source *source, const tl_config *config);
-} KINDS[] = {
-    {"modbus_tcp", tl_config_read_modbus_tcp_source},
-    {"modbus_rtu", tl_config_read_modbus_rtu_source},
-    {"can", tl_config_read_can_source},
-    {"gpio", tl_config_read_gpio_source},
-    {"csv", read_csv},
-};
-
-enum { KIND_COUNT = sizeof KINDS / sizeof KINDS[0] };
-
 /* Names all kinds, or those that the entry has. */
 static void list_kinds(tl_config_object *entry, bool all, const char *before, char *text, size_t size) {
     size_t used = (size_t)snprintf(text, size, "%s", before);
     const char *comma = "";
-    for (size_t i = 0; i < KIND_COUNT; i++) {
-        if (all || tl_config_get(entry, KINDS[i].key, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
-            used += (size_t)snprintf(text + used, size - used, "%s%s", comma, KINDS[i].key);
+    for (const tl_driver *const *row = tl_drivers; *row != NULL && used < size; row++) {
+        if (all || tl_config_get(entry, (*row)->name, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+            used += (size_t)snprintf(text + used, size - used, "%s%s", comma, (*row)->name);
             comma = all ? ", " : " and ";
         }
     }
 }
 
+/* Devices need not be asked more often than a step can be short. */
+static void read_period(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+    static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
+    source->period_s = source->driver->period_s;
+    if (source->period_s == 0) {
+        source->period_s = tl_seconds(config->step);
+        (void)tl_config_get_number(object, "period_s", &period, &source->period_s);
+    }
+}
+
+static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_config_source *source,
+                         const tl_config *config) {
+    tl_config_object object;
+    void *settings = tl_config_take(entry->reader, 1, row->settings_bytes);
+    if (settings != NULL) {
+        (void)tl_config_member(entry, row->name, TL_CONFIG_REQUIRED, row->source_example, &object);
+        source->driver = row;
+        source->settings = settings;
+        row->read_source(&object, source, config);
+        read_period(&object, source, config);
+        tl_config_done(&object);
+    }
+}
+
 static void read_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
     size_t found = 0;
-    for (size_t i = 0; i < KIND_COUNT; i++) {
-        if (tl_config_get(entry, KINDS[i].key, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        if (tl_config_get(entry, (*row)->name, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
             found++;
-            KINDS[i].read(entry, source, config);
+            read_of_kind(entry, *row, source, config);
         }
     }
     if (found != 1) {
-        char what[128];
-        char expected[128];
+        char what[KINDS_TEXT];
+        char expected[KINDS_TEXT];
         list_kinds(entry, found == 0, found == 0 ? "none of " : "", what, sizeof what);
         list_kinds(entry, true, "exactly one of ", expected, sizeof expected);
         tl_config_problem(entry->reader, entry->path, tl_json_line(entry->json), what, expected,
@@ -76,7 +78,6 @@ static void read_named_source(const tl_config_object *map, const cJSON *item, si
     tl_config_object entry;
     tl_config_check_name(map, item, "\"plc\"");
     source->name = item->string;
-    source->line.device = "";
     if (tl_config_entry(map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
         read_source(&entry, source, config);
     }
@@ -90,15 +91,91 @@ void tl_config_read_sources(tl_config_object *root, tl_config *config) {
     tl_config_each(&map, read_named_source, config);
 }
 
-/* ---- plant.NAME.csv ---- */
+/* ---- plant.NAME.KEY: where its live source has it ---- */
 
-static void read_signal_csv(tl_config_object *entry, tl_config_signal *signal) {
-    static const char *const kinds[] = {"csv", NULL};
+/* The kinds of sources that such signals have, ended by NULL, and how they are called. */
+static void find_kinds(const tl_driver *row, const char *kinds[TL_MAX_DRIVERS + 1], char *what, size_t size) {
+    size_t count = 0;
+    size_t used = (size_t)snprintf(what, size, "the name of a ");
+    for (const tl_driver *const *other = tl_drivers; *other != NULL && used < size; other++) {
+        if (strcmp((*other)->signal_key, row->signal_key) == 0) {
+            used += (size_t)snprintf(what + used, size - used, "%s%s", count == 0 ? "" : " or ", (*other)->name);
+            kinds[count++] = (*other)->name;
+        }
+    }
+    kinds[count] = NULL;
+    if (used < size) {
+        (void)snprintf(what + used, size - used, " source");
+    }
+}
+
+/* Whether its settings were read, and by a row of the same signals: a source that is wrong may have several. */
+static bool is_read_by(const tl_config_source *source, const tl_driver *row) {
+    return source->driver != NULL && strcmp(source->driver->signal_key, row->signal_key) == 0;
+}
+
+/* Reads the name of a source, and finds its index. Returns the source in the file, or NULL where there is none. */
+static const cJSON *read_source_name(tl_config_object *object, const tl_driver *row, const tl_config *config,
+                                     tl_config_signal *signal) {
+    const tl_config_need need = row->source_is_optional ? TL_CONFIG_OPTIONAL : TL_CONFIG_REQUIRED;
+    const char *kinds[TL_MAX_DRIVERS + 1];
+    const char *name = NULL;
+    char what[KINDS_TEXT];
+    size_t index = 0;
+    const cJSON *item = NULL;
+    const cJSON *sources = cJSON_GetObjectItemCaseSensitive(object->reader->root, "sources");
+    if (!tl_config_get_text(object, "source", need, "\"plc\"", &name) ||
+        (sources != NULL && !cJSON_IsObject(sources))) { /* reported where it stands */
+        return NULL;
+    }
+    cJSON_ArrayForEach(item, sources) {
+        if (strcmp(item->string, name) == 0) {
+            break;
+        }
+        index++;
+    }
+    find_kinds(row, kinds, what, sizeof what);
+    if (item != NULL && tl_config_is_of_kind(item, kinds)) {
+        if (index < config->source_count && is_read_by(&config->sources[index], row)) {
+            signal->source = index;
+        }
+        return item;
+    }
+    char expected[320];
+    tl_config_list_names(what, sources, kinds, expected, sizeof expected);
+    tl_config_wrong(object, "source", NULL, expected, NULL);
+    return NULL;
+}
+
+/* One live source at most: what a further one says is checked, and left. */
+static void read_channel(tl_config_object *entry, const tl_driver *row, const tl_config *config,
+                         tl_config_signal *signal) {
     tl_config_object object;
-    if (tl_config_member(entry, "csv", TL_CONFIG_OPTIONAL, "{\"column\": \"omega\"}", &object)) {
-        (void)tl_config_get_text(&object, "column", TL_CONFIG_OPTIONAL, "\"omega\"", &signal->column);
-        (void)tl_config_read_source_name(&object, TL_CONFIG_OPTIONAL, "the name of a csv source", kinds, signal);
+    tl_config_signal further = *signal;
+    const bool is_further = signal->source != SIZE_MAX;
+    tl_config_signal *target = is_further ? &further : signal;
+    if (!tl_config_member(entry, row->signal_key, TL_CONFIG_OPTIONAL, row->signal_example, &object)) {
+        return;
+    }
+    if (is_further) {
+        char found[128];
+        (void)snprintf(found, sizeof found, "%s beside another live source", row->signal_key);
+        tl_config_wrong(entry, row->signal_key, found, "at most one live source", NULL);
+    }
+    target->channel = tl_config_take(entry->reader, 1, row->channel_bytes);
+    if (target->channel != NULL) {
+        const cJSON *named = read_source_name(&object, row, config, target);
+        further.source = SIZE_MAX;
+        row->read_signal(&object, named, target, config);
         tl_config_done(&object);
+    }
+}
+
+static void read_channels(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        if ((*row)->read_signal != NULL) {
+            read_channel(entry, *row, config, signal);
+        }
     }
 }
 
@@ -168,10 +245,7 @@ static void read_signal(tl_config_object *entry, const tl_config *config, tl_con
     } else { /* its type is not known either */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);
     }
-    read_signal_csv(entry, signal);
-    tl_config_read_modbus_signal(entry, signal);
-    tl_config_read_can_signal(entry, signal);
-    tl_config_read_gpio_signal(entry, config, signal);
+    read_channels(entry, config, signal);
     tl_config_done(entry);
 }
 

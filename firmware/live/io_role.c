@@ -13,6 +13,7 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
+#include "firmware/config/drivers.h"
 #include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
@@ -21,7 +22,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/journal.h"
 
-enum { LOOK_MS = 50, KINDS = TL_SOURCE_CSV + 1 };
+enum { LOOK_MS = 50, KINDS = TL_MAX_DRIVERS };
 
 /* Another process that reads one kind of source. */
 typedef struct reader {
@@ -137,7 +138,7 @@ static tl_status start_readers(io *self, tl_error *error) {
     tl_status status = TL_OK;
     self->first = -1;
     for (size_t i = 0; i < self->config.source_count; i++) {
-        self->kinds |= 1U << self->config.sources[i].kind;
+        self->kinds |= tl_driver_bit(self->config.sources[i].driver);
     }
     for (unsigned kind = 1; self->first < 0 && kind < self->kinds && status == TL_OK; kind <<= 1) {
         if ((self->kinds & kind) != 0) {

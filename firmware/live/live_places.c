@@ -1,7 +1,6 @@
 /* Places of twins beside each other in a run: see live_places.h. */
 #include "firmware/live/live_places.h"
 
-#include <arpa/inet.h>
 #include <libgen.h>
 #include <limits.h>
 #include <stddef.h>
@@ -10,6 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
+#include "firmware/config/drivers.h"
 #include "firmware/process/confine.h"
 #include "firmware/store/outbox.h"
 
@@ -236,53 +236,35 @@ static tl_status confine(tl_confine_settings settings, const places *read, const
     return tl_confine(&settings, &facts, NULL, error);
 }
 
-static bool is_address(const char *host) {
-    unsigned char address[sizeof(struct in6_addr)];
-    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
-}
-
-static unsigned driver_of(const tl_config_source *source) {
-    switch (source->kind) {
-    case TL_SOURCE_MODBUS_TCP:
-        return TL_CONFINE_TCP | (is_address(source->host) ? 0U : (unsigned)TL_CONFINE_NAMES);
-    case TL_SOURCE_MODBUS_RTU:
-        return TL_CONFINE_SERIAL;
-    case TL_SOURCE_CAN:
-        return TL_CONFINE_CAN;
-    case TL_SOURCE_GPIO:
-        return TL_CONFINE_GPIO;
-    case TL_SOURCE_CSV:
-        break;
-    }
-    return TL_CONFINE_CSV;
-}
-
-/* Adds a source's drivers and port, of which `ports` has room for. */
-static void add_driver(tl_confine_settings *settings, uint16_t *ports, const tl_config_source *source) {
-    settings->drivers |= driver_of(source);
-    if (source->kind == TL_SOURCE_MODBUS_TCP) {
-        ports[settings->port_count++] = source->port;
-    }
-}
-
-/* A device that is unplugged and plugged in has a new entry in /dev, to which links of other places lead. */
-static void add_source(places *read, places *write, const tl_config *config, const tl_config_source *source) {
+/* The files, devices and ports of one source, and what its driver needs. */
+static void add_source(tl_confine_settings *settings, uint16_t *ports, places *read, places *write,
+                       const tl_config *config, const tl_config_source *source) {
+    const tl_plant_access *access = source->driver->access;
+    tl_source_reach reach = {.read = NULL};
     char path[PATH_MAX];
-    if (source->kind == TL_SOURCE_CSV && tl_config_file_path(config, source->file, path, sizeof path)) {
+    if (source->driver->reach != NULL) {
+        source->driver->reach(source, &reach);
+    }
+    if (reach.read != NULL && tl_config_file_path(config, reach.read, path, sizeof path)) {
         add_folders(read, path);
     }
-    if (source->kind == TL_SOURCE_MODBUS_RTU && tl_config_file_path(config, source->line.device, path, sizeof path)) {
+    if (reach.write != NULL && tl_config_file_path(config, reach.write, path, sizeof path)) {
         add_folders(write, path);
     }
-    if (source->kind == TL_SOURCE_MODBUS_RTU || source->kind == TL_SOURCE_GPIO) {
-        add(write, "/dev");
+    if (access->read != NULL) {
+        add(read, access->read);
     }
-    if (source->kind == TL_SOURCE_GPIO) { /* where libgpiod looks whether a device is a chip */
-        add(read, "/sys");
+    if (access->write != NULL) {
+        add(write, access->write);
     }
+    if (reach.port != 0) {
+        ports[settings->port_count++] = reach.port;
+    }
+    settings->plant = access;
+    settings->names = settings->names || reach.names;
 }
 
-tl_status tl_live_places_confine_io(const tl_config *config, unsigned kinds, tl_error *error) {
+tl_status tl_live_places_confine_io(const tl_config *config, unsigned kind, tl_error *error) {
     places read = {.path = NULL};
     places write = {.path = NULL};
     uint16_t *ports = calloc(config->source_count + 1, sizeof *ports);
@@ -295,14 +277,12 @@ tl_status tl_live_places_confine_io(const tl_config *config, unsigned kinds, tl_
         status = tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     } else if (status == TL_OK) {
         for (size_t i = 0; i < config->source_count; i++) {
-            if ((kinds & 1U << config->sources[i].kind) != 0) {
-                add_source(&read, &write, config, &config->sources[i]);
-                add_driver(&settings, ports, &config->sources[i]);
+            if (kind == tl_driver_bit(config->sources[i].driver)) {
+                add_source(&settings, ports, &read, &write, config, &config->sources[i]);
             }
         }
-        const bool with_names = (settings.drivers & TL_CONFINE_NAMES) != 0;
-        add_common(&read, with_names);
-        if (with_names) { /* an answer that is too long for a datagram */
+        add_common(&read, settings.names);
+        if (settings.names) { /* an answer that is too long for a datagram */
             ports[settings.port_count++] = DOMAIN_PORT;
         }
         status = confine(settings, &read, &write, error);

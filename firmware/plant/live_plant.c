@@ -1,25 +1,13 @@
 /* The live plant: see live_plant.h. */
 #include "firmware/plant/live_plant.h"
 
-#include <arpa/inet.h>
 #include <limits.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 
-#include "board/can/can.h"
-#include "board/csv/csv.h"
-#include "board/gpio/gpio.h"
-#include "board/modbus/modbus.h"
+#include "firmware/config/drivers.h"
 #include "firmware/plant/plant_reader.h"
-
-/* Resolving a host name cannot be interrupted and has time limits of its own. */
-static const tl_time RESOLVE = 60 * TL_SECOND;
-
-/* Time-outs of a Modbus poll between two readings: to connect, and for a request that the device refuses in three shapes. */
-enum { MODBUS_WAITS = 4 };
-
-/* Bits of the longest request and its response on a serial line. */
-enum { LINE_BITS = 264 * 12 };
 
 struct tl_live_plant {
     tl_plant_source *sources;
@@ -52,114 +40,26 @@ void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
     }
 }
 
-static tl_status open_modbus(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
-                             tl_error *error) {
-    tl_modbus_channel channels[TL_MAX_SIGNALS];
-    char path[PATH_MAX];
-    for (size_t i = 0; i < source->signal_count; i++) {
-        channels[i] = config->signals[source->signals[i]].modbus;
+static tl_status open_driver(const tl_config *config, const tl_config_source *configured, const tl_source_reach *reach,
+                             tl_plant_source *source, tl_error *error) {
+    const tl_driver *row = configured->driver;
+    const char *file = reach->read != NULL ? reach->read : reach->write;
+    char path[PATH_MAX] = "";
+    void *channels = tl_driver_gather(row, config, source->signals, source->signal_count);
+    if (channels == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
-    tl_modbus_line line = configured->line;
-    line.device = NULL;
-    if (configured->kind == TL_SOURCE_MODBUS_RTU) {
-        tl_config_file_path(config, configured->line.device, path, sizeof path);
-        line.device = path;
+    if (file != NULL) {
+        (void)tl_config_file_path(config, file, path, sizeof path);
     }
-    const tl_modbus_settings settings = {
-        .host = configured->host,
-        .port = configured->port,
-        .any_unit_id = configured->any_unit_id,
-        .line = line,
-        .timeout_s = configured->timeout_s,
-        .channels = channels,
-        .channel_count = source->signal_count,
-    };
-    source->driver = &tl_modbus_driver;
-    return tl_modbus_open(&settings, &source->io, error);
+    source->driver = row->io;
+    tl_status status =
+        row->open(configured, file != NULL ? path : NULL, channels, source->signal_count, &source->io, error);
+    free(channels);
+    return status;
 }
 
-static tl_status open_csv(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
-                          tl_error *error) {
-    const char *columns[TL_MAX_SIGNALS];
-    char path[PATH_MAX];
-    for (size_t i = 0; i < source->signal_count; i++) {
-        columns[i] = config->signals[source->signals[i]].column;
-    }
-    tl_config_file_path(config, configured->file, path, sizeof path);
-    const tl_csv_settings settings = {
-        .path = path,
-        .time_column = configured->time_column,
-        .columns = columns,
-        .column_count = source->signal_count,
-    };
-    source->driver = &tl_csv_driver;
-    return tl_csv_open_live(&settings, &source->io, error);
-}
-
-static tl_status open_can(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
-                          tl_error *error) {
-    tl_can_channel channels[TL_MAX_SIGNALS];
-    for (size_t i = 0; i < source->signal_count; i++) {
-        channels[i] = config->signals[source->signals[i]].can;
-    }
-    const tl_can_settings settings = {
-        .interface = configured->interface, .channels = channels, .channel_count = source->signal_count};
-    source->driver = &tl_can_driver;
-    return tl_can_open(&settings, &source->io, error);
-}
-
-static tl_status open_gpio(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
-                           tl_error *error) {
-    tl_gpio_channel channels[TL_MAX_SIGNALS];
-    for (size_t i = 0; i < source->signal_count; i++) {
-        channels[i] = config->signals[source->signals[i]].gpio;
-    }
-    const tl_gpio_settings settings = {
-        .chip = configured->chip,
-        .period_s = configured->period_s,
-        .channels = channels,
-        .channel_count = source->signal_count,
-    };
-    source->driver = &tl_gpio_driver;
-    return tl_gpio_open(&settings, &source->io, error);
-}
-
-static tl_status open_driver(const tl_config *config, const tl_config_source *configured, tl_plant_source *source,
-                             tl_error *error) {
-    switch (configured->kind) {
-    case TL_SOURCE_MODBUS_TCP:
-    case TL_SOURCE_MODBUS_RTU:
-        return open_modbus(config, configured, source, error);
-    case TL_SOURCE_CAN:
-        return open_can(config, configured, source, error);
-    case TL_SOURCE_GPIO:
-        return open_gpio(config, configured, source, error);
-    case TL_SOURCE_CSV:
-        break;
-    }
-    return open_csv(config, configured, source, error);
-}
-
-static bool is_address(const char *host) {
-    unsigned char address[sizeof(struct in6_addr)];
-    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
-}
-
-/* How long a poll may wait for its device without a reading; other drivers wait at most for their period. */
-static tl_time longest_wait(const tl_config_source *configured) {
-    tl_time timeout = tl_time_of_seconds(configured->timeout_s);
-    switch (configured->kind) {
-    case TL_SOURCE_MODBUS_TCP:
-        return MODBUS_WAITS * timeout + (is_address(configured->host) ? 0 : RESOLVE);
-    case TL_SOURCE_MODBUS_RTU:
-        return MODBUS_WAITS * (timeout + LINE_BITS * TL_SECOND / configured->line.baud);
-    default:
-        return 0;
-    }
-}
-
-static tl_time patience_with(const tl_config *config, const tl_config_source *configured) {
-    tl_time wait = longest_wait(configured);
+static tl_time patience_with(const tl_config *config, const tl_config_source *configured, tl_time wait) {
     return (wait > config->realtime_hang ? wait : config->realtime_hang) + 2 * tl_time_of_seconds(configured->period_s);
 }
 
@@ -184,9 +84,13 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     if (source->signal_count == 0) {
         return TL_OK;
     }
-    tl_status status = open_driver(config, configured, source, error);
+    tl_source_reach reach = {.wait = 0};
+    if (configured->driver->reach != NULL) {
+        configured->driver->reach(configured, &reach);
+    }
+    tl_status status = open_driver(config, configured, &reach, source, error);
     if (status == TL_OK) {
-        source->heart = tl_heart_begin(beats, source->name, patience_with(config, configured));
+        source->heart = tl_heart_begin(beats, source->name, patience_with(config, configured, reach.wait));
         plant->source_count++;
     }
     return status;
@@ -199,21 +103,33 @@ static void close_sources(tl_live_plant *plant) {
     }
 }
 
+/* The keys by which a signal names a live source: "csv" with a "source", "modbus", … */
+static void list_signal_keys(char *text, size_t size) {
+    size_t used = 0;
+    for (const tl_driver *const *row = tl_drivers; *row != NULL && used < size; row++) {
+        if ((*row)->read_signal != NULL) {
+            used += (size_t)snprintf(text + used, size - used, "%s\"%s\"%s", used == 0 ? "" : ", ", (*row)->signal_key,
+                                     (*row)->source_is_optional ? " with a \"source\"" : "");
+        }
+    }
+}
+
 tl_status tl_live_plant_check(const tl_config *config, tl_error *error) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == SIZE_MAX) {
+            char keys[128];
+            list_signal_keys(keys, sizeof keys);
             return tl_fail(
                 error, TL_BAD_DATA,
-                "%s: plant.%s has no live source: give it \"modbus\", \"can\", \"gpio\", or \"csv\" with a \"source\"; to "
-                "run a recording use `twinlock replay`",
-                config->path, config->signals[i].plan.name);
+                "%s: plant.%s has no live source: give it one of %s; to run a recording use `twinlock replay`",
+                config->path, config->signals[i].plan.name, keys);
         }
     }
     return TL_OK;
 }
 
 static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
-    return (kinds & 1U << config->sources[source].kind) != 0;
+    return (kinds & tl_driver_bit(config->sources[source].driver)) != 0;
 }
 
 static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *settings) {

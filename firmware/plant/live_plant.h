@@ -8,6 +8,7 @@
 #ifndef TL_FIRMWARE_PLANT_LIVE_PLANT_H
 #define TL_FIRMWARE_PLANT_LIVE_PLANT_H
 
+#include <limits.h>
 #include <stdbool.h>
 
 #include "firmware/config/config.h"
@@ -17,8 +18,8 @@
 
 typedef struct tl_live_plant tl_live_plant;
 
-/* A set of kinds of sources: bits 1 << TL_SOURCE_…. */
-enum { TL_LIVE_PLANT_ALL = (1 << (TL_SOURCE_CSV + 1)) - 1 };
+/* A set of kinds of sources: tl_driver_bit(). */
+enum { TL_LIVE_PLANT_ALL = INT_MAX };
 
 typedef struct tl_live_plant_settings {
     const tl_config *config;

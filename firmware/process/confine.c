@@ -51,7 +51,7 @@ static tl_status give_up_privileges(const tl_confine_settings *settings, tl_erro
     if (settings->user != 0) {
         return tl_privileges_become(settings->user, error);
     }
-    return settings->drivers != 0 || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
+    return settings->plant != NULL || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
 }
 
 static tl_status restrict_files(const tl_confine_settings *settings, int version, tl_error *error) {
@@ -71,7 +71,8 @@ static tl_status restrict_files(const tl_confine_settings *settings, int version
 static tl_status restrict_calls(const tl_confine_settings *settings, int version, int *listener, tl_error *error) {
     const tl_filter_settings filter = {.start_socket = settings->start_socket,
                                        .whole_process = settings->whole_process,
-                                       .drivers = settings->drivers,
+                                       .plant = settings->plant,
+                                       .names = settings->names,
                                        .keeps_files = settings->keeps_files,
                                        .may_answer = settings->may_answer,
                                        .forks = settings->forks,

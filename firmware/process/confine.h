@@ -10,7 +10,7 @@
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
  *          the processor; what the listed folders hold; a file that was removed but is still open counts nowhere but at its limit, and where
  *          the disk gets full (bounds.h).
- * Others:  a process without FMUs gives up all it does not need, too. With `drivers` it can open again what those drivers of a plant need, and
+ * Others:  a process without FMUs gives up all it does not need, too. With `plant` it can open again what that driver of a plant needs, and
  *          no socket or device of another kind. TCP connects to `ports` only, from Linux 6.7 on. With keeps_files a recorder can remove and rename below the folders
  *          that it writes, and give files the mode of others. Neither can listen, start programs or reach a local socket. With may_answer a server that listens
  *          already can accept, and reach local sockets, and nobody else.
@@ -44,10 +44,11 @@ typedef struct tl_confine_settings {
         memory; /* bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is
                                  only reserved does not count. With a sanitizer, whose own memory is larger, there is none */
     uint32_t user; /* its number, and of its group; needs root, and `folder` must be that user's. 0: stay who we are */
-    int start_socket;      /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
-    bool whole_process;    /* the list of system calls for all threads; else for the one that calls */
-    unsigned drivers;      /* TL_CONFINE_CSV | …; 0: it reads no plant */
-    const uint16_t *ports; /* that TCP may connect to, with Landlock 4 and later; without: any */
+    int start_socket;             /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
+    bool whole_process;           /* the list of system calls for all threads; else for the one that calls */
+    const tl_plant_access *plant; /* what its driver of a plant needs; NULL: it reads no plant */
+    bool names;                   /* and it looks up names of hosts */
+    const uint16_t *ports;        /* that TCP may connect to, with Landlock 4 and later; without: any */
     size_t port_count;
     bool keeps_files; /* see above, */
     bool may_answer;  /* and this */

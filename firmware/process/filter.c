@@ -8,11 +8,8 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <linux/can.h>
-#include <linux/gpio.h>
 #include <linux/netlink.h>
 #include <linux/seccomp.h>
-#include <linux/serial.h>
 #include <netinet/in.h>
 #include <sched.h>
 #include <seccomp.h>
@@ -333,7 +330,7 @@ static int add_arguments(scmp_filter_ctx context, const tl_filter_settings *sett
     return failure;
 }
 
-/* ---- what the drivers of a plant need besides, to connect again ---- */
+/* ---- what a driver of a plant needs besides, to connect again ---- */
 
 /* A filter sees numbers, not memory: addresses and the flags of a GPIO request are unseen. So each kind of source allows only its own
  * sockets and device commands. Landlock binds TCP to ports. It checks connect() only, and plain TCP only. So two ways around it are refused here:
@@ -341,115 +338,79 @@ static int add_arguments(scmp_filter_ctx context, const tl_filter_settings *sett
 
 enum { SOCKET_KINDS = 0x0f }; /* of sockets: the rest are flags */
 
-/* The calls that a kind of source needs whatever their arguments. */
-static const struct {
-    unsigned drivers;
-    const char *calls;
-} driver_calls[] = {
-    {TL_CONFINE_TCP | TL_CONFINE_NAMES, "connect shutdown getsockname getpeername getsockopt setsockopt recv recvfrom"},
-    {TL_CONFINE_NAMES, "recvmsg"},
-    {TL_CONFINE_CAN, "getsockopt setsockopt recvmsg"},
+static const char tcp_calls[] = "connect shutdown getsockname getpeername getsockopt setsockopt recv recvfrom";
+
+static const tl_plant_socket tcp_sockets[] = {
+    {AF_INET, SOCK_STREAM, 0},
+    {AF_INET, SOCK_STREAM, IPPROTO_TCP},
+    {AF_INET6, SOCK_STREAM, 0},
+    {AF_INET6, SOCK_STREAM, IPPROTO_TCP},
 };
 
-static const struct {
-    unsigned drivers;
-    int family;
-    int kind;
-    int protocol;
-} sockets[] = {
-    {TL_CONFINE_TCP | TL_CONFINE_NAMES, AF_INET, SOCK_STREAM, 0},
-    {TL_CONFINE_TCP | TL_CONFINE_NAMES, AF_INET, SOCK_STREAM, IPPROTO_TCP},
-    {TL_CONFINE_TCP | TL_CONFINE_NAMES, AF_INET6, SOCK_STREAM, 0},
-    {TL_CONFINE_TCP | TL_CONFINE_NAMES, AF_INET6, SOCK_STREAM, IPPROTO_TCP},
-    {TL_CONFINE_NAMES, AF_INET, SOCK_DGRAM, 0},
-    {TL_CONFINE_NAMES, AF_INET, SOCK_DGRAM, IPPROTO_UDP},
-    {TL_CONFINE_NAMES, AF_INET6, SOCK_DGRAM, 0},
-    {TL_CONFINE_NAMES, AF_INET6, SOCK_DGRAM, IPPROTO_UDP},
-    {TL_CONFINE_NAMES, AF_NETLINK, SOCK_RAW, NETLINK_ROUTE}, /* which addresses this machine has itself */
-    {TL_CONFINE_CAN, AF_CAN, SOCK_RAW, CAN_RAW},
+/* The look-up of names also needs what TCP does. Netlink tells which addresses this machine has itself. */
+static const tl_plant_socket name_sockets[] = {
+    {AF_INET, SOCK_DGRAM, 0},
+    {AF_INET, SOCK_DGRAM, IPPROTO_UDP},
+    {AF_INET6, SOCK_DGRAM, 0},
+    {AF_INET6, SOCK_DGRAM, IPPROTO_UDP},
+    {AF_NETLINK, SOCK_RAW, NETLINK_ROUTE},
 };
-
-/* Nobody can listen, so an address of that length does no harm elsewhere. */
-static const struct {
-    unsigned drivers;
-    uint32_t size;
-} addresses[] = {{TL_CONFINE_CAN, sizeof(struct sockaddr_can)}, {TL_CONFINE_NAMES, sizeof(struct sockaddr_nl)}};
-
-static const struct {
-    unsigned drivers;
-    uint32_t command;
-} driver_commands[] = {
-    {TL_CONFINE_CAN | TL_CONFINE_NAMES, SIOCGIFINDEX},
-    {TL_CONFINE_CAN, SIOCGIFFLAGS},
-    {TL_CONFINE_CAN, SIOCGIFMTU},
-    {TL_CONFINE_SERIAL, TCSETS},
-    {TL_CONFINE_SERIAL, TCSETSW},
-    {TL_CONFINE_SERIAL, TCSETSF},
-    {TL_CONFINE_SERIAL, TCFLSH},
-    {TL_CONFINE_SERIAL, TCSBRK},
-    {TL_CONFINE_SERIAL, TIOCEXCL},
-    {TL_CONFINE_SERIAL, TIOCNXCL},
-    {TL_CONFINE_SERIAL, TIOCMGET},
-    {TL_CONFINE_SERIAL, TIOCGRS485},
-    {TL_CONFINE_SERIAL, TIOCSRS485},
-    {TL_CONFINE_GPIO, GPIO_GET_CHIPINFO_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_GET_LINEINFO_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_GET_LINEHANDLE_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_GET_LINEEVENT_IOCTL},
-    {TL_CONFINE_GPIO, GPIOHANDLE_GET_LINE_VALUES_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_V2_GET_LINEINFO_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_V2_GET_LINE_IOCTL},
-    {TL_CONFINE_GPIO, GPIO_V2_LINE_GET_VALUES_IOCTL},
+static const uint32_t name_commands[] = {SIOCGIFINDEX};
+static const tl_plant_access names_access = {
+    .calls = "recvmsg",
+    .sockets = name_sockets,
+    .socket_count = COUNT(name_sockets),
+    .address_bytes = sizeof(struct sockaddr_nl),
+    .commands = name_commands,
+    .command_count = COUNT(name_commands),
 };
+static const tl_plant_access tcp_access = {
+    .calls = tcp_calls, .sockets = tcp_sockets, .socket_count = COUNT(tcp_sockets)};
 
 /* Sending on a connection has no address; looking names up gives one, but for TCP. */
-static int add_sending(scmp_filter_ctx context, unsigned drivers) {
+static int add_sending(scmp_filter_ctx context, bool names) {
     const struct scmp_arg_cmp connected[] = {MASKED(3, MSG_FASTOPEN, 0), {4, SCMP_CMP_EQ, 0, 0}};
     const struct scmp_arg_cmp flags_2 = MASKED(2, MSG_FASTOPEN, 0);
     const struct scmp_arg_cmp flags_3 = MASKED(3, MSG_FASTOPEN, 0);
-    int failure = 0;
-    if ((drivers & TL_CONFINE_NAMES) != 0) {
-        failure = add_rule(context, SCMP_ACT_ALLOW, "sendto", &flags_3, 1);
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmsg", &flags_2, 1);
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmmsg", &flags_3, 1);
-    } else if ((drivers & TL_CONFINE_TCP) != 0) {
-        failure = add_rule(context, SCMP_ACT_ALLOW, "sendto", connected, COUNT(connected));
+    int failure = add_rule(context, SCMP_ACT_ALLOW, "send", &flags_3, 1);
+    if (!names) {
+        return failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendto", connected, COUNT(connected));
     }
-    if ((drivers & (TL_CONFINE_NAMES | TL_CONFINE_TCP)) != 0) {
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "send", &flags_3, 1);
+    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendto", &flags_3, 1);
+    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmsg", &flags_2, 1);
+    return failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmmsg", &flags_3, 1);
+}
+
+/* All of `access` but TCP. Nobody can listen, so bind() to an address of that length does no harm elsewhere. */
+static int add_access(scmp_filter_ctx context, const tl_plant_access *access) {
+    const struct scmp_arg_cmp size = IS(2, access->address_bytes);
+    int failure = access->calls != NULL ? allow_all(context, access->calls) : 0;
+    if (failure == 0 && access->address_bytes != 0) {
+        failure = add_rule(context, SCMP_ACT_ALLOW, "bind", &size, 1);
+    }
+    for (size_t i = 0; i < access->socket_count && failure == 0; i++) {
+        const tl_plant_socket *one = &access->sockets[i];
+        const struct scmp_arg_cmp conditions[] = {IS(0, one->family), MASKED(1, SOCKET_KINDS, (uint32_t)one->type),
+                                                  IS(2, one->protocol)};
+        failure = add_rule(context, SCMP_ACT_ALLOW, "socket", conditions, COUNT(conditions));
+    }
+    for (size_t i = 0; i < access->command_count && failure == 0; i++) {
+        const struct scmp_arg_cmp command = IS(1, access->commands[i]);
+        failure = add_rule(context, SCMP_ACT_ALLOW, "ioctl", &command, 1);
     }
     return failure;
 }
 
-static int add_sockets(scmp_filter_ctx context, unsigned drivers) {
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(sockets) && failure == 0; i++) {
-        const struct scmp_arg_cmp conditions[] = {
-            IS(0, sockets[i].family), MASKED(1, SOCKET_KINDS, (uint32_t)sockets[i].kind), IS(2, sockets[i].protocol)};
-        if ((sockets[i].drivers & drivers) != 0) {
-            failure = add_rule(context, SCMP_ACT_ALLOW, "socket", conditions, COUNT(conditions));
-        }
-    }
-    for (size_t i = 0; i < COUNT(addresses) && failure == 0; i++) {
-        const struct scmp_arg_cmp size = IS(2, addresses[i].size);
-        failure = (addresses[i].drivers & drivers) != 0 ? add_rule(context, SCMP_ACT_ALLOW, "bind", &size, 1) : 0;
-    }
-    return failure != 0 ? failure : add_sending(context, drivers);
-}
-
-static int add_drivers(scmp_filter_ctx context, unsigned drivers) {
+static int add_driver(scmp_filter_ctx context, const tl_plant_access *plant, bool names) {
     /* A thread of a source is an ordinary one, whoever starts it (os.h). */
     const struct scmp_arg_cmp ordinary = IS(1, SCHED_OTHER);
     int failure = add_rule(context, SCMP_ACT_ALLOW, "sched_setscheduler", &ordinary, 1);
-    for (size_t i = 0; i < COUNT(driver_calls) && failure == 0; i++) {
-        failure = (driver_calls[i].drivers & drivers) != 0 ? allow_all(context, driver_calls[i].calls) : 0;
+    failure = failure != 0 ? failure : add_access(context, plant);
+    if (failure == 0 && (plant->tcp || names)) {
+        failure = add_access(context, &tcp_access);
+        failure = failure != 0 ? failure : add_sending(context, names);
     }
-    for (size_t i = 0; i < COUNT(driver_commands) && failure == 0; i++) {
-        const struct scmp_arg_cmp command = IS(1, driver_commands[i].command);
-        failure =
-            (driver_commands[i].drivers & drivers) != 0 ? add_rule(context, SCMP_ACT_ALLOW, "ioctl", &command, 1) : 0;
-    }
-    return failure != 0 ? failure : add_sockets(context, drivers);
+    return failure == 0 && names ? add_access(context, &names_access) : failure;
 }
 
 /* ---- what a server on the network needs besides, which listens already ---- */
@@ -495,8 +456,8 @@ static int load(const tl_filter_settings *settings, uint32_t refuse, int *listen
     int failure = set_attributes(context, settings);
     failure = failure != 0 ? failure : add_calls(context, settings);
     failure = failure != 0 ? failure : add_arguments(context, settings);
-    if (settings->drivers != 0) {
-        failure = failure != 0 ? failure : add_drivers(context, settings->drivers);
+    if (settings->plant != NULL) {
+        failure = failure != 0 ? failure : add_driver(context, settings->plant, settings->names);
     }
     if (settings->may_answer) {
         failure = failure != 0 ? failure : add_server(context);

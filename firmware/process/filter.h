@@ -10,24 +10,16 @@
 
 #include <stdbool.h>
 
+#include "board/io/plant_access.h"
 #include "master/base/status.h"
 
-/* Drivers of a plant, by what they open. */
-enum {
-    TL_CONFINE_CSV = 1, /* files only */
-    TL_CONFINE_TCP = 2,
-    TL_CONFINE_NAMES = 4, /* looks names of hosts up: UDP to any address, TCP to port 53 */
-    TL_CONFINE_CAN = 8,
-    TL_CONFINE_SERIAL = 16,
-    TL_CONFINE_GPIO = 32
-};
-
 typedef struct tl_filter_settings {
-    int start_socket;   /* sendmsg() on this descriptor only; -1: on none */
-    bool whole_process; /* all threads; else the one that calls */
-    unsigned drivers;   /* what these drivers need besides: TL_CONFINE_CSV | …; 0: none */
-    bool keeps_files;   /* what a recorder needs besides */
-    bool may_answer;    /* what a server needs besides */
+    int start_socket;             /* sendmsg() on this descriptor only; -1: on none */
+    bool whole_process;           /* all threads; else the one that calls */
+    const tl_plant_access *plant; /* what a driver of a plant needs besides; NULL: none */
+    bool names;                   /* looks up names of hosts: UDP to any address, TCP to port 53 */
+    bool keeps_files;             /* what a recorder needs besides */
+    bool may_answer;              /* what a server needs besides */
     bool forks; /* copies of itself, as its parent's children, which it may ask to be ended with that; and no signals */
     bool lives_on;         /* reaching for another process is refused, and not the end of this one */
     bool removal_holds;    /* Landlock keeps files elsewhere from being removed; else nothing is removed or renamed */

@@ -52,13 +52,13 @@ def _firmware(*folders, others=()):
 # From the lowest to the highest.
 FIRMWARE = {
     "firmware/base": Folder(("master/base",)),
-    "firmware/process": _firmware(),
+    "firmware/process": _firmware(others=("board/io",)),
     "firmware/rollback": _firmware(others=("master/fmi",)),
     "firmware/config": _firmware(others=(*_TWIN, *_DRIVERS)),
     "firmware/forked": _firmware("process", others=("master/fmi",)),
     "firmware/fmu": _firmware("forked", "rollback", "process", others=("master/fmi",)),
     "firmware/store": _firmware("config", "process", others=_TWIN),
-    "firmware/plant": _firmware("store", "config", "process", others=_DRIVERS),
+    "firmware/plant": _firmware("store", "config", "process", others=("board/csv", "board/io")),
     "firmware/monitor": _firmware("plant", "config", "process", others=_TWIN),
     "firmware/report": _firmware("monitor", "store", "config", others=_TWIN),
     "firmware/twin": _firmware("report", "monitor", "plant", "store", "fmu", "forked", "config", "process", others=_TWIN),

@@ -9,6 +9,10 @@
 
 #include <unity.h>
 
+#include "board/csv/csv.h"
+#include "board/gpio/gpio.h"
+#include "board/modbus/modbus.h"
+#include "firmware/config/drivers.h"
 #include "master/solve/optimiser.h"
 #include "tests/support/config_text.h"
 
@@ -118,26 +122,46 @@ static void test_components(void) {
     TEST_ASSERT_EQUAL_STRING("", set[3].value.text);
 }
 
+static const tl_modbus_settings *modbus_by(const tl_config_source *source) {
+    return source->settings;
+}
+
+static const tl_csv_settings *csv_by(const tl_config_source *source) {
+    return source->settings;
+}
+
+static const tl_gpio_settings *gpio_by(const tl_config_source *source) {
+    return source->settings;
+}
+
+static const tl_modbus_channel *modbus_of(const tl_config_signal *signal) {
+    return signal->channel;
+}
+
+static const tl_gpio_channel *gpio_of(const tl_config_signal *signal) {
+    return signal->channel;
+}
+
 static void test_sources(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_source *source = config->sources;
     TEST_ASSERT_EQUAL_size_t(6, config->source_count);
     TEST_ASSERT_EQUAL_STRING("sources.plc", source[0].where);
     TEST_ASSERT_EQUAL_STRING("plc", source[0].name);
-    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_TCP, source[0].kind);
-    TEST_ASSERT_EQUAL_STRING("192.0.2.10", source[0].host);
-    TEST_ASSERT_EQUAL_UINT16(1502, source[0].port);
+    TEST_ASSERT_EQUAL_STRING("modbus_tcp", source[0].driver->name);
+    TEST_ASSERT_EQUAL_STRING("192.0.2.10", modbus_by(&source[0])->host);
+    TEST_ASSERT_EQUAL_UINT16(1502, modbus_by(&source[0])->port);
     TEST_ASSERT_EQUAL_DOUBLE(0.02, source[0].period_s);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, source[0].timeout_s);
-    TEST_ASSERT_TRUE(source[0].any_unit_id);
-    TEST_ASSERT_EQUAL_STRING("plc.example", source[1].host);
-    TEST_ASSERT_FALSE(source[1].any_unit_id);
-    TEST_ASSERT_EQUAL_UINT16(502, source[1].port);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, modbus_by(&source[0])->timeout_s);
+    TEST_ASSERT_TRUE(modbus_by(&source[0])->any_unit_id);
+    TEST_ASSERT_EQUAL_STRING("plc.example", modbus_by(&source[1])->host);
+    TEST_ASSERT_FALSE(modbus_by(&source[1])->any_unit_id);
+    TEST_ASSERT_EQUAL_UINT16(502, modbus_by(&source[1])->port);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, source[1].period_s);
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, source[1].timeout_s);
-    TEST_ASSERT_EQUAL_INT(TL_SOURCE_CSV, source[2].kind);
-    TEST_ASSERT_EQUAL_STRING("plant.fifo", source[2].file);
-    TEST_ASSERT_EQUAL_STRING("t", source[2].time_column);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, modbus_by(&source[1])->timeout_s);
+    TEST_ASSERT_EQUAL_STRING("csv", source[2].driver->name);
+    TEST_ASSERT_EQUAL_STRING("plant.fifo", csv_by(&source[2])->path);
+    TEST_ASSERT_EQUAL_STRING("t", csv_by(&source[2])->time_column);
     TEST_ASSERT_EQUAL_DOUBLE(0.005, source[2].period_s);
 }
 
@@ -145,17 +169,17 @@ static void test_a_serial_line(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_source *bus = &config->sources[3];
     const tl_config_signal *level = &config->signals[5];
-    TEST_ASSERT_EQUAL_INT(TL_SOURCE_MODBUS_RTU, bus->kind);
-    TEST_ASSERT_EQUAL_STRING("ttyPLC", bus->line.device);
-    TEST_ASSERT_EQUAL_UINT32(38400, bus->line.baud);
-    TEST_ASSERT_EQUAL_INT('N', bus->line.parity);
-    TEST_ASSERT_EQUAL_UINT8(1, bus->line.stop_bits);
-    TEST_ASSERT_TRUE(bus->line.rs485);
+    TEST_ASSERT_EQUAL_STRING("modbus_rtu", bus->driver->name);
+    TEST_ASSERT_EQUAL_STRING("ttyPLC", modbus_by(bus)->line.device);
+    TEST_ASSERT_EQUAL_UINT32(38400, modbus_by(bus)->line.baud);
+    TEST_ASSERT_EQUAL_INT('N', modbus_by(bus)->line.parity);
+    TEST_ASSERT_EQUAL_UINT8(1, modbus_by(bus)->line.stop_bits);
+    TEST_ASSERT_TRUE(modbus_by(bus)->line.rs485);
     TEST_ASSERT_EQUAL_DOUBLE(0.05, bus->period_s);
-    TEST_ASSERT_EQUAL_DOUBLE(0.1, bus->timeout_s);
+    TEST_ASSERT_EQUAL_DOUBLE(0.1, modbus_by(bus)->timeout_s);
     TEST_ASSERT_EQUAL_size_t(3, level->source);
-    TEST_ASSERT_EQUAL_UINT8(247, level->modbus.unit_id);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_DISCRETE, level->modbus.table);
+    TEST_ASSERT_EQUAL_UINT8(247, modbus_of(level)->unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_DISCRETE, modbus_of(level)->table);
 }
 
 static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t stop_bits) {
@@ -170,11 +194,11 @@ static void expect_line(const char *keys, uint32_t baud, char parity, uint8_t st
     tl_config_free(&verdict.config);
     tl_test_judge_text(text, strlen(text), &verdict);
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
-    TEST_ASSERT_EQUAL_UINT32(baud, config->sources[0].line.baud);
-    TEST_ASSERT_EQUAL_INT(parity, config->sources[0].line.parity);
-    TEST_ASSERT_EQUAL_UINT8(stop_bits, config->sources[0].line.stop_bits);
-    TEST_ASSERT_FALSE(config->sources[0].line.rs485);
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, config->sources[0].timeout_s);
+    TEST_ASSERT_EQUAL_UINT32(baud, modbus_by(config->sources)->line.baud);
+    TEST_ASSERT_EQUAL_INT(parity, modbus_by(config->sources)->line.parity);
+    TEST_ASSERT_EQUAL_UINT8(stop_bits, modbus_by(config->sources)->line.stop_bits);
+    TEST_ASSERT_FALSE(modbus_by(config->sources)->line.rs485);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, modbus_by(config->sources)->timeout_s);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[0].period_s);
 }
 
@@ -190,22 +214,22 @@ static void test_gpio(void) {
     const tl_config *config = read_good(FULL);
     const tl_config_signal *start = &config->signals[6];
     const tl_config_signal *stop = &config->signals[7];
-    TEST_ASSERT_EQUAL_INT(TL_SOURCE_GPIO, config->sources[4].kind);
-    TEST_ASSERT_EQUAL_STRING("bench", config->sources[4].chip);
+    TEST_ASSERT_EQUAL_STRING("gpio", config->sources[4].driver->name);
+    TEST_ASSERT_EQUAL_STRING("bench", gpio_by(&config->sources[4])->chip);
     TEST_ASSERT_EQUAL_DOUBLE(0.002, config->sources[4].period_s);
-    TEST_ASSERT_NULL(config->sources[5].chip);
+    TEST_ASSERT_NULL(gpio_by(&config->sources[5])->chip);
     TEST_ASSERT_EQUAL_DOUBLE(0.01, config->sources[5].period_s);
     TEST_ASSERT_EQUAL_size_t(5, start->source);
-    TEST_ASSERT_EQUAL_STRING("START", start->gpio.line);
-    TEST_ASSERT_TRUE(start->gpio.active_low);
-    TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, start->gpio.bias);
-    TEST_ASSERT_EQUAL_DOUBLE(0.004, start->gpio.debounce_s);
+    TEST_ASSERT_EQUAL_STRING("START", gpio_of(start)->line);
+    TEST_ASSERT_TRUE(gpio_of(start)->active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_PULL_UP, gpio_of(start)->bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0.004, gpio_of(start)->debounce_s);
     TEST_ASSERT_EQUAL_size_t(4, stop->source);
-    TEST_ASSERT_NULL(stop->gpio.line);
-    TEST_ASSERT_EQUAL_UINT(5, stop->gpio.offset);
-    TEST_ASSERT_FALSE(stop->gpio.active_low);
-    TEST_ASSERT_EQUAL_INT(TL_GPIO_NO_PULL, stop->gpio.bias);
-    TEST_ASSERT_EQUAL_DOUBLE(0, stop->gpio.debounce_s);
+    TEST_ASSERT_NULL(gpio_of(stop)->line);
+    TEST_ASSERT_EQUAL_UINT(5, gpio_of(stop)->offset);
+    TEST_ASSERT_FALSE(gpio_of(stop)->active_low);
+    TEST_ASSERT_EQUAL_INT(TL_GPIO_NO_PULL, gpio_of(stop)->bias);
+    TEST_ASSERT_EQUAL_DOUBLE(0, gpio_of(stop)->debounce_s);
 }
 
 static void test_a_modbus_signal(void) {
@@ -223,14 +247,14 @@ static void test_a_modbus_signal(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.1, torque->stale_s);
     TEST_ASSERT_EQUAL_STRING("M_w", torque->column);
     TEST_ASSERT_EQUAL_size_t(0, torque->source);
-    TEST_ASSERT_EQUAL_UINT8(255, torque->modbus.unit_id);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_HOLDING, torque->modbus.table);
-    TEST_ASSERT_EQUAL_UINT16(100, torque->modbus.address);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INT16, torque->modbus.type);
-    TEST_ASSERT_TRUE(torque->modbus.words_little);
-    TEST_ASSERT_TRUE(torque->modbus.bytes_little);
-    TEST_ASSERT_EQUAL_DOUBLE(0.001, torque->modbus.scale);
-    TEST_ASSERT_EQUAL_DOUBLE(-1.5, torque->modbus.offset);
+    TEST_ASSERT_EQUAL_UINT8(255, modbus_of(torque)->unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_HOLDING, modbus_of(torque)->table);
+    TEST_ASSERT_EQUAL_UINT16(100, modbus_of(torque)->address);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INT16, modbus_of(torque)->type);
+    TEST_ASSERT_TRUE(modbus_of(torque)->words_little);
+    TEST_ASSERT_TRUE(modbus_of(torque)->bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(0.001, modbus_of(torque)->scale);
+    TEST_ASSERT_EQUAL_DOUBLE(-1.5, modbus_of(torque)->offset);
 }
 
 static void test_other_signals(void) {
@@ -241,18 +265,18 @@ static void test_other_signals(void) {
     TEST_ASSERT_TRUE(running->plan.has_initial);
     TEST_ASSERT_EQUAL_DOUBLE(1, running->plan.initial);
     TEST_ASSERT_EQUAL_size_t(1, running->source);
-    TEST_ASSERT_EQUAL_UINT8(1, running->modbus.unit_id);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_COIL, running->modbus.table);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_BIT, running->modbus.type);
-    TEST_ASSERT_EQUAL_UINT16(65535, running->modbus.address);
-    TEST_ASSERT_FALSE(running->modbus.words_little);
-    TEST_ASSERT_FALSE(running->modbus.bytes_little);
-    TEST_ASSERT_EQUAL_DOUBLE(1, running->modbus.scale);
-    TEST_ASSERT_EQUAL_DOUBLE(0, running->modbus.offset);
+    TEST_ASSERT_EQUAL_UINT8(1, modbus_of(running)->unit_id);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_COIL, modbus_of(running)->table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_BIT, modbus_of(running)->type);
+    TEST_ASSERT_EQUAL_UINT16(65535, modbus_of(running)->address);
+    TEST_ASSERT_FALSE(modbus_of(running)->words_little);
+    TEST_ASSERT_FALSE(modbus_of(running)->bytes_little);
+    TEST_ASSERT_EQUAL_DOUBLE(1, modbus_of(running)->scale);
+    TEST_ASSERT_EQUAL_DOUBLE(0, modbus_of(running)->offset);
     TEST_ASSERT_EQUAL_INT(TL_INTEGER, stage->plan.type);
     TEST_ASSERT_EQUAL_DOUBLE(3, stage->plan.initial);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, stage->modbus.table);
-    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, stage->modbus.type);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_INPUT, modbus_of(stage)->table);
+    TEST_ASSERT_EQUAL_INT(TL_MODBUS_FLOAT64, modbus_of(stage)->type);
     TEST_ASSERT_EQUAL_STRING("omega", config->signals[3].column);
     TEST_ASSERT_EQUAL_size_t(2, config->signals[3].source);
 }
@@ -732,7 +756,7 @@ static void test_the_default_budget_is_six_tenths_of_a_step(void) {
 
 static void test_other_ways_to_write_the_same(void) {
     takes(FULL, "\"port\": 1502", "\"port\": 1.502e3");
-    TEST_ASSERT_EQUAL_UINT16(1502, verdict.config.sources[0].port);
+    TEST_ASSERT_EQUAL_UINT16(1502, modbus_by(verdict.config.sources)->port);
     takes(FULL, "\"name\": \"motor bench\"", "\"n\\u0061me\": \"m\\u00f6tor \\ud83d\\ude00\"");
     TEST_ASSERT_EQUAL_STRING("mötor \U0001F600", verdict.config.name);
     takes(FULL, "\"unit\": \"N.m\"", "\"unit\": \"\"");

@@ -5,6 +5,8 @@
 
 #include <unity.h>
 
+#include "board/can/can.h"
+#include "firmware/config/drivers.h"
 #include "tests/support/config_text.h"
 
 #define BUS TL_SOURCE_DIR "/tests/support/configuration_can.json"
@@ -30,11 +32,16 @@ static const tl_config *read_good(void) {
     return &verdict.config;
 }
 
+static const char *interface_of(const tl_config_source *source) {
+    const tl_can_settings *settings = source->settings;
+    return settings->interface;
+}
+
 static void test_sources(void) {
     const tl_config *config = read_good();
-    TEST_ASSERT_EQUAL_INT(TL_SOURCE_CAN, config->sources[0].kind);
-    TEST_ASSERT_EQUAL_STRING("can0", config->sources[0].interface);
-    TEST_ASSERT_EQUAL_STRING("vcan0", config->sources[1].interface);
+    TEST_ASSERT_EQUAL_STRING("can", config->sources[0].driver->name);
+    TEST_ASSERT_EQUAL_STRING("can0", interface_of(&config->sources[0]));
+    TEST_ASSERT_EQUAL_STRING("vcan0", interface_of(&config->sources[1]));
     TEST_ASSERT_TRUE(config->sources[0].period_s > 0);
     TEST_ASSERT_EQUAL_size_t(0, config->signals[0].source);
     TEST_ASSERT_EQUAL_size_t(1, config->signals[2].source);
@@ -43,7 +50,7 @@ static void test_sources(void) {
 
 static void test_channels(void) {
     const tl_config *config = read_good();
-    const tl_can_channel *can = &config->signals[0].can;
+    const tl_can_channel *can = config->signals[0].channel;
     TEST_ASSERT_EQUAL_HEX32(0x18FEF100, can->id);
     TEST_ASSERT_TRUE(can->extended);
     TEST_ASSERT_FALSE(can->fd);
@@ -55,13 +62,13 @@ static void test_channels(void) {
     TEST_ASSERT_EQUAL_DOUBLE(0.125, can->scale);
     TEST_ASSERT_EQUAL_DOUBLE(-40, can->offset);
     TEST_ASSERT_EQUAL_size_t(0, can->condition_count);
-    can = &config->signals[1].can;
+    can = config->signals[1].channel;
     TEST_ASSERT_EQUAL_HEX32(291, can->id);
     TEST_ASSERT_TRUE(can->extended);
     TEST_ASSERT_EQUAL_INT(TL_CAN_FLOAT32, can->type);
     TEST_ASSERT_EQUAL_DOUBLE(1, can->scale);
     TEST_ASSERT_EQUAL_INT(TL_CAN_INTEL, can->field.order);
-    can = &config->signals[2].can;
+    can = config->signals[2].channel;
     TEST_ASSERT_EQUAL_HEX32(0x7FF, can->id);
     TEST_ASSERT_FALSE(can->extended);
     TEST_ASSERT_TRUE(can->fd);
@@ -70,7 +77,7 @@ static void test_channels(void) {
 }
 
 static void test_multiplexors(void) {
-    const tl_can_channel *can = &read_good()->signals[3].can;
+    const tl_can_channel *can = read_good()->signals[3].channel;
     TEST_ASSERT_EQUAL_size_t(2, can->condition_count);
     TEST_ASSERT_EQUAL_UINT16(4, can->conditions[0].field.start);
     TEST_ASSERT_EQUAL_INT(TL_CAN_INTEL, can->conditions[0].field.order);
@@ -100,7 +107,7 @@ static void test_wrong_sources(void) {
          "found the unknown key \"bitrate\", expected only interface", NULL},
         {"{ \"can\": { \"interface\": \"vcan0\" } }",
          "{ \"can\": { \"interface\": \"vcan0\" }, \"csv\": { \"file\": \"x\" } }", "sources.other",
-         "found can and csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found csv and can, expected exactly one of csv, modbus_tcp, modbus_rtu, can, gpio, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"\"source\": \"other\"", "\"source\": \"stream\"", "plant.wide.can.source",
          "found \"stream\" (text), expected the name of a can source: one of bus, other", NULL},

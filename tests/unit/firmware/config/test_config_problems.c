@@ -166,10 +166,10 @@ static void test_sources(void) {
     static const tl_test_change changes[] = {
         {"\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }",
          "\"gateway\": { \"modbus_tcp\": { \"host\": \"plc.example\" } }, \"odd\": {}", "sources.odd",
-         "found none of modbus_tcp, modbus_rtu, can, gpio, csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found none of csv, modbus_tcp, modbus_rtu, can, gpio, expected exactly one of csv, modbus_tcp, modbus_rtu, can, gpio, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"\"stream\": { \"csv\": {", "\"stream\": { \"modbus_tcp\": { \"host\": \"x\" }, \"csv\": {", "sources.stream",
-         "found modbus_tcp and csv, expected exactly one of modbus_tcp, modbus_rtu, can, gpio, csv, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
+         "found csv and modbus_tcp, expected exactly one of csv, modbus_tcp, modbus_rtu, can, gpio, for example {\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}",
          NULL},
         {"{ \"host\": \"plc.example\" }", "{}", "sources.gateway.modbus_tcp.host",
          "found nothing, expected a text, for example \"192.0.2.10\"", NULL},
@@ -257,7 +257,7 @@ static void test_live_sources(void) {
         {"\"source\": \"gateway\", ", "", "plant.running.modbus.source",
          "found nothing, expected a text, for example \"plc\"", NULL},
         {"\"csv\": { \"column\": \"M_w\" },", "\"csv\": { \"source\": \"stream\" },", "plant.torque.modbus",
-         "found modbus beside csv.source, expected at most one live source", "\"modbus\": {\n"},
+         "found modbus beside another live source, expected at most one live source", "\"modbus\": {\n"},
     };
     EXPECT_EACH(full, changes);
 }

@@ -20,7 +20,12 @@
 
 #include <unity.h>
 
+#include "board/can/can.h"
+#include "board/csv/csv.h"
+#include "board/gpio/gpio.h"
+#include "board/modbus/modbus.h"
 #include "firmware/base/os.h"
+#include "firmware/config/drivers.h"
 #include "firmware/process/landlock.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
@@ -40,10 +45,9 @@ void tearDown(void) {
     tl_scratch_empty(&scratch);
 }
 
-enum { ALL = TL_CONFINE_TCP | TL_CONFINE_NAMES | TL_CONFINE_CAN | TL_CONFINE_SERIAL | TL_CONFINE_GPIO };
-
-/* drivers: as in tl_confine_settings; 0: of a recorder. port: that may be connected to; 0: none */
-static void expect_of(unsigned drivers, uint16_t port, tl_confined_body *body, void *context) {
+/* plant: as in tl_confine_settings; NULL: of a recorder. port: that may be connected to; 0: none */
+static void expect_with(const tl_plant_access *plant, bool names, uint16_t port, tl_confined_body *body,
+                        void *context) {
     const char *const resolving[] = {"/etc"};
     const char *const devices[] = {"/dev"};
     const tl_confine_settings settings = {.folder = scratch.folder,
@@ -52,17 +56,26 @@ static void expect_of(unsigned drivers, uint16_t port, tl_confined_body *body, v
                                           .write = devices,
                                           .write_count = 1,
                                           .whole_process = true,
-                                          .drivers = drivers,
+                                          .plant = plant,
+                                          .names = names,
                                           .ports = &port,
                                           .port_count = port != 0 ? 1 : 0,
-                                          .keeps_files = drivers == 0};
+                                          .keeps_files = plant == NULL};
     tl_confined_run(settings, body, context, &confined);
     TEST_ASSERT_EQUAL_INT(0, confined.signal);
     TEST_ASSERT_TRUE(confined.succeeded);
 }
 
+static void expect_of(const tl_plant_access *plant, uint16_t port, tl_confined_body *body, void *context) {
+    expect_with(plant, false, port, body, context);
+}
+
+/* Of each driver, and of one that looks names up, too. */
 static void expect(tl_confined_body *body, void *context) {
-    expect_of(ALL, 0, body, context);
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        expect_of((*row)->access, 0, body, context);
+    }
+    expect_with(&tl_modbus_tcp_access, true, 0, body, context);
 }
 
 /* A server of this machine: its socket; `address` is where. */
@@ -89,7 +102,7 @@ static bool talk_by_tcp(void *context) {
 static void a_driver_connects_by_tcp(void) {
     struct sockaddr_in address;
     int server = listen_somewhere(&address);
-    expect_of(TL_CONFINE_TCP, ntohs(address.sin_port), talk_by_tcp, &address);
+    expect_of(&tl_modbus_tcp_access, ntohs(address.sin_port), talk_by_tcp, &address);
     TEST_ASSERT_EQUAL_size_t(0, confined.refusal_count);
     (void)close(server);
 }
@@ -118,8 +131,8 @@ static void a_driver_connects_to_its_ports_only(void) {
     int server = listen_somewhere(&address);
     const uint16_t other = (uint16_t)(ntohs(address.sin_port) ^ 1U);
     struct pollfd knock = {.fd = server, .events = POLLIN};
-    expect_of(ALL, other, fail_to_connect, &address);
-    expect_of(TL_CONFINE_TCP, other, fail_to_connect, &address);
+    expect_with(&tl_modbus_tcp_access, true, other, fail_to_connect, &address);
+    expect_of(&tl_modbus_tcp_access, other, fail_to_connect, &address);
     TEST_ASSERT_EQUAL_INT(0, poll(&knock, 1, 0));
     (void)close(server);
 }
@@ -136,7 +149,7 @@ static bool find_host(void *context) {
 }
 
 static void a_driver_looks_names_up(void) {
-    expect_of(TL_CONFINE_TCP | TL_CONFINE_NAMES, 53, find_host, NULL);
+    expect_with(&tl_modbus_tcp_access, true, 53, find_host, NULL);
 }
 
 static bool use_can(void *context) {
@@ -148,7 +161,7 @@ static bool use_can(void *context) {
 }
 
 static void a_driver_listens_to_can(void) {
-    expect_of(TL_CONFINE_CAN, 0, use_can, NULL);
+    expect_of(&tl_can_access, 0, use_can, NULL);
 }
 
 /* What each kind of source has no business with. Whether /dev/null knows a command is not asked if that is refused. */
@@ -208,10 +221,10 @@ static bool be_csv(void *context) {
 }
 
 static void each_kind_of_source_has_its_own_sockets_and_devices(void) {
-    expect_of(TL_CONFINE_CAN, 0, be_can, NULL);
-    expect_of(TL_CONFINE_TCP, 502, be_tcp, NULL);
-    expect_of(TL_CONFINE_GPIO, 0, be_gpio, NULL);
-    expect_of(TL_CONFINE_CSV, 0, be_csv, NULL);
+    expect_of(&tl_can_access, 0, be_can, NULL);
+    expect_of(&tl_modbus_tcp_access, 502, be_tcp, NULL);
+    expect_of(&tl_gpio_access, 0, be_gpio, NULL);
+    expect_of(&tl_csv_access, 0, be_csv, NULL);
 }
 
 /* A line that a terminal of this machine plays: what is asked of serial lines reaches the driver of the line. */
@@ -228,7 +241,7 @@ static bool use_serial_line(void *context) {
 static void a_driver_opens_a_serial_line_again(void) {
     int master = posix_openpt(O_RDWR | O_NOCTTY);
     TEST_ASSERT_TRUE(master >= 0 && grantpt(master) == 0 && unlockpt(master) == 0);
-    expect_of(TL_CONFINE_SERIAL, 0, use_serial_line, ptsname(master));
+    expect_of(&tl_modbus_rtu_access, 0, use_serial_line, ptsname(master));
     (void)close(master);
 }
 
@@ -288,7 +301,7 @@ static bool keep_files(void *context) {
 }
 
 static void a_recorder_keeps_files_and_has_no_socket(void) {
-    expect_of(0, 0, keep_files, NULL);
+    expect_of(NULL, 0, keep_files, NULL);
 }
 
 int main(void) {
