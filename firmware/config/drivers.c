@@ -6,9 +6,9 @@
 
 extern const tl_driver tl_driver_csv, tl_driver_modbus_tcp, tl_driver_modbus_rtu, tl_driver_can, tl_driver_gpio;
 
+/* CSV is first: plant.NAME.csv may stand beside the live source that a later row reads. */
 const tl_driver *const tl_drivers[] = {
-    &tl_driver_csv, /* first: plant.NAME.csv may stand beside the live source that a later row reads */
-    &tl_driver_modbus_tcp, &tl_driver_modbus_rtu, &tl_driver_can, &tl_driver_gpio, NULL,
+    &tl_driver_csv, &tl_driver_modbus_tcp, &tl_driver_modbus_rtu, &tl_driver_can, &tl_driver_gpio, NULL,
 };
 
 _Static_assert(sizeof tl_drivers / sizeof tl_drivers[0] <= TL_MAX_DRIVERS + 1, "a set of drivers is an unsigned");

@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "board/io/monotonic.h"
+#include "board/modbus/modbus.h"
 #include "board/modbus/modbus_link.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"

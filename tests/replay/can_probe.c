@@ -98,7 +98,7 @@ int main(int argc, char **argv) {
         return EXIT_FAILURE;
     }
     for (size_t i = 0; i < config.signal_count; i++) {
-        channels[i] = config.signals[i].can;
+        channels[i] = *(const tl_can_channel *)config.signals[i].channel;
     }
     if (!tl_can_map_make(&map, channels, config.signal_count)) {
         return tl_probe_fail("out of memory");
