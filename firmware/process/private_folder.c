@@ -203,39 +203,46 @@ static pid_t owner_of(const char *name, const char *kind) {
 }
 
 /* A process of that number may be alive in another container that shares the folder: then it holds the lock. */
-static void sweep_one(int parent, const char *parent_path, const char *name) {
+static bool sweep_one(int parent, const char *parent_path, const char *name) {
     struct stat status;
     if (fstatat(parent, name, &status, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISDIR(status.st_mode) ||
         status.st_uid != geteuid()) {
-        return;
+        return true;
     }
     int folder = open_folder(parent, name);
     if (folder < 0) {
-        return;
+        return true;
     }
     char path[PATH_MAX];
     int length = snprintf(path, sizeof path, "%s/%s", parent_path, name);
     if (flock(folder, LOCK_EX | LOCK_NB) != 0 || length <= 0 || (size_t)length >= sizeof path) {
         (void)close(folder);
-        return;
+        return false;
     }
     tl_log(TL_LOG_INFO, "removing %s, left by a process that was killed", path);
     remove_tree(folder, path);
+    return true;
 }
 
-static void sweep(const char *parent_path, const char *kind) {
+/* A child that the owner has just forked has the lock as well, and dies a moment later than its parent. */
+enum { SWEEPS = 50, SWEEP_PAUSE_US = 10000 };
+
+/* False: one is still locked. */
+static bool sweep(const char *parent_path, const char *kind) {
     DIR *parent = opendir(parent_path);
+    bool is_clean = true;
     if (parent == NULL) {
-        return;
+        return true;
     }
     for (struct dirent *entry = readdir(parent); entry != NULL; entry = readdir(parent)) {
         pid_t pid = owner_of(entry->d_name, kind);
         /* Our own number counts as gone: in a container it is always the same, and our own folders are locked. */
         if (pid > 0 && (pid == getpid() || (kill(pid, 0) != 0 && errno == ESRCH))) {
-            sweep_one(dirfd(parent), parent_path, entry->d_name);
+            is_clean = sweep_one(dirfd(parent), parent_path, entry->d_name) && is_clean;
         }
     }
     (void)closedir(parent);
+    return is_clean;
 }
 
 /* The folder for temporary files, without links in it. False, with errno, where it cannot be used. */
@@ -248,8 +255,11 @@ static bool find_parent(const char **name, char parent[PATH_MAX]) {
 void tl_private_folder_sweep(const char *kind) {
     const char *name = NULL;
     char parent[PATH_MAX];
-    if (find_parent(&name, parent)) {
-        sweep(parent, kind);
+    if (!find_parent(&name, parent)) {
+        return;
+    }
+    for (int i = 0; i < SWEEPS && !sweep(parent, kind); i++) {
+        (void)usleep(SWEEP_PAUSE_US);
     }
 }
 
@@ -279,7 +289,7 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
                        strerror(errno));
     }
     if (!leaves) {
-        sweep(parent, kind);
+        (void)sweep(parent, kind);
     }
     int length =
         snprintf(folder->path, sizeof folder->path, "%s/" PREFIX "%s-%ld-XXXXXX", parent, kind, (long)getpid());

@@ -34,7 +34,7 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
 /* Removes it with all that is in it, unless it is left to another process: then it is only closed. None is allowed. */
 void tl_private_folder_remove(tl_private_folder *folder);
 
-/* Removes the folders of this kind whose process was killed, as making one does. */
+/* Removes the folders of this kind whose process was killed, as making one does. Waits up to 0.5 s for one that a dying child still locks. */
 void tl_private_folder_sweep(const char *kind);
 
 /* From now on folders are made in one that another process removes with all that is in it: making sweeps nothing, and removing only closes. Before
