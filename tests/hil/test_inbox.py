@@ -102,7 +102,8 @@ def test_only_retune():
         for change in unconfined, library, host:
             inbox.put(f"{change.__name__}.json", live.edited(change).read_bytes())
         inbox.put("wrong.json", live.edited(lambda document: document.update(step_s=0, nothing=1)).read_bytes())
-        expect(inbox.take_all() == "", "it complains")
+        complaint = inbox.take_all()
+        expect(complaint == "", f"it complains: {complaint}")
         for change in unconfined, library, host:
             inbox.wait_for(f"{change.__name__}.json", "forbidden: ")
         text = inbox.wait_for("wrong.json", "invalid: ")
