@@ -72,6 +72,7 @@ static void assert_refused(const char *where, const char *words) {
 }
 
 static void assert_accepted(void) {
+    tl_twin_destroy(twin); /* of an accepted plan before, or NULL */
     twin = tl_test_plan_build(&plan);
     TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
     TEST_ASSERT_NOT_NULL(twin);
