@@ -499,11 +499,14 @@ static tl_status tl_model_draft_settle(tl_model_draft *draft, tl_arena *arena, t
 
 /* ---- modelDescription.xml by expat: each start tag is looked up in a table by its parent and its name; what is not in the
  * table is passed over with all that is in it. Tags are checked as they come, so that errors have a line; what needs
- * the whole document (declared types, units, duplicate names) is settled at the end, by model_draft.c. */
+ * the whole document (declared types, units, duplicate names) is settled at the end. */
 
-#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* which lacks what 2.9 asks for */
-#define XML_GetCurrentLineNumber64 XML_GetCurrentLineNumber
-#define XML_GetCurrentColumnNumber64 XML_GetCurrentColumnNumber
+#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* from 2.9 on these are deprecated */
+#define CURRENT_LINE XML_GetCurrentLineNumber
+#define CURRENT_COLUMN XML_GetCurrentColumnNumber
+#else
+#define CURRENT_LINE XML_GetCurrentLineNumber64
+#define CURRENT_COLUMN XML_GetCurrentColumnNumber64
 #endif
 
 typedef enum element {
@@ -560,7 +563,7 @@ static void fail_at(description_parser *parser, unsigned long line, const char *
 }
 
 static unsigned long current_line(const description_parser *parser) {
-    return (unsigned long)XML_GetCurrentLineNumber64(parser->expat);
+    return (unsigned long)CURRENT_LINE(parser->expat);
 }
 
 static void fail_memory(description_parser *parser) {
@@ -1078,7 +1081,7 @@ static void parse(description_parser *parser, const char *xml, size_t size) {
             fail_memory(parser);
         } else {
             fail_at(parser, current_line(parser), "no well-formed XML, column %lu: %s",
-                    (unsigned long)XML_GetCurrentColumnNumber64(parser->expat) + 1, XML_ErrorString(code));
+                    (unsigned long)CURRENT_COLUMN(parser->expat) + 1, XML_ErrorString(code));
         }
         return;
     }

@@ -105,7 +105,7 @@ def test_nothing_to_do():
 def test_usage():
     root = copy()
     code, out, err = bootstrap(root, "--cross", "--nonsense")
-    expect(code == 2 and not out and "usage: script/bootstrap [--build] [--cross]" in err, f"{code}: {err}")
+    expect(code == 2 and not out and "usage: script/bootstrap [--build | --all] [--cross]" in err, f"{code}: {err}")
     code, out, _ = bootstrap(root, "--cross", "--help")
     expect(code == 0 and "qemu-user" in out, f"{code}: {out}")
 
