@@ -30,11 +30,7 @@
 #include "firmware/store/outbox.h"
 #include "firmware/twin/twin_process.h"
 
-/* ---- What a tree is made of.
- *
- * Purpose: private to tree.c (its run, and what is looked at in it) and tree_start.c (what each process is given at its start).
- * Thread:  the supervisor's, but for tl_tree_put_event().
- */
+/* ---- the data: used by the supervisor's thread, but for tl_tree_put_event() ---- */
 
 /* All shared memory of the run. It outlives each process that writes it. */
 typedef struct tl_tree_memory {
@@ -88,7 +84,7 @@ static inline bool tl_tree_records(const tl_tree *self) {
     return self->job.database[0] != '\0';
 }
 
-/* ---- tree_start.c ---- */
+/* ---- the start of each process ---- */
 
 /* ---- tree.c ---- */
 

@@ -47,7 +47,8 @@ typedef struct tl_run_status {
     tl_time used;              /* ns in all steps */
     tl_lock_tally lock;        /* free until it is judged */
     tl_lock_tally lock_before; /* by the tolerances of the version that a probation may return to; else zeroed */
-    bool plant_is_shut;        /* io has not opened its sources yet */
+    uint32_t
+        plant_is_shut; /* 1: io has not opened its sources yet; no bool, since a process with FMUs may write anything */
     tl_run_output output[TL_MAX_MATCH];
     /* by the reader */
     bool twin_alive;

@@ -11,11 +11,7 @@
 #include "firmware/report/html_resources.h"
 #include "master/base/utf8.h"
 
-/* ---- What the files of the report share: gathering (html_report.c), the page (html_page.c), its tables (html_tables.c) and
- * its curves (html_curves.c). Private to them.
- *
- * Thread: as html_report.h.
- */
+/* ---- the data of a page ---- */
 
 /* Channels of the envelope; behind them y, ŷ and Δy of each match, then u, û and Δu of each adjusted variable. */
 enum { TL_HTML_EXECUTIONS, TL_HTML_EVALUATIONS, TL_HTML_USED, TL_HTML_STEP_CHANNELS };

@@ -15,12 +15,7 @@
 #include "firmware/retune/box_texts.h"
 #include "firmware/retune/validator.h"
 
-/* ---- The parts of an activation: for the sources behind activation.h.
- *
- * Purpose: one noun each: what is said of it (activation_words.c), the candidate on its way to be good (activation_candidate.c), its twin beside the
- *          run's (activation_shadow.c), the change itself (activation_change.c), the probation and the way back (activation_probation.c).
- * Thread:  as in activation.h.
- */
+/* ---- In this order: what all sections use, messages, the change, the candidate, its twin beside the run's, the probation. ---- */
 
 static inline tl_versions *tl_activation_versions(const tl_activation *self) {
     return self->settings.versions;

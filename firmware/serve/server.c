@@ -78,7 +78,7 @@ static const char *verb_of(const tl_control_request *control) {
     return "ask";
 }
 
-/* visit_audit.c: an entry for a request that may change something. */
+/* An entry for a request that may change something. */
 static void tl_visit_audit(const tl_visit *visit) {
     const tl_http_request *request = &visit->dialogue.request;
     const tl_control_request *control = &request->control;
@@ -246,7 +246,7 @@ static tl_http_status judge_right(tl_visit *visit, tl_change_right right) {
     return TL_HTTP_OK;
 }
 
-/* visit_judge.c: whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. `method` and `protocol` are
+/* Whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. `method` and `protocol` are
  * libmicrohttpd's own texts, in its buffer. */
 static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
                                      const char *method, const char *protocol) {
@@ -472,7 +472,7 @@ static void say_nothing(void *context, const char *format, va_list arguments) {
     (void)arguments;
 }
 
-/* http_service.c: libmicrohttpd, and what it calls. */
+/* libmicrohttpd, and what it calls. */
 static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
     const tl_certificate *certificate = server->settings.certificate;
     server->daemon = MHD_start_daemon(

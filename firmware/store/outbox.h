@@ -186,7 +186,7 @@ bool tl_outbox_checkpoint_left(const tl_outbox *outbox, unsigned which, tl_outbo
  * run's start, and may be any. */
 bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_recorder_entry *entry);
 
-/* ---- What lies where in an outbox: shared by the side that writes (outbox.c) and that which reads (outbox_reader.c).
+/* ---- What lies where in an outbox: shared by the writer and the reader.
  *
  * Layout:  what controls it, with the events; the ring; two places for checkpoints, and the room in which the next one is made. Each part
  *          begins with a page.

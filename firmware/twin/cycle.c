@@ -18,10 +18,7 @@
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/watch.h"
 
-/* ---- What a cycle is made of.
- *
- * Purpose: private to cycle.c (its ticks), cycle_tuning.c (another tuning) and cycle_flip.c (from one place to the other).
- */
+/* ---- the data of a cycle ---- */
 
 /* A flip that was announced. */
 typedef struct tl_cycle_flip {
@@ -64,7 +61,7 @@ struct tl_cycle {
     tl_latest published; /* the same, for other threads */
 };
 
-/* ---- cycle_tuning.c ---- */
+/* ---- another tuning ---- */
 
 static void tl_cycle_keep_in_force(tl_cycle *cycle);
 
@@ -72,7 +69,7 @@ static void tl_cycle_put_in_force(tl_cycle *cycle);
 
 static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account);
 
-/* ---- cycle_flip.c ---- */
+/* ---- a flip ---- */
 
 /* ---- realtime ---- */
 
