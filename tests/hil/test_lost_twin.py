@@ -11,19 +11,21 @@ from twinlock_test import PLAIN_LIVE, at_most, edited_config, expect, main
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.001
 NOISE = 0.7  # rad/s: the tolerance is 1, so that corrections are noise
-TRIES, STARVED_S = 30, 2
+RISE, RISES_S = 1500, 0.05  # rad/s²: to follow it, Δu makes the friction negative
+TRIES, STARVED_S = 30, 2  # one try in three loses the twin: those with such a Δu in the last step
 PATIENCE_S = 12
 
 
 class NoisyDevice(Device):
-    """Each reading of it is another one."""
+    """Its readings are noise around OMEGA, or rise from there."""
 
     def __init__(self, seed):
         super().__init__(OMEGA)
-        self.draw = random.Random(seed)
+        self.draw, self.rises_since = random.Random(seed), None
 
     def _reply(self, request):
-        self.omega = OMEGA + self.draw.gauss(0, NOISE)
+        since = self.rises_since
+        self.omega = OMEGA + (self.draw.gauss(0, NOISE) if since is None else RISE * (time.monotonic() - since))
         return super()._reply(request)
 
 
@@ -32,11 +34,14 @@ def ticks(database, words):
     return [tick for tick, in query(database, "SELECT tick FROM events WHERE source = 'lock' AND text LIKE ? ORDER BY tick", f"{words}: %")]
 
 
-def starve(live, database):
-    """Holds the twin for longer than its steps can bear, until it is brought back once: when Δu was noise of the wrong sign."""
+def starve(live, device, database):
+    """Stops the twin while it follows a rise, until a held Δu has blown it up once and it is brought back."""
     for _ in range(TRIES):
         twin = member(live, "twin")
+        device.rises_since = time.monotonic()
+        time.sleep(RISES_S)
         stop(twin)
+        device.rises_since = None
         time.sleep(STARVED_S)
         os.kill(twin, signal.SIGCONT)
         time.sleep(1)
@@ -61,7 +66,7 @@ def test_starved():
         with Program("run", config, "--json") as live:
             wait_for_lock(live, database)
             wait_until_locked(database)
-            starve(live, database)
+            starve(live, device, database)
             wait_until_locked(database)
             told, _ = end_well(live, signal.SIGTERM)
     back = ticks(database, "begun anew")[0]

@@ -88,7 +88,7 @@ def test_accounts_of_a_slow_box():
 
 
 def by_hand(count, seed):
-    table = cuts(count, seed, show, show_late)
+    table = cuts(count, seed, show, show_late, most_missing=100)
     missing = sorted(figures["missing"] for figures in table)
     print(f"{len(table)} of {count} cuts (seed {seed}; the others were late): integrity ok, file system without a fault and replay to the bit each time; samples "
           f"missing: median {missing[len(missing) // 2]}, most {missing[-1]} of 100; configuration as of the newest replacement "

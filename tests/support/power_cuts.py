@@ -18,7 +18,8 @@ from twinlock_test import PLAIN_LIVE, BUILD, SOURCE, Failure, Skip, expect, merg
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.01
-MOST_MISSING = 100  # samples: one second
+# Samples of 10 ms. A test asserts no time: on a busy machine the emulated box commits late. The campaigns (by hand) ask for less.
+MOST_MISSING = 1000
 DISK_SIZE = "64M"
 FIRST_S, LAST_S = 0.3, 4.0  # a cut is so long after the first commit
 PATIENCE_S = 300  # from the emulator's start to the first commit, some 12 s where nothing else runs
@@ -170,14 +171,19 @@ COUNTED = """SELECT max(value) FROM samples JOIN signals USING (run, signal)
              WHERE kind = 'plant' AND name = 'plant.count' AND quality = ?"""
 
 
-def check_database(files, told, folder):
-    """(samples missing, steps): it is intact, has what a reader saw, and a replay repeats it to the bit."""
-    database = files / "twin.db"
+def check_committed(database, told):
+    """It is intact, and has what a reader saw."""
     expect(query(database, "PRAGMA integrity_check") == [("ok",)], "the database is not intact")
     tick = number(database, LAST_TICK)
     expect(tick >= told["committed"], f"tick {tick} is the last, though {told['committed']} was seen in the database")
+
+
+def check_database(files, told, folder, most_missing):
+    """(samples missing, steps): it is intact, has what a reader saw, and a replay repeats it to the bit."""
+    database = files / "twin.db"
+    check_committed(database, told)
     missing = told["served"] - number(database, COUNTED, GOOD)
-    expect(missing <= MOST_MISSING, f"{missing} samples are missing")
+    expect(missing <= most_missing, f"{missing} samples are missing")
     run = number(database, "SELECT min(run) FROM runs WHERE verb = 'run'")
     rows = check_rows(database, run)
     config = folder / "run.json"
@@ -187,14 +193,14 @@ def check_database(files, told, folder):
     return max(0, int(missing)), rows
 
 
-def one_cut(guest_module, after_s, patience_s=PATIENCE_S):
+def one_cut(guest_module, after_s, patience_s, most_missing):
     """The figures of one cut, as a dictionary; raises a Failure where something is lost, and Late where nothing was begun."""
     folder = scratch()
     disk, told = record_and_cut(guest_module, folder, after_s, patience_s)
     files = check_file_system(disk, folder)
     behind = check_configuration(files, told)
     check_accounts(files, told)
-    missing, rows = check_database(files, told, folder)
+    missing, rows = check_database(files, told, folder, most_missing)
     disk.unlink()
     return {"after_s": after_s, "steps": rows, "missing": missing, "behind": behind, "kept": told.get("starts", 0)}
 
@@ -217,7 +223,7 @@ def check_in_a_row(disk, told, boots, most_missing):
     if told.get("committed") is None:
         return None, account
     database = files / "twin.db"
-    expect(query(database, "PRAGMA integrity_check") == [("ok",)], "the database is not intact")
+    check_committed(database, told)
     expect(number(database, HOLDS) == 0, f"boot {boots}: safe hold")
     if told.get("locked", 0) == 0:
         return None, account
@@ -245,14 +251,14 @@ def cuts_in_a_row(count, seed, each=lambda number, figures: None, most_missing=M
     return table
 
 
-def cuts(count, seed, each=lambda number, figures: None, late=lambda number, why: None, patience=lambda number: PATIENCE_S):
+def cuts(count, seed, each=lambda number, figures: None, late=lambda number, why: None, patience=lambda number: PATIENCE_S, most_missing=MOST_MISSING):
     """The figures of so many cuts, without those whose box was late. That more than half of them are late is a Failure."""
     sys.path.insert(0, str(SOURCE / "tests" / "hil" / "rig"))
     import guest  # pylint: disable=import-outside-toplevel
     chance, table = random.Random(seed), []
     for number_ in range(1, count + 1):
         try:
-            table.append(one_cut(guest, chance.uniform(FIRST_S, LAST_S), patience(number_)))
+            table.append(one_cut(guest, chance.uniform(FIRST_S, LAST_S), patience(number_), most_missing))
             each(number_, table[-1])
         except Late as box:
             late(number_, str(box))
