@@ -15,9 +15,8 @@
 #include <sys/ioctl.h>
 #include <sys/socket.h>
 
+#include "board/can/can_codec.h"
 #include "board/can/can_link.h"
-#include "board/can/can_map.h"
-#include "board/io/backoff.h"
 #include "board/io/link.h"
 #include "board/io/monotonic.h"
 

@@ -11,7 +11,7 @@
  *          most once a second, with their number: frames that the kernel had no room for, that the controller lost, and
  *          errors on the bus.
  * Bound:   a poll waits at most 50 ms for a frame and takes at most 512 of them.
- * Stamp:   when the kernel received the frame, on CLOCK_MONOTONIC whatever happens to the wall clock (can_clock.h).
+ * Stamp:   when the kernel received the frame, on CLOCK_MONOTONIC whatever happens to the wall clock (can_link.h).
  * Source:  Linux kernel documentation, networking/can.
  */
 #ifndef TL_BOARD_CAN_CAN_H

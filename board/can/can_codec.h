@@ -1,4 +1,15 @@
-/* CAN signals: bits of a frame to values and back, as a DBC file describes them.
+/* Signals in CAN frames: bits, scales, and the map from frames to signals.
+ *
+ * Thread:  any; pure.
+ */
+#ifndef TL_BOARD_CAN_CAN_CODEC_H
+#define TL_BOARD_CAN_CAN_CODEC_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+/* ---- CAN signals: bits of a frame to values and back, as a DBC file describes them.
  *
  * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
  * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8. Intel: `start` is the least significant
@@ -7,12 +18,6 @@
  * Values:  value = raw·scale + offset; raw is carried through 64 bits.
  * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).
  */
-#ifndef TL_BOARD_CAN_CAN_CODEC_H
-#define TL_BOARD_CAN_CAN_CODEC_H
-
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
 
 enum {
     TL_CAN_BYTES = 64,     /* of the longest frame (CAN FD); 8 of a classic one */
@@ -75,5 +80,42 @@ bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *v
 /* Writes the value's bits, and those of its multiplexors (the first value of each). Rounds to the nearest integer; what
  * is out of range saturates; NaN as an integer is 0. */
 void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
+
+/* ---- Which CAN ids carry which channels. Private to the CAN driver.
+ *
+ * Purpose: from the id of a frame to the channels in it; the list of ids for the kernel's filters.
+ * Bound:   make O(n log n), find O(log n); no allocation but in make. Never more ids than channels.
+ */
+
+/* One id, and its slots. */
+typedef struct tl_can_id {
+    uint32_t id;
+    bool extended;
+    size_t first; /* of its slots */
+    size_t slots;
+    bool too_short; /* the last frame had not all of its bytes; for the driver */
+} tl_can_id;
+
+typedef struct tl_can_slot {
+    tl_can_channel channel;
+    size_t index; /* of the channel in the list */
+    size_t bytes; /* that a frame must have */
+} tl_can_slot;
+
+/* Placed by the owner. */
+typedef struct tl_can_map {
+    tl_can_slot *slots; /* sorted by id */
+    size_t slot_count;
+    tl_can_id *ids; /* in the same order */
+    size_t id_count;
+} tl_can_map;
+
+/* Whatever was in it. The channels are copied; they must be valid. false if memory is out: then it is empty. */
+bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
+
+/* NULL where no channel has that id. A standard and an extended id of the same number are two. */
+tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
+
+void tl_can_map_release(tl_can_map *map);
 
 #endif

@@ -10,7 +10,7 @@
 #ifndef TL_BOARD_CSV_CSV_H
 #define TL_BOARD_CSV_CSV_H
 
-#include "board/csv/csv_row.h"
+#include "board/csv/csv_table.h"
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 

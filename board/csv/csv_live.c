@@ -1,6 +1,5 @@
-/* The live CSV driver: a file played in its own time, or a FIFO that somebody writes to.
- */
-#include "board/csv/csv.h"
+/* CSV rows from a FIFO, while they are written: see csv_live.h. */
+#include "board/csv/csv_live.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -11,11 +10,40 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "board/csv/csv_anchor.h"
+#include "board/csv/csv.h"
 #include "board/csv/csv_table.h"
 #include "board/io/link.h"
 #include "board/io/monotonic.h"
 #include "board/io/wake.h"
+
+/* ---- Maps the time of rows to our clock. */
+
+static void open_window(tl_csv_anchor *anchor, tl_time arrival) {
+    anchor->quickest = INT64_MAX;
+    anchor->window = arrival + TL_CSV_DRIFT_WINDOW;
+}
+
+void tl_csv_anchor_set(tl_csv_anchor *anchor, tl_time time, tl_time arrival) {
+    anchor->set = true;
+    anchor->base = arrival - time;
+    open_window(anchor, arrival);
+}
+
+tl_time tl_csv_anchor_stamp(tl_csv_anchor *anchor, tl_time time, tl_time arrival) {
+    tl_time delay = arrival - (anchor->base + time);
+    if (delay < 0) {
+        anchor->base += delay;
+        delay = 0;
+    }
+    anchor->quickest = delay < anchor->quickest ? delay : anchor->quickest;
+    if (arrival >= anchor->window) {
+        anchor->base += anchor->quickest;
+        open_window(anchor, arrival);
+    }
+    return anchor->base + time;
+}
+
+/* ---- The live CSV driver: a file played in its own time, or a FIFO that somebody writes to. */
 
 enum {
     WAIT_MS = 50,

@@ -1,7 +1,4 @@
-/* Cuts a stream into lines and lines into cells.
- *
- * Cells are cut in place: each cell's end becomes a zero byte, quotes are taken off by moving the text to the left.
- */
+/* A CSV text as a table of numbers, row by row: see csv_table.h. */
 #include "board/csv/csv_table.h"
 
 #include <math.h>
@@ -9,6 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+
+/* ---- Cuts a stream into lines and lines into cells.
+ *
+ * Cells are cut in place: each cell's end becomes a zero byte, quotes are taken off by moving the text to the left. */
 
 /* |seconds| of a row: so that tl_time can hold how far two rows are apart. */
 #define LAST_SECOND 4.6e9

@@ -1,17 +1,47 @@
-/* Lines and cells of a CSV stream. Private to the CSV reader and driver.
+/* A CSV text as a table of numbers, row by row.
  *
- * Purpose: tl_csv_lines cuts lines out of bytes as they come; tl_csv_table finds the columns by a header line and
- *          makes a row of each further one.
- * Owner:   the structures are placed by their owner. No allocation after the header.
+ * Thread:  one for each table.
  */
 #ifndef TL_BOARD_CSV_CSV_TABLE_H
 #define TL_BOARD_CSV_CSV_TABLE_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
-#include "board/csv/csv_row.h"
+#include "master/base/signal.h"
+#include "master/base/simtime.h"
 #include "master/base/status.h"
+
+/* ---- What is read of a CSV stream: which columns, and one row of them.
+ *
+ * Purpose: what the reader, the driver and the table below both speak of.
+ * Units:   times in ns, as the time column counts them; values as in the cells.
+ * Owner:   a row is placed by its owner; texts of the settings belong to the caller.
+ */
+
+typedef struct tl_csv_settings {
+    const char *path;
+    const char *time_column;
+    const char *const *columns; /* one per channel, in channel order */
+    size_t column_count;
+} tl_csv_settings;
+
+/* One row. A cell that is empty leaves present false; one that is no finite number has quality
+ * TL_NOT_A_NUMBER and value 0. */
+typedef struct tl_csv_row {
+    tl_time time; /* as in the time column */
+    bool present[TL_MAX_SIGNALS];
+    double values[TL_MAX_SIGNALS];
+    tl_quality quality[TL_MAX_SIGNALS];
+} tl_csv_row;
+
+/* ---- Lines and cells of a CSV stream. Private to the CSV reader and driver.
+ *
+ * Purpose: tl_csv_lines cuts lines out of bytes as they come; tl_csv_table finds the columns by a header line and
+ *          makes a row of each further one.
+ * Owner:   the structures are placed by their owner. No allocation after the header.
+ */
 
 /* ---- lines ---- */
 

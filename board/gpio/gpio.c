@@ -16,9 +16,8 @@
 #include <sys/ioctl.h>
 #include <time.h>
 
-#include "board/gpio/gpio_find.h"
 #include "board/gpio/gpio_input.h"
-#include "board/io/backoff.h"
+#include "board/gpio/gpio_lines.h"
 #include "board/io/link.h"
 #include "board/io/monotonic.h"
 #include "board/io/wake.h"

@@ -18,7 +18,7 @@
 #ifndef TL_BOARD_GPIO_GPIO_H
 #define TL_BOARD_GPIO_GPIO_H
 
-#include "board/gpio/gpio_channel.h"
+#include "board/gpio/gpio_lines.h"
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
 

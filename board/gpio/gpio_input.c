@@ -1,5 +1,35 @@
-/* One input: see gpio_input.h. */
+/* The level of a GPIO line, debounced, and the edges that are counted: see gpio_input.h. */
 #include "board/gpio/gpio_input.h"
+
+/* ---- gpio debounce ---- */
+
+static void tl_gpio_debounce_start(tl_gpio_debounce *debounce, tl_time time, bool level) {
+    *debounce = (tl_gpio_debounce){.time = time, .level = level, .newest = level};
+}
+
+/* No further edge until then. The same. */
+static bool tl_gpio_debounce_pass(tl_gpio_debounce *debounce, tl_time now, tl_time *since) {
+    if (!debounce->pending || now - debounce->since < debounce->time) {
+        return false;
+    }
+    debounce->pending = false;
+    bool changed = debounce->level != debounce->newest;
+    debounce->level = debounce->newest;
+    *since = debounce->since;
+    return changed;
+}
+
+/* An edge to that level, not earlier than the one before. true where one before it, or this one itself, has changed the
+ * level that counts; *since is when. */
+static bool tl_gpio_debounce_edge(tl_gpio_debounce *debounce, bool level, tl_time stamp, tl_time *since) {
+    bool changed = tl_gpio_debounce_pass(debounce, stamp, since);
+    debounce->newest = level;
+    debounce->since = stamp;
+    debounce->pending = true;
+    return debounce->time == 0 ? tl_gpio_debounce_pass(debounce, stamp, since) : changed;
+}
+
+/* ---- gpio input ---- */
 
 static void fill(tl_gpio_input *input, tl_time stamp, tl_reading *reading) {
     input->posted = stamp > input->posted ? stamp : input->posted;

@@ -1,17 +1,38 @@
-/* One input: from edges and levels to readings. Private to the GPIO driver; pure.
+/* The level of a GPIO line, debounced, and the edges that are counted.
+ *
+ * Thread:  the one that reads the source.
+ */
+#ifndef TL_BOARD_GPIO_GPIO_INPUT_H
+#define TL_BOARD_GPIO_GPIO_INPUT_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "board/io/plant_io.h"
+#include "master/base/simtime.h"
+
+/* ---- Debouncing: a level counts once it has stood for a time. Private to the GPIO driver; pure.
+ *
+ * Purpose: from edges with their stamps to changes that last. A change has the stamp of the edge after which the line was
+ *          still, to the nanosecond, however late anybody looks.
+ * Limits:  a line that never stands still for the time keeps its last level, and `pending` stays true.
+ */
+
+typedef struct tl_gpio_debounce {
+    tl_time time;  /* ns; 0: every edge counts */
+    bool level;    /* that counts */
+    bool newest;   /* by the last edge */
+    bool pending;  /* it has not stood for long enough */
+    tl_time since; /* stamp of the last edge, where pending */
+} tl_gpio_debounce;
+
+/* ---- One input: from edges and levels to readings. Private to the GPIO driver; pure.
  *
  * Purpose: an edge says when, a level says that nothing was missed. A level that is not that of the last edge is believed
  *          when it is seen a second time: the edge may just be on its way.
  * Missed:  two edges in a row to the same level, and a level without an edge, each count as one at least.
  * Stamps:  of readings never go back. Edges that are older than a level that was believed are left out.
  */
-#ifndef TL_BOARD_GPIO_GPIO_INPUT_H
-#define TL_BOARD_GPIO_GPIO_INPUT_H
-
-#include <stdint.h>
-
-#include "board/gpio/gpio_debounce.h"
-#include "board/io/plant_io.h"
 
 typedef struct tl_gpio_input {
     tl_gpio_debounce debounce;

@@ -1,17 +1,43 @@
-/* Chips and lines as libgpiod has them; either of its versions. Private to the GPIO driver.
+/* GPIO lines: how one is configured, how it is found, and what libgpiod does with it.
+ *
+ * Thread:  the one that reads the source.
+ */
+#ifndef TL_BOARD_GPIO_GPIO_LINES_H
+#define TL_BOARD_GPIO_GPIO_LINES_H
+
+#include <stdbool.h>
+#include <stddef.h>
+
+#include "master/base/simtime.h"
+
+/* ---- Which GPIO line a signal is on, and how it is read: as it is configured.
+ *
+ * Purpose: what the driver, the search for lines and libgpiod's side of it all speak of.
+ * Units:   seconds. Owner: the name belongs to the caller.
+ */
+
+typedef enum tl_gpio_bias {
+    TL_GPIO_AS_IS, /* whatever it is now */
+    TL_GPIO_PULL_UP,
+    TL_GPIO_PULL_DOWN,
+    TL_GPIO_NO_PULL
+} tl_gpio_bias;
+
+typedef struct tl_gpio_channel {
+    const char *line; /* its name; NULL: it is the one at `offset` */
+    unsigned offset;  /* within its chip */
+    bool active_low;  /* 1 is the low level */
+    tl_gpio_bias bias;
+    double debounce_s; /* a level counts once it has stood for so long; 0: at once */
+} tl_gpio_channel;
+
+/* ---- Chips and lines as libgpiod has them; either of its versions. Private to the GPIO driver.
  *
  * Purpose: all that the driver wants of libgpiod. gpio_lines_1.c is for 1.6, gpio_lines_2.c for 2.x; the build takes the one
  *          that fits what is installed.
  * Thread:  one.
  * Errors:  errno.
  */
-#ifndef TL_BOARD_GPIO_GPIO_LINES_H
-#define TL_BOARD_GPIO_GPIO_LINES_H
-
-#include <stddef.h>
-
-#include "board/gpio/gpio_channel.h"
-#include "master/base/simtime.h"
 
 /* ---- a chip, to look for lines ---- */
 
@@ -61,5 +87,21 @@ int tl_gpio_line_edges(tl_gpio_line *line, tl_gpio_edge *edges, size_t room, siz
 
 /* NULL is allowed. */
 void tl_gpio_line_release(tl_gpio_line *line);
+
+/* ---- Where a GPIO line is: which chip, which offset. Private to the GPIO driver.
+ *
+ * Purpose: a line by its name, on one chip or on all, or by its offset on one chip. A chip is given by name, label or path.
+ *          What fits two places fits none: both are named.
+ */
+
+typedef struct tl_gpio_place {
+    char path[64]; /* of the chip */
+    char chip[96]; /* for people: "gpiochip0 (label)" */
+    unsigned offset;
+    tl_gpio_line_state state;
+} tl_gpio_place;
+
+/* false where there is none, or more than one: `text` says what was looked for and what is there. */
+bool tl_gpio_find(const char *chip, const tl_gpio_channel *channel, tl_gpio_place *place, char *text, size_t size);
 
 #endif

@@ -16,7 +16,6 @@
 #include <string.h>
 #include <sys/ioctl.h>
 
-#include "board/io/backoff.h"
 #include "board/io/link.h"
 #include "board/io/monotonic.h"
 #include "board/modbus/modbus_link.h"

@@ -27,8 +27,8 @@
 
 #include "board/io/plant_access.h"
 #include "board/io/plant_io.h"
-#include "board/modbus/modbus_codec.h"
-#include "board/modbus/modbus_line.h"
+#include "board/modbus/modbus_link.h"
+#include "board/modbus/modbus_map.h"
 
 typedef struct tl_modbus_settings {
     const char *host; /* name or address; not read where line.device is given */

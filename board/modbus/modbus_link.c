@@ -1,4 +1,4 @@
-/* The part that every link has: being interrupted. Whoever waits looks at the wake-up call too. */
+/* A connection to a Modbus server: serial line or TCP, frames and their answers: see modbus_link.h. */
 #include "board/modbus/modbus_link.h"
 
 #include <errno.h>
@@ -6,6 +6,148 @@
 #include <stdio.h>
 
 #include "board/io/monotonic.h"
+
+/* ---- modbus line ---- */
+
+const uint32_t tl_modbus_bauds[] = {1200,   2400,   4800,   9600,   19200,  38400,   57600,
+                                    115200, 230400, 460800, 500000, 921600, 1000000, 0};
+
+static bool is_baud(uint32_t baud) {
+    const uint32_t *known = tl_modbus_bauds;
+    while (*known != 0 && *known != baud) {
+        known++;
+    }
+    return *known != 0;
+}
+
+tl_status tl_modbus_line_check(const tl_modbus_line *line, tl_error *error) {
+    if (line->device[0] == '\0') {
+        return tl_fail(error, TL_BAD_DATA, "a Modbus line needs a device, for example /dev/serial/by-id/usb-0-port0");
+    }
+    if (!is_baud(line->baud)) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u Bd is no speed of a serial line", line->device,
+                       (unsigned)line->baud);
+    }
+    if (line->parity != 'N' && line->parity != 'E' && line->parity != 'O') {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: parity is none of N, E, O", line->device);
+    }
+    if (line->stop_bits != 1 && line->stop_bits != 2) {
+        return tl_fail(error, TL_BAD_DATA, "Modbus line %s: %u stop bits, but must be 1 or 2", line->device,
+                       (unsigned)line->stop_bits);
+    }
+    return TL_OK;
+}
+
+/* ---- modbus frame ---- */
+
+enum { UNIT, FUNCTION, BYTES, BODY }; /* of a body, where they stand; BODY: how many bytes these are */
+
+enum { LONGEST_BODY = 254, EXCEPTION_FLAG = 0x80 };
+
+static uint16_t word_at(const uint8_t *bytes) {
+    return (uint16_t)((unsigned)bytes[0] << 8 | bytes[1]);
+}
+
+static void put_word(uint8_t *bytes, unsigned word) {
+    bytes[0] = (uint8_t)(word >> 8);
+    bytes[1] = (uint8_t)(word & 0xFF);
+}
+
+size_t tl_modbus_value_bytes(const tl_modbus_read *read) {
+    return tl_modbus_is_bit_table(read->table) ? (read->count + 7U) / 8 : 2U * read->count;
+}
+
+void tl_modbus_put_body(const tl_modbus_read *read, uint8_t request[TL_MODBUS_BODY_REQUEST]) {
+    request[UNIT] = read->unit_id;
+    request[FUNCTION] = (uint8_t)read->table;
+    put_word(request + 2, read->address);
+    put_word(request + 4, read->count);
+}
+
+void tl_modbus_put_request(const tl_modbus_question *asked, uint8_t request[TL_MODBUS_TCP_REQUEST]) {
+    put_word(request, asked->transaction);
+    put_word(request + 2, 0);
+    put_word(request + 4, TL_MODBUS_BODY_REQUEST);
+    tl_modbus_put_body(asked->read, request + TL_MODBUS_TCP_PREFIX);
+}
+
+static tl_modbus_outcome compare(tl_modbus_kind kind, size_t found, size_t wanted) {
+    tl_modbus_outcome outcome = {
+        .kind = found == wanted ? TL_MODBUS_VALUES : kind, .found = (int)found, .wanted = (int)wanted};
+    return outcome;
+}
+
+/* Function, and exception or number of bytes, of a body as long as `size`. */
+static tl_modbus_outcome check_function(const tl_modbus_read *read, const uint8_t *body, size_t size) {
+    if (body[FUNCTION] == ((unsigned)read->table | EXCEPTION_FLAG)) {
+        tl_modbus_outcome refusal = {.kind = TL_MODBUS_EXCEPTION, .found = body[BYTES]};
+        return size == BODY ? refusal : compare(TL_MODBUS_WRONG_LENGTH, size, BODY);
+    }
+    tl_modbus_outcome outcome = compare(TL_MODBUS_WRONG_FUNCTION, body[FUNCTION], (size_t)read->table);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        outcome = compare(TL_MODBUS_WRONG_BYTES, body[BYTES], tl_modbus_value_bytes(read));
+    }
+    return outcome.kind == TL_MODBUS_VALUES ? compare(TL_MODBUS_WRONG_LENGTH, size, BODY + tl_modbus_value_bytes(read))
+                                            : outcome;
+}
+
+/* What stands before the function. */
+static tl_modbus_outcome check_header(const tl_modbus_question *asked, const uint8_t *answer) {
+    const size_t length = word_at(answer + 4);
+    tl_modbus_outcome outcome = compare(TL_MODBUS_WRONG_TRANSACTION, word_at(answer), asked->transaction);
+    if (outcome.kind == TL_MODBUS_VALUES) {
+        outcome = compare(TL_MODBUS_WRONG_PROTOCOL, word_at(answer + 2), 0);
+    }
+    if (outcome.kind == TL_MODBUS_VALUES && (length < BODY || length > LONGEST_BODY)) {
+        outcome = compare(TL_MODBUS_WRONG_LENGTH, length, BODY + tl_modbus_value_bytes(asked->read));
+    }
+    if (outcome.kind == TL_MODBUS_VALUES && !asked->any_unit_id) {
+        outcome = compare(TL_MODBUS_WRONG_UNIT, answer[TL_MODBUS_TCP_PREFIX + UNIT], asked->read->unit_id);
+    }
+    return outcome;
+}
+
+tl_modbus_outcome tl_modbus_check_tcp(const tl_modbus_question *asked, const uint8_t *answer, size_t size,
+                                      size_t *missing) {
+    const size_t header = TL_MODBUS_TCP_PREFIX + 1;
+    tl_modbus_outcome outcome = {.kind = TL_MODBUS_VALUES};
+    *missing = 0;
+    if (size < header) {
+        *missing = TL_MODBUS_TCP_FIRST - size;
+        return outcome;
+    }
+    outcome = check_header(asked, answer);
+    if (outcome.kind != TL_MODBUS_VALUES) {
+        return outcome;
+    }
+    if (size < TL_MODBUS_TCP_FIRST) {
+        *missing = TL_MODBUS_TCP_FIRST - size;
+        return outcome;
+    }
+    const size_t length = word_at(answer + 4);
+    outcome = check_function(asked->read, answer + TL_MODBUS_TCP_PREFIX, length);
+    if (outcome.kind == TL_MODBUS_VALUES && size < TL_MODBUS_TCP_PREFIX + length) {
+        *missing = TL_MODBUS_TCP_PREFIX + length - size;
+    }
+    return outcome;
+}
+
+tl_modbus_outcome tl_modbus_check_rtu(const tl_modbus_read *asked, const uint8_t *answer, size_t size) {
+    tl_modbus_outcome outcome = compare(TL_MODBUS_WRONG_UNIT, answer[UNIT], asked->unit_id);
+    return outcome.kind == TL_MODBUS_VALUES ? check_function(asked, answer, size) : outcome;
+}
+
+void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_modbus_values *values) {
+    for (size_t i = 0; i < read->count; i++) {
+        if (tl_modbus_is_bit_table(read->table)) {
+            values->bits[i] = (uint8_t)((unsigned)bytes[i / 8] >> i % 8 & 1U);
+        } else {
+            values->registers[i] = word_at(bytes + 2 * i);
+        }
+    }
+}
+
+/* ---- The part that every link has: being interrupted. Whoever waits looks at the wake-up call too. */
 
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings) {
     *link = (tl_modbus_link){.kind = settings->kind, .timeout = settings->timeout, .descriptor = -1};

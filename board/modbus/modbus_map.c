@@ -1,8 +1,206 @@
-/* Groups Modbus channels into requests: sorted by unit, table and address, then merged greedily. */
+/* Signals in Modbus registers: types, requests that read them, and what an answer says of each: see modbus_map.h. */
 #include "board/modbus/modbus_map.h"
 
+#include <errno.h>
+#include <math.h>
+#include <modbus.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "board/io/bits.h"
+
+/* ---- The outcome of a Modbus request in words. */
+
+bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outcome *b) {
+    if (a->kind > TL_MODBUS_FAILED && b->kind > TL_MODBUS_FAILED) {
+        return true;
+    }
+    return a->kind == b->kind && (a->kind != TL_MODBUS_FAILED || a->found == b->found);
+}
+
+/* libmodbus has words for those that Modbus defines, and a large number for others. */
+static void exception_text(int code, char *text, size_t size) {
+    if ((code >= 1 && code <= 8) || code == 10 || code == 11) {
+        (void)snprintf(text, size, "%s", modbus_strerror(MODBUS_ENOBASE + code));
+    } else {
+        (void)snprintf(text, size, "exception %d, which Modbus does not define: see the manual of the device", code);
+    }
+}
+
+static void failure_text(int failure, tl_time timeout, char *text, size_t size) {
+    if (failure == ETIMEDOUT) {
+        (void)snprintf(text, size, "no answer within %g s", tl_seconds(timeout));
+    } else if (failure == EPROTO) {
+        (void)snprintf(text, size, "its answer breaks off");
+    } else if (failure == EBUSY) {
+        (void)snprintf(text, size, "the line is never quiet: is there another master, or another speed?");
+    } else {
+        (void)snprintf(text, size, "%s", modbus_strerror(failure));
+    }
+}
+
+void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl_time timeout, char *text,
+                            size_t size) {
+    const int found = outcome->found;
+    const int wanted = outcome->wanted;
+    switch (outcome->kind) {
+    case TL_MODBUS_EXCEPTION:
+        exception_text(found, text, size);
+        break;
+    case TL_MODBUS_WRONG_TRANSACTION:
+        (void)snprintf(text, size,
+                       "answered transaction %d when asked for %d: it answers twice, or is no Modbus server", found,
+                       wanted);
+        break;
+    case TL_MODBUS_WRONG_PROTOCOL:
+        (void)snprintf(text, size, "answered in protocol %d, and Modbus is %d: is there a Modbus server at that port?",
+                       found, wanted);
+        break;
+    case TL_MODBUS_WRONG_LENGTH:
+        (void)snprintf(text, size, "gives %d bytes as the length of an answer of %d: is that a Modbus server?", found,
+                       wanted);
+        break;
+    case TL_MODBUS_WRONG_UNIT:
+        (void)snprintf(text, size, "answered as unit %d when asked for unit %d: %s", found, wanted,
+                       on_a_line ? "is there another master on the line?"
+                                 : "if it always does, give its source \"any_unit_id\": true");
+        break;
+    case TL_MODBUS_WRONG_FUNCTION:
+        (void)snprintf(text, size, "answered function %d when asked for function %d: check the device%s", found, wanted,
+                       on_a_line ? "" : " and the gateway before it");
+        break;
+    case TL_MODBUS_WRONG_BYTES:
+        (void)snprintf(text, size, "answered %d bytes of values when asked for %d: check the device%s", found, wanted,
+                       on_a_line ? "" : " and the gateway before it");
+        break;
+    case TL_MODBUS_FAILED:
+    case TL_MODBUS_VALUES:
+        failure_text(found, timeout, text, size);
+        break;
+    }
+}
+
+/* ---- Modbus registers to values and back: data types, word order, byte order, scale.
+ *
+ * A value is carried through 64 bits: registers are joined most significant first, whatever order they come in. */
+
+bool tl_modbus_is_bit_table(tl_modbus_table table) {
+    return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
+}
+
+size_t tl_modbus_registers(tl_modbus_type type) {
+    switch (type) {
+    case TL_MODBUS_INT32:
+    case TL_MODBUS_UINT32:
+    case TL_MODBUS_FLOAT32:
+        return 2;
+    case TL_MODBUS_FLOAT64:
+        return 4;
+    case TL_MODBUS_BIT:
+    case TL_MODBUS_INT16:
+    case TL_MODBUS_UINT16:
+        break;
+    }
+    return 1;
+}
+
+/* A register between the order on the wire and most significant byte first. */
+static uint16_t ordered(const tl_modbus_channel *channel, uint16_t word) {
+    if (channel->bytes_little) {
+        return (uint16_t)((unsigned)word << 8 | (unsigned)word >> 8);
+    }
+    return word;
+}
+
+/* Where the i-th most significant register of a value stands. */
+static size_t place(const tl_modbus_channel *channel, size_t count, size_t i) {
+    return channel->words_little ? count - 1 - i : i;
+}
+
+static uint64_t join(const tl_modbus_channel *channel, const uint16_t *registers) {
+    size_t count = tl_modbus_registers(channel->type);
+    uint64_t bits = 0;
+    for (size_t i = 0; i < count; i++) {
+        bits = bits << 16 | ordered(channel, registers[place(channel, count, i)]);
+    }
+    return bits;
+}
+
+static void part(const tl_modbus_channel *channel, uint64_t bits, uint16_t *registers) {
+    size_t count = tl_modbus_registers(channel->type);
+    for (size_t i = count; i-- > 0; bits >>= 16) {
+        registers[place(channel, count, i)] = ordered(channel, (uint16_t)(bits & 0xFFFF));
+    }
+}
+
+bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value) {
+    double raw = 0;
+    switch (channel->type) {
+    case TL_MODBUS_BIT:
+        raw = registers[0] != 0 ? 1 : 0;
+        break;
+    case TL_MODBUS_UINT16:
+    case TL_MODBUS_UINT32:
+        raw = (double)join(channel, registers);
+        break;
+    case TL_MODBUS_INT16:
+        raw = tl_bits_to_signed(join(channel, registers), 16);
+        break;
+    case TL_MODBUS_INT32:
+        raw = tl_bits_to_signed(join(channel, registers), 32);
+        break;
+    case TL_MODBUS_FLOAT32:
+        raw = tl_bits_to_float32(join(channel, registers));
+        break;
+    case TL_MODBUS_FLOAT64:
+        raw = tl_bits_to_float64(join(channel, registers));
+        break;
+    }
+    *value = raw * channel->scale + channel->offset;
+    if (!isfinite(*value)) {
+        *value = 0;
+        return false;
+    }
+    return true;
+}
+
+/* The nearest integer within the range, as the lower bits of 64. */
+static uint64_t integer_bits(double raw, double minimum, double maximum) {
+    if (isnan(raw)) {
+        return 0;
+    }
+    return (uint64_t)(int64_t)fmin(fmax(round(raw), minimum), maximum);
+}
+
+void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers) {
+    double raw = (value - channel->offset) / channel->scale;
+    switch (channel->type) {
+    case TL_MODBUS_BIT:
+        registers[0] = (uint16_t)integer_bits(raw, 0, 1);
+        break;
+    case TL_MODBUS_INT16:
+        part(channel, integer_bits(raw, INT16_MIN, INT16_MAX), registers);
+        break;
+    case TL_MODBUS_UINT16:
+        part(channel, integer_bits(raw, 0, UINT16_MAX), registers);
+        break;
+    case TL_MODBUS_INT32:
+        part(channel, integer_bits(raw, INT32_MIN, INT32_MAX), registers);
+        break;
+    case TL_MODBUS_UINT32:
+        part(channel, integer_bits(raw, 0, UINT32_MAX), registers);
+        break;
+    case TL_MODBUS_FLOAT32:
+        part(channel, tl_bits_of_float32(raw), registers);
+        break;
+    case TL_MODBUS_FLOAT64:
+        part(channel, tl_bits_of_float64(raw), registers);
+        break;
+    }
+}
+
+/* ---- Groups Modbus channels into requests: sorted by unit, table and address, then merged greedily. */
 
 static int compare(const void *a, const void *b) {
     const tl_modbus_slot *left = a;

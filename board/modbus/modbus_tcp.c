@@ -2,7 +2,7 @@
  *
  * libmodbus is not used here: its reading functions take the answer of any unit and of most protocols, and do not look at the
  * length; what it sends for others to check is always transaction 0, so that a late answer looks like the next one. A request is
- * 12 bytes and only such that read are made (modbus_frame.h); an answer is received as far as it is right.
+ * 12 bytes and only such that read are made (modbus_link.h); an answer is received as far as it is right.
  */
 #include "board/modbus/modbus_link.h"
 

@@ -9,7 +9,7 @@
 #include <string.h>
 
 #include "firmware/base/text.h"
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* ---- A scanner for RFC 8259 with a stack of open brackets in place of recursion. */
 

@@ -37,7 +37,7 @@ typedef struct tl_json_lines {
  * characters, from 1); TL_TRY_AGAIN where memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
 
-/* Whether all of it can be shown as it is: valid UTF-8 without control characters, marks that turn text and unseen ones (utf8.h). */
+/* Whether all of it can be shown as it is: valid UTF-8 without control characters, marks that turn text and unseen ones (text.h). */
 bool tl_text_is_plain(const char *text);
 
 /* Copies `text` for people: what cannot be shown becomes \x1B or \u{202E} (text.h), and what does not fit is cut at a character and ends in

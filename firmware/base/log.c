@@ -15,7 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* To the beginning of the line, and what stands there is gone. */
 #define WIPE "\r\x1b[K"

@@ -2,7 +2,7 @@
  *
  * Purpose: "<4>text" where stderr goes to the journal (JOURNAL_STREAM names it), else "twinlock: warning: text"
  *          (coloured on a terminal, unless NO_COLOR is set). Whole lines only, also from many threads; control
- *          characters become spaces, others that cannot be shown (utf8.h) "?".
+ *          characters become spaces, others that cannot be shown (text.h) "?".
  * Limits:  a line holds TL_LOG_TEXT bytes, what exceeds is cut and marked "…". tl_log_limited() drops what exceeds
  *          `per_second` per limiter, and what stderr cannot take at once; it says how many with the limiter's next
  *          message in a later second, or when the limiter ends.

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "master/base/nearest.h"
+#include "master/base/text.h"
 
 /* What getopt_long() returns: an option of the verb, from here on, so that no option is taken for a character. */
 enum { FIRST_ROW = 256, LONGEST_NAME = 64, LIST = 256, NARROWEST = 4 };

@@ -10,7 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* ---- clean text ---- */
 

@@ -16,7 +16,7 @@
  *
  * Purpose: the one way for all that comes from a process with FMUs, be it printed, logged, an error or a name. What is left is valid UTF-8 that cannot
  *          command a terminal, forge a line's end or turn its direction: printable characters and tabs as they are; control characters and what is
- *          no UTF-8 as \xHH; C1, separators of lines, what turns or hides as \u{HEX} (master/base/utf8.h).
+ *          no UTF-8 as \xHH; C1, separators of lines, what turns or hides as \u{HEX} (master/base/text.h).
  * Thread:  pure; safe in a signal handler.
  */
 
@@ -71,7 +71,7 @@ tl_show_style tl_show_style_of(FILE *file);
 /* Bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that begins none. */
 size_t tl_show_character(const char *text);
 
-/* Whether that character commands a terminal, turns the direction of text or hides, instead of standing in it (utf8.h), or is none. */
+/* Whether that character commands a terminal, turns the direction of text or hides, instead of standing in it (text.h), or is none. */
 bool tl_show_is_control(const char *text, size_t length);
 
 /* Cuts a text so that it can be printed: control characters become "?", and with `ascii` all that is not ASCII. */

@@ -11,7 +11,7 @@
 #include "firmware/base/text.h"
 #include "firmware/config/drivers.h"
 #include "firmware/config/measurements.h"
-#include "master/base/duration.h"
+#include "master/base/estimate.h"
 #include "master/plan/plan.h"
 
 /* ---- prognosis ---- */

@@ -7,7 +7,7 @@
 #include "firmware/cli/options.h"
 #include "firmware/cli/verb_program.h"
 #include "firmware/cli/verbs.h"
-#include "master/base/nearest.h"
+#include "master/base/text.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_CHECK] = tl_verb_check, [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,

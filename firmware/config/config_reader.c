@@ -8,8 +8,8 @@
 #include <string.h>
 
 #include "firmware/base/json.h"
-#include "master/base/nearest.h"
 #include "master/base/signal.h"
+#include "master/base/text.h"
 
 /* ---- config names ---- */
 

@@ -9,7 +9,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/report/envelope.h"
 #include "firmware/report/html_resources.h"
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* ---- the data of a page ---- */
 

@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* ---- database fault ---- */
 

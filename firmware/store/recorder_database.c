@@ -15,7 +15,7 @@
 #include "firmware/store/outbox.h"
 #include "firmware/store/recorder_retention.h"
 #include "firmware/store/recorder_settings.h"
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* ---- The rows that say what a run is: its own, its configuration, signals and components.
  *

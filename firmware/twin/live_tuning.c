@@ -11,7 +11,7 @@
 #include <sys/mman.h>
 
 #include "firmware/base/identity.h"
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 enum { WORD = sizeof(uint64_t), PAGE = 4096 };
 

@@ -53,7 +53,7 @@ typedef struct tl_reading {
 } tl_reading;
 
 /* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it; or, where plant and
- * simulation are apart in time, the reading at a fixed time before it (plan/delay.h). */
+ * simulation are apart in time, the reading at a fixed time before it (plan/plan.h). */
 typedef struct tl_sample {
     int64_t tick;
     tl_time instant; /* t_m, on the clock of the stamps */

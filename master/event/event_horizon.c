@@ -1,12 +1,403 @@
-/* The event horizon: see event_horizon.h. */
+/* The horizon of an event: its plan, the strokes that are tried, and the search: see event_horizon.h. */
 #include "master/event/event_horizon.h"
 
 #include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
 
-#include "master/base/duration.h"
-#include "master/event/event_plan.h"
+#include "master/base/arena.h"
+#include "master/base/estimate.h"
+#include "master/base/status.h"
 #include "master/event/event_search.h"
-#include "master/event/stroke.h"
+#include "master/graph/snapshot.h"
+#include "master/sync/lock.h"
+
+/* ---- One stroke of the plant, run again with another u: the candidates of an event horizon.
+ *
+ * Purpose: brings the co-simulation from the state at the stroke's start over the stroke, a macro step at a time and over as
+ *          many cycles as that takes, judges what it did in the window, and keeps the state in which the best candidate was
+ *          when it met the present.
+ * States:  tl_stroke_try(), _try_live(), _follow() and _return() lead the FMUs away from the live twin, tl_stroke_leave() leads
+ *          them back.
+ * Thread:  the twin's. Memory: the arena, at start-up; states are the FMUs' own.
+ */
+
+/* What tells that the event is there: a matched Boolean output, and the plant signal it is matched with. */
+typedef struct tl_stroke_event {
+    size_t match; /* the output, among those with a weight */
+    size_t signal;
+    int32_t shift; /* the plant of t_j is in the sample of tick j + this (Δo) */
+    bool falls;    /* it is there while they are false */
+} tl_stroke_event;
+
+typedef struct tl_stroke {
+    tl_lock *lock;
+    tl_stroke_event event;
+    int64_t now;         /* tick that the live twin has reached */
+    int64_t begin;       /* of the stroke's start, */
+    int64_t met;         /* of the plant's event, */
+    int64_t first;       /* of the window's first sample, */
+    int64_t last;        /* and of its last one */
+    double *live_course; /* y of the matched outputs as committed, by tick in a ring */
+    size_t course_size;
+    double *y;
+    tl_snapshot states[5];
+    tl_snapshot *start;
+    tl_snapshot *live;
+    tl_snapshot *walker; /* the candidate, when it is left for a cycle */
+    tl_snapshot *mark;   /* the candidate at the present, or at the window's end */
+    tl_snapshot *best;
+    int64_t mark_at;
+    int64_t best_at;
+    double best_u;    /* NaN: none is kept of this stroke */
+    bool away;        /* the FMUs are not those of the live twin; `live` is */
+    bool walking;     /* there is a candidate */
+    bool loaded;      /* and the FMUs are at it */
+    bool unkept;      /* nothing of it need be kept: it goes on from the live twin, or is the winner */
+    bool supposed;    /* it has used a sample that is only stood for */
+    double u;         /* of the candidate */
+    int64_t at;       /* tick it has reached */
+    double sum;       /* J so far */
+    uint32_t here;    /* samples of the window at which the simulated event is there, */
+    uint32_t missing; /* at which it is not, */
+    int64_t arrival;  /* tick of the first sample of the window at which it is; INT64_MAX: none */
+    int32_t late;     /* samples at which only the plant's is there, less those at which only it is */
+} tl_stroke;
+
+typedef struct tl_stroke_settings {
+    tl_lock *lock; /* complete; it must outlive the stroke */
+    tl_stroke_event event;
+    size_t
+        samples; /* how many of the plant are kept, and so many outputs of the live twin: a search may begin late, after
+                       missed ticks */
+} tl_stroke_settings;
+
+/* ---- event plan ---- */
+
+static size_t steps_of(tl_time time, tl_time step) {
+    return (size_t)((time + step / 2) / step);
+}
+
+/* T_F/2, at least 1; and the longest stroke. */
+static size_t tl_event_plan_half(const tl_plan *plan) {
+    size_t half = steps_of(plan->event.window, plan->step) / 2;
+    return half > 0 ? half : 1;
+}
+
+static size_t tl_event_plan_longest(const tl_plan *plan) {
+    return steps_of(plan->event.longest, plan->step);
+}
+
+/* Index of the signal of an edge; SIZE_MAX: it is none of the plan's. */
+static size_t tl_event_plan_signal(const tl_plan *plan, const tl_plan_edge *edge) {
+    for (size_t i = 0; i < plan->signal_count; i++) {
+        if (strncmp(edge->signal, "plant.", 6) == 0 && strcmp(plan->signals[i].name, edge->signal + 6) == 0) {
+            return i;
+        }
+    }
+    return SIZE_MAX;
+}
+
+static void check_edge(const tl_plan *plan, const tl_plan_edge *edge, const char *key, tl_report *report) {
+    size_t index = tl_event_plan_signal(plan, edge);
+    if (index == SIZE_MAX) {
+        tl_report_add(report, TL_BAD_DATA, plan->event.where, "\"%s\": found \"%s\", expected \"plant.SIGNAL\"", key,
+                      edge->signal);
+    } else if (plan->signals[index].type != TL_BOOLEAN) {
+        tl_report_add(report, TL_BAD_DATA, plan->event.where,
+                      "\"%s\": %s is %s, expected a Boolean signal: give it \"type\": \"boolean\"", key, edge->signal,
+                      tl_type_name(plan->signals[index].type));
+    }
+}
+
+static void check_matches(const tl_plan *plan, tl_report *report) {
+    bool matched = false;
+    for (size_t i = 0; i < plan->match_count; i++) {
+        const tl_plan_match *match = &plan->match[i];
+        matched = matched || (match->weight > 0.0 && strcmp(match->to, plan->event.end.signal) == 0);
+    }
+    if (!matched) {
+        tl_report_add(report, TL_BAD_DATA, plan->event.where,
+                      "no match with a weight is compared with %s, the end of the stroke", plan->event.end.signal);
+    }
+}
+
+static void check_times(const tl_plan *plan, tl_report *report) {
+    const tl_plan_event *event = &plan->event;
+    if (plan->step <= 0) {
+        return;
+    }
+    if (event->window < 2 * plan->step || event->longest / 2 < event->window / 2) {
+        tl_report_add(report, TL_BAD_DATA, event->where,
+                      "\"window_s\": found %g s, expected at least two macro steps (%g s) and at most \"longest_s\"",
+                      tl_seconds(event->window), 2.0 * tl_seconds(plan->step));
+    }
+    if (event->longest / plan->step > TL_LONGEST_STROKE) {
+        tl_report_add(report, TL_BAD_DATA, event->where,
+                      "\"longest_s\": found %g s, expected at most %d macro steps (%g s)", tl_seconds(event->longest),
+                      TL_LONGEST_STROKE, TL_LONGEST_STROKE * tl_seconds(plan->step));
+    }
+}
+
+void tl_event_plan_check(const tl_plan *plan, tl_report *report) {
+    check_edge(plan, &plan->event.start, "start", report);
+    check_edge(plan, &plan->event.end, "end", report);
+    check_matches(plan, report);
+    check_times(plan, report);
+    if (plan->adjust_count != 1) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.adjust",
+                      "found %u variables, expected one: an event horizon searches one u",
+                      (unsigned)plan->adjust_count);
+    }
+    if (plan->measurements == TL_AHEAD) {
+        tl_report_add(report, TL_BAD_DATA, "synchronise.horizon.measurements",
+                      "found \"ahead\", expected \"lag\" or \"hold\" with horizon.event");
+    }
+    if (plan->measure.lags != 0) {
+        tl_report_add(report, TL_BAD_DATA, "delays",
+                      "measured delays do not go with horizon.event: give them in chains");
+    }
+    if (plan->shape == TL_DYNAMIC || plan->prediction != 0) {
+        tl_report_add(report, TL_BAD_DATA, plan->event.where,
+                      "\"prediction\" and \"shape\" do not go with \"event\": the stroke is the horizon, with one u");
+    }
+}
+
+size_t tl_event_plan_window(const tl_plan *plan) {
+    return 2 * tl_event_plan_longest(plan) + 2 * tl_event_plan_half(plan) + 4;
+}
+
+/* ---- stroke ---- */
+
+enum { STATES = 5 };
+
+/* False when memory is out. */
+static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings) {
+    tl_exchange *exchange = settings->lock->exchange;
+    size_t matched = settings->lock->objective.matched;
+    tl_snapshot **const names[STATES] = {&stroke->start, &stroke->live, &stroke->walker, &stroke->mark, &stroke->best};
+    *stroke = (tl_stroke){
+        .lock = settings->lock,
+        .event = settings->event,
+        .live_course = tl_arena_take(arena, settings->samples * matched, sizeof *stroke->live_course),
+        .course_size = settings->samples,
+        .y = tl_arena_take(arena, matched, sizeof *stroke->y),
+    };
+    bool placed = stroke->live_course != NULL && stroke->y != NULL;
+    for (size_t i = 0; i < STATES && placed; i++) {
+        *names[i] = &stroke->states[i];
+        placed = tl_snapshot_init(&stroke->states[i], arena, exchange->components, exchange->component_count,
+                                  exchange->values, exchange->values_size);
+    }
+    return placed;
+}
+
+static void tl_stroke_forget(tl_stroke *stroke, size_t component) {
+    for (size_t i = 0; i < STATES; i++) {
+        tl_snapshot_forget(&stroke->states[i], component);
+    }
+}
+
+/* ---- the live twin ---- */
+
+static double *course_at(const tl_stroke *stroke, int64_t tick) {
+    return &stroke->live_course[(size_t)tick % stroke->course_size * stroke->lock->objective.matched];
+}
+
+/* The live twin has reached tick: notes its outputs. */
+static void tl_stroke_note(tl_stroke *stroke, int64_t tick) {
+    stroke->now = tick;
+    tl_objective_matched(&stroke->lock->objective, course_at(stroke, tick));
+}
+
+/* The live twin is at the start of a stroke. */
+static tl_status tl_stroke_begin(tl_stroke *stroke, int64_t tick, tl_error *error) {
+    stroke->begin = tick;
+    return tl_snapshot_take(stroke->start, error);
+}
+
+/* Keeps the live twin, before the FMUs are led elsewhere. */
+static tl_status go_away(tl_stroke *stroke, tl_error *error) {
+    tl_status status = stroke->away ? TL_OK : tl_snapshot_take(stroke->live, error);
+    stroke->away = stroke->away || status == TL_OK;
+    return status;
+}
+
+static tl_status tl_stroke_leave(tl_stroke *stroke, tl_error *error) {
+    tl_status status = TL_OK;
+    if (!stroke->away) {
+        return TL_OK;
+    }
+    if (stroke->loaded) {
+        status = tl_snapshot_take(stroke->walker, error);
+    }
+    stroke->loaded = false;
+    stroke->away = false;
+    return status == TL_OK ? tl_snapshot_restore(stroke->live, error) : status;
+}
+
+/* ---- judging ---- */
+
+static bool is_there(const tl_stroke *stroke, double value) {
+    bool on = value < 0.0 || value > 0.0;
+    return on != stroke->event.falls;
+}
+
+static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured) {
+    const tl_sample *sample = tl_plant_sample(&stroke->lock->exchange->plant, tick + stroke->event.shift);
+    *measured = sample->quality[stroke->event.signal] == TL_GOOD;
+    return is_there(stroke, sample->values[stroke->event.signal]);
+}
+
+/* A search begins: nothing is kept. False: there is no good sample of the end signal in the window. */
+static bool tl_stroke_begin_search(tl_stroke *stroke) {
+    bool measured = false;
+    stroke->best_u = (double)NAN;
+    for (int64_t tick = stroke->first; tick <= stroke->last && !measured; tick++) {
+        (void)plant_is_there(stroke, tick, &measured);
+    }
+    return measured;
+}
+
+/* What the outputs y of one sample of the window say. */
+static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
+    bool measured = false;
+    bool simulated = is_there(stroke, y[stroke->event.match]);
+    bool real = plant_is_there(stroke, tick, &measured);
+    stroke->sum += tl_objective_sample(&stroke->lock->objective, tick, y);
+    stroke->here += simulated ? 1 : 0;
+    stroke->missing += simulated ? 0 : 1;
+    stroke->arrival = simulated && tick < stroke->arrival ? tick : stroke->arrival;
+    if (measured) {
+        stroke->late += (int32_t)real - (int32_t)simulated;
+    }
+}
+
+/* The candidate has been judged: over the window. J without penalties, and when its event came. */
+static double tl_stroke_value(const tl_stroke *stroke) {
+    return stroke->sum;
+}
+
+/* Which of two instants is the later one; of equals what else the window says: a signal that is soon gone again is there longer
+ * where it comes sooner. */
+static tl_event_side tl_stroke_side(const tl_stroke *stroke) {
+    if (stroke->missing == 0) {
+        return TL_EVENT_BEFORE;
+    }
+    if (stroke->here == 0) {
+        return TL_EVENT_AFTER;
+    }
+    int64_t late = stroke->arrival != stroke->met ? stroke->arrival - stroke->met : stroke->late;
+    return late > 0 ? TL_EVENT_LATE : late < 0 ? TL_EVENT_EARLY : TL_EVENT_EXACT;
+}
+
+/* ---- candidates ---- */
+
+static void begin_candidate(tl_stroke *stroke, double u, int64_t at) {
+    stroke->u = u;
+    stroke->at = at;
+    stroke->sum = 0.0;
+    stroke->here = 0;
+    stroke->missing = 0;
+    stroke->arrival = INT64_MAX;
+    stroke->late = 0;
+    stroke->walking = true;
+    stroke->loaded = true;
+    stroke->unkept = false;
+    stroke->supposed = false;
+}
+
+static tl_status load(tl_stroke *stroke, const tl_snapshot *from, tl_error *error) {
+    tl_status status = go_away(stroke, error);
+    return status == TL_OK ? tl_snapshot_restore(from, error) : status;
+}
+
+/* A candidate: from the start of the stroke; or the live twin, whose u is that of the whole stroke. */
+static tl_status tl_stroke_try(tl_stroke *stroke, double u, tl_error *error) {
+    tl_status status = load(stroke, stroke->start, error);
+    begin_candidate(stroke, u, stroke->begin);
+    return status;
+}
+
+static tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error) {
+    int64_t known = stroke->now < stroke->last ? stroke->now : stroke->last;
+    tl_status status = known < stroke->last ? go_away(stroke, error) : TL_OK;
+    begin_candidate(stroke, u, known);
+    stroke->unkept = true;
+    stroke->loaded = stroke->away;
+    for (int64_t tick = stroke->first; tick <= known; tick++) {
+        judge(stroke, tick, course_at(stroke, tick));
+    }
+    return status;
+}
+
+/* The winner, to be led on to the present: from where it was kept, if it was, or from the start of the stroke. */
+static tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) {
+    bool kept = stroke->best_u <= u && stroke->best_u >= u;
+    tl_status status = load(stroke, kept ? stroke->best : stroke->start, error);
+    begin_candidate(stroke, u, kept ? stroke->best_at : stroke->begin);
+    stroke->unkept = true;
+    return status;
+}
+
+/* Keeps the candidate where it has used nothing that is only stood for, as late as that is. */
+static tl_status mark(tl_stroke *stroke, tl_error *error) {
+    bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
+    if (!due || stroke->at > stroke->last || stroke->unkept || stroke->supposed) {
+        return TL_OK;
+    }
+    stroke->mark_at = stroke->at;
+    return tl_snapshot_take(stroke->mark, error);
+}
+
+/* To where the candidate was left, where it was. One macro step of it. Then, for this cycle: the FMUs are those of the live
+ * twin again. */
+static tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
+    tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->walker, error);
+    stroke->loaded = stroke->loaded || status == TL_OK;
+    return status;
+}
+
+static tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
+    tl_lock *lock = stroke->lock;
+    tl_exchange_set_adjusted(lock->exchange, 0, stroke->u);
+    tl_status status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
+    tl_ledger_walked(&lock->ledger, status == TL_OK, status == TL_OK ? SIZE_MAX : lock->exchange->failed);
+    if (status != TL_OK) {
+        return status;
+    }
+    stroke->at++;
+    stroke->supposed = stroke->supposed || stroke->at > stroke->now;
+    if (stroke->at >= stroke->first && stroke->at <= stroke->last) {
+        tl_objective_matched(&lock->objective, stroke->y);
+        judge(stroke, stroke->at, stroke->y);
+    }
+    return mark(stroke, error);
+}
+
+/* It is the best so far: what was marked of it is kept. */
+static void tl_stroke_keep(tl_stroke *stroke) {
+    tl_snapshot *mark = stroke->mark;
+    stroke->mark = stroke->best;
+    stroke->best = mark;
+    stroke->best_at = stroke->mark_at;
+    stroke->best_u = stroke->u;
+}
+
+/* There is no candidate any more; or it is the twin from now on. */
+static void tl_stroke_drop(tl_stroke *stroke) {
+    stroke->walking = false;
+    stroke->loaded = false;
+}
+
+static void tl_stroke_adopt(tl_stroke *stroke) {
+    tl_stroke_drop(stroke);
+    stroke->away = false;
+}
+
+/* ---- event horizon ---- */
 
 typedef enum event_phase {
     WAITING,   /* for the start of a stroke */

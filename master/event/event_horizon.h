@@ -1,4 +1,34 @@
-/* The event horizon: a twin that is matched around an event of the plant, not in every step (eq. 5.4, 5.5).
+/* The horizon of an event: its plan, the strokes that are tried, and the search.
+ *
+ * Thread:  the one that steps the twin.
+ */
+#ifndef TL_MASTER_EVENT_EVENT_HORIZON_H
+#define TL_MASTER_EVENT_EVENT_HORIZON_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "master/base/archive.h"
+#include "master/base/arena.h"
+#include "master/base/status.h"
+#include "master/plan/plan.h"
+#include "master/sync/lock.h"
+#include "master/sync/record.h"
+
+/* ---- The plan of an event horizon (plan.h): what goes with one, and its sizes in macro steps.
+ *
+ * Purpose: names, types and numbers of `horizon.event`, which need no FMU.
+ * Thread:  plain data.
+ */
+
+/* Reports what in a plan does not go with the event horizon that it has. */
+void tl_event_plan_check(const tl_plan *plan, tl_report *report);
+
+/* How many samples of the plant must be kept: a search may last as long as a stroke. */
+size_t tl_event_plan_window(const tl_plan *plan);
+
+/* ---- The event horizon: a twin that is matched around an event of the plant, not in every step (eq. 5.4, 5.5).
  *
  * Purpose: where the only thing measured is that something has happened (a cylinder has reached its end), one step tells
  *          nothing of u: what it does shows at the end of the stroke. So the twin runs with the u that was found last. At the
@@ -19,18 +49,6 @@
  * Limits:  one Real variable that nothing is connected to; modes lag and hold; the end signal is matched by a Boolean output.
  * Thread:  the twin's. Memory: the arena, at start-up; five states of each FMU are its own.
  */
-#ifndef TL_MASTER_EVENT_EVENT_HORIZON_H
-#define TL_MASTER_EVENT_EVENT_HORIZON_H
-
-#include <stdbool.h>
-#include <stddef.h>
-
-#include "master/base/archive.h"
-#include "master/base/arena.h"
-#include "master/base/status.h"
-#include "master/plan/plan.h"
-#include "master/sync/lock.h"
-#include "master/sync/record.h"
 
 typedef struct tl_event_horizon tl_event_horizon;
 

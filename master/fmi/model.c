@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "master/base/nearest.h"
+#include "master/base/text.h"
 
 const tl_variable *tl_model_variable(const tl_model *model, const char *name) {
     for (size_t i = 0; i < model->variable_count; i++) {

@@ -90,7 +90,7 @@ enum { TL_MODEL_OFFERED = 10000 };
 /* The variable of that name, or NULL. O(variable_count). */
 const tl_variable *tl_model_variable(const tl_model *model, const char *name);
 
-/* The name of a variable that was probably meant by one that no variable has, or NULL (nearest.h). O(variable_count); of a very large model
+/* The name of a variable that was probably meant by one that no variable has, or NULL (text.h). O(variable_count); of a very large model
  * only the first TL_MODEL_OFFERED variables are looked at, so that a wrong file takes no longer. */
 const char *tl_model_nearest(const tl_model *model, const char *name);
 

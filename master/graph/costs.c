@@ -1,7 +1,7 @@
 /* What executions take: see costs.h. */
 #include "master/graph/costs.h"
 
-#include "master/base/duration.h"
+#include "master/base/estimate.h"
 
 /* Steps from one close look to the next. */
 enum { CLOSELY_EVERY = 16 };

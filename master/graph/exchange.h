@@ -23,7 +23,6 @@
 #include "master/graph/graph.h"
 #include "master/graph/plant.h"
 #include "master/graph/snapshot.h"
-#include "master/graph/state_room.h"
 
 typedef struct tl_real_copy {
     fmi2Real *to;

@@ -1,10 +1,6 @@
-/* The structure of the co-simulation: components, the ports they exchange, connections, distances.
+/* The graph of components and connections, in the units of its signals.
  *
- * Purpose: resolves the names of a plan against the FMUs, checks types and units, and answers questions about paths.
- *          It holds no values; exchange.h does.
- * Source:  thesis, section 4.2; c̃(a, b) is the shortest path, one per edge (eq. 4.1).
- * Nodes:   components 0 … component_count − 1 are FMUs; node component_count is the plant.
- * Owner:   everything in the arena.
+ * Thread:  one for each graph.
  */
 #ifndef TL_MASTER_GRAPH_GRAPH_H
 #define TL_MASTER_GRAPH_GRAPH_H
@@ -15,8 +11,34 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/fmi/component.h"
-#include "master/graph/units.h"
+#include "master/fmi/model.h"
 #include "master/plan/plan.h"
+
+/* ---- Units of two connected values: are they the same, convertible, or wrong?
+ *
+ * Source: FMI 2.0.4, section 2.2.2 (value in base units = factor·value + offset).
+ */
+
+/* to_value = factor·from_value + offset. */
+typedef struct tl_conversion {
+    double factor;
+    double offset;
+} tl_conversion;
+
+/* false where the dimensions differ, or the names do and no base units tell how to convert. A unit that is NULL or
+ * has an empty name fits everything. */
+bool tl_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
+
+bool tl_conversion_is_identity(const tl_conversion *conversion);
+
+/* ---- The structure of the co-simulation: components, the ports they exchange, connections, distances.
+ *
+ * Purpose: resolves the names of a plan against the FMUs, checks types and units, and answers questions about paths.
+ *          It holds no values; exchange.h does.
+ * Source:  thesis, section 4.2; c̃(a, b) is the shortest path, one per edge (eq. 4.1).
+ * Nodes:   components 0 … component_count − 1 are FMUs; node component_count is the plant.
+ * Owner:   everything in the arena.
+ */
 
 /* No path. */
 #define TL_UNREACHABLE SIZE_MAX

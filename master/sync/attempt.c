@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "master/base/duration.h"
+#include "master/base/estimate.h"
 
 /* Progress is a J that is smaller by at least this part. */
 static const double PROGRESS = 0.01;

@@ -1,15 +1,6 @@
-/* A rollback is tested, not believed: there are FMUs that declare saved states and do not honour them.
+/* The proof of rollback before a run, and the choice of the faster of two exact methods.
  *
- * Purpose: before the first step of a synchronised twin, all its components interleaved: TL_PROOF_STEPS steps, with a second state saved in the midst of them. Then back to the
- *          first state, elsewhere with other inputs, to the second, on from there; back to the first, elsewhere across as far as a search may soon go (and so across
- *          an event, if inputs lead to one), back, and all steps again. Whatever is repeated must give the same bits at every output that is exchanged.
- *          One step is not enough: a solver inside of an FMU that begins anew after a restore shows it in the second. Nor is one state: some FMUs have room for one only.
- *          At last the first state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
- *          file; the next save is refused for that, and shall not be the first one of the run.
- * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again. If there is a copy of
- *          all that it knows, it is found out in which way they are wrong (restore_cause.h). If a copy does what its states do, and faster, it is led back by that (faster_way.h), and
- *          all are proved once more, too.
- * Thread:  the twin's. Memory: the arena, at start-up.
+ * Thread:  the one that steps the twin.
  */
 #ifndef TL_MASTER_SYNC_PROOF_H
 #define TL_MASTER_SYNC_PROOF_H
@@ -20,9 +11,39 @@
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
+#include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/graph/snapshot.h"
 #include "master/sync/lock.h"
+
+/* ---- Of two exact ways to lead a component back, the one that is faster on this machine.
+ *
+ * Purpose: an FMU may take far longer to save and restore its own state than a copy of its memory takes: some rebuild a solver each time. A search does hardly anything else, so
+ *          what it costs is timed, and not guessed: saved, stepped and led back, again and again, by its own states and by copies.
+ * Choice:  a copy, if by own states a round takes TL_FASTER_WAY_MARGIN times as long, and what is won is worth it. Else an FMU's own states are its own affair, and stay.
+ * Exact:   by copies nothing is proved yet; who makes use of this proves all again. One that is not exact so goes back to its own states (tl_component_come_back()).
+ * Bits:    no result depends on the choice, since both ways lead to where the component was. How many states find room may.
+ * Thread:  the twin's. Takes no memory of the twin's.
+ */
+
+/* Of each way at most that count; of one that takes very long three. One more comes before them. */
+enum { TL_FASTER_WAY_ROUNDS = 15 };
+
+#define TL_FASTER_WAY_MARGIN 1.5
+
+/* ---- A rollback is tested, not believed: there are FMUs that declare saved states and do not honour them.
+ *
+ * Purpose: before the first step of a synchronised twin, all its components interleaved: TL_PROOF_STEPS steps, with a second state saved in the midst of them. Then back to the
+ *          first state, elsewhere with other inputs, to the second, on from there; back to the first, elsewhere across as far as a search may soon go (and so across
+ *          an event, if inputs lead to one), back, and all steps again. Whatever is repeated must give the same bits at every output that is exchanged.
+ *          One step is not enough: a solver inside of an FMU that begins anew after a restore shows it in the second. Nor is one state: some FMUs have room for one only.
+ *          At last the first state is saved once more: an FMU may have done in these steps what its states, or a copy of its memory, do not take back, such as to open a
+ *          file; the next save is refused for that, and shall not be the first one of the run.
+ * Other:   one whose states turn out to be wrong is led back by another way from then on, if there is one (tl_fmi2_aside), and all are proved again. If there is a copy of
+ *          all that it knows, it is found out in which way they are wrong (verifier.h). If a copy does what its states do, and faster, it is led back by that (proof.h), and
+ *          all are proved once more, too.
+ * Thread:  the twin's. Memory: the arena, at start-up.
+ */
 
 /* That are repeated. An FMU that refuses a later one ends the proof there: that says nothing about its rollback. */
 enum { TL_PROOF_STEPS = 10, TL_PROOF_MIDST = 5 };

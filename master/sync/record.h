@@ -114,7 +114,7 @@ const char *tl_outcome_name(tl_outcome outcome);
 const char *tl_stop_name(tl_stop stop);
 const char *tl_flag_name(tl_flag flag);
 
-/* Why an FMU does not come back to where it was (restore_cause.h). */
+/* Why an FMU does not come back to where it was (verifier.h). */
 typedef enum tl_restore_cause {
     TL_CAUSE_UNKNOWN,  /* nobody has looked, or it does not show here */
     TL_CAUSE_UNSTEADY, /* it goes two ways from one copy of all that it knows: by a clock, a file, or what no copy has */

@@ -1,7 +1,151 @@
-/* Whether FMUs still come back to where they were: see verifier.h. */
+/* Verification of restored states, and which cause a difference has: see verifier.h. */
 #include "master/sync/verifier.h"
 
 #include <string.h>
+
+/* ---- restore cause ---- */
+
+/* Of an input. */
+static const double ASTRAY = 0.05;
+
+static unsigned char *outputs_of(const tl_restore_trial *trial, unsigned place) {
+    return trial->outputs + place * trial->output_bytes;
+}
+
+const char *tl_restore_cause_text(tl_restore_cause cause) {
+    static const char *const texts[TL_RESTORE_CAUSES] = {
+        [TL_CAUSE_UNKNOWN] = "",
+        [TL_CAUSE_UNSTEADY] = "not steady: it goes two ways from one copy of its memory",
+        [TL_CAUSE_COLD] = "cold solver: so it is if it is led back at once",
+        [TL_CAUSE_PARAMETERS] = "parameters kept: so it is if a value was set since it was saved",
+        [TL_CAUSE_INCOMPLETE] = "incomplete state: led back at once it is exact, after other steps it is not",
+        [TL_CAUSE_ONE_STATE] = "one handle only: so it is if a second state was saved",
+        [TL_CAUSE_EVENTS] = "events lost: after other steps it is exact, after some with inputs that go far it is not",
+        [TL_CAUSE_LATE] = "refuses late: it was saved before, and is not now",
+        [TL_CAUSE_REFUSES] = "",
+        [TL_CAUSE_FINAL] = "final steps: so it is if it is told that no earlier state will be restored"};
+    return texts[cause];
+}
+
+/* ---- ways to go ---- */
+
+/* A twentieth more of each input that is a real number. */
+static void move_inputs(tl_ports *inputs) {
+    for (size_t i = 0; i < inputs->real_count; i++) {
+        inputs->reals[i] += ASTRAY * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
+    }
+}
+
+static void write_inputs(const tl_restore_trial *trial, const unsigned char *inputs, unsigned step) {
+    tl_ports_write(&trial->component->inputs, inputs + step * trial->input_bytes);
+}
+
+static tl_status take_step(const tl_restore_trial *trial, int64_t step, tl_error *error) {
+    tl_time at = tl_time_of_step(0, trial->macro_step, step);
+    return tl_component_step(trial->component, tl_seconds(at), tl_seconds(trial->macro_step), false, error);
+}
+
+/* *same NULL: the outputs are noted; else whether they are those that were. */
+static tl_status take_steps(const tl_restore_trial *trial, bool *same, tl_error *error) {
+    tl_component *component = trial->component;
+    tl_status status = TL_OK;
+    for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
+        write_inputs(trial, trial->inputs, i);
+        status = take_step(trial, trial->step + i, error);
+        tl_ports_read(&component->outputs, outputs_of(trial, same == NULL ? i : trial->steps));
+        if (same != NULL) {
+            *same = *same && memcmp(outputs_of(trial, trial->steps), outputs_of(trial, i),
+                                    tl_ports_size(&component->outputs)) == 0;
+        }
+    }
+    return status;
+}
+
+/* What lies between save and restore. */
+typedef enum between { NOTHING, VALUES, NEAR, STATE, FAR } between;
+
+static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
+    write_inputs(trial, trial->inputs, 0);
+    move_inputs(&trial->component->inputs);
+    return tl_component_set_inputs(trial->component, error);
+}
+
+/* It may fail, as any candidate may. */
+static tl_status go_elsewhere(const tl_restore_trial *trial, between how, tl_error *error) {
+    tl_status status = TL_OK;
+    for (unsigned i = 0; i < trial->steps && status == TL_OK; i++) {
+        write_inputs(trial, how == FAR ? trial->elsewhere : trial->inputs, i);
+        if (how == NEAR) {
+            move_inputs(&trial->component->inputs);
+        }
+        status = take_step(trial, trial->step + i, error);
+    }
+    return status == TL_FMU_FAILED ? TL_OK : status;
+}
+
+static tl_status go_between(const tl_restore_trial *trial, between how, fmi2FMUstate *second, tl_error *error) {
+    tl_status status = TL_OK;
+    if (how == VALUES) {
+        return set_values(trial, error);
+    }
+    if (how == NEAR || how == FAR || how == STATE) {
+        status = go_elsewhere(trial, how, error);
+    }
+    return status == TL_OK && how == STATE ? tl_component_save(trial->component, second, error) : status;
+}
+
+static tl_status come_back(const tl_restore_trial *trial, tl_error *error) {
+    return tl_component_come_back(trial->component, NULL)
+               ? TL_OK
+               : tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", trial->component->name);
+}
+
+/* Saved and restored, with that between; then whether they are the same. The caller's handle is as it was once the FMU is back; others are given back. */
+static tl_status lead_back(const tl_restore_trial *trial, between how, bool *same, tl_error *error) {
+    tl_component *component = trial->component;
+    fmi2FMUstate state = trial->state;
+    fmi2FMUstate second = NULL;
+    tl_status status = tl_component_save(component, &state, error);
+    status = status == TL_OK ? go_between(trial, how, &second, error) : status;
+    status = status == TL_OK ? tl_component_restore(component, state, error) : status;
+    status = status == TL_OK ? take_steps(trial, same, error) : status;
+    tl_component_forget(component, &second);
+    if (trial->state == NULL) {
+        tl_component_forget(component, &state);
+    }
+    return status;
+}
+
+/* What is tried, one after the other: the first that is not the same is the cause. */
+static tl_status try(const tl_restore_trial *trial, tl_restore_cause which, bool *same, tl_error *error) {
+    static const between ways[TL_RESTORE_CAUSES] = {[TL_CAUSE_COLD] = NOTHING,
+                                                    [TL_CAUSE_PARAMETERS] = VALUES,
+                                                    [TL_CAUSE_INCOMPLETE] = NEAR,
+                                                    [TL_CAUSE_ONE_STATE] = STATE,
+                                                    [TL_CAUSE_EVENTS] = FAR};
+    if (which == TL_CAUSE_EVENTS && trial->elsewhere == NULL) {
+        return TL_OK;
+    }
+    return which == TL_CAUSE_UNSTEADY ? take_steps(trial, same, error) : lead_back(trial, ways[which], same, error);
+}
+
+tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause *cause, tl_error *error) {
+    tl_error ignored;
+    *cause = TL_CAUSE_UNKNOWN;
+    tl_status status = take_steps(trial, NULL, error);
+    bool failed = status == TL_FMU_FAILED; /* which says nothing of a restore */
+    status = status == TL_FMU_FATAL ? status : come_back(trial, error);
+    for (tl_restore_cause which = TL_CAUSE_UNSTEADY;
+         which <= TL_CAUSE_EVENTS && status == TL_OK && !failed && *cause == TL_CAUSE_UNKNOWN; which++) {
+        bool same = true;
+        tl_status tried = try(trial, which, &same, &ignored);
+        *cause = same && tried == TL_OK ? TL_CAUSE_UNKNOWN : which;
+        status = tried == TL_FMU_FATAL ? tl_fail(error, tried, "%s", ignored.text) : come_back(trial, error);
+    }
+    return status;
+}
+
+/* ---- verifier ---- */
 
 /* Places beside those of the steps that are noted: what a step gives again, and what is in the ports between two ticks. */
 enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, PLACES };
@@ -41,7 +185,7 @@ static unsigned char *inputs_of(const tl_verifier *verifier, size_t place) {
     return verifier->inputs + place * verifier->input_bytes;
 }
 
-static unsigned char *outputs_of(const tl_verifier *verifier, size_t place) {
+static unsigned char *verifier_outputs(const tl_verifier *verifier, size_t place) {
     return verifier->outputs + place * verifier->output_bytes;
 }
 
@@ -56,7 +200,7 @@ static void enter(tl_verifier *verifier, tl_verifier_phase phase) {
 static void note_next(tl_verifier *verifier) {
     verifier->note = (tl_exchange_note){.component = verifier->component,
                                         .inputs = inputs_of(verifier, verifier->noted),
-                                        .outputs = outputs_of(verifier, verifier->noted)};
+                                        .outputs = verifier_outputs(verifier, verifier->noted)};
     verifier->exchange->note = &verifier->note;
 }
 
@@ -116,7 +260,7 @@ static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
                     : tl_component_save(at_hand(verifier), &verifier->verified[verifier->component].aside, error);
 }
 
-static tl_status come_back(tl_verifier *verifier, bool is_kept, tl_error *error) {
+static tl_status verifier_come_back(tl_verifier *verifier, bool is_kept, tl_error *error) {
     if (is_kept && tl_component_come_back(at_hand(verifier), NULL)) {
         return TL_OK;
     }
@@ -131,7 +275,7 @@ static tl_status try_way(tl_verifier *verifier, tl_error *error) {
     tl_status status = tl_component_save(at_hand(verifier), earlier, error);
     status = status == TL_OK ? leave(verifier, &is_kept, error) : status;
     status = status == TL_OK ? tl_component_restore(at_hand(verifier), *earlier, error) : status;
-    return status == TL_OK ? come_back(verifier, is_kept, error) : status;
+    return status == TL_OK ? verifier_come_back(verifier, is_kept, error) : status;
 }
 
 tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_error *error) {
@@ -186,9 +330,9 @@ static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error 
 static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_finding *finding) {
     const tl_exchange *exchange = verifier->exchange;
     const tl_ports *outputs = &at_hand(verifier)->outputs;
-    unsigned char *again = outputs_of(verifier, AGAIN);
+    unsigned char *again = verifier_outputs(verifier, AGAIN);
     tl_ports_read(outputs, again);
-    if (memcmp(again, outputs_of(verifier, place), tl_ports_size(outputs)) == 0) {
+    if (memcmp(again, verifier_outputs(verifier, place), tl_ports_size(outputs)) == 0) {
         return false;
     }
     for (size_t i = 0; i < verifier->graph->port_count; i++) {
@@ -198,7 +342,7 @@ static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_findi
         }
         tl_ports_write(outputs, again);
         finding->again = tl_exchange_value(exchange, port);
-        tl_ports_write(outputs, outputs_of(verifier, place));
+        tl_ports_write(outputs, verifier_outputs(verifier, place));
         finding->committed = tl_exchange_value(exchange, port);
         if (memcmp(&finding->again, &finding->committed, sizeof finding->again) != 0) {
             finding->port = port;
@@ -263,16 +407,16 @@ static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verif
         return status;
     }
     tl_ports_read(&component->inputs, inputs_of(verifier, PRESENT));
-    tl_ports_read(&component->outputs, outputs_of(verifier, PRESENT));
+    tl_ports_read(&component->outputs, verifier_outputs(verifier, PRESENT));
     status = execute_again(verifier, finding, found, error);
-    status = status == TL_OK ? come_back(verifier, is_kept, error) : status;
+    status = status == TL_OK ? verifier_come_back(verifier, is_kept, error) : status;
     if (status == TL_OK && *found && finding->port == NULL) {
         finding->cause = TL_CAUSE_REFUSES;
     } else if (status == TL_OK && *found && is_kept && budget->now == NULL) {
         status = find_cause(verifier, &finding->cause, error);
     }
     tl_ports_write(&component->inputs, inputs_of(verifier, PRESENT));
-    tl_ports_write(&component->outputs, outputs_of(verifier, PRESENT));
+    tl_ports_write(&component->outputs, verifier_outputs(verifier, PRESENT));
     count(verifier, executions, *found);
     end_turn(verifier);
     return status;

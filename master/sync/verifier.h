@@ -1,13 +1,6 @@
-/* Whether FMUs still come back to where they were: for as long as a twin runs, committed steps are executed again, and must give the same bits.
+/* Verification of restored states, and which cause a difference has.
  *
- * Purpose: the proof (proof.h) sees an FMU where it begins, and some are exact there and wrong later. So one component after the other takes its turn: its
- *          state at the committed instant is saved, what it is given in the next TL_VERIFIED_STEPS committed steps is noted, and what it gives;
- *          then it is led back, is given the same again, and is led to where it was.
- * No harm:  if there is a copy of all that it knows beside its own states (tl_fmi2_aside), of 16 MiB at most, that copy leads it to where it was, and not a state of the kind
- *          that is in question. Values, caches and counts of executions are as if nothing had been: what is executed here is counted apart.
- * Time:    between two ticks, a turn's work is done at once or not begun: it needs TL_VERIFIER_ROOM times what it is expected to take.
- * Not:     for a twin that adjusts nothing, since it never goes back; nor with an event horizon, which holds states of its own.
- * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, made at its start.
+ * Thread:  the one that steps the twin.
  */
 #ifndef TL_MASTER_SYNC_VERIFIER_H
 #define TL_MASTER_SYNC_VERIFIER_H
@@ -18,10 +11,50 @@
 #include "master/base/arena.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
+#include "master/fmi/component.h"
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/sync/record.h"
-#include "master/sync/restore_cause.h"
+
+/* ---- Why an FMU does not come back to where it was: found out by leading it back in several ways.
+ *
+ * Purpose: a word for who asks the FMU's vendor, or reads of it. Each is by what was seen, and not by what exporter it is. It takes a copy of all that the FMU knows
+ *          beside its states (tl_component_keep()), to which it always comes back.
+ * Thread:  the twin's. It takes some twenty steps, and so the time of none that has a deadline.
+ */
+
+/* A component that stands at the beginning of `step`, and what it is given in `steps` steps from there on. */
+typedef struct tl_restore_trial {
+    tl_component *component;
+    tl_time macro_step; /* ns */
+    int64_t step;
+    unsigned steps;
+    fmi2FMUstate state;          /* one that there is, or NULL */
+    const unsigned char *inputs; /* of the steps, one behind the other, so many bytes apart; */
+    size_t input_bytes;
+    const unsigned char *elsewhere; /* what leads it far from there, in as many steps; NULL: that is not tried */
+    unsigned char *outputs;         /* scratch: the same, of steps + 1 */
+    size_t output_bytes;
+} tl_restore_trial;
+
+/* What that means, for people: "incomplete state: …"; "" of one that says nothing. */
+const char *tl_restore_cause_text(tl_restore_cause cause);
+
+/* The component has been kept, and stands where it did afterwards; what is in its ports is anything. Errors: TL_FMU_FAILED: it could not be brought back;
+ * TL_FMU_FATAL. */
+tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause *cause, tl_error *error);
+
+/* ---- Whether FMUs still come back to where they were: for as long as a twin runs, committed steps are executed again, and must give the same bits.
+ *
+ * Purpose: the proof (proof.h) sees an FMU where it begins, and some are exact there and wrong later. So one component after the other takes its turn: its
+ *          state at the committed instant is saved, what it is given in the next TL_VERIFIED_STEPS committed steps is noted, and what it gives;
+ *          then it is led back, is given the same again, and is led to where it was.
+ * No harm:  if there is a copy of all that it knows beside its own states (tl_fmi2_aside), of 16 MiB at most, that copy leads it to where it was, and not a state of the kind
+ *          that is in question. Values, caches and counts of executions are as if nothing had been: what is executed here is counted apart.
+ * Time:    between two ticks, a turn's work is done at once or not begun: it needs TL_VERIFIER_ROOM times what it is expected to take.
+ * Not:     for a twin that adjusts nothing, since it never goes back; nor with an event horizon, which holds states of its own.
+ * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, made at its start.
+ */
 
 enum {
     TL_VERIFIED_STEPS = 3, /* a solver that begins anew shows it in the second */

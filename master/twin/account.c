@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 #include "master/twin/twin_parts.h"
 
 /* Repaired, if an FMU has a unit that a terminal would obey, and cut before a character that would not be whole. */

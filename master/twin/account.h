@@ -82,7 +82,7 @@ typedef struct tl_account {
 /* The account of this twin as it stands. What cannot be shown of names and units is "?" in it. */
 void tl_account_take(const tl_twin *twin, tl_account *account);
 
-/* Counts within their arrays; texts that end and can be shown (utf8.h); types and states that exist. Numbers are not judged. */
+/* Counts within their arrays; texts that end and can be shown (text.h); types and states that exist. Numbers are not judged. */
 bool tl_account_is_sound(const tl_account *account);
 
 /* Executions of all components. */

@@ -1,8 +1,406 @@
-/* The life of a twin: see twin.h. */
+/* The twin: see twin.h. */
+#include "master/twin/twin.h"
+
 #include <assert.h>
 #include <math.h>
+#include <string.h>
 
+#include "master/solve/optimiser.h"
 #include "master/twin/twin_parts.h"
+
+/* ---- twin facts ---- */
+
+static const char *name_of(const tl_optimiser_class *solver) {
+    return solver != NULL ? solver->name : NULL;
+}
+
+const char *tl_twin_solver_named(const char *name) {
+    return name_of(tl_optimiser_find(name));
+}
+
+const char *tl_twin_solver_numbered(int number) {
+    return name_of(tl_optimiser_numbered(number));
+}
+
+const char *tl_twin_solver_names(void) {
+    return tl_optimiser_names();
+}
+
+/* The prediction horizon T_P in steps; of an event horizon, the longest. */
+static uint32_t horizon_steps(const tl_twin *twin) {
+    return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
+}
+
+/* Those of the caches, and of each component one more, where candidates begin, kept for the proof at the start and for checkpoints; and the verifier's. */
+static uint64_t state_memory(const tl_twin *twin) {
+    const tl_exchange *exchange = &twin->exchange;
+    uint64_t sum = 0;
+    for (size_t k = 0; k < exchange->component_count && exchange->rooms != NULL; k++) {
+        sum += (1 + (uint64_t)exchange->beside) * exchange->rooms[k].size;
+    }
+    return exchange->rooms != NULL ? sum + tl_state_room_bytes(exchange->rooms, exchange->component_count) : 0;
+}
+
+static const char *astray(const tl_twin *twin) {
+    return twin->cannot_return && twin->proof.culprit < twin->graph.component_count
+               ? twin->graph.components[twin->proof.culprit].name
+               : NULL;
+}
+
+tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
+    const tl_lock *lock = &twin->lock;
+    uint64_t components = twin->graph.component_count + 1;
+    bool searches = lock->horizon.variables != 0;
+    uint32_t prediction = horizon_steps(twin);
+    tl_twin_facts facts = {
+        .components = (size_t)components,
+        .prediction = prediction,
+        .distance = lock->horizon.distance,
+        .lead = twin->lead,
+        .first = twin->first,
+        .unknowns = lock->horizon.count,
+        .algorithm = lock->solver != NULL ? lock->solver->name : "",
+        .fallback = lock->fallback != NULL ? lock->fallback->name : "",
+        .memory = tl_arena_used(&twin->arena),
+        .state_memory = state_memory(twin),
+        .executions_per_step = components,
+        .executions_per_evaluation = searches ? components * prediction : 0,
+        .returns = twin->proof.holds,
+        .cannot_return = twin->cannot_return,
+        .astray = astray(twin),
+        .proved_executions = twin->proof.executions,
+        .runs_free = twin->runs_free,
+        .verified = twin->verifier.counts.turns,
+        .verified_executions = twin->verifier.counts.executions,
+        .differed = twin->verifier.counts.found,
+        .has_free_twin = twin->free_twin.is_led,
+        .free_twin = twin->free_twin.counts,
+        .structure = searches && lock->ledger.saving.structure,
+        .sequences = searches && lock->ledger.saving.sequences,
+    };
+    return facts;
+}
+
+/* What the graph says of one component, under what is saved. */
+static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *entry) {
+    const tl_horizon *horizon = &twin->lock.horizon;
+    if (horizon->variables == 0) {
+        return;
+    }
+    const tl_plan_saving *saving = &twin->lock.ledger.saving;
+    uint32_t full = saving->structure ? horizon->reach[component] : horizon_steps(twin);
+    entry->reach = horizon->reach[component];
+    entry->on_a_way = horizon->longer[component] != TL_NEVER;
+    entry->longer = entry->on_a_way ? horizon->longer[component] : 0;
+    entry->first_need = full;
+    entry->next_need = saving->sequences ? tl_horizon_next_need(horizon, component, full) : full;
+}
+
+tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
+    const tl_exchange *exchange = &twin->exchange;
+    bool plant = component == twin->graph.component_count;
+    tl_twin_ledger entry = {
+        .name = tl_twin_component_name(twin, component),
+        .plain = twin->lock.ledger.plain,
+        .predicted = tl_ledger_predicted(&twin->lock.ledger, component),
+        .executions = tl_twin_executions(twin, component),
+    };
+    fill_needs(twin, component, &entry);
+    if (!plant) {
+        entry.replay = exchange->components[component].fmi->replay;
+        entry.cost = exchange->costs.each[component].most;
+    }
+    if (!plant && exchange->cached != NULL) {
+        const tl_cached_component *cached = &exchange->cached[component];
+        entry.nodes = cached->tree.capacity;
+        entry.nodes_worst = twin->worst[component];
+        entry.memory = tl_sequence_cache_memory(&cached->tree);
+        entry.state_size = exchange->rooms[component].size;
+        entry.states = exchange->rooms[component].kept;
+        entry.nodes_peak = cached->tree.peak;
+        entry.caught_up = cached->caught_up;
+        entry.unstored = cached->unstored;
+    }
+    entry.difference = (int64_t)(entry.executions - entry.caught_up - entry.predicted);
+    return entry;
+}
+
+bool tl_twin_ledger_is_complete(const tl_twin *twin) {
+    return !twin->lock.ledger.incomplete;
+}
+
+uint64_t tl_twin_executions(const tl_twin *twin, size_t component) {
+    return component < twin->graph.component_count ? twin->graph.components[component].executions
+                                                   : twin->exchange.plant.executions;
+}
+
+const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
+    return component < twin->graph.component_count ? twin->graph.components[component].name : "plant";
+}
+
+tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
+    const tl_adjusted *adjusted = &twin->lock.adjusted[adjust];
+    const tl_adjusted_input *input = &twin->exchange.adjusted[adjust];
+    return (tl_twin_adjusted){
+        .is_real = !adjusted->is_boolean,
+        .is_fed = input->delivered_real != NULL || input->delivered_boolean != NULL,
+        .nominal = input->nominal,
+        .step = adjusted->step,
+        .lower = adjusted->lower,
+        .upper = adjusted->upper,
+        .least = twin->adjust_ports[adjust]->variable->minimum,
+        .most = twin->adjust_ports[adjust]->variable->maximum,
+    };
+}
+
+tl_twin_delay tl_twin_get_delay(const tl_twin *twin) {
+    return twin->delay;
+}
+
+const tl_metrics *tl_twin_readings(const tl_twin *twin, size_t match) {
+    return &twin->readings[match];
+}
+
+const tl_metrics *tl_twin_metrics(const tl_twin *twin, size_t match) {
+    return &twin->metrics[match];
+}
+
+double tl_twin_output(const tl_twin *twin, size_t output) {
+    return tl_exchange_value(&twin->exchange, twin->outputs[output]);
+}
+
+size_t tl_twin_value_count(const tl_twin *twin) {
+    return twin->graph.port_count;
+}
+
+bool tl_twin_get_value(const tl_twin *twin, size_t i, tl_twin_value *value) {
+    const tl_port *port = &twin->graph.ports[i];
+    if (port->input || port->variable == NULL) {
+        return false;
+    }
+    *value = (tl_twin_value){.component = twin->graph.components[port->node].name,
+                             .variable = port->variable->name,
+                             .value = tl_exchange_value(&twin->exchange, port)};
+    return true;
+}
+
+static const char *unit_name(const tl_port *port) {
+    return port->variable->unit == NULL ? "" : port->variable->unit->name;
+}
+
+const char *tl_twin_match_unit(const tl_twin *twin, size_t match) {
+    return unit_name(twin->terms[match].port);
+}
+
+const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust) {
+    return unit_name(twin->adjust_ports[adjust]);
+}
+
+/* ---- A twin that begins anew in the middle of its run:
+ *
+ * States: a reset ends none of those that were saved (FMI 2.0.4, 2.1.8: a handle is the FMU's until it is freed), so their handles are used
+ *         again. They end with an instance, which must have them back before. */
+
+void tl_twin_reset(tl_twin *twin) {
+    int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
+    twin->resets = next >= twin->first;
+}
+
+static tl_status renew(tl_twin *twin, size_t component, tl_error *error) {
+    tl_exchange_end_component(&twin->exchange, component);
+    tl_event_horizon_forget(twin->event, component);
+    tl_verifier_end_component(&twin->verifier, component);
+    tl_free_twin_end_component(&twin->free_twin, component);
+    return tl_component_renew(&twin->graph.components[component], error);
+}
+
+static tl_status reset(tl_twin *twin, size_t component, tl_error *error) {
+    tl_status status = tl_component_reset(&twin->graph.components[component], error);
+    return status == TL_FMU_FAILED ? renew(twin, component, error) : status;
+}
+
+/* All of them in that way; then they are initialised. */
+static tl_status begin(tl_twin *twin, int64_t step, tl_status (*way)(tl_twin *, size_t, tl_error *), tl_error *error) {
+    tl_exchange *exchange = &twin->exchange;
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < twin->graph.component_count && status == TL_OK; i++) {
+        status = way(twin, i, error);
+    }
+    tl_exchange_clear(exchange, &twin->graph);
+    int64_t shown = tl_plant_shown(&exchange->plant, step, exchange->plant.newest);
+    return status == TL_OK ? tl_exchange_initialize(exchange, step, shown, error) : status;
+}
+
+static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error) {
+    twin->resets = false;
+    tl_verifier_abandon(&twin->verifier);
+    tl_status status = begin(twin, step, reset, error);
+    if (status == TL_FMU_FAILED) {
+        status = begin(twin, step, renew, error); /* an FMU may say that it was reset, and not be able to begin */
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    bool given_up = twin->event != NULL && tl_event_horizon_begin_anew(twin->event);
+    *flags = TL_FLAG_RESET | (given_up ? TL_FLAG_ABANDONED : 0U);
+    tl_lock_begin_anew(&twin->lock);
+    status = tl_exchange_begin_anew(&twin->exchange, step, error);
+    twin->lock.rests = false;
+    return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
+}
+
+/* ---- A twin that takes another tuning between two ticks:
+ *
+ * What changes is what the next search reads: targets, bounds, margin, nominal. What is remembered of steps is kept in units of its own (y, u), or
+ * is brought into the new ones: the solver's slope, and how far u is from nominal. */
+
+/* The bounds in force: those that are wanted within those that the FMU declares. A Boolean has none. */
+static tl_status place_bounds(const tl_twin *twin, size_t v, tl_tuning_adjust *adjust, tl_error *error) {
+    const tl_variable *variable = twin->adjust_ports[v]->variable;
+    if (twin->lock.adjusted[v].is_boolean) {
+        bool known = adjust->has_nominal == 0 || !(adjust->nominal < 0.0 || adjust->nominal > 0.0) ||
+                     !(adjust->nominal < 1.0 || adjust->nominal > 1.0);
+        return known ? TL_OK
+                     : tl_fail(error, TL_BAD_DATA, "%s is Boolean, and its nominal is %g, expected 0 or 1",
+                               variable->name, adjust->nominal);
+    }
+    adjust->lower = fmax(adjust->lower, variable->minimum);
+    adjust->upper = fmin(adjust->upper, variable->maximum);
+    return adjust->lower < adjust->upper
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA,
+                         "nothing is left to adjust of %s between the bounds %g and %g (those configured and those the "
+                         "FMU declares)",
+                         variable->name, adjust->lower, adjust->upper);
+}
+
+static tl_status check(const tl_twin *twin, tl_tuning *tuning, tl_error *error) {
+    tl_status status = tl_tuning_check(tuning, error);
+    if (status == TL_OK) {
+        status = tl_tuning_fits(tuning, &twin->built, error);
+    }
+    for (size_t v = 0; status == TL_OK && v < tuning->adjusts; v++) {
+        status = place_bounds(twin, v, &tuning->adjust[v], error);
+    }
+    return status;
+}
+
+/* Before the FMUs have begun they are to begin with it. */
+static void place_nominal(tl_twin *twin, size_t v, const tl_tuning_adjust *adjust, bool begun) {
+    if (adjust->has_nominal != 0) {
+        tl_exchange_set_nominal(&twin->exchange, v, adjust->nominal);
+        if (!begun) {
+            tl_exchange_set_adjusted(&twin->exchange, v, adjust->nominal);
+        }
+    }
+}
+
+static void take(tl_twin *twin, const tl_tuning *tuning) {
+    bool begun = twin->exchange.plant.newest >= twin->begin;
+    tl_lock_retune(&twin->lock, twin->terms, tuning);
+    for (size_t v = 0; v < tuning->adjusts; v++) {
+        place_nominal(twin, v, &tuning->adjust[v], begun);
+    }
+    tl_free_twin_retune(&twin->free_twin);
+    twin->lock.rests = false;
+    if (twin->event != NULL) {
+        tl_event_horizon_retune(twin->event, tuning, begun);
+    }
+}
+
+tl_status tl_twin_retune(tl_twin *twin, const tl_tuning *tuning, tl_error *error) {
+    tl_tuning wanted = *tuning;
+    tl_status status = check(twin, &wanted, error);
+    if (status == TL_OK && memcmp(&twin->tuning, tuning, sizeof *tuning) != 0) {
+        take(twin, &wanted);
+        twin->tuning = *tuning;
+    }
+    return status;
+}
+
+void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning) {
+    *tuning = twin->tuning;
+}
+
+/* ---- twin verify ---- */
+
+/* Of a tolerance: what is less says that the FMU is not exact, and does no harm to what is matched. */
+static const double HARMLESS = 0.01;
+
+/* Of the first match of that output. */
+static double tolerances_apart(const tl_twin *twin, const tl_verifier_finding *found) {
+    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        if (twin->terms[i].port == found->port) {
+            return fabs(found->again - found->committed) / twin->terms[i].tolerance;
+        }
+    }
+    return (double)NAN;
+}
+
+static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_twin_finding *finding) {
+    const tl_variable *variable = found->port != NULL ? found->port->variable : NULL;
+    *finding = (tl_twin_finding){
+        .component = twin->graph.components[found->component].name,
+        .variable = variable != NULL ? variable->name : NULL,
+        .unit = variable != NULL && variable->unit != NULL ? variable->unit->name : "",
+        .step = found->step,
+        .after = found->after,
+        .committed = found->committed,
+        .again = found->again,
+        .cause = found->cause,
+        .tolerances = found->port != NULL ? tolerances_apart(twin, found) : (double)NAN,
+    };
+}
+
+/* It goes over to the other way, if it has one that it does not go already; else it is not asked again. */
+static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
+    int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
+    bool prefers_copy = twin->graph.components[component].prefers_copy;
+    bool done = false;
+    tl_verifier_end_component(&twin->verifier, component);
+    tl_free_twin_end_component(&twin->free_twin, component);
+    tl_status status = tl_exchange_give_up_states(&twin->exchange, component, next, &done, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = tl_free_twin_begin(&twin->free_twin, error);
+    twin->lock.rests = false;
+    if (status != TL_OK) {
+        return status;
+    }
+    *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_MENDED_BY_STATES : TL_MENDED_BY_MEMORY;
+    if (done) {
+        tl_ledger_begin_anew(&twin->lock.ledger);
+    } else {
+        tl_verifier_leave_out(&twin->verifier, component);
+    }
+    return TL_OK;
+}
+
+tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding *finding, bool *found,
+                         tl_error *error) {
+    tl_verifier_finding seen;
+    *found = false;
+    if (twin->ended != TL_OK || twin->lock.runs_free) {
+        return TL_OK;
+    }
+    twin->ended = tl_verifier_go_on(&twin->verifier, budget, &seen, found, error);
+    if (twin->ended == TL_OK && *found) {
+        describe(twin, &seen, finding);
+        twin->ended = mend(twin, seen.component, &finding->mended, error);
+        twin->finding = *finding;
+        bool harmless = finding->tolerances < HARMLESS;
+        twin->marks |= TL_FLAG_DIFFERED;
+        twin->lasting |= finding->mended != TL_MENDED_NOT || harmless ? 0U : (uint32_t)TL_FLAG_DIFFERED;
+    }
+    return twin->ended;
+}
+
+const char *tl_twin_cause_text(tl_restore_cause cause) {
+    return tl_restore_cause_text(cause);
+}
+
+/* ---- twin ---- */
 
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
@@ -149,7 +547,7 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
 /* Whether there is a way back from as far as a search may go. If not, nothing is tried and nothing looked at. */
 static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
     bool searches = twin->lock.horizon.variables != 0;
-    const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, tl_twin_prediction(twin)) : NULL;
+    const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, horizon_steps(twin)) : NULL;
     if (free != NULL && !twin->lock.runs_free) {
         tl_verifier_abandon(&twin->verifier);
     }
@@ -163,7 +561,7 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     uint64_t before = count_executions(twin);
     uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
     uint32_t flags = 0;
-    tl_status status = twin->resets ? tl_twin_begin_anew(twin, step, &flags, error) : TL_OK;
+    tl_status status = twin->resets ? begin_anew(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
         look_for_way_back(twin, step, &flags);
         status = step_by(twin, step, way, record, error);

@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "master/event/event_plan.h"
+#include "master/event/event_horizon.h"
 #include "master/twin/twin_parts.h"
 
 static void build_matches(tl_twin *twin, const tl_plan *plan, tl_report *report) {

@@ -1,7 +1,6 @@
 /* What a twin is made of.
  *
- * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan), twin_reset.c (anew in the middle),
- *          twin_verify.c (looked at between two ticks), twin_retune.c (with other tolerances and bounds), twin_checkpoint.c (from and to bytes) and twin_facts.c (what is known of it).
+ * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan) and twin_checkpoint.c (from and to bytes).
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -68,12 +67,6 @@ struct tl_twin {
 
 /* The FMUs stand initialised at t_first, with the sample of tick `shown`, and their rollback is tested; not known to the caches yet. */
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
-
-/* The FMUs begin anew, at the instant of `step`. *flags: of its record. */
-tl_status tl_twin_begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_error *error);
-
-/* T_P in force; of an event horizon, at most. */
-uint32_t tl_twin_prediction(const tl_twin *twin);
 
 /* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);

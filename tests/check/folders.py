@@ -23,7 +23,7 @@ MASTER = {
     "master/sync": Folder(("master/solve", "master/measure", "master/graph", "master/cache", "master/plan", "master/fmi",
                          "master/base"), ("free_twin", "lock", "objective", "proof", "record", "verifier")),
     "master/event": Folder(("master/sync", "master/solve", "master/measure", "master/graph", "master/cache",
-                          "master/plan", "master/fmi", "master/base"), ("event_horizon", "event_plan")),
+                          "master/plan", "master/fmi", "master/base"), ("event_horizon",)),
     "master/twin": Folder(("master/event", "master/sync", "master/solve", "master/measure", "master/graph",
                          "master/cache", "master/plan", "master/fmi", "master/base"), ("account", "twin", "twin_read_back", "twin_timing")),
     "master/example": Folder(("master/twin",)),

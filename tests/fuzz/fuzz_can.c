@@ -124,7 +124,7 @@ static void fill(tl_can_frame *frame, unsigned what) {
     }
 }
 
-/* Within what can_clock.h promises. */
+/* Within what can_link.h promises. */
 static void stamp(tl_can_link *link, tl_can_frame *frame, unsigned what) {
     tl_time sent = what % 64 < 32 ? clock_now + wall_ahead : (tl_time)tl_fuzz_take_word() * (TL_SECOND / 1000);
     frame->stamp = tl_can_clock_stamp(&link->clock, sent, clock_now, clock_now + wall_ahead);

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "board/can/can_map.h"
+#include "board/can/can_codec.h"
 #include "firmware/cli/plant_bus.h"
 #include "firmware/config/config.h"
 #include "tests/replay/probe.h"

@@ -32,7 +32,7 @@ from twinlock_test import PATIENCE, program  # noqa: E402 (a skip comes first)
 PROBE = program("modbus_probe")
 GOOD, NO_LINK = 0, 4
 BIT = 0
-TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/modbus/modbus_codec.h numbers them
+TYPES = {1: "h", 2: "H", 3: "i", 4: "I", 5: "f", 6: "d"}  # as board/modbus/modbus_map.h numbers them
 RANGES = {"h": (-2**15, 2**15 - 1), "H": (0, 2**16 - 1), "i": (-2**31, 2**31 - 1), "I": (0, 2**32 - 1)}
 UNITS = (1, 17, 247)
 PER_COMBINATION = 3

@@ -5,9 +5,8 @@
 
 #include <unity.h>
 
-#include "board/can/can_clock.h"
-#include "board/can/can_fault.h"
-#include "board/can/can_map.h"
+#include "board/can/can_codec.h"
+#include "board/can/can_link.h"
 
 #define MS (TL_SECOND / 1000)
 #define WALL ((tl_time)1700000000 * TL_SECOND)

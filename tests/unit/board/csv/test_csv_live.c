@@ -16,7 +16,7 @@
 #include <unity.h>
 
 #include "board/csv/csv.h"
-#include "board/csv/csv_anchor.h"
+#include "board/csv/csv_live.h"
 #include "tests/support/driver_probe.h"
 #include "tests/support/real_time.h"
 #include "tests/support/scratch.h"

@@ -14,7 +14,7 @@
 #include <unity.h>
 
 #include "board/gpio/gpio.h"
-#include "board/gpio/gpio_find.h"
+#include "board/gpio/gpio_lines.h"
 #include "tests/support/driver_probe.h"
 #include "tests/support/real_time.h"
 

@@ -1,7 +1,7 @@
 /* Waits that double, on a clock of the test's own. */
 #include <unity.h>
 
-#include "board/io/backoff.h"
+#include "board/io/link.h"
 
 void setUp(void) {}
 

@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "board/modbus/modbus_frame.h"
+#include "board/modbus/modbus_link.h"
 
 static const tl_modbus_read REGISTERS = {.unit_id = 17, .table = TL_MODBUS_INPUT, .address = 0x1234, .count = 3};
 static const tl_modbus_read BITS = {.unit_id = 17, .table = TL_MODBUS_COIL, .address = 0x1234, .count = 10};

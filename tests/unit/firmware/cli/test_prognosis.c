@@ -6,7 +6,7 @@
 #include <unity.h>
 
 #include "firmware/cli/advice.h"
-#include "master/base/duration.h"
+#include "master/base/estimate.h"
 #include "tests/support/config_text.h"
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "master/base/nearest.h"
+#include "master/base/text.h"
 
 void setUp(void) {}
 

@@ -1,7 +1,7 @@
 /* Characters of UTF-8: every short sequence, and what may be shown. */
 #include <unity.h>
 
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 void setUp(void) {}
 void tearDown(void) {}

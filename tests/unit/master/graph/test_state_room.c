@@ -5,7 +5,7 @@
 #include <unity.h>
 
 #include "firmware/base/os.h"
-#include "master/graph/state_room.h"
+#include "master/graph/snapshot.h"
 #include "tests/support/test_plan.h"
 
 enum { FMUS = 3, TICKS = 80, EVALUATIONS = 20, SOLVERS = 5, MEGABYTE = 1 << 20 };

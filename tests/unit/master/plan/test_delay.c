@@ -5,7 +5,7 @@
 
 #include <unity.h>
 
-#include "master/plan/delay.h"
+#include "master/plan/plan.h"
 #include "tests/support/random_numbers.h"
 
 #define MS ((tl_time)1000000)

@@ -3,7 +3,7 @@
 #include <string.h>
 #include <unity.h>
 
-#include "master/sync/contest.h"
+#include "master/sync/free_twin.h"
 #include "tests/support/random_numbers.h"
 
 enum { GUARD = 4, TRIALS = 600 };

@@ -3,7 +3,7 @@
 #include <string.h>
 #include <unity.h>
 
-#include "master/sync/faster_way.h"
+#include "master/sync/proof.h"
 #include "tests/support/test_plan.h"
 
 enum { TICKS = 20, STEP = 1000, SLOW = 50000, FAST = 10000 };

@@ -1,12 +1,9 @@
-/* The time of a stream's rows on our clock. Private to the live CSV driver.
+/* CSV rows from a FIFO, while they are written.
  *
- * Purpose: stamp = base + time of the row. The first row sets the base. No stamp may be later than the arrival, so a
- *          row that comes early moves the base back. Where for a minute even the quickest row was late, the base moves
- *          forward by that much. So it follows the writer's clock for years, and single late rows change nothing.
- * Clock:   arrivals, and so stamps, are on the caller's clock. While rows go forward, stamps never go back.
+ * Thread:  the one that reads the source.
  */
-#ifndef TL_BOARD_CSV_CSV_ANCHOR_H
-#define TL_BOARD_CSV_CSV_ANCHOR_H
+#ifndef TL_BOARD_CSV_CSV_LIVE_H
+#define TL_BOARD_CSV_CSV_LIVE_H
 
 #include <stdbool.h>
 

@@ -1,5 +1,5 @@
-/* Where a GPIO line is: see gpio_find.h. */
-#include "board/gpio/gpio_find.h"
+/* GPIO lines: how one is configured, how it is found, and what libgpiod does with it: see gpio_lines.h. */
+#include "board/gpio/gpio_lines.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+
+/* ---- gpio find ---- */
 
 enum { LIST = 160 };
 
