@@ -241,9 +241,6 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     if (way == TL_ROLLBACK_MEMORY) {
         return "rolled back by its memory";
     }
-    if (way == TL_ROLLBACK_FORK) {
-        return "rolled back by forking its process";
-    }
     if (way == TL_ROLLBACK_REPLAY) {
         return "rolled back by replay: reset, and given its inputs again";
     }

@@ -64,61 +64,32 @@ static tl_status compare_pair(tl_verb_job *job, uint32_t *warnings, tl_error *er
     return status;
 }
 
-/* ---- other ways of leading components back ---- */
+/* ---- other rollback methods ---- */
 
-/* One that does not come back is told of where that was said: on the log. */
-static void tell_other_way(const tl_config *config, size_t component, const tl_other_way *other, bool *has_title,
-                           FILE *output) {
-    enum { INDENT = 2 };
-    char told[TL_OTHER_WAY_TEXT];
-    char text[sizeof told + 80];
-    if (other->kind == TL_OTHER_WAY_NOT_SOUGHT) {
-        return;
-    }
-    tl_other_way_tell(other, told);
-    (void)snprintf(text, sizeof text, "components.%.60s: %s", config->components[component].name, told);
-    if (!other->comes_back) {
-        tl_log(TL_LOG_NOTICE, "%s", text);
-        return;
-    }
-    (void)fputs(*has_title ? "" : "other ways\n", output);
-    *has_title = true;
-    tl_wrapped_print(output, text, INDENT, 2 * INDENT);
-}
-
-static bool has_replay(const tl_twin_ways *ways) {
-    bool has = false;
-    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
-        has = has || ways->of[i].rollback == TL_ROLLBACK_REPLAY;
-    }
-    return has;
-}
-
-/* Of the check that has just ended. Errors: TL_INTERRUPTED. */
-static tl_status find_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
+/* For a check that has failed because a component does not come back: logs which other method is exact. Errors: TL_INTERRUPTED. */
+static tl_status log_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
     tl_other_way found[TL_RECORDER_COMPONENTS];
-    bool has_title = false;
-    if (checked->cannot_return == 0 && !has_replay(checked)) {
-        return TL_OK;
-    }
+    char text[TL_OTHER_WAY_TEXT];
     const tl_twin_child_settings settings = tl_verb_job_settings(job, &job->config, NULL);
     tl_status status = tl_other_way_find(&settings, checked, found, error);
     for (size_t i = 0; i < job->config.component_count && status == TL_OK; i++) {
-        tell_other_way(&job->config, i, &found[i], &has_title, job->output);
+        if (found[i].kind != TL_OTHER_WAY_NOT_SOUGHT) {
+            tl_other_way_tell(&found[i], text);
+            tl_log(TL_LOG_NOTICE, "components.%.60s: %s", job->config.components[i].name, text);
+        }
     }
     return status;
 }
 
-/* The error of the check stays, unless it is interrupted. */
-static tl_status find_ways_instead(const tl_verb_job *job, const tl_twin_ways *checked, tl_status status,
-                                   tl_error *error) {
+/* The error of the check stays, unless the search is interrupted. */
+static tl_status find_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_status status,
+                                 tl_error *error) {
     tl_error interrupted;
-    tl_status found = checked->cannot_return != 0 ? find_other_ways(job, checked, &interrupted) : TL_OK;
-    if (found != TL_OK) {
-        *error = interrupted;
-        return found;
+    if (checked->cannot_return == 0 || log_other_ways(job, checked, &interrupted) == TL_OK) {
+        return status;
     }
-    return status;
+    *error = interrupted;
+    return TL_INTERRUPTED;
 }
 
 static void print_verdict(uint32_t warnings, FILE *output) {
@@ -142,16 +113,13 @@ static tl_status check(tl_verb_job *job) {
         tl_twin_child_ways(job->child, &ways);
     }
     if (status != TL_OK && status != TL_INTERRUPTED) {
-        status = find_ways_instead(job, &ways, status, &error);
+        status = find_other_ways(job, &ways, status, &error);
     }
     if (status == TL_OK) {
         status = tl_verb_job_end_child(job, &error);
     }
     if (status == TL_OK) {
         status = compare_pair(job, &warnings, &error);
-    }
-    if (status == TL_OK) {
-        status = find_other_ways(job, &ways, &error);
     }
     if (status == TL_OK) {
         print_verdict(warnings, job->output);

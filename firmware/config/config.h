@@ -41,7 +41,6 @@ typedef struct tl_config_component {
     bool logging;    /* debug logging of the FMU */
     tl_rollback rollback;
     uint32_t replay_steps; /* from its beginning to where it can be led back by replay */
-    uint32_t fork_nodes;   /* snapshots at a time, if it is rolled back by forking */
     tl_plan_set *set;
     size_t set_count;
     tl_keep keep;

@@ -253,7 +253,6 @@ static const tl_change_rule rules[] = {
     {"components.*.keep", NEW_TWIN, NULL},
     {"components.*.rollback", NEW_TWIN, NULL},
     {"components.*.replay_steps", NEW_TWIN, NULL},
-    {"components.*.fork_nodes", NEW_TWIN, NULL},
     {"components.*.libraries", NEW_TWIN_COMMISSIONED, NULL},
     {"components.*.libraries[]", {TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION, TL_NAMES_LIBRARY}, NULL},
     {"components.*.read", NEW_TWIN_COMMISSIONED, NULL},

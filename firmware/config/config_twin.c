@@ -255,9 +255,8 @@ static void read_reads(tl_config_object *entry, tl_config_component *component) 
 }
 
 static void read_rollback(tl_config_object *entry, tl_config_component *component) {
-    static const char *const names[] = {"auto", "state", "memory", "fork", "replay", NULL};
-    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_FORK,
-                                       TL_ROLLBACK_REPLAY};
+    static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
+    static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
     size_t chosen = 0;
     (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
     component->rollback = ways[chosen];
@@ -268,13 +267,6 @@ static void read_replay_steps(tl_config_object *entry, tl_config_component *comp
     double chosen = TL_REPLAY_STEPS;
     (void)tl_config_get_number(entry, "replay_steps", &steps, &chosen);
     component->replay_steps = (uint32_t)chosen;
-}
-
-static void read_fork_nodes(tl_config_object *entry, tl_config_component *component) {
-    static const tl_config_number nodes = {.whole = true, .minimum = 2, .maximum = 1024, .example = "64"};
-    double chosen = TL_FORK_NODES;
-    (void)tl_config_get_number(entry, "fork_nodes", &nodes, &chosen);
-    component->fork_nodes = (uint32_t)chosen;
 }
 
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
@@ -294,12 +286,7 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         read_keep(&entry, component);
         read_rollback(&entry, component);
         read_replay_steps(&entry, component);
-        read_fork_nodes(&entry, component);
         read_libraries(&entry, component);
-        if (component->rollback == TL_ROLLBACK_FORK && component->library_count != 0) {
-            tl_config_wrong(&entry, "libraries", "libraries of the program's",
-                            "none: with \"rollback\": \"fork\" the FMU is in another process", "[]");
-        }
         read_reads(&entry, component);
         (void)tl_config_get_boolean(&entry, "unconfined", &component->unconfined);
         (void)tl_config_get_boolean(&entry, "logging", &component->logging);

@@ -1010,16 +1010,6 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
     return status;
 }
 
-/* All three in one message: the FMU is elsewhere, with a guard of its own. */
-static fmi2Status step_elsewhere(fmi2Component component, const tl_ports *inputs, const tl_ports *outputs,
-                                 const tl_fmi2_step *step, unsigned *done) {
-    guarded *self = component;
-    enter(self, TL_FMU_DO_STEP);
-    fmi2Status status = self->own->step_reals(self->instance, inputs, outputs, step, done);
-    tl_fmu_call_end();
-    return status;
-}
-
 /* ---- states ---- */
 
 /* Claimed success without a state would be found when the twin is to go back to it. */
@@ -1093,10 +1083,6 @@ void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once) {
     guard->most = most;
 }
 
-void tl_fmu_guard_use_fork(tl_fmu_guard *guard, tl_forked_line *line) {
-    guard->given.componentEnvironment = line;
-}
-
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
     guard->own = *own;
     guard->functions = (tl_fmi2){
@@ -1121,9 +1107,7 @@ void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {
         .serialize_fmu_state = own->serialize_fmu_state != NULL ? serialize_fmu_state : NULL,
         .deserialize_fmu_state = own->deserialize_fmu_state != NULL ? deserialize_fmu_state : NULL,
         .do_step = do_step,
-        .step_reals = own->step_reals != NULL ? step_elsewhere : step_reals,
-        .is_unaware = own->is_unaware,
-        .most_states = own->most_states,
+        .step_reals = step_reals,
     };
     tl_fmu_ladder_begin(guard);
     if (guard->may_replay) {

@@ -10,7 +10,6 @@
 #include <stdint.h>
 
 #include "firmware/fmu/fmu_logger.h"
-#include "firmware/forked/forked_line.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/rollback/fmu_memory.h"
 #include "firmware/rollback/fmu_replay.h"
@@ -121,7 +120,6 @@ typedef struct tl_fmu_guarded {
  *            - if the FMU is rolled back by its memory (rollback/fmu_memory.h): serve it from a heap of its own, and save and restore that in
  *              place of the FMU's own functions.
  *            - or if it is rolled back by replay (rollback/fmu_replay.h): note what it is given.
- *            - if it is rolled back by forking: nothing of that; the FMU is in a process of its own (forked/forked_host.h), where a guard is in front of it, too.
  *          A caller of the table cannot tell the difference.
  * Owner:   the caller places a guard and keeps it where it is until tl_fmu_guard_close(); instances made through it, and their
  *          states, are the guard's.
@@ -137,9 +135,6 @@ tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool 
 
 /* After that: it is led back by replay, or can be, from `most` steps after its beginning at most. */
 void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once);
-
-/* In place of that: it is in a process of its own, whose functions (forked_calls.h) are the ones that tl_fmu_guard_front() is given. */
-void tl_fmu_guard_use_fork(tl_fmu_guard *guard, tl_forked_line *line);
 
 /* Around what calls the FMU without the table: opening its library, asking for its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);

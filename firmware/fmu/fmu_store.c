@@ -13,8 +13,6 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
-#include "firmware/forked/forked_calls.h"
-#include "firmware/forked/forked_pool.h"
 #include "firmware/rollback/fmu_heap.h"
 #include "master/base/arena.h"
 
@@ -116,8 +114,7 @@ size_t tl_fmu_used(void) {
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
-    return fmu->line != NULL      ? TL_ROLLBACK_FORK
-           : fmu->guard.by_memory ? TL_ROLLBACK_MEMORY
+    return fmu->guard.by_memory   ? TL_ROLLBACK_MEMORY
            : fmu->guard.by_replay ? TL_ROLLBACK_REPLAY
            : fmu->has_state       ? TL_ROLLBACK_STATE
                                   : TL_ROLLBACK_NONE;
@@ -129,32 +126,6 @@ bool tl_fmu_is_given_again(const tl_fmu *fmu) {
 
 const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu) {
     return fmu->guard.is_by_choice ? &fmu->guard.times : NULL;
-}
-
-bool tl_fmu_look_at_fork(const tl_fmu *fmu, tl_fmu_fork *fork) {
-    *fork = (tl_fmu_fork){.failure = ""};
-    if (fmu->line != NULL) {
-        *fork = (tl_fmu_fork){.failure = fmu->line->failure,
-                              .bytes = (uint64_t)fmu->line->touched * (uint64_t)sysconf(_SC_PAGESIZE)};
-    }
-    return fmu->line != NULL;
-}
-
-/* What there is of it in this process are calls of another one. */
-static tl_status open_elsewhere(tl_fmu *fmu, const char *label, tl_error *error) {
-    tl_fmi2 functions = tl_forked_functions;
-    fmu->line = tl_forked_take();
-    if (fmu->line == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: there is no process for it", label);
-    }
-    functions.most_states = fmu->line->most;
-    functions.is_unaware = true;
-    tl_fmu_guard_use_fork(&fmu->guard, fmu->line);
-    tl_fmu_guard_enter(&fmu->guard, TL_FMU_LOADING);
-    tl_status status = tl_forked_load(fmu->line, fmu->files->archive.folder.path, label, fmu->model.name, error);
-    tl_fmu_guard_leave(&fmu->guard);
-    tl_fmu_guard_front(&fmu->guard, &functions);
-    return status;
 }
 
 static tl_status load(const char *path, int opened, tl_rollback wanted, const char *label, tl_fmu *fmu,
@@ -182,9 +153,6 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
         return status;
     }
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
-    if (wanted == TL_ROLLBACK_FORK) {
-        return open_elsewhere(fmu, label, error);
-    }
     status = open_rollback(fmu, wanted, error);
     return status != TL_OK ? status
                            : tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
@@ -214,9 +182,6 @@ void tl_fmu_unload(tl_fmu *fmu) {
     tl_fmu_files *files = fmu->files;
     if (files != NULL) {
         tl_fmu_guard_close(&fmu->guard);
-        if (fmu->line != NULL) {
-            tl_forked_line_close(fmu->line);
-        }
         tl_fmu_archive_remove(&files->archive);
         tl_arena_release(&files->arena);
         free(files);

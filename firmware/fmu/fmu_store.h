@@ -27,7 +27,6 @@ typedef struct tl_fmu {
     bool has_state;             /* private: it may be rolled back by its own states */
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
-    tl_forked_line *line;       /* private: to the process that it is in; NULL: it is in this one */
     struct tl_fmu_files *files; /* private: memory, unpacked folder */
 } tl_fmu;
 
@@ -52,15 +51,6 @@ bool tl_fmu_is_given_again(const tl_fmu *fmu);
 
 /* If that is by its memory since it was found to be faster than by its own states, which would do: how long both take. Else NULL. */
 const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu);
-
-/* What there is to tell of one that is in a process of its own. */
-typedef struct tl_fmu_fork {
-    const char *failure; /* behind its name: "has a thread, …"; "": nothing failed. Of the FMU */
-    uint64_t bytes;      /* that a state of it has for itself, about; 0: none was saved */
-} tl_fmu_fork;
-
-/* False: it is in this one. */
-bool tl_fmu_look_at_fork(const tl_fmu *fmu, tl_fmu_fork *fork);
 
 /* No instance of it may exist any more. A zeroed tl_fmu is allowed. */
 void tl_fmu_unload(tl_fmu *fmu);

@@ -1,10 +1,8 @@
 /* The thread that calls FMUs: see fmu_thread.h. */
 #include "firmware/fmu/fmu_thread.h"
 
-#include <limits.h>
 #include <pthread.h>
 #include <signal.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/syscall.h>
@@ -12,39 +10,11 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/fmu/fmu_binary.h"
-#include "firmware/fmu/fmu_guard.h"
-#include "firmware/fmu/model_description.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/fmu_call.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/host_state.h"
 #include "firmware/process/interrupt.h"
-#include "master/base/arena.h"
-
-/* ---- fmu host ---- */
-
-tl_status tl_fmu_host_load(const char *folder, const char *label, tl_forked_fmu *fmu, tl_error *error) {
-    static tl_arena arena; /* of the process, as the FMU is */
-    static tl_model model;
-    static tl_fmu_guard guard;
-    char description[PATH_MAX + sizeof "/modelDescription.xml"];
-    tl_locale_use();
-    tl_arena_init(&arena);
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", folder);
-    tl_status status = tl_model_description_read(description, label, &arena, &model, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    tl_fmu_guard_open(&guard, model.name, model.generation_tool);
-    status = tl_fmu_binary_open(folder, &model, label, &guard, error);
-    if (status == TL_OK) {
-        *fmu = (tl_forked_fmu){.functions = &guard.functions, .callbacks = &guard.callbacks};
-    }
-    return status;
-}
-
-/* ---- fmu thread ---- */
 
 /* Between two looks of who waits; and a guard that a large frame cannot jump over. */
 static const tl_time LOOK = TL_SECOND / 50;

@@ -1,27 +1,4 @@
-/* The thread that calls FMUs.
- *
- * Thread:  as each part says.
- */
-#ifndef TL_FIRMWARE_FMU_FMU_THREAD_H
-#define TL_FIRMWARE_FMU_FMU_THREAD_H
-
-#include <stdbool.h>
-#include <sys/types.h>
-
-#include "firmware/forked/forked_host.h"
-#include "master/base/status.h"
-
-/* ---- Loading an FMU in a process of its own: what tl_forked_service needs.
- *
- * Purpose: the FMU's folder was unpacked by the twin; its description is read once more here, since nothing that the twin has of it is in this memory, and the
- *          binary is opened behind a guard, as in a twin.
- * Thread:  the only one of its process.
- */
-
-/* Once in a process. Errors: as tl_model_description_read() and tl_fmu_binary_open(). */
-tl_status tl_fmu_host_load(const char *folder, const char *label, tl_forked_fmu *fmu, tl_error *error);
-
-/* ---- The thread of the FMUs: all that is called of them, from loading to freeing, is called in it.
+/* The thread of the FMUs: all that is called of them, from loading to freeing, is called in it.
  *
  * Purpose: FMI lets an importer call from any thread, and vendors have not all heard of it: what an FMU keeps in a thread-local variable
  *          or an interpreter's thread state must be there in its next call. And they want the stack that they were tested with:
@@ -31,6 +8,13 @@ tl_status tl_fmu_host_load(const char *folder, const char *label, tl_forked_fmu 
  *          SIGUSR1 wakes it from a sleep of ours.
  * Thread:  all functions are the main thread's, or that of who started it.
  */
+#ifndef TL_FIRMWARE_FMU_FMU_THREAD_H
+#define TL_FIRMWARE_FMU_FMU_THREAD_H
+
+#include <stdbool.h>
+#include <sys/types.h>
+
+#include "master/base/status.h"
 
 enum { TL_FMU_THREAD_STACK = 8 * 1024 * 1024 };
 

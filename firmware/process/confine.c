@@ -75,7 +75,6 @@ static tl_status restrict_calls(const tl_confine_settings *settings, int version
                                        .names = settings->names,
                                        .keeps_files = settings->keeps_files,
                                        .may_answer = settings->may_answer,
-                                       .forks = settings->forks,
                                        .lives_on = settings->lives_on,
                                        .removal_holds = version > 0,
                                        .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
@@ -111,10 +110,6 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
     status = status != TL_OK ? status : tl_process_limits_set(settings->memory, settings->file_bytes, error);
     status = status != TL_OK ? status : restrict_files(settings, version, error);
     return status == TL_OK ? confine_calls(settings, version, facts, listener, error) : status;
-}
-
-tl_status tl_confine_user(uint32_t user, tl_error *error) {
-    return user != 0 ? tl_privileges_become(user, error) : TL_OK;
 }
 
 /* ---- describe ---- */

@@ -50,10 +50,8 @@ typedef struct tl_confine_settings {
     bool names;                   /* and it looks up names of hosts */
     const uint16_t *ports;        /* that TCP may connect to, with Landlock 4 and later; without: any */
     size_t port_count;
-    bool keeps_files; /* see above, */
-    bool may_answer;  /* and this */
-    bool
-        forks; /* it may make copies of itself, which are its parent's children; it signals nobody then, not even itself */
+    bool keeps_files;    /* see above, */
+    bool may_answer;     /* and this */
     bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
     int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
 } tl_confine_settings;
@@ -78,9 +76,6 @@ uint64_t tl_confine_fair_memory(void);
  * TL_BAD_USAGE: the folder cannot be entered. TL_TRY_AGAIN: something that the kernel offers failed; the process is half confined, and must
  * end. TL_INTERRUPTED: whoever was to be told of our end by PR_SET_PDEATHSIG has ended. */
 tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error);
-
-/* Only what root gives up: `user` as in the settings. For a process without FMUs that keeps watch on those of that user. The same errors. */
-tl_status tl_confine_user(uint32_t user, tl_error *error);
 
 /* A sentence of what is not held, for people; "" where all is. */
 void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]);

@@ -210,14 +210,6 @@ static int allow_threads(scmp_filter_ctx context) {
     return failure != 0 ? failure : allow_one(context, "close_range", MASKED(2, CLOSE_APART, 0));
 }
 
-/* A copy of the process that is a child of its parent, not of its own, so that the parent reaps it and knows of all; and to be ended
- * with that. */
-static int add_forks(scmp_filter_ctx context) {
-    const struct scmp_arg_cmp copy[] = {{0, SCMP_CMP_EQ, CLONE_PARENT | SIGCHLD, 0}, {1, SCMP_CMP_EQ, 0, 0}};
-    int failure = add_rule(context, SCMP_ACT_ALLOW, "clone", copy, COUNT(copy));
-    return failure != 0 ? failure : allow_one(context, "prctl", IS(0, PR_SET_PDEATHSIG));
-}
-
 /* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit.
  * The C library from 2.41 on tries droppable memory for getrandom(). Like an older kernel, the filter refuses it silently. */
 static int allow_memory(scmp_filter_ctx context) {
@@ -317,11 +309,7 @@ static int add_arguments(scmp_filter_ctx context, const tl_filter_settings *sett
     for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
         failure = parts[i](context);
     }
-    if (settings->forks) { /* a number of its own would be another process's once this one has ended */
-        failure = failure != 0 ? failure : add_forks(context);
-    } else {
-        failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
-    }
+    failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
     failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
     failure = failure != 0 ? failure : add_files(context, settings);
     if (settings->start_socket >= 0) {

@@ -20,8 +20,7 @@ typedef struct tl_filter_settings {
     bool names;                   /* looks up names of hosts: UDP to any address, TCP to port 53 */
     bool keeps_files;             /* what a recorder needs besides */
     bool may_answer;              /* what a server needs besides */
-    bool forks; /* copies of itself, as its parent's children, which it may ask to be ended with that; and no signals */
-    bool lives_on;         /* reaching for another process is refused, and not the end of this one */
+    bool lives_on;                /* reaching for another process is refused, and not the end of this one */
     bool removal_holds;    /* Landlock keeps files elsewhere from being removed; else nothing is removed or renamed */
     bool truncation_holds; /* Landlock keeps files from being emptied (ABI 3); else calls that could are refused */
 } tl_filter_settings;

@@ -10,7 +10,6 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/forked/forked_pool.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
@@ -179,37 +178,6 @@ static tl_confine_settings settings_of(const role *self, const tl_twin_places *p
     };
 }
 
-/* In the process of an FMU, which nobody is told of what it is refused: that a second listener is heard no kernel promises. */
-static tl_status confine_fmu(const void *context, tl_error *error) {
-    tl_confine_settings settings = *(const tl_confine_settings *)context;
-    tl_confine_facts facts;
-    settings.start_socket = -1;
-    settings.forks = true;
-    return tl_confine(&settings, &facts, NULL, error);
-}
-
-static tl_status settle_keeper(const void *context, tl_error *error) {
-    return tl_confine_user(((const tl_confine_settings *)context)->user, error);
-}
-
-/* Before this process gives up to start others. `settings`: of what each of them is confined to; NULL: it is not. */
-static tl_status begin_processes(const role *self, const tl_confine_settings *settings, tl_error *error) {
-    const tl_config *config = &self->assembly.config;
-    const tl_forked_service service = {.confine = settings != NULL ? confine_fmu : NULL,
-                                       .settle = settings != NULL ? settle_keeper : NULL,
-                                       .context = settings,
-                                       .load = tl_fmu_host_load};
-    size_t twins = has_second(self) ? 2 : 1;
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < twins * config->component_count && config->synchronise && !self->job.holds; i++) {
-        const tl_config_component *component = &config->components[i % config->component_count];
-        if (status == TL_OK && component->rollback == TL_ROLLBACK_FORK) {
-            status = tl_forked_begin(component->fork_nodes, &service, error);
-        }
-    }
-    return status;
-}
-
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
@@ -217,8 +185,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
         tl_twin_places_find(&self->assembly, &places);
     }
     const tl_confine_settings settings = settings_of(self, &places);
-    tl_status status = begin_processes(self, &settings, error);
-    status = status == TL_OK ? tl_confine(&settings, facts, &listener, error) : status;
+    tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
     if (status == TL_OK && listener >= 0) {
         hand_over(listener);
@@ -253,8 +220,6 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
         tl_fmu_prepare();
         tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
         status = confine(self, facts, error);
-    } else if (status == TL_OK) {
-        status = begin_processes(self, NULL, error);
     }
     (void)close(TL_TWIN_START_SOCKET);
     return status;

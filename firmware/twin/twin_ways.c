@@ -61,25 +61,11 @@ static tl_status begin(const tl_assembly *assembly, int64_t *tick, tl_error *err
     return status;
 }
 
-/* What has failed in a process of its own has said more of it than who has asked it; true: something has. */
-static bool tell_of_forks(const tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
-    for (size_t i = 0; i < assembly->config.component_count; i++) {
-        const tl_fmu *fmu = find_fmu(assembly, i);
-        tl_fmu_fork fork;
-        if (fmu != NULL && tl_fmu_look_at_fork(fmu, &fork) && fork.failure[0] != '\0') {
-            name(ways, assembly->config.components[i].name);
-            (void)tl_fail(error, TL_FMU_FAILED, "%s", fork.failure);
-            return true;
-        }
-    }
-    return false;
-}
-
 /* That a step cannot be made says nothing about ways back. */
 static void blame(const tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
     const char *component = tl_assembly_component_of(assembly, error->text);
     bool is_about_it = ways->cannot_return != 0 && ways->component[0] == '\0';
-    if (!tell_of_forks(assembly, ways, error) && is_about_it && component != NULL) {
+    if (is_about_it && component != NULL) {
         name(ways, component);
     }
 }
@@ -88,9 +74,6 @@ static void blame(const tl_assembly *assembly, tl_twin_ways *ways, tl_error *err
 static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
     tl_far_look look;
     tl_far_look_take(assembly, tick, &look);
-    if (tell_of_forks(assembly, ways, error)) {
-        return false;
-    }
     bool is_exact = !look.news.found || look.news.mended;
     if (!is_exact) {
         name(ways, look.news.component);
@@ -101,19 +84,16 @@ static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *wa
 
 /* What replay takes depends on how far it has come. */
 static void measure(const tl_assembly *assembly, size_t component, tl_twin_way *way) {
-    const tl_fmu *fmu = find_fmu(assembly, component);
     tl_twin_timing timing;
-    tl_fmu_fork fork;
     if (way->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
         return;
     }
     tl_twin_time_component(assembly->twin, component, tl_clock_now, NULL, LONGEST, &timing);
     if (timing.rounds != 0) {
-        bool is_elsewhere = fmu != NULL && tl_fmu_look_at_fork(fmu, &fork);
         way->is_measured = 1;
         way->save = timing.save.median;
         way->restore = timing.restore.median;
-        way->bytes = is_elsewhere ? fork.bytes : tl_twin_get_ledger(assembly->twin, component).state_size;
+        way->bytes = tl_twin_get_ledger(assembly->twin, component).state_size;
     }
 }
 

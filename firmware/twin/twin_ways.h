@@ -19,7 +19,7 @@ typedef struct tl_twin_way {
     uint32_t is_measured;    /* 1: what follows is */
     int64_t save;            /* ns, median */
     int64_t restore;
-    uint64_t bytes; /* of a state; by forking: that its process has for itself, about. 0: not known */
+    uint64_t bytes; /* of a state; 0: not known */
 } tl_twin_way;
 
 typedef struct tl_twin_ways {

@@ -106,7 +106,6 @@ typedef struct tl_fmi2 {
     bool is_unaware; /* it is led back in a way that it cannot know of: for it no earlier state is ever restored */
     tl_fmi2_state_size *state_size;         /* NULL: it is not known */
     tl_fmi2_reserve_states *reserve_states; /* NULL: each is made when it is saved */
-    uint32_t most_states; /* that its caller should have at a time; some more are there for a proof. 0: any number */
 } tl_fmi2;
 
 #endif

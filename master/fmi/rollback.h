@@ -5,15 +5,11 @@
 #ifndef TL_MASTER_FMI_ROLLBACK_H
 #define TL_MASTER_FMI_ROLLBACK_H
 
-/* Snapshots of a component that is rolled back by forking, if nobody says how many: each is a process. */
-enum { TL_FORK_NODES = 64 };
-
 typedef enum tl_rollback {
     TL_ROLLBACK_NONE,   /* it is not: nothing is synchronised, or there is no way */
     TL_ROLLBACK_AUTO,   /* the first of those below that can be and is proved */
     TL_ROLLBACK_STATE,  /* fmi2GetFMUstate, fmi2SetFMUstate */
     TL_ROLLBACK_MEMORY, /* all memory of the FMU is copied */
-    TL_ROLLBACK_FORK,   /* the FMU has a process of its own, and that is copied */
     TL_ROLLBACK_REPLAY, /* it is reset, and given again what it was given */
     TL_ROLLBACKS
 } tl_rollback;

@@ -70,17 +70,12 @@ static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
     return bytes == 0 || beside == 0 ? bytes : beside < bytes ? bytes - beside : 1;
 }
 
-static uint32_t most_states(const tl_cached_component *cached) {
-    uint32_t most = cached->component->fmi->most_states;
-    return most != 0 && most < cached->tree.capacity ? most : cached->tree.capacity;
-}
-
 tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap)(void), tl_error *error) {
     size_t count = exchange->cached != NULL ? exchange->component_count : 0;
     tl_status status = TL_OK;
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         tl_cached_component *cached = &exchange->cached[i];
-        exchange->rooms[i].most = most_states(cached);
+        exchange->rooms[i].most = cached->tree.capacity;
         status = tl_cached_component_measure(cached, heap, &exchange->rooms[i].size, error);
     }
     tl_state_room_share(exchange->rooms, count, leave_beside(exchange, bytes));

@@ -14,7 +14,7 @@ from foreign import describe
 from study import ROOT, Progress, Trouble, print_figures, run_command
 
 PROBE = ROOT / "build" / "host" / "tests" / "fmu" / "rollback_probe"
-WAYS = "state", "memory", "fork", "replay"
+WAYS = "state", "memory", "replay"
 BESIDE = "copy", "library"  # of another instance
 
 
@@ -78,8 +78,8 @@ def time_in_words(us):
 
 
 def print_table(figures):
-    print("FMU | exporter | steps | by its state | by its memory | by forking | by replay | beside another, each with a library of its own | of one library | bytes | save + restore")
-    print(" | ".join(["---"] * 11))
+    print("FMU | exporter | steps | by its state | by its memory | by replay | beside another, each with a library of its own | of one library | bytes | save + restore")
+    print(" | ".join(["---"] * 10))
     for result in figures["fmus"]:
         memory = result["ways"].get("memory", {})
         if not has_run(result):
@@ -89,7 +89,7 @@ def print_table(figures):
               f"{' | '.join(in_words(result['ways'].get(way)) for way in WAYS + BESIDE)} | {memory.get('bytes', 0)} | {time_in_words(memory.get('save_us', 0) + memory.get('restore_us', 0))}")
     exact = figures["exact"]
     print(f"\n{figures['run']} of {len(figures['fmus'])} run; {exact['memory']} come back exactly by their memory, and "
-          f"{exact['state']} of {figures['claim']} that declare a state by that; {exact['fork']} by forking, {exact['replay']} by replay")
+          f"{exact['state']} of {figures['claim']} that declare a state by that; {exact['replay']} by replay")
     print(f"the same beside another instance: {exact['copy']} with a library of their own, {exact['library']} of one library")
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT / "tests" / "support"))
 SIZES = {"1 kB": 1000, "16 kB": 16000, "1 MB": 1000000, "50 MB": 50000000}
-WAYS = ("state", "memory", "fork")
+WAYS = ("state", "memory")
 
 
 def lock_table():

@@ -27,7 +27,6 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/forked/forked_pool.h"
 #include "master/fmi/component.h"
 
 typedef enum trial {
@@ -278,12 +277,8 @@ static void run(const char *path, tl_rollback way, double step, int steps, trial
     int how = 0;
     pid_t child = fork();
     if (child == 0) {
-        const tl_forked_service service = {.load = tl_fmu_host_load};
-        tl_error error;
         self.steps = steps;
-        if (way == TL_ROLLBACK_FORK && tl_forked_begin(TL_FORK_NODES, &service, &error) != TL_OK) {
-            (void)snprintf(found->error, sizeof found->error, "%s", error.text);
-        } else if (begin(&self, path, way, step, found)) {
+        if (begin(&self, path, way, step, found)) {
             if (tried == STRAIGHT) {
                 go_straight(&self, found);
             } else if (tried == BESIDE_COPY || tried == BESIDE_LIBRARY) {
@@ -328,7 +323,6 @@ static void print_text(const char *text) {
 static const char *const ways[] = {[TL_ROLLBACK_NONE] = "none",
                                    [TL_ROLLBACK_STATE] = "state",
                                    [TL_ROLLBACK_MEMORY] = "memory",
-                                   [TL_ROLLBACK_FORK] = "fork",
                                    [TL_ROLLBACK_REPLAY] = "replay"};
 
 static void print(const findings *found, const char *beside) {

@@ -13,9 +13,9 @@ def steps_of(way, *options):
 def test_each_way_that_it_does_not_know_of():
     """What is committed is what a twin commits that executes everything again."""
     right = steps_of("replay", "--plain")
-    ways = ("replay",) if SANITIZER else ("replay", "memory", "fork", None)
+    ways = ("replay",) if SANITIZER else ("replay", "memory", None)
     for way in ways:
-        for options in ((),) if way == "fork" else ((), ("--plain",)):
+        for options in (), ("--plain",):
             expect(steps_of(way, *options) == right, f"{way} {options}: other values")
 
 

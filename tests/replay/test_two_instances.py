@@ -48,11 +48,6 @@ def test_states_that_are_wrong_are_no_difference():
         expect(f"{SAME} " in out and "does not come back to where it was by its " in err, out + err)
 
 
-def test_each_by_forking_is_in_a_process_of_its_own():
-    out, err = check(keeper_fmu.config(keeper_fmu.make_met(FROM=3), "fork"))
-    expect(f"{SAME} " in out, out + err)
-
-
 # ---- not the same ----
 
 def test_one_that_differs_beside_another():

@@ -9,7 +9,7 @@
  * From step LIBRARY on the C library is asked for what it keeps itself: environment, time zone, locales, what is to be called at the end, users.
  *
  * Each of these macros, a number of a step, makes it keep something more from that step on, which no copy of its memory takes back: THREAD, FILE_OPEN,
- * MAPPED, CHILD. ALONE is a statement that it executes in each step if it has a process of its own, by its main thread: there it may end, hang, or do something else. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
+ * MAPPED, CHILD. With RESETS it can begin anew, and ends all of that then: 1, by fmi2Reset; 2, as it is instantiated. With OWN_STATE it has functions for its state, and these forget all but the heap's sum. */
 #include <fcntl.h>
 #include <fenv.h>
 #include <fmi2Functions.h>
@@ -47,9 +47,6 @@
 #endif
 #ifndef EXCEPTIONS
 #define EXCEPTIONS 1
-#endif
-#ifndef ALONE
-#define ALONE
 #endif
 #ifndef RESETS
 #define RESETS 0
@@ -240,16 +237,8 @@ static double write_here_and_there(keeper *self) {
     return result * 1e-3;
 }
 
-/* In the twin's process an FMU has a thread beside the main one. */
-static void act_alone(void) {
-    if (syscall(SYS_gettid) == getpid()) {
-        ALONE;
-    }
-}
-
 static void step(keeper *self) {
     steps++;
-    act_alone();
     push(self);
     pop_oldest(self);
     keep_late();

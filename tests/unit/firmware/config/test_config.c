@@ -102,7 +102,6 @@ static void test_components(void) {
     TEST_ASSERT_EQUAL_STRING("libpython3.11.so.1.0", libraries[0].name);
     TEST_ASSERT_EQUAL_STRING("components.motor.libraries[1]", libraries[1].where);
     TEST_ASSERT_EQUAL_STRING("lib/solver.so", libraries[1].name);
-    TEST_ASSERT_EQUAL_UINT32(32, config->components[1].fork_nodes);
     TEST_ASSERT_EQUAL_UINT32(750, config->components[1].replay_steps);
     TEST_ASSERT_EQUAL_STRING_LEN("9f86d081", config->components[1].sha256, 8);
     TEST_ASSERT_NULL(config->components[0].sha256);

@@ -64,7 +64,6 @@ static void test_one_that_does_not_come_back(void) {
     expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_FOUND);
     TEST_ASSERT_EQUAL_UINT32(TL_ROLLBACK_STATE, found[1].way.rollback);
     TEST_ASSERT_EQUAL_UINT32(1, found[1].way.is_measured);
-    TEST_ASSERT_FALSE(found[1].comes_back);
 }
 
 /* Nobody is to blame, so nothing is tried. */
@@ -77,10 +76,6 @@ static void test_nobody_is_named(void) {
 /* A machine without room for it is no fault of an FMU. */
 static void test_no_room(void) {
     TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/nowhere/at/all", 1));
-    checked.of[1].rollback = TL_ROLLBACK_REPLAY;
-    find();
-    expect_kinds(TL_OTHER_WAY_NOT_SOUGHT, TL_OTHER_WAY_UNKNOWN);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(found[1].text, "/nowhere/at/all"), found[1].text);
     config.components[1].rollback = TL_ROLLBACK_STATE;
     checked.cannot_return = 1;
     (void)snprintf(checked.component, sizeof checked.component, "motor");
@@ -93,21 +88,6 @@ static void test_no_room(void) {
 static void expect_told(const tl_other_way *other, const char *expected) {
     tl_other_way_tell(other, told);
     TEST_ASSERT_EQUAL_STRING(expected, told);
-}
-
-static void test_words_of_one_that_comes_back_by_replay(void) {
-    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .comes_back = true, .replay_steps = 60};
-    other.way = (tl_twin_way){
-        .rollback = TL_ROLLBACK_FORK, .is_measured = 1, .save = 300000, .restore = 200000, .bytes = 170 * 1024};
-    expect_told(&other,
-                "comes back by replay, within 60 steps of its beginning only, and exactly by forking for as long as it "
-                "runs; a save and a restore take 500 \302\265s here, a state is a process with about 170.0 KiB of its "
-                "own: write \"rollback\": \"fork\" in the component");
-    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE, .comes_back = true, .replay_steps = 60, .text = "has a thread"};
-    expect_told(&other,
-                "comes back by replay, within 60 steps of its beginning only, and not by forking: has a thread");
-    other.kind = TL_OTHER_WAY_UNKNOWN;
-    expect_told(&other, "could not be tried by forking: has a thread");
 }
 
 static void test_words_of_one_that_does_not_come_back(void) {
@@ -123,18 +103,17 @@ static void test_words_of_one_that_does_not_come_back(void) {
     expect_told(&other,
                 "comes back by replay, within 60 steps of its beginning only: write \"rollback\": \"replay\" in "
                 "the component");
-    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE, .text = "has a thread"};
-    expect_told(&other, "does not come back in another way either, nor by forking: has a thread");
-    other.kind = TL_OTHER_WAY_UNKNOWN;
+    other = (tl_other_way){.kind = TL_OTHER_WAY_NONE};
+    expect_told(&other, "does not come back in another way either");
+    other = (tl_other_way){.kind = TL_OTHER_WAY_UNKNOWN, .text = "has a thread"};
     expect_told(&other, "could not be tried in another way: has a thread");
 }
 
 /* All that there can be has room. */
 static void test_words_are_not_cut(void) {
-    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .comes_back = true, .replay_steps = UINT32_MAX};
+    tl_other_way other = {.kind = TL_OTHER_WAY_FOUND, .replay_steps = UINT32_MAX};
     static const char end[] = "in the component";
-    memset(other.text, 'x', sizeof other.text - 1);
-    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_FORK,
+    other.way = (tl_twin_way){.rollback = TL_ROLLBACK_MEMORY,
                               .is_measured = 1,
                               .save = INT64_MAX / 2,
                               .restore = INT64_MAX / 2,
@@ -155,7 +134,6 @@ int main(int argc, char **argv) {
     RUN_TEST(test_one_that_does_not_come_back);
     RUN_TEST(test_nobody_is_named);
     RUN_TEST(test_no_room);
-    RUN_TEST(test_words_of_one_that_comes_back_by_replay);
     RUN_TEST(test_words_of_one_that_does_not_come_back);
     RUN_TEST(test_words_are_not_cut);
     int failures = UNITY_END();
