@@ -230,12 +230,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
     tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
-    self->pulse->order.needs = (tl_live_needs){.match = candidate->needs.match,
-                                               .adjust = candidate->needs.adjust,
-                                               .components = candidate->needs.components,
-                                               .unconfined = candidate->needs.unconfined ? 1 : 0,
-                                               .fmu_bytes = candidate->needs.fmu_bytes,
-                                               .signals = candidate->needs.signals};
+    self->pulse->order.needs = candidate->needs;
     order(self, TL_LIVE_SHADOW);
     return true;
 }

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 #include "firmware/retune/activation_host.h"
-#include "firmware/retune/trial.h"
+#include "firmware/retune/worker.h"
 
 /* ---- The forecast of a candidate: what its twin will take of the box, in words, and whether that can be.
  *

@@ -412,10 +412,15 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error) {
+tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error) {
+    static const uint64_t most = (uint64_t)1 << 50; /* bytes: no machine has as much */
+    char why[TL_TWIN_CHECK_WHY];
     tl_status status = expect_end(child, show, error);
-    *warnings = child->extra->warnings;
-    return status;
+    *found = child->extra->check;
+    memcpy(why, found->why, sizeof why);
+    (void)tl_clean_text(why, strnlen(why, sizeof why - 1), found->why, sizeof found->why);
+    bool is_sound = found->least >= 0 && found->worst >= 0 && found->memory <= most;
+    return status != TL_OK || is_sound ? status : end_liar(child, "what its check has found cannot be", error);
 }
 
 /* ---- a pair, and ways ---- */

@@ -255,8 +255,8 @@ static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *
     settings.descriptors[TL_TWIN_OUTPUT + 1] = output;
     settings.descriptors[TL_TWIN_JOB] = process->job.descriptor;
     settings.descriptors[TL_TWIN_START_SOCKET] = ends->start[1];
-    if (process->settings.page != NULL) {
-        settings.descriptors[TL_TWIN_PAGE] = ends->page[1];
+    if (process->settings.job->task == TL_TASK_CHECK) {
+        settings.descriptors[TL_TWIN_PAGE] = process->settings.page != NULL ? ends->page[1] : ends->nothing;
     }
     return tl_role_start(&settings, &process->role, error);
 }

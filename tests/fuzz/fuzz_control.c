@@ -11,7 +11,7 @@
 
 #include "firmware/config/config_change.h"
 #include "firmware/retune/control.h"
-#include "firmware/retune/trial.h"
+#include "firmware/retune/worker.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
@@ -114,10 +114,10 @@ static void fuzz_client(void) {
 /* ---- we have asked a validator ---- */
 
 static void fuzz_verdict(void) {
-    static tl_verdict from;
+    static tl_worker_result from;
     static tl_verdict verdict;
     memset(&from, 0, sizeof from);
-    from.is_there = 1;
+    from.is_complete = 1;
     change(&from, sizeof from);
     if (!tl_verdict_take(&from, &verdict)) {
         return;
