@@ -20,8 +20,6 @@ static const tl_time LIMIT = 300 * TL_SECOND;
 static const tl_time TOLD = 3 * TL_SECOND;
 static const tl_time BRIEF = 10 * TL_SECOND;
 
-enum { FILE_BYTES = 2048 };
-
 /* ---- of which FMUs ---- */
 
 /* What it depends on besides the files. */
@@ -68,14 +66,7 @@ static bool name_file(tl_saved_states *states) {
 
 /* False: nothing is, of these. */
 static bool remember(tl_saved_states *states) {
-    char text[FILE_BYTES];
-    FILE *file = fopen(states->path, "r");
-    if (file == NULL) {
-        return false;
-    }
-    size_t size = fread(text, 1, sizeof text, file);
-    (void)fclose(file);
-    tl_json_reader reader = tl_json_reader_of(text, size);
+    tl_json_reader reader = tl_json_file_read(states->path);
     bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
     (void)snprintf(states->why, sizeof states->why, "%s", tl_json_text(&reader, "why"));
     is_known = is_known && reader.right;
@@ -85,20 +76,12 @@ static bool remember(tl_saved_states *states) {
 
 /* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
 static void keep(const tl_saved_states *states) {
-    tl_new_file file;
     tl_json_writer json;
     tl_error ignored;
-    if (tl_new_file_open(states->path, &file, &ignored) != TL_OK) {
-        return;
-    }
     tl_json_writer_begin(&json);
     tl_json_add_text(&json, "of", states->key);
     tl_json_add_text(&json, "why", states->why);
-    if (tl_json_writer_print(&json, file.file, &ignored) == TL_OK) {
-        (void)tl_new_file_keep(&file, &ignored);
-    } else {
-        tl_new_file_discard(&file);
-    }
+    (void)tl_json_file_write(&json, states->path, &ignored);
     tl_json_writer_free(&json);
 }
 

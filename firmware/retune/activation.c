@@ -318,7 +318,7 @@ static tl_status write_down(tl_activation *self, tl_error *error) {
     if (self->settles) {
         return TL_OK;
     }
-    return self->is_return ? tl_versions_return(tl_activation_versions(self), self->reason, error)
+    return self->is_return ? tl_versions_settle(tl_activation_versions(self), TL_VERSION_RETURNED, self->reason, error)
                            : put_version(self, error);
 }
 
@@ -470,7 +470,7 @@ static void give_up(tl_activation *self, const char *why) {
         restart(self);
         return;
     }
-    if (tl_versions_return(tl_activation_versions(self), text, &error) != TL_OK) {
+    if (tl_versions_settle(tl_activation_versions(self), TL_VERSION_RETURNED, text, &error) != TL_OK) {
         tl_activation_tell(self, TL_EVENT_ERROR, error.text);
     }
     tl_activation_fail(self, text);
@@ -1258,7 +1258,8 @@ static void note_disk(tl_activation *self, bool is_written, const char *why) {
 static bool tl_activation_keep(tl_activation *self) {
     tl_error error;
     char text[TL_CONTROL_TEXT];
-    bool is_written = tl_versions_keep(tl_activation_versions(self), self->probation.why, &error) == TL_OK;
+    bool is_written =
+        tl_versions_settle(tl_activation_versions(self), TL_VERSION_KEPT, self->probation.why, &error) == TL_OK;
     note_disk(self, is_written, error.text);
     if (!is_written) {
         self->pause = PAUSE;
@@ -1337,13 +1338,12 @@ static bool tl_activation_is_unfinished(const tl_activation *self) {
 
 /* What has to be done follows from what the run is of. */
 static void tl_activation_settle(tl_activation *self) {
-    tl_error error;
     char hash[TL_SHA256_TEXT];
     find_in_force(self, hash);
     if (!tl_activation_is_unfinished(self) || !load(self, tl_activation_versions(self)->active)) {
         return;
     }
-    const tl_version *in_force = tl_versions_find(tl_activation_versions(self), hash, &error);
+    const tl_version *in_force = tl_versions_of_hash(tl_activation_versions(self), hash);
     self->settles = true;
     if (in_force == NULL) {
         tl_activation_bring_back(self, TL_ACTIVATION_BY_RESTART);

@@ -44,13 +44,11 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
     (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
     for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
         char path[PATH_MAX];
-        tl_json_reader reader;
         tl_refused *refusal = &refusals->list[refusals->count];
         path_of(refusals, i, path);
-        if (tl_version_read_object(path, &reader)) {
-            understand(&reader, refusal);
-            refusals->count += reader.right && refusal->number % TL_REFUSALS_MOST == i ? 1 : 0;
-        }
+        tl_json_reader reader = tl_json_file_read(path);
+        understand(&reader, refusal);
+        refusals->count += reader.right && refusal->number % TL_REFUSALS_MOST == i ? 1 : 0;
         tl_json_reader_free(&reader);
     }
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], by_number);
@@ -71,7 +69,7 @@ static tl_status write_down(const tl_refusals *refusals, const tl_refused *refus
     tl_json_add_text(&writer, "why", refusal->why);
     tl_json_add_text(&writer, "at", refusal->at);
     path_of(refusals, refusal->number, path);
-    tl_status status = tl_version_write_object(path, &writer, error);
+    tl_status status = tl_json_file_write(&writer, path, error);
     tl_json_writer_free(&writer);
     return status;
 }

@@ -22,24 +22,21 @@ typedef struct starting_run {
     const tl_version_start *start;
     tl_versions versions;
     tl_version_choice choice;
-    char file[TL_CONTROL_MOST + 1];
-    ssize_t file_size; /* −1: it cannot be read */
-    char fault[128];   /* why */
+    char *file;      /* NULL: it cannot be read, */
+    char fault[128]; /* for this reason */
+    size_t file_size;
     tl_verdict verdict;
 } starting_run;
 
 static void read_file(starting_run *self) {
-    const char *path = self->start->path;
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
-    self->file_size = file < 0 ? -1 : tl_file_bytes_read(file, self->file, sizeof self->file);
-    if (self->file_size < 0) {
+    self->file =
+        tl_file_text_take(open(self->start->path, O_RDONLY | O_CLOEXEC | O_NOCTTY), TL_CONTROL_MOST, &self->file_size);
+    if (self->file == NULL && errno != EFBIG) {
         (void)snprintf(self->fault, sizeof self->fault, "%s", strerror(errno));
-    } else if (self->file_size == 0 || self->file_size > TL_CONTROL_MOST) {
+    } else if (self->file == NULL || self->file_size == 0) {
         (void)snprintf(self->fault, sizeof self->fault, "a configuration has 1 to %d bytes", (int)TL_CONTROL_MOST);
-        self->file_size = -1;
-    }
-    if (file >= 0) {
-        (void)close(file);
+        free(self->file);
+        self->file = NULL;
     }
 }
 
@@ -162,9 +159,8 @@ static tl_status take_file(starting_run *self, tl_error *error) {
 /* `keeps`: versions are known, and a changed file becomes one. */
 static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
     const tl_version_probation *probation = &self->versions.probation;
-    bool is_there = self->file_size >= 0;
-    tl_status status = tl_versions_choose(&self->versions, is_there ? self->file : NULL,
-                                          is_there ? (size_t)self->file_size : 0, &self->choice, error);
+    bool is_there = self->file != NULL;
+    tl_status status = tl_versions_choose(&self->versions, self->file, self->file_size, &self->choice, error);
     if (status != TL_OK) {
         return is_there ? status : tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
     }
@@ -195,6 +191,7 @@ tl_status tl_version_start_choose(const tl_version_start *start, char **text, si
     read_file(&self);
     tl_status status = choose(&self, keeps, error);
     tl_versions_close(&self.versions);
+    free(self.file);
     if (status != TL_OK) {
         free(self.choice.text);
         return status;
@@ -213,7 +210,7 @@ bool tl_version_start_failed(const tl_version_start *start, const char *reason) 
         return false;
     }
     if (versions.probation.version != 0) {
-        is_returned = tl_versions_return(&versions, reason, &error) == TL_OK;
+        is_returned = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error) == TL_OK;
         if (!is_returned) {
             tl_log(TL_LOG_ERROR, "%s", error.text);
         }

@@ -11,7 +11,6 @@
 #include <stdint.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/base/json.h"
 #include "firmware/base/text.h"
 #include "firmware/config/config_change.h"
 #include "firmware/retune/probation.h"
@@ -37,8 +36,7 @@ enum {
     TL_VERSIONS_BYTES = 16 * 1024 * 1024,
     TL_VERSION_WHO = 64,
     TL_VERSION_WHY = 256,
-    TL_VERSION_SAY = 512,
-    TL_VERSION_PREFIX = 6 /* digits of a hash that tell a version, at least */
+    TL_VERSION_SAY = 512
 };
 
 /* What came of it. */
@@ -106,9 +104,8 @@ void tl_versions_close(tl_versions *versions);
 /* NULL: there is none. Valid until a version is added. */
 const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 
-/* By a number, or by the first digits of a hash (then the newest of that text). NULL: none is meant, or several are, and the error says
- * which. */
-const tl_version *tl_versions_find(const tl_versions *versions, const char *what, tl_error *error);
+/* The newest with this hash. NULL: there is none. */
+const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
 /* The version that was commissioned last: the newest that was kept (or active without a probation) and that came from the box itself or needed the right to
  * commission. NULL: there is none. How far `retune` may widen a tolerance is measured from it. */
@@ -151,9 +148,8 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
 /* The probation goes on: what it has come to. Every 10 s, and at each start. */
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* The end of the probation: the active one is kept, or the one before is the active one again. */
-tl_status tl_versions_keep(tl_versions *versions, const char *reason, tl_error *error);
-tl_status tl_versions_return(tl_versions *versions, const char *reason, tl_error *error);
+/* The end of the probation: the active one is kept (TL_VERSION_KEPT), or the one before is the active one again (TL_VERSION_RETURNED). */
+tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error);
 
 /* ---- at the start ---- */
 
@@ -170,31 +166,5 @@ typedef struct tl_version_choice {
  * parent's, and then the file's. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
-
-/* ---- The files of the versions, one by one: for the sources behind versions.h.
- *
- * Purpose: each is written whole, or not at all; none is believed when it is read.
- * Errors:  TL_TRY_AGAIN where the disk refuses.
- * Thread:  one thread.
- */
-
-/* A version's number has so many digits at most. */
-enum { TL_VERSION_DIGITS = 15 };
-
-/* What a name in the folder means. */
-typedef enum tl_version_file {
-    TL_VERSION_FILE_FOREIGN,
-    TL_VERSION_FILE_RECORD, /* and its number */
-    TL_VERSION_FILE_TEXT,   /* and its hash */
-    TL_VERSION_FILE_LEFT    /* that a power cut left unfinished */
-} tl_version_file;
-
-/* A small file, whole or not at all. */
-tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error);
-
-/* False where it cannot be read; `reader` is to be freed in any case. */
-bool tl_version_read_object(const char *path, tl_json_reader *reader);
-
-typedef enum tl_version_found { TL_VERSION_NONE, TL_VERSION_DAMAGED, TL_VERSION_FOUND } tl_version_found;
 
 #endif

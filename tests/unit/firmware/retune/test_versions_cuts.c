@@ -263,7 +263,7 @@ static tl_status pass(void) {
 }
 
 static tl_status keep(void) {
-    return tl_versions_keep(&versions, "in lock", &error);
+    return tl_versions_settle(&versions, TL_VERSION_KEPT, "in lock", &error);
 }
 
 static tl_status add_three(void) {
@@ -275,7 +275,7 @@ static tl_status activate_three(void) {
 }
 
 static tl_status give_back(void) {
-    return tl_versions_return(&versions, "lost", &error);
+    return tl_versions_settle(&versions, TL_VERSION_RETURNED, "lost", &error);
 }
 
 static tl_status add_same(void) {
