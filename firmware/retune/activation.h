@@ -12,7 +12,6 @@
 #include "firmware/retune/activation_host.h"
 #include "firmware/retune/comparison.h"
 #include "firmware/retune/control.h"
-#include "firmware/retune/refusals.h"
 #include "firmware/retune/versions.h"
 #include "firmware/retune/worker.h"
 

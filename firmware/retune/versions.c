@@ -80,20 +80,51 @@ const char *tl_version_result_name(tl_version_result result) {
     return results[result];
 }
 
-/* Which of `count` words the member is; none: 0, and the reader is not right any more. */
-static size_t read_word(tl_json_reader *reader, const char *key, const char *const words[], size_t count) {
-    const char *word = tl_json_text(reader, key);
+/* ---- small files ---- */
+
+/* The members of a JSON file, which are written to `writer`; if that is NULL, they are read from `reader`. */
+typedef struct members {
+    tl_json_writer *writer;
+    tl_json_reader *reader;
+} members;
+
+static void exchange_count(const members *file, const char *key, uint64_t *count) {
+    if (file->writer != NULL) {
+        tl_json_add_count(file->writer, key, *count);
+    } else {
+        *count = tl_json_count(file->reader, key);
+    }
+}
+
+static void exchange_text(const members *file, const char *key, char *text, size_t size) {
+    if (file->writer != NULL) {
+        tl_json_add_text(file->writer, key, text);
+    } else {
+        tl_text_for_people(tl_json_text(file->reader, key), text, size);
+    }
+}
+
+/* One of `count` words, by its number; if it is read and is none of them: 0, and the reader is not right any more. */
+static size_t exchange_word(const members *file, const char *key, size_t word, const char *const words[],
+                            size_t count) {
+    if (file->writer != NULL) {
+        tl_json_add_text(file->writer, key, words[word]);
+        return word;
+    }
+    const char *text = tl_json_text(file->reader, key);
     for (size_t i = 0; i < count; i++) {
-        if (strcmp(words[i], word) == 0) {
+        if (strcmp(words[i], text) == 0) {
             return i;
         }
     }
-    reader->right = false;
+    file->reader->right = false;
     return 0;
 }
 
-static void read_text(tl_json_reader *reader, const char *key, char *text, size_t size) {
-    (void)snprintf(text, size, "%s", tl_json_text(reader, key));
+static tl_status write_members(tl_json_writer *writer, const char *path, tl_error *error) {
+    tl_status status = tl_json_file_write(writer, path, error);
+    tl_json_writer_free(writer);
+    return status;
 }
 
 /* What a version takes beside its text: its record, and active.json. */
@@ -115,47 +146,31 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 
 /* ---- a record ---- */
 
+static void exchange_record(const members *file, tl_version *version) {
+    exchange_count(file, "version", &version->number);
+    exchange_count(file, "parent", &version->parent);
+    exchange_text(file, "hash", version->hash, sizeof version->hash);
+    exchange_count(file, "bytes", &version->size);
+    version->origin = (tl_change_origin)exchange_word(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
+    version->right = (tl_change_right)exchange_word(file, "right", version->right, tl_change_rights, TL_RIGHTS);
+    version->kind = (tl_change_kind)exchange_word(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
+    version->result = (tl_version_result)exchange_word(file, "result", version->result, results, TL_VERSION_RESULTS);
+    exchange_text(file, "reason", version->reason, sizeof version->reason);
+    exchange_text(file, "who", version->who, sizeof version->who);
+    exchange_text(file, "why", version->why, sizeof version->why);
+    exchange_text(file, "at", version->at, sizeof version->at);
+    exchange_text(file, "boot", version->boot, sizeof version->boot);
+    exchange_count(file, "boottime_ms", &version->boottime_ms);
+}
+
 static tl_status write_record(const tl_versions *versions, const tl_version *version, tl_error *error) {
     char path[PATH_MAX];
     tl_json_writer writer;
+    tl_version copy = *version;
     tl_json_writer_begin(&writer);
-    tl_json_add_count(&writer, "version", version->number);
-    tl_json_add_count(&writer, "parent", version->parent);
-    tl_json_add_text(&writer, "hash", version->hash);
-    tl_json_add_count(&writer, "bytes", version->size);
-    tl_json_add_text(&writer, "origin", tl_change_origins[version->origin]);
-    tl_json_add_text(&writer, "right", tl_change_rights[version->right]);
-    tl_json_add_text(&writer, "kind", tl_change_kinds[version->kind]);
-    tl_json_add_text(&writer, "result", results[version->result]);
-    tl_json_add_text(&writer, "reason", version->reason);
-    tl_json_add_text(&writer, "who", version->who);
-    tl_json_add_text(&writer, "why", version->why);
-    tl_json_add_text(&writer, "at", version->at);
-    tl_json_add_text(&writer, "boot", version->boot);
-    tl_json_add_count(&writer, "boottime_ms", version->boottime_ms);
+    exchange_record(&(members){.writer = &writer}, &copy);
     record_path(versions, version->number, path);
-    tl_status status = tl_json_file_write(&writer, path, error);
-    tl_json_writer_free(&writer);
-    return status;
-}
-
-static void understand_record(tl_json_reader *reader, tl_version *version) {
-    *version = (tl_version){
-        .number = tl_json_count(reader, "version"),
-        .parent = tl_json_count(reader, "parent"),
-        .size = tl_json_count(reader, "bytes"),
-        .origin = (tl_change_origin)read_word(reader, "origin", tl_change_origins, TL_ORIGINS),
-        .right = (tl_change_right)read_word(reader, "right", tl_change_rights, TL_RIGHTS),
-        .kind = (tl_change_kind)read_word(reader, "kind", tl_change_kinds, TL_CHANGE_KINDS),
-        .result = (tl_version_result)read_word(reader, "result", results, TL_VERSION_RESULTS),
-        .boottime_ms = tl_json_count(reader, "boottime_ms"),
-    };
-    read_text(reader, "hash", version->hash, sizeof version->hash);
-    read_text(reader, "reason", version->reason, sizeof version->reason);
-    read_text(reader, "who", version->who, sizeof version->who);
-    read_text(reader, "why", version->why, sizeof version->why);
-    read_text(reader, "at", version->at, sizeof version->at);
-    read_text(reader, "boot", version->boot, sizeof version->boot);
+    return write_members(&writer, path, error);
 }
 
 /* ---- a text ---- */
@@ -202,10 +217,6 @@ static tl_status write_version_text(const tl_versions *versions, const char *has
 
 /* ---- active.json ---- */
 
-static void lock_key(const char *which, int state, char key[LOCK_KEY]) {
-    (void)snprintf(key, LOCK_KEY, "%s_%s", which, tl_lock_state_name((tl_lock_state)state));
-}
-
 /* "1*0.5 2*1 ": tolerance and weight of each output, to the last bit; cut behind the last one that counts. */
 static void write_yardstick(const tl_lock_yardstick *yardstick, char text[YARDSTICK]) {
     size_t length = 0;
@@ -235,91 +246,78 @@ static bool understand_yardstick(const char *text, tl_lock_yardstick *yardstick)
     return text[0] == '\0' && tl_lock_yardstick_is_sound(yardstick);
 }
 
-static void write_probation(tl_json_writer *writer, const tl_version_probation *probation) {
-    const tl_probation_account *account = &probation->account;
-    char key[LOCK_KEY];
-    char yardstick[YARDSTICK];
-    write_yardstick(&account->yardstick, yardstick);
-    tl_json_add_count(writer, "probation", probation->version);
-    tl_json_add_count(writer, "return_to", probation->return_to);
-    tl_json_add_count(writer, "given_s", account->terms.given_s);
-    tl_json_add_count(writer, "left_ms", account->left_ms);
-    tl_json_add_number(writer, "require_lock", account->terms.require_lock);
-    tl_json_add_truth(writer, "must_confirm", account->terms.must_confirm);
-    tl_json_add_count(writer, "before_steps", account->before_steps);
-    tl_json_add_count(writer, "before_misses", account->before_misses);
-    tl_json_add_count(writer, "steps", account->steps);
-    tl_json_add_count(writer, "misses", account->misses);
-    tl_json_add_count(writer, "skipped", account->skipped);
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key("lock", i, key);
-        tl_json_add_count(writer, key, account->lock[i]);
-        lock_key("lock_before", i, key);
-        tl_json_add_count(writer, key, account->lock_before[i]);
+static void exchange_yardstick(const members *file, tl_lock_yardstick *yardstick) {
+    char text[YARDSTICK];
+    if (file->writer != NULL) {
+        write_yardstick(yardstick, text);
     }
-    tl_json_add_text(writer, "yardstick", yardstick);
-    tl_json_add_text(writer, "widened", account->widened);
+    exchange_text(file, "yardstick", text, sizeof text);
+    if (file->reader != NULL && !understand_yardstick(text, yardstick)) {
+        file->reader->right = false;
+    }
 }
 
-/* active.json. */
+static void exchange_terms(const members *file, tl_probation_terms *terms) {
+    uint64_t given = terms->given_s;
+    exchange_count(file, "given_s", &given);
+    terms->given_s = given < UINT32_MAX ? (uint32_t)given : UINT32_MAX;
+    if (file->writer != NULL) {
+        tl_json_add_number(file->writer, "require_lock", terms->require_lock);
+        tl_json_add_truth(file->writer, "must_confirm", terms->must_confirm);
+    } else {
+        terms->require_lock = tl_json_number(file->reader, "require_lock");
+        terms->must_confirm = tl_json_truth(file->reader, "must_confirm");
+    }
+}
+
+static void exchange_probation(const members *file, tl_version_probation *probation) {
+    tl_probation_account *account = &probation->account;
+    exchange_count(file, "probation", &probation->version);
+    exchange_count(file, "return_to", &probation->return_to);
+    exchange_terms(file, &account->terms);
+    exchange_count(file, "left_ms", &account->left_ms);
+    exchange_count(file, "before_steps", &account->before_steps);
+    exchange_count(file, "before_misses", &account->before_misses);
+    exchange_count(file, "steps", &account->steps);
+    exchange_count(file, "misses", &account->misses);
+    exchange_count(file, "skipped", &account->skipped);
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        const char *state = tl_lock_state_name((tl_lock_state)i);
+        char key[LOCK_KEY];
+        (void)snprintf(key, sizeof key, "lock_%s", state);
+        exchange_count(file, key, &account->lock[i]);
+        (void)snprintf(key, sizeof key, "lock_before_%s", state);
+        exchange_count(file, key, &account->lock_before[i]);
+    }
+    exchange_yardstick(file, &account->yardstick);
+    exchange_text(file, "widened", account->widened, sizeof account->widened);
+}
+
+static void exchange_active(const members *file, tl_versions *versions) {
+    exchange_count(file, "active", &versions->active);
+    exchange_text(file, "taken", versions->taken, sizeof versions->taken);
+    exchange_count(file, "settled", &versions->settled);
+    versions->how = (tl_version_result)exchange_word(file, "settled_as", versions->how, results, TL_VERSION_RESULTS);
+    exchange_text(file, "settled_because", versions->because, sizeof versions->because);
+    exchange_probation(file, &versions->probation);
+}
+
 static tl_status write_active(const tl_versions *versions, tl_error *error) {
     char path[PATH_MAX];
     tl_json_writer writer;
+    tl_versions copy = *versions;
     tl_json_writer_begin(&writer);
-    tl_json_add_count(&writer, "active", versions->active);
-    tl_json_add_text(&writer, "taken", versions->taken);
-    tl_json_add_count(&writer, "settled", versions->settled);
-    tl_json_add_text(&writer, "settled_as", results[versions->how]);
-    tl_json_add_text(&writer, "settled_because", versions->because);
-    write_probation(&writer, &versions->probation);
+    exchange_active(&(members){.writer = &writer}, &copy);
     path_of(versions, "active", path);
-    tl_status status = tl_json_file_write(&writer, path, error);
-    tl_json_writer_free(&writer);
-    return status;
+    return write_members(&writer, path, error);
 }
 
-static void understand_probation(tl_json_reader *reader, tl_version_probation *probation) {
-    tl_probation_account *account = &probation->account;
-    char key[LOCK_KEY];
-    uint64_t given = tl_json_count(reader, "given_s");
-    *probation = (tl_version_probation){
-        .version = tl_json_count(reader, "probation"),
-        .return_to = tl_json_count(reader, "return_to"),
-        .account = {.terms = {given < UINT32_MAX ? (uint32_t)given : UINT32_MAX, tl_json_number(reader, "require_lock"),
-                              tl_json_truth(reader, "must_confirm")},
-                    .before_steps = tl_json_count(reader, "before_steps"),
-                    .before_misses = tl_json_count(reader, "before_misses"),
-                    .left_ms = tl_json_count(reader, "left_ms"),
-                    .steps = tl_json_count(reader, "steps"),
-                    .misses = tl_json_count(reader, "misses"),
-                    .skipped = tl_json_count(reader, "skipped")},
-    };
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key("lock", i, key);
-        account->lock[i] = tl_json_count(reader, key);
-        lock_key("lock_before", i, key);
-        account->lock_before[i] = tl_json_count(reader, key);
-    }
-    read_text(reader, "widened", account->widened, sizeof account->widened);
-    reader->right = understand_yardstick(tl_json_text(reader, "yardstick"), &account->yardstick) && reader->right;
-}
-
-/* One that this program may have given. */
-static bool is_number(uint64_t number) {
+/* Numbers that this program may have given. */
+static bool is_active_sound(const tl_versions *versions) {
     const uint64_t above = 1000000000000;
-    return number < above;
-}
-
-static void understand_active(tl_json_reader *reader, tl_versions *versions) {
-    versions->active = tl_json_count(reader, "active");
-    versions->settled = tl_json_count(reader, "settled");
-    versions->how = (tl_version_result)read_word(reader, "settled_as", results, TL_VERSION_RESULTS);
-    read_text(reader, "settled_because", versions->because, sizeof versions->because);
-    read_text(reader, "taken", versions->taken, sizeof versions->taken);
-    understand_probation(reader, &versions->probation);
-    reader->right = reader->right && (versions->taken[0] == '\0' || is_hash(versions->taken)) &&
-                    is_number(versions->active) && is_number(versions->settled) &&
-                    (versions->probation.version == 0 || versions->probation.version == versions->active);
+    return (versions->taken[0] == '\0' || is_hash(versions->taken)) && versions->active < above &&
+           versions->settled < above &&
+           (versions->probation.version == 0 || versions->probation.version == versions->active);
 }
 
 /* What it says goes to `versions`, if it is there. False: it is damaged. */
@@ -331,8 +329,8 @@ static bool read_active(tl_versions *versions) {
         return true;
     }
     tl_json_reader reader = tl_json_file_read(path);
-    understand_active(&reader, &found);
-    bool right = reader.right;
+    exchange_active(&(members){.reader = &reader}, &found);
+    bool right = reader.right && is_active_sound(&found);
     tl_json_reader_free(&reader);
     if (right) {
         *versions = found;
@@ -452,10 +450,10 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
 /* False where memory is out. */
 static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
     char path[PATH_MAX];
-    tl_version version;
+    tl_version version = {.number = 0};
     record_path(versions, number, path);
     tl_json_reader reader = tl_json_file_read(path);
-    understand_record(&reader, &version);
+    exchange_record(&(members){.reader = &reader}, &version);
     bool right = reader.right && version.number == number && version.parent < number && is_hash(version.hash) &&
                  version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
     tl_json_reader_free(&reader);
@@ -892,4 +890,65 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
     return file != NULL ? begin_again(versions, file, size, choice, error)
                         : tl_fail(error, TL_BAD_DATA,
                                   "there is no configuration: neither its file nor a version of it can be read");
+}
+
+/* ---- refusals ---- */
+
+static void refusal_path(const tl_refusals *refusals, uint64_t number, char path[PATH_MAX]) {
+    int length =
+        snprintf(path, PATH_MAX, "%s/refused-%u.json", refusals->folder, (unsigned)(number % TL_REFUSALS_MOST));
+    path[length < PATH_MAX ? length : 0] = '\0';
+}
+
+static void exchange_refusal(const members *file, tl_refused *refusal) {
+    exchange_count(file, "number", &refusal->number);
+    exchange_text(file, "hash", refusal->hash, sizeof refusal->hash);
+    exchange_text(file, "origin", refusal->origin, sizeof refusal->origin);
+    exchange_text(file, "result", refusal->result, sizeof refusal->result);
+    exchange_text(file, "reason", refusal->reason, sizeof refusal->reason);
+    exchange_text(file, "who", refusal->who, sizeof refusal->who);
+    exchange_text(file, "why", refusal->why, sizeof refusal->why);
+    exchange_text(file, "at", refusal->at, sizeof refusal->at);
+}
+
+static int refusal_by_number(const void *left, const void *right) {
+    const tl_refused *a = left;
+    const tl_refused *b = right;
+    return (a->number > b->number) - (a->number < b->number);
+}
+
+void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
+    *refusals = (tl_refusals){.count = 0};
+    (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
+    for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
+        char path[PATH_MAX];
+        tl_refused *refusal = &refusals->list[refusals->count];
+        refusal_path(refusals, i, path);
+        tl_json_reader reader = tl_json_file_read(path);
+        exchange_refusal(&(members){.reader = &reader}, refusal);
+        refusals->count += reader.right && refusal->number % TL_REFUSALS_MOST == i ? 1 : 0;
+        tl_json_reader_free(&reader);
+    }
+    qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
+}
+
+tl_status tl_refusals_add(tl_refusals *refusals, const tl_refused *news, tl_error *error) {
+    char path[PATH_MAX];
+    tl_json_writer writer;
+    tl_refused *list = refusals->list;
+    tl_refused refusal = *news;
+    refusal.number = refusals->count == 0 ? 1 : list[refusals->count - 1].number + 1;
+    tl_text_for_people(news->who, refusal.who, sizeof refusal.who);
+    tl_text_for_people(news->why, refusal.why, sizeof refusal.why);
+    tl_text_for_people(news->reason, refusal.reason, sizeof refusal.reason);
+    tl_utc_text(tl_utc_now(), refusal.at);
+    if (refusals->count == TL_REFUSALS_MOST) {
+        memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
+        refusals->count--;
+    }
+    list[refusals->count++] = refusal;
+    tl_json_writer_begin(&writer);
+    exchange_refusal(&(members){.writer = &writer}, &refusal);
+    refusal_path(refusals, refusal.number, path);
+    return write_members(&writer, path, error);
 }
