@@ -3,13 +3,11 @@
 
 #include <errno.h>
 #include <fcntl.h>
-#include <limits.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
@@ -24,6 +22,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/twin_child.h"
+#include "firmware/twin/twin_process.h"
 #include "master/base/signal.h"
 
 /* Descriptors of the process, beside nothing and what it prints. */
@@ -151,14 +150,6 @@ void tl_worker_close(tl_worker *worker) {
 
 /* ---- taking a result ---- */
 
-/* Ends it, and takes out what could command a terminal. `room` is at most TL_CONTROL_TEXT. */
-static void clean(char *text, size_t room) {
-    char copy[TL_CONTROL_TEXT];
-    size_t length = strnlen(text, room - 1);
-    memcpy(copy, text, length);
-    (void)tl_clean_text(copy, length, text, room);
-}
-
 static bool is_complete(const tl_worker_result *result) {
     return __atomic_load_n(&result->is_complete, __ATOMIC_ACQUIRE) == 1;
 }
@@ -169,22 +160,26 @@ bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict) {
     is_sound = is_sound && verdict->is_valid <= 1 && verdict->kind < TL_CHANGE_KINDS && verdict->right < TL_RIGHTS &&
                tl_lock_yardstick_is_sound(&verdict->yardstick) && verdict->window >= 0 &&
                verdict->window <= TL_VERDICT_LONGEST;
-    clean(verdict->name, sizeof verdict->name);
-    clean(verdict->widened, sizeof verdict->widened);
+    tl_clean_field(verdict->name, sizeof verdict->name);
+    tl_clean_field(verdict->widened, sizeof verdict->widened);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
-        clean(verdict->problem[i].path, sizeof verdict->problem[i].path);
-        clean(verdict->problem[i].text, sizeof verdict->problem[i].text);
+        tl_clean_field(verdict->problem[i].path, sizeof verdict->problem[i].path);
+        tl_clean_field(verdict->problem[i].text, sizeof verdict->problem[i].text);
     }
     for (size_t i = 0; i < TL_VERDICT_CHANGES; i++) {
         tl_control_change *change = &verdict->change[i];
-        clean(change->path, sizeof change->path);
-        clean(change->before, sizeof change->before);
-        clean(change->after, sizeof change->after);
-        clean(change->kind, sizeof change->kind);
-        clean(change->right, sizeof change->right);
+        tl_clean_field(change->path, sizeof change->path);
+        tl_clean_field(change->before, sizeof change->before);
+        tl_clean_field(change->after, sizeof change->after);
+        tl_clean_field(change->kind, sizeof change->kind);
+        tl_clean_field(change->right, sizeof change->right);
     }
-    return is_sound && (verdict->is_valid == 0 ||
-                        (verdict->right >= TL_RIGHT_RETUNE && tl_tuning_check(&verdict->tuning, NULL) == TL_OK));
+    is_sound = is_sound && (verdict->is_valid == 0 ||
+                            (verdict->right >= TL_RIGHT_RETUNE && tl_tuning_check(&verdict->tuning, NULL) == TL_OK));
+    if (!is_sound) {
+        memset(verdict, 0, sizeof *verdict);
+    }
+    return is_sound;
 }
 
 bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer) {
@@ -194,14 +189,14 @@ bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer)
     const tl_live_needs *needs = &answer->needs;
     return is_there && needs->match <= TL_MAX_MATCH && needs->adjust <= TL_MAX_ADJUST &&
            needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->signals >= 1 &&
-           needs->signals <= TL_MAX_SIGNALS && needs->fmu_bytes <= most && answer->memory <= most && answer->step > 0 &&
-           answer->budget >= 0 && answer->least >= 0 && answer->worst >= 0;
+           needs->signals <= TL_MAX_SIGNALS && needs->unpacked_bytes <= most && answer->memory <= most &&
+           answer->step > 0 && answer->budget >= 0 && answer->least >= 0 && answer->worst >= 0;
 }
 
 bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]) {
     bool is_there = is_complete(from);
     memcpy(why, from->why, TL_TWIN_CHECK_WHY);
-    clean(why, TL_TWIN_CHECK_WHY);
+    tl_clean_field(why, TL_TWIN_CHECK_WHY);
     return is_there;
 }
 
@@ -530,18 +525,6 @@ static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, c
     return status;
 }
 
-static uint64_t fmu_bytes(const tl_config *config) {
-    uint64_t sum = 0;
-    for (size_t i = 0; i < config->component_count; i++) {
-        char path[PATH_MAX];
-        struct stat about;
-        if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path) && stat(path, &about) == 0) {
-            sum += (uint64_t)about.st_size;
-        }
-    }
-    return sum;
-}
-
 /* Of the process of the FMUs, which has ended: as the kernel says. */
 static uint64_t resident_bytes(void) {
     struct rusage usage = {.ru_maxrss = 0};
@@ -570,7 +553,7 @@ static tl_status try_fmus(const tl_worker_job *job, const tl_config *config, con
                       .adjust = (uint32_t)config->adjust_count,
                       .components = (uint32_t)config->component_count,
                       .unconfined = is_unconfined(job, config) ? 1 : 0,
-                      .fmu_bytes = fmu_bytes(config),
+                      .unpacked_bytes = tl_twin_fmus_of(config).unpacked_bytes,
                       .signals = (uint32_t)config->signal_count},
             .memory = resident_bytes() + found.memory,
             .step = config->step,

@@ -109,7 +109,7 @@ typedef struct tl_worker_result {
     char why[TL_TWIN_CHECK_WHY]; /* another process cannot use the states; "": nothing was found against them */
 } tl_worker_result;
 
-/* Copy, check and clean a part of an untrusted result. False: it is incomplete, or a value is out of range. */
+/* Copy, check and clean a part of an untrusted result. False: it is incomplete, or a value is out of range; a verdict is zeroed then. */
 bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict);
 bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer);
 bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]);

@@ -8,7 +8,7 @@
 #include "master/base/signal.h"
 
 static const tl_trial_answer good = {
-    .needs = {.match = 1, .adjust = 2, .components = 3, .unconfined = 1, .fmu_bytes = 1000, .signals = 2},
+    .needs = {.match = 1, .adjust = 2, .components = 3, .unconfined = 1, .unpacked_bytes = 1000, .signals = 2},
     .memory = 2000,
     .step = TL_SECOND,
     .budget = TL_SECOND / 2,
@@ -43,7 +43,7 @@ static void test_what_is_no_answer(void) {
     bad[1].needs.adjust = TL_MAX_ADJUST + 1;
     bad[2].needs.components = 64;
     bad[3].needs.unconfined = 2;
-    bad[4].needs.fmu_bytes = UINT64_MAX;
+    bad[4].needs.unpacked_bytes = UINT64_MAX;
     bad[5].memory = UINT64_MAX;
     bad[6].step = 0;
     bad[7].budget = -1;
@@ -58,6 +58,14 @@ static void test_what_is_no_answer(void) {
     }
     result.is_complete = 0;
     TEST_ASSERT_FALSE(take(&good));
+}
+
+/* A kind is a place in a table of words. */
+static void test_a_verdict_of_no_kind(void) {
+    static tl_verdict verdict;
+    result.verdict.kind = 1000;
+    TEST_ASSERT_FALSE(tl_verdict_take(&result, &verdict));
+    TEST_ASSERT_EQUAL_UINT32(0, verdict.kind);
 }
 
 static void test_an_answer_about_states(void) {
@@ -75,6 +83,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_an_answer);
     RUN_TEST(test_what_is_no_answer);
+    RUN_TEST(test_a_verdict_of_no_kind);
     RUN_TEST(test_an_answer_about_states);
     return UNITY_END();
 }
