@@ -67,7 +67,7 @@ static bool ask_validator(starting_run *self, const char *in_force) {
         .plant = self->start->path,
         .job = {.kind = TL_WORKER_VALIDATOR,
                 .text = {[TL_WORKER_PATH] = self->start->path,
-                         [TL_WORKER_CANDIDATE] = self->choice.text,
+                         [TL_WORKER_CANDIDATE] = self->file,
                          [TL_WORKER_IN_FORCE] = in_force,
                          [TL_WORKER_KEPT] = kept}},
         .limit = VALIDATION,
@@ -90,7 +90,7 @@ static bool ask_validator(starting_run *self, const char *in_force) {
 
 /* The file was changed since it was taken last, and there is a version to fall back to. */
 static bool is_good(starting_run *self, const char *in_force) {
-    if (strlen(self->choice.text) != self->choice.size || !ask_validator(self, in_force)) {
+    if (strlen(self->file) != self->file_size || !ask_validator(self, in_force)) {
         tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
         return false;
     }
@@ -114,8 +114,6 @@ static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl
 
 /* From now on it is what it was before. */
 static tl_status fall_back(starting_run *self, tl_error *error) {
-    free(self->choice.text);
-    self->choice.text = NULL;
     tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
     if (status == TL_OK) {
         tl_log(TL_LOG_ERROR, "%s is not taken: version %llu, which was active, runs", self->start->path,
@@ -136,8 +134,8 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     bool takes = is_first || is_good(self, in_force == NULL ? "" : in_force);
     free(in_force);
     const tl_version_news news = {
-        .text = self->choice.text,
-        .size = self->choice.size,
+        .text = self->file,
+        .size = self->file_size,
         .who = "the file",
         .why = "",
         .origin = TL_ORIGIN_START,
@@ -167,9 +165,6 @@ static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
     if (!is_there) {
         tl_log(TL_LOG_WARNING, "%s: %s", self->start->path, self->fault);
     }
-    if (self->choice.say[0] != '\0') {
-        tl_log(TL_LOG_NOTICE, "%s", self->choice.say);
-    }
     status = self->choice.is_candidate && keeps ? take_file(self, error) : TL_OK;
     if (probation->version != 0) {
         tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
@@ -191,30 +186,26 @@ tl_status tl_version_start_choose(const tl_version_start *start, char **text, si
     read_file(&self);
     tl_status status = choose(&self, keeps, error);
     tl_versions_close(&self.versions);
-    free(self.file);
-    if (status != TL_OK) {
-        free(self.choice.text);
-        return status;
+    if (status != TL_OK || self.choice.text != NULL) {
+        free(self.file);
+        self.file = NULL;
     }
-    *text = self.choice.text;
+    *text = self.choice.text != NULL ? self.choice.text : self.file;
     *size = self.choice.size;
-    return TL_OK;
+    return status;
 }
 
 bool tl_version_start_failed(const tl_version_start *start, const char *reason) {
     tl_versions versions;
     tl_error error;
-    bool is_returned = false;
-    if (tl_versions_open(start->state, &versions, &error) != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-        return false;
+    tl_status status = tl_versions_open(start->state, &versions, &error);
+    bool is_on = status == TL_OK && versions.probation.version != 0;
+    if (is_on) {
+        status = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error);
     }
-    if (versions.probation.version != 0) {
-        is_returned = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error) == TL_OK;
-        if (!is_returned) {
-            tl_log(TL_LOG_ERROR, "%s", error.text);
-        }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
     }
     tl_versions_close(&versions);
-    return is_returned;
+    return is_on && status == TL_OK;
 }

@@ -198,12 +198,11 @@ static char *read_version_text(const tl_versions *versions, const char *hash, ui
 }
 
 static tl_status write_version_text(const tl_versions *versions, const char *hash, const char *text, size_t size,
-                                    bool *made, tl_error *error) {
+                                    tl_error *error) {
     char path[PATH_MAX];
     tl_new_file file;
     char *there = read_version_text(versions, hash, size, error);
     free(there);
-    *made = there == NULL;
     if (there != NULL) {
         return TL_OK;
     }
@@ -340,17 +339,13 @@ static bool read_active(tl_versions *versions) {
 
 /* ---- the list ---- */
 
-static tl_version *find(const tl_versions *versions, uint64_t number) {
+const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) {
     for (size_t i = 0; i < versions->count; i++) {
         if (versions->list[i].number == number) {
             return &versions->list[i];
         }
     }
     return NULL;
-}
-
-const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) {
-    return find(versions, number);
 }
 
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash) {
@@ -407,12 +402,11 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
                            tl_error *error) {
     const tl_version *version = tl_versions_get(versions, number);
     char hash[TL_SHA256_TEXT];
-    bool is_made = false;
     tl_sha256(text, size, hash);
     if (version == NULL || version->size != size || strcmp(version->hash, hash) != 0) {
         return tl_fail(error, TL_BAD_DATA, "that is not the text of version %" PRIu64, number);
     }
-    return write_version_text(versions, hash, text, size, &is_made, error);
+    return write_version_text(versions, hash, text, size, error);
 }
 
 /* ---- opening ---- */
@@ -502,33 +496,32 @@ static tl_status scan_folder(tl_versions *versions, bool are_read, bool *damaged
 }
 
 /* Says what came of a version. If that cannot be written, the next one that opens the folder does it: it is in active.json too. */
-static void set_result(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
+static void set_result(const tl_versions *versions, tl_version *version, tl_version_result result, const char *reason) {
     tl_error error;
-    tl_version *version = find(versions, number);
-    if (version == NULL || (version->result == result && strcmp(version->reason, reason) == 0)) {
+    if (version->result == result && strcmp(version->reason, reason) == 0) {
         return;
     }
     version->result = result;
     (void)snprintf(version->reason, sizeof version->reason, "%s", reason);
     if (write_record(versions, version, &error) != TL_OK) {
-        tl_log(TL_LOG_WARNING, "what came of version %" PRIu64 " is not kept: %s", number, error.text);
+        tl_log(TL_LOG_WARNING, "what came of version %" PRIu64 " is not kept: %s", version->number, error.text);
     }
 }
 
 /* What active.json says holds. */
-static void mend(tl_versions *versions) {
-    if (versions->settled != 0) {
-        set_result(versions, versions->settled, versions->how, versions->because);
-    }
+static void mend(const tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
-        const tl_version *version = &versions->list[i];
+        tl_version *version = &versions->list[i];
         bool is_active = version->number == versions->active;
+        if (version->number == versions->settled) {
+            set_result(versions, version, versions->how, versions->because);
+        }
         if (is_active && versions->probation.version != 0) {
-            set_result(versions, version->number, TL_VERSION_PROBATION, "");
+            set_result(versions, version, TL_VERSION_PROBATION, "");
         } else if (is_active && !was_good(version)) {
-            set_result(versions, version->number, TL_VERSION_ACTIVE, "");
+            set_result(versions, version, TL_VERSION_ACTIVE, "");
         } else if (!is_active && version->result == TL_VERSION_PROBATION) {
-            set_result(versions, version->number, TL_VERSION_RETURNED, "it is not known why");
+            set_result(versions, version, TL_VERSION_RETURNED, "it is not known why");
         }
     }
 }
@@ -659,7 +652,6 @@ static tl_version version_of(const tl_versions *versions, const tl_version_news 
 
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error) {
     char path[PATH_MAX];
-    bool made = false;
     if (news->size > TL_VERSIONS_BYTES || !grow(versions)) {
         return tl_fail(error, TL_TRY_AGAIN, "the configuration is not kept: not enough memory for its %zu bytes",
                        news->size);
@@ -670,12 +662,12 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
                        versions->folder);
     }
     const tl_version version = version_of(versions, news);
-    tl_status status = write_version_text(versions, version.hash, news->text, news->size, &made, error);
+    tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
     if (status == TL_OK) {
         status = write_record(versions, &version, error);
     }
     if (status != TL_OK) {
-        if (made && tl_versions_of_hash(versions, version.hash) == NULL) {
+        if (tl_versions_of_hash(versions, version.hash) == NULL) {
             path_of(versions, version.hash, path);
             (void)unlink(path);
         }
@@ -736,16 +728,12 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
     return put(versions, &next, error);
 }
 
-/* What is returned to if the next one is no good: what a probation that is under way would have returned to. */
-static uint64_t last_good(const tl_versions *versions) {
-    return versions->probation.version != 0 ? versions->probation.return_to : versions->active;
-}
-
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error) {
     tl_versions next = *versions;
     const tl_version *version = tl_versions_get(versions, number);
-    uint64_t return_to = last_good(versions);
+    /* if it is no good: what a probation that is under way would have returned to */
+    uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
     if (version == NULL) {
         return absent(number, error);
@@ -782,36 +770,16 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 
 /* ---- choosing ---- */
 
-static void say(tl_version_choice *choice, const char *text) {
-    size_t length = strlen(choice->say);
-    (void)snprintf(choice->say + length, sizeof choice->say - length, "%s%s", length > 0 ? "; " : "", text);
-}
-
-static tl_status choose_file(const char *file, size_t size, tl_version_choice *choice, tl_error *error) {
-    choice->text = malloc(size + 1);
-    if (choice->text == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a configuration of %zu bytes", size);
-    }
-    memcpy(choice->text, file, size);
-    choice->text[size] = '\0';
-    choice->size = size;
-    return TL_OK;
-}
-
 /* The file is the active version: whatever it was before, it is taken. Its text on disk may be damaged; here is another one. */
-static tl_status choose_same(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
-                             tl_error *error) {
-    bool made = false;
+static void choose_same(tl_versions *versions, const char *file, size_t size) {
+    tl_error error;
     tl_versions next = *versions;
     const tl_version *active = tl_versions_get(versions, versions->active);
-    tl_status status = choose_file(file, size, choice, error);
-    choice->number = active->number;
     memcpy(next.taken, active->hash, sizeof next.taken);
-    if (status == TL_OK && (write_version_text(versions, active->hash, file, size, &made, error) != TL_OK ||
-                            (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, error) != TL_OK))) {
-        say(choice, error->text);
+    if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
+        (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, &error) != TL_OK)) {
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
     }
-    return status;
 }
 
 /* Its parent, or else the newest before it that was good; 0: there is none. */
@@ -832,7 +800,7 @@ static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     tl_error error;
     uint64_t number = versions->active;
     while (number != 0 && tl_versions_read(versions, number, &choice->text, &error) != TL_OK) {
-        say(choice, error.text);
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
         number = before(versions, number);
     }
     choice->number = number;
@@ -841,55 +809,54 @@ static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     }
     choice->size = (size_t)tl_versions_get(versions, number)->size;
     if (number != versions->active) {
-        char text[64];
-        (void)snprintf(text, sizeof text, "version %" PRIu64 " runs in its place", number);
-        say(choice, text);
+        tl_log(TL_LOG_NOTICE, "version %" PRIu64 " runs in its place", number);
         if (tl_versions_activate(versions, number, NULL, &error) != TL_OK) {
-            say(choice, error.text);
+            tl_log(TL_LOG_NOTICE, "%s", error.text);
         }
     }
     return true;
 }
 
 /* No version can be read: the file is the first one again. */
-static tl_status begin_again(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
-                             tl_error *error) {
+static void begin_again(tl_versions *versions) {
     tl_versions next = *versions;
-    tl_error refused;
+    tl_error error;
     next.active = 0;
     next.probation = (tl_version_probation){.version = 0};
-    say(choice, "the configuration's file runs in its place");
-    if (put(versions, &next, &refused) != TL_OK) {
-        say(choice, refused.text);
+    tl_log(TL_LOG_NOTICE, "the configuration's file runs in its place");
+    if (put(versions, &next, &error) != TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
     }
-    choice->is_candidate = true;
-    return choose_file(file, size, choice, error);
 }
 
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error) {
     const tl_version *active = tl_versions_get(versions, versions->active);
     char hash[TL_SHA256_TEXT] = "";
-    *choice = (tl_version_choice){.number = 0};
+    *choice = (tl_version_choice){.size = size};
     if (file != NULL) {
         tl_sha256(file, size, hash);
     }
     if (file != NULL && active != NULL && strcmp(hash, active->hash) == 0) {
-        return choose_same(versions, file, size, choice, error);
-    }
-    if (file != NULL && (versions->active == 0 || strcmp(hash, versions->taken) != 0)) {
-        choice->is_candidate = true;
-        if (versions->active != 0) {
-            say(choice, "the configuration's file was changed since it was taken last: it is tried");
-        }
-        return choose_file(file, size, choice, error);
-    }
-    if (choose_version(versions, choice)) {
+        choice->number = active->number;
+        choose_same(versions, file, size);
         return TL_OK;
     }
-    return file != NULL ? begin_again(versions, file, size, choice, error)
-                        : tl_fail(error, TL_BAD_DATA,
-                                  "there is no configuration: neither its file nor a version of it can be read");
+    bool is_changed = file != NULL && versions->active != 0 && strcmp(hash, versions->taken) != 0;
+    if (is_changed) {
+        tl_log(TL_LOG_NOTICE, "the configuration's file was changed since it was taken last: it is tried");
+    }
+    choice->is_candidate = is_changed || (file != NULL && versions->active == 0);
+    if (choice->is_candidate || choose_version(versions, choice)) {
+        return TL_OK;
+    }
+    if (file == NULL) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "there is no configuration: neither its file nor a version of it can be read");
+    }
+    begin_again(versions);
+    choice->is_candidate = true;
+    return TL_OK;
 }
 
 /* ---- refusals ---- */

@@ -31,13 +31,7 @@
  * Thread:  one thread; one process at a time has the folder open.
  */
 
-enum {
-    TL_VERSIONS_MOST = 50,
-    TL_VERSIONS_BYTES = 16 * 1024 * 1024,
-    TL_VERSION_WHO = 64,
-    TL_VERSION_WHY = 256,
-    TL_VERSION_SAY = 512
-};
+enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_WHO = 64, TL_VERSION_WHY = 256 };
 
 /* What came of it. */
 typedef enum tl_version_result {
@@ -154,16 +148,16 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 /* ---- at the start ---- */
 
 typedef struct tl_version_choice {
-    char *text; /* to be run, with a NUL behind it; the caller's to free(). NULL: there is none */
+    char *
+        text; /* of the version that is to run, with a NUL behind it; the caller's to free(). NULL: the file is to run */
     size_t size;
-    uint64_t number; /* of the version; 0: it is the file, which is none yet */
+    uint64_t number; /* of the version; 0: the file is none yet */
     bool
         is_candidate; /* the file was changed since it was taken last: it is to be added as TL_ORIGIN_START, and tried */
-    char say[TL_VERSION_SAY]; /* what a person should know; "": nothing */
 } tl_version_choice;
 
 /* Which text is to run: the file's, if it is not the one that was taken last; else the active version's. If that is damaged or gone, its
- * parent's, and then the file's. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
+ * parent's, and then the file's; that is said on the log. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 

@@ -160,7 +160,6 @@ bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict) {
     is_sound = is_sound && verdict->is_valid <= 1 && verdict->kind < TL_CHANGE_KINDS && verdict->right < TL_RIGHTS &&
                tl_lock_yardstick_is_sound(&verdict->yardstick) && verdict->window >= 0 &&
                verdict->window <= TL_VERDICT_LONGEST;
-    tl_clean_field(verdict->name, sizeof verdict->name);
     tl_clean_field(verdict->widened, sizeof verdict->widened);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
         tl_clean_field(verdict->problem[i].path, sizeof verdict->problem[i].path);
@@ -445,7 +444,6 @@ static tl_status judge(const tl_worker_job *job, tl_verdict *verdict, tl_error *
     if (status != TL_OK) {
         return status == TL_BAD_DATA ? TL_OK : tl_fail(error, status, "the configuration could not be read");
     }
-    (void)snprintf(verdict->name, sizeof verdict->name, "%s", config.name);
     tl_config_tuning(&config, &verdict->tuning);
     const tl_lock_window window = tl_lock_judge_window(&config);
     verdict->strokes = window.strokes;

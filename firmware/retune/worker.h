@@ -79,10 +79,9 @@ typedef struct tl_verdict {
     uint32_t right;    /* tl_change_right */
     uint32_t
         problems; /* that were found; of one that is valid: values that its sender may lack the right to; the first ones are listed */
-    uint32_t changes;           /* the same */
-    uint32_t strokes;           /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
-    tl_time window;             /* ns that those take */
-    char name[TL_CONTROL_NAME]; /* of the plant, as the candidate has it */
+    uint32_t changes; /* the same */
+    uint32_t strokes; /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
+    tl_time window;   /* ns that those take */
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */

@@ -124,7 +124,6 @@ static void fuzz_verdict(void) {
     }
     tl_fuzz_hold(verdict.kind < TL_CHANGE_KINDS && verdict.right < TL_RIGHTS && verdict.is_valid <= 1);
     tl_fuzz_hold(verdict.is_valid == 0 || verdict.right >= TL_RIGHT_RETUNE);
-    hold_text(verdict.name, sizeof verdict.name);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
         hold_text(verdict.problem[i].path, sizeof verdict.problem[i].path);
         hold_text(verdict.problem[i].text, sizeof verdict.problem[i].text);
