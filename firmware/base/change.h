@@ -22,7 +22,7 @@ typedef enum tl_change_right {
     TL_RIGHT_READ,       /* no change */
     TL_RIGHT_RETUNE,     /* values: nothing that names another host, device, file or component */
     TL_RIGHT_COMMISSION, /* what names a host, port, device, interface or component, what acts on a line's electrical side, what may remove recorded
-                            runs, how the process is scheduled, and by what the twin is judged (what is measured, the strokes, the step; a wider tolerance: retune/validator.h) */
+                            runs, how the process is scheduled, and by what the twin is judged (what is measured, the strokes, the step; a wider tolerance: retune/worker.h) */
     TL_RIGHT_BOX, /* what names a library or a file that nobody on the box has named, or lets FMUs out: never by the network; no request claims it */
     TL_RIGHTS
 } tl_change_right;

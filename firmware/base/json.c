@@ -3,11 +3,13 @@
 
 #include <assert.h>
 #include <cjson/cJSON.h>
+#include <fcntl.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "master/base/text.h"
 
@@ -427,8 +429,13 @@ tl_json_reader tl_json_reader_of(const char *text, size_t size) {
     return reader;
 }
 
-bool tl_json_has(const tl_json_reader *reader, const char *key) {
-    return cJSON_GetObjectItemCaseSensitive(reader->root, key) != NULL;
+tl_json_reader tl_json_file_read(const char *path) {
+    enum { MOST = 16 * 1024 };
+    size_t size = 0;
+    char *text = tl_file_text_take(open(path, O_RDONLY | O_CLOEXEC), MOST, &size);
+    tl_json_reader reader = text == NULL ? (tl_json_reader){NULL, false} : tl_json_reader_of(text, size);
+    free(text);
+    return reader;
 }
 
 uint64_t tl_json_count(tl_json_reader *reader, const char *key) {
@@ -536,6 +543,19 @@ tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_erro
 }
 
 /* cJSON wants some bytes more than it writes. */
+tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error) {
+    tl_new_file file;
+    if (tl_new_file_open(path, &file, error) != TL_OK) {
+        return TL_TRY_AGAIN;
+    }
+    tl_status status = tl_json_writer_print(writer, file.file, error);
+    if (status != TL_OK) {
+        tl_new_file_discard(&file);
+        return status;
+    }
+    return tl_new_file_keep(&file, error);
+}
+
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room) {
     bool fits = !writer->failed && room <= INT_MAX && cJSON_PrintPreallocated(writer->open[0], line, (int)room, 0) != 0;
     return fits ? strlen(line) : 0;

@@ -63,8 +63,8 @@ typedef struct tl_json_reader {
 /* `text` needs no terminator and passes json.h first. If it is refused, or memory is out, nothing is right. */
 tl_json_reader tl_json_reader_of(const char *text, size_t size);
 
-/* Whether there is a member with this key: for one that an older program did not write. */
-bool tl_json_has(const tl_json_reader *reader, const char *key);
+/* That of a file of at most 16 KiB; nothing is right if it cannot be read. */
+tl_json_reader tl_json_file_read(const char *path);
 
 /* Of the first member with this key. A count is a number of at least 0, below 9e15, rounded down. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
@@ -115,6 +115,9 @@ void tl_json_close(tl_json_writer *writer);
 
 /* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; nothing is printed then. */
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error);
+
+/* Makes the object a file, whole or not at all (tl_new_file). Errors: TL_TRY_AGAIN. */
+tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error);
 
 /* The object in one line without its end, with a NUL behind it. Returns its length; 0: it does not fit into `room` bytes, or memory was out. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);

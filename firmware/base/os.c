@@ -95,6 +95,25 @@ ssize_t tl_file_bytes_read(int file, char *bytes, size_t room) {
     return (ssize_t)size;
 }
 
+char *tl_file_text_take(int file, size_t most, size_t *size) {
+    if (file < 0) {
+        return NULL;
+    }
+    char *text = malloc(most + 1);
+    ssize_t got = text == NULL ? -1 : tl_file_bytes_read(file, text, most + 1);
+    bool is_whole = got >= 0 && (size_t)got <= most;
+    int code = got < 0 ? errno : EFBIG;
+    (void)close(file);
+    if (!is_whole) {
+        free(text);
+        errno = code;
+        return NULL;
+    }
+    text[got] = '\0';
+    *size = (size_t)got;
+    return text;
+}
+
 /* ---- new file ---- */
 
 bool tl_new_file_is(const char *path, const char *other) {

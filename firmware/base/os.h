@@ -72,6 +72,10 @@ bool tl_shortage_is_told(const char *sentence);
 /* Reads until `bytes` has so many, or the file has no more. Returns how many there are; −1 with errno where reading failed. */
 ssize_t tl_file_bytes_read(int file, char *bytes, size_t room);
 
+/* All of an open file, with a NUL behind it: the caller's to free(). Closes the file. NULL with errno: it cannot be read, or has more than `most` bytes
+ * (EFBIG). A file of −1 gives NULL, and errno stays. */
+char *tl_file_text_take(int file, size_t most, size_t *size);
+
 /* ---- A file that appears whole or not at all.
  *
  * Purpose: it is written as FILE.new- and numbers, and takes its name at the end. What had the name stays until then, and

@@ -65,6 +65,13 @@ size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room) {
     return end;
 }
 
+void tl_clean_field(char *field, size_t room) {
+    char copy[TL_CLEAN_FIELD];
+    size_t length = strnlen(field, room - 1);
+    memcpy(copy, field, length);
+    (void)tl_clean_text(copy, length, field, room);
+}
+
 /* ---- wrapped ---- */
 
 enum { WIDTH = 79 };

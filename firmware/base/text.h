@@ -24,6 +24,10 @@
  * change them meanwhile. Returns the length. */
 size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room);
 
+/* The same in place, of a field that may have no NUL: it is cut to `room` bytes, at most TL_CLEAN_FIELD. */
+enum { TL_CLEAN_FIELD = 4096 };
+void tl_clean_field(char *field, size_t room);
+
 /* ---- Paragraphs for a terminal.
  *
  * Purpose: what is told in sentences, broken between words at 79 columns.

@@ -17,7 +17,6 @@
 #include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
-#include "firmware/retune/trial.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/far_look.h"
 #include "firmware/twin/twin_places.h"
@@ -665,20 +664,17 @@ static void print_read_back(const tl_assembly *assembly, const tl_read_back_repo
 }
 
 /* For a program. */
-static void print_figures(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+static void find_cost(const tl_assembly *assembly, const tl_prognosis *prognosis, tl_twin_check *found) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_live_blocks blocks;
     tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
-    const tl_twin_cost cost = {
-        .least = prognosis->step_time,
-        .worst = prognosis->worst_time,
-        .memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints,
-    };
-    tl_twin_cost_print(&cost, output);
+    found->least = prognosis->step_time;
+    found->worst = prognosis->worst_time;
+    found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints;
 }
 
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
-                            FILE *output, uint32_t *warnings) {
+                            FILE *output, tl_twin_check *found) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
     tl_far_look look = {.times = 0};
@@ -695,30 +691,29 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
     print_costs(assembly, &prognosis, output);
-    if (prognosis.steps != 0 && !job->cost) {
+    if (prognosis.steps != 0 && !job->brief) {
         tl_far_look_take(assembly, prognosis.next_tick, &look);
     }
     print_far_look(assembly, &look, output);
     tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, true, &states);
     print_read_back(assembly, &states, output);
-    if (!job->cost) {
+    if (!job->brief) {
         print_timings(assembly, &prognosis, output);
     }
     if (!job->unconfined) {
         print_places(assembly, job->memory, output);
     }
-    *warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
-    if (job->cost) {
-        print_figures(assembly, &prognosis, output);
-    }
+    found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
+    find_cost(assembly, &prognosis, found);
     return TL_OK;
 }
 
 /* Steps before a state is saved to be tried, besides those of the proof. */
 enum { TRIED_AFTER = 20 };
 
-/* A line: why saved states are of no use to another process; an empty one: nothing speaks against them. What cannot be tried is believed, as it was before. */
-static tl_status print_states_only(const tl_assembly *assembly, const tl_read_back_host *host, FILE *output) {
+/* Why saved states are of no use to another process; "": nothing speaks against them. What cannot be tried is believed, as it was before. */
+static void find_useless_states(const tl_assembly *assembly, const tl_read_back_host *host,
+                                char why[TL_TWIN_CHECK_WHY]) {
     tl_read_back_report report;
     tl_error error;
     tl_status status =
@@ -727,23 +722,19 @@ static tl_status print_states_only(const tl_assembly *assembly, const tl_read_ba
     for (size_t i = 0; i < report.count; i++) {
         const tl_read_back_component *found = &report.of[i];
         if (tl_read_back_is_useless(found->finding)) {
-            (void)fprintf(output, "a saved state of %.40s %s (%.250s)", assembly->config.components[i].name,
-                          tl_read_back_words(found->finding), found->text);
+            (void)snprintf(why, TL_TWIN_CHECK_WHY, "a saved state of %.40s %s (%.250s)",
+                           assembly->config.components[i].name, tl_read_back_words(found->finding), found->text);
             break;
         }
     }
-    (void)fputc('\n', output);
-    return TL_OK;
 }
 
 tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                              const tl_read_back_host *host, FILE *page, uint32_t *warnings) {
-    *warnings = 0;
-    if (job->states_only) {
-        return status == TL_OK ? print_states_only(assembly, host, page) : status;
-    }
-    if (status == TL_OK) {
-        status = print_page(assembly, job, host, page, warnings);
+                              const tl_read_back_host *host, FILE *page, tl_twin_check *found) {
+    if (status == TL_OK && job->states_only) {
+        find_useless_states(assembly, host, found->why);
+    } else if (status == TL_OK) {
+        status = print_page(assembly, job, host, page, found);
     } else if (assembly->problems.report.count > 1) {
         tl_log(TL_LOG_ERROR, "%zu problems", assembly->problems.report.count);
     }

@@ -9,8 +9,8 @@
 
 #include "firmware/twin/twin_role.h"
 
-/* Prints to `page` what the job asks for. `status`: of assembling, which is returned if it is not TL_OK. `warnings`: how many were printed. */
+/* Prints to `page` what the job asks for. `status`: of assembling, which is returned if it is not TL_OK. `found`: with the number of warnings that were printed. */
 tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                              const tl_read_back_host *host, FILE *page, uint32_t *warnings);
+                              const tl_read_back_host *host, FILE *page, tl_twin_check *found);
 
 #endif

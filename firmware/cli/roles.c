@@ -7,8 +7,7 @@
 #include "firmware/cli/check_page.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_twin.h"
-#include "firmware/retune/trial.h"
-#include "firmware/retune/validator.h"
+#include "firmware/retune/worker.h"
 #include "firmware/twin/twin_child.h"
 
 const tl_twin_role_tasks tl_roles_twin_tasks = {.print_page = tl_check_page_print, .live = tl_live_twin};
@@ -30,14 +29,8 @@ int tl_roles_run(const char *title) {
     if (begins_with(title, TL_LIVE_ACTIVATOR)) {
         return tl_activator_role_run();
     }
-    if (begins_with(title, TL_VALIDATOR)) {
-        return tl_validator_role_run();
-    }
-    if (begins_with(title, TL_TRIAL_OF_STATES)) {
-        return tl_trial_of_states_role_run(&tl_roles_twin_tasks);
-    }
-    if (begins_with(title, TL_TRIAL)) {
-        return tl_trial_role_run(&tl_roles_twin_tasks);
+    if (begins_with(title, TL_WORKER)) {
+        return tl_worker_role_run(&tl_roles_twin_tasks);
     }
     (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
     return tl_exit_code(TL_BAD_USAGE);

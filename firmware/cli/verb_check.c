@@ -105,11 +105,11 @@ static tl_status check(tl_verb_job *job) {
     job->order.task = TL_TASK_CHECK;
     job->order.reads_back = true;
     job->order.variables = job->options->variables;
-    uint32_t warnings = 0;
+    tl_twin_check found = {.warnings = 0};
     tl_twin_ways ways = {.cannot_return = 0};
     tl_status status = tl_verb_job_start(job, &job->config, job->output, &error);
     if (status == TL_OK) {
-        status = tl_twin_child_check(job->child, &warnings, &error);
+        status = tl_twin_child_check(job->child, &found, &error);
         tl_twin_child_ways(job->child, &ways);
     }
     if (status != TL_OK && status != TL_INTERRUPTED) {
@@ -119,10 +119,10 @@ static tl_status check(tl_verb_job *job) {
         status = tl_verb_job_end_child(job, &error);
     }
     if (status == TL_OK) {
-        status = compare_pair(job, &warnings, &error);
+        status = compare_pair(job, &found.warnings, &error);
     }
     if (status == TL_OK) {
-        print_verdict(warnings, job->output);
+        print_verdict(found.warnings, job->output);
     }
     if (error.text[0] != '\0') {
         tl_log(TL_LOG_ERROR, "%s", error.text);

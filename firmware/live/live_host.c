@@ -30,13 +30,6 @@ static void check_lock(tl_lock_tally *lock) {
     lock->state = lock->state <= TL_LOCK_LOST ? lock->state : TL_LOCK_FREE;
 }
 
-/* Names are those of a process with FMUs. */
-static void clean_name(char *name, size_t size) {
-    char copy[TL_RUN_OUTPUT_NAME];
-    memcpy(copy, name, size);
-    (void)tl_clean_text(copy, strnlen(copy, size), name, size);
-}
-
 /* Copies what a twin has published, checks it, and adds what its pulse says. */
 static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
     int code = 0;
@@ -49,8 +42,8 @@ static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
     status->pairs = status->outputs == 0 ? status->steps : 0;
     for (size_t i = 0; i < status->outputs; i++) {
         tl_run_output *output = &status->output[i];
-        clean_name(output->name, sizeof output->name);
-        clean_name(output->unit, sizeof output->unit);
+        tl_clean_field(output->name, sizeof output->name);
+        tl_clean_field(output->unit, sizeof output->unit);
         status->pairs += output->pairs;
     }
     status->failure[0] = '\0';
@@ -230,12 +223,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
     tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
-    self->pulse->order.needs = (tl_live_needs){.match = candidate->needs.match,
-                                               .adjust = candidate->needs.adjust,
-                                               .components = candidate->needs.components,
-                                               .unconfined = candidate->needs.unconfined ? 1 : 0,
-                                               .fmu_bytes = candidate->needs.fmu_bytes,
-                                               .signals = candidate->needs.signals};
+    self->pulse->order.needs = candidate->needs;
     order(self, TL_LIVE_SHADOW);
     return true;
 }

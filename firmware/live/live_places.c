@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "firmware/config/drivers.h"
+#include "firmware/fmu/fmu_archive.h"
 #include "firmware/process/confine.h"
 #include "firmware/store/outbox.h"
 
@@ -89,7 +90,8 @@ static tl_status copy_text(tl_live_place *place, const tl_block *candidate, tl_e
 static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
     bool fits = needs->match <= TL_MAX_MATCH && needs->adjust <= TL_MAX_ADJUST &&
                 needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->signals >= 1 &&
-                needs->signals <= TL_MAX_SIGNALS;
+                needs->signals <= TL_MAX_SIGNALS &&
+                needs->unpacked_bytes <= needs->components * (uint64_t)TL_FMU_TOTAL_BYTES;
     return fits ? TL_OK
                 : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u",
                           (unsigned)needs->match, (unsigned)needs->adjust, (unsigned)needs->components,
@@ -123,7 +125,7 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
         move_out(place);
         return status;
     }
-    place->fmus = tl_twin_fmus_of_numbers(needs->components, needs->fmu_bytes);
+    place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
     place->unconfined = needs->unconfined != 0;
     clear_pulse(place);
     return TL_OK;

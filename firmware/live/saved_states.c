@@ -12,7 +12,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/process/private_folder.h"
-#include "firmware/retune/trial.h"
 
 /* A call of an FMU may take a minute in it. */
 static const tl_time LIMIT = 300 * TL_SECOND;
@@ -20,8 +19,6 @@ static const tl_time LIMIT = 300 * TL_SECOND;
 /* When the log says what the twin waits for, and when a twin begins that holds: io's mail keeps 10 s and hang_s, so no sample is lost. */
 static const tl_time TOLD = 3 * TL_SECOND;
 static const tl_time BRIEF = 10 * TL_SECOND;
-
-enum { FILE_BYTES = 2048 };
 
 /* ---- of which FMUs ---- */
 
@@ -69,14 +66,7 @@ static bool name_file(tl_saved_states *states) {
 
 /* False: nothing is, of these. */
 static bool remember(tl_saved_states *states) {
-    char text[FILE_BYTES];
-    FILE *file = fopen(states->path, "r");
-    if (file == NULL) {
-        return false;
-    }
-    size_t size = fread(text, 1, sizeof text, file);
-    (void)fclose(file);
-    tl_json_reader reader = tl_json_reader_of(text, size);
+    tl_json_reader reader = tl_json_file_read(states->path);
     bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
     (void)snprintf(states->why, sizeof states->why, "%s", tl_json_text(&reader, "why"));
     is_known = is_known && reader.right;
@@ -86,20 +76,12 @@ static bool remember(tl_saved_states *states) {
 
 /* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
 static void keep(const tl_saved_states *states) {
-    tl_new_file file;
     tl_json_writer json;
     tl_error ignored;
-    if (tl_new_file_open(states->path, &file, &ignored) != TL_OK) {
-        return;
-    }
     tl_json_writer_begin(&json);
     tl_json_add_text(&json, "of", states->key);
     tl_json_add_text(&json, "why", states->why);
-    if (tl_json_writer_print(&json, file.file, &ignored) == TL_OK) {
-        (void)tl_new_file_keep(&file, &ignored);
-    } else {
-        tl_new_file_discard(&file);
-    }
+    (void)tl_json_file_write(&json, states->path, &ignored);
     tl_json_writer_free(&json);
 }
 
@@ -107,28 +89,25 @@ static void keep(const tl_saved_states *states) {
 
 static void begin_trial(tl_saved_states *states) {
     const tl_saved_states_settings *settings = &states->settings;
-    char title[TL_ROLE_TITLE];
     tl_error error;
-    (void)snprintf(title, sizeof title, TL_TRIAL_OF_STATES " [%s]", settings->config->name);
-    const tl_errand_settings errand = {
-        .title = title,
-        .job = {.path = settings->config->path,
-                .candidate = settings->config->text,
+    const tl_worker_settings worker = {
+        .plant = settings->config->name,
+        .job = {.kind = TL_WORKER_STATES,
+                .text = {[TL_WORKER_PATH] = settings->config->path, [TL_WORKER_CANDIDATE] = settings->config->text},
                 .memory_limit = settings->memory_limit,
                 .unconfined = settings->unconfined},
-        .answer = sizeof(tl_trial_states),
         .limit = LIMIT,
         .be = settings->be,
         .context = settings->context,
     };
-    states->is_due = tl_errand_send(&states->errand, &errand, &error) == TL_OK;
+    states->is_due = tl_worker_start(&states->worker, &worker, &error) == TL_OK;
     states->begun = tl_clock_now(NULL);
 }
 
 /* Without an answer nothing is known, nor remembered: the run will say what is wrong with the FMUs. */
-static void end_trial(tl_saved_states *states, tl_errand_state how) {
-    bool is_known = how == TL_ERRAND_DONE && tl_trial_states_take(tl_errand_answer(&states->errand), states->why);
-    if (states->errand.is_late) {
+static void end_trial(tl_saved_states *states, tl_worker_state how) {
+    bool is_known = how == TL_WORKER_DONE && tl_worker_take_why(states->worker.result.bytes, states->why);
+    if (states->worker.is_late) {
         (void)snprintf(states->why, sizeof states->why, "the saved states could not be tried within %.0f s",
                        tl_seconds(LIMIT));
         is_known = true;
@@ -138,7 +117,7 @@ static void end_trial(tl_saved_states *states, tl_errand_state how) {
     }
     states->files = is_known && states->why[0] != '\0' ? states->number : 0;
     states->is_due = false;
-    tl_errand_close(&states->errand);
+    tl_worker_close(&states->worker);
 }
 
 static void tell_wait(tl_saved_states *states) {
@@ -152,14 +131,14 @@ static void tell_wait(tl_saved_states *states) {
 }
 
 tl_wait tl_saved_states_look(tl_saved_states *states) {
-    if (states->is_due && !states->errand.is_sent) {
+    if (states->is_due && !states->worker.is_started) {
         begin_trial(states);
     }
     if (!states->is_due) {
         return TL_WAIT_OVER;
     }
-    tl_errand_state how = tl_errand_look(&states->errand);
-    if (how != TL_ERRAND_GOES_ON) {
+    tl_worker_state how = tl_worker_poll(&states->worker);
+    if (how != TL_WORKER_RUNNING) {
         end_trial(states, how);
         return TL_WAIT_OVER;
     }
@@ -171,8 +150,8 @@ tl_wait tl_saved_states_look(tl_saved_states *states) {
 }
 
 void tl_saved_states_stop(tl_saved_states *states) {
-    if (states->errand.is_sent) {
-        tl_errand_close(&states->errand);
+    if (states->worker.is_started) {
+        tl_worker_close(&states->worker);
         tl_private_folder_sweep("twin"); /* it could not remove those of its FMUs */
     }
     states->is_due = false;

@@ -1,7 +1,7 @@
 /* Whether another process can use what the FMUs of a run save: tried before its first twin begins, and remembered.
  *
  * Purpose: a checkpoint that ends the process that loads it costs a start; one that is loaded and goes on otherwise is noticed by nobody. So the FMUs are
- *          tried by a process of its own (trial.h) beside the supervisor, which reads the plant meanwhile. Nothing of that process is heard on the log: what
+ *          tried by a process of its own (worker.h) beside the supervisor, which reads the plant meanwhile. Nothing of that process is heard on the log: what
  *          is wrong with the FMUs otherwise the run will say.
  * Memory:  FOLDER/states.json, by the contents of the FMU files, how they are rolled back, the step and the version of this program. So the trial costs two
  *          starts of the FMUs once. Without a folder it would cost that at each start, and is left out.
@@ -20,8 +20,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/config/config.h"
 #include "firmware/live/supervisor.h"
-#include "firmware/retune/errand.h"
-#include "firmware/retune/trial.h"
+#include "firmware/retune/worker.h"
 
 typedef struct tl_saved_states_settings {
     const tl_config *config; /* as it was read */
@@ -35,14 +34,14 @@ typedef struct tl_saved_states_settings {
 typedef struct tl_saved_states {
     uint64_t
         files; /* these FMU files' (tl_identity_number_of_open_files()) are of no use; 0: nothing is known against them */
-    char why[TL_TRIAL_WHY]; /* then: why */
+    char why[TL_TWIN_CHECK_WHY]; /* then: why */
     /* private */
     tl_saved_states_settings settings;
     uint64_t number;          /* of the FMU files */
     char key[TL_SHA256_TEXT]; /* by which they are remembered */
     char path[PATH_MAX];
     bool is_due; /* they are to be tried, or are being tried, */
-    tl_errand errand;
+    tl_worker worker;
     tl_time begun; /* since when */
     bool is_told;  /* that it takes long */
 } tl_saved_states;

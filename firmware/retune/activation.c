@@ -13,7 +13,6 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/retune/box_texts.h"
-#include "firmware/retune/validator.h"
 
 /* ---- In this order: what all sections use, messages, the change, the candidate, its twin beside the run's, the probation. ---- */
 
@@ -194,7 +193,7 @@ static void tl_activation_forget(tl_activation *self) {
     if (self->rehearsal.is_begun) {
         tl_activation_end_shadow(self);
     }
-    tl_errand_close(&self->errand);
+    tl_worker_close(&self->worker);
     free(self->text);
     free(self->before);
     self->text = NULL;
@@ -319,7 +318,7 @@ static tl_status write_down(tl_activation *self, tl_error *error) {
     if (self->settles) {
         return TL_OK;
     }
-    return self->is_return ? tl_versions_return(tl_activation_versions(self), self->reason, error)
+    return self->is_return ? tl_versions_settle(tl_activation_versions(self), TL_VERSION_RETURNED, self->reason, error)
                            : put_version(self, error);
 }
 
@@ -471,7 +470,7 @@ static void give_up(tl_activation *self, const char *why) {
         restart(self);
         return;
     }
-    if (tl_versions_return(tl_activation_versions(self), text, &error) != TL_OK) {
+    if (tl_versions_settle(tl_activation_versions(self), TL_VERSION_RETURNED, text, &error) != TL_OK) {
         tl_activation_tell(self, TL_EVENT_ERROR, error.text);
     }
     tl_activation_fail(self, text);
@@ -533,30 +532,28 @@ typedef struct beside {
     char *kept, *commissioned; /* texts of versions: that a probation would return to, that was commissioned last */
 } beside;
 
-static void send_errand(tl_activation *self, const char *kind, const beside *others, size_t answer, tl_time limit,
-                        tl_relay_line *hear) {
-    char title[TL_ROLE_TITLE];
+static void start_worker(tl_activation *self, tl_worker_kind kind, const beside *others, tl_time limit,
+                         tl_relay_line *hear) {
     tl_error error;
-    (void)snprintf(title, sizeof title, "%s [%s]", kind, self->settings.plant);
-    const tl_errand_settings settings = {
-        .title = title,
-        .job = {.path = self->settings.path,
-                .in_force = self->before,
-                .kept = others->kept,
-                .commissioned = others->commissioned,
-                .candidate = self->text,
-                .on_the_box = others->file,
-                .list = others->list,
-                .list_path = self->settings.allowed,
+    const tl_worker_settings settings = {
+        .plant = self->settings.plant,
+        .job = {.kind = kind,
+                .text = {[TL_WORKER_PATH] = self->settings.path,
+                         [TL_WORKER_CANDIDATE] = self->text,
+                         [TL_WORKER_IN_FORCE] = self->before,
+                         [TL_WORKER_KEPT] = others->kept,
+                         [TL_WORKER_COMMISSIONED] = others->commissioned,
+                         [TL_WORKER_ON_THE_BOX] = others->file,
+                         [TL_WORKER_LIST] = others->list,
+                         [TL_WORKER_LIST_PATH] = self->settings.allowed},
                 .memory_limit = self->settings.memory_limit,
                 .unconfined = self->settings.unconfined},
-        .answer = answer,
         .limit = limit,
         .be = self->settings.be,
         .hear = hear,
         .context = self,
     };
-    if (tl_errand_send(&self->errand, &settings, &error) != TL_OK) {
+    if (tl_worker_start(&self->worker, &settings, &error) != TL_OK) {
         tl_activation_fail(self, error.text);
     }
 }
@@ -584,7 +581,7 @@ static void send_validator(tl_activation *self) {
     if (fault[0] != '\0') {
         tl_activation_say(self, TL_CONTROL_VALIDATE, fault);
     }
-    send_errand(self, TL_VALIDATOR, &found, sizeof(tl_verdict), VALIDATION, NULL); /* the verdict says all */
+    start_worker(self, TL_WORKER_VALIDATOR, &found, VALIDATION, NULL); /* the verdict says all */
     free(found.list);
     free(found.file);
     free(found.kept);
@@ -712,14 +709,14 @@ static void weigh(tl_activation *self) {
     }
 }
 
-static void end_validation(tl_activation *self, tl_errand_state state) {
-    char why[TL_ERRAND_WHY];
+static void end_validation(tl_activation *self, tl_worker_state state) {
+    char why[TL_WORKER_REASON];
     char text[TL_CONTROL_TEXT];
-    tl_errand_why(&self->errand, why);
-    bool is_sound = state == TL_ERRAND_DONE && tl_verdict_take(tl_errand_answer(&self->errand), &self->verdict);
-    tl_errand_close(&self->errand);
+    tl_worker_reason(&self->worker, why);
+    bool is_sound = state == TL_WORKER_DONE && tl_verdict_take(self->worker.result.bytes, &self->verdict);
+    tl_worker_close(&self->worker);
     if (!is_sound) {
-        (void)snprintf(text, sizeof text, "nobody can read it: %s", state == TL_ERRAND_DONE ? "no verdict" : why);
+        (void)snprintf(text, sizeof text, "nobody can read it: %s", state == TL_WORKER_DONE ? "no verdict" : why);
         tl_activation_turn_down(self, TL_CONTROL_INVALID, text);
     } else if (self->verdict.is_valid == 0) {
         tl_activation_say_problems(self);
@@ -790,7 +787,7 @@ static void try_fmus(tl_activation *self) {
     self->heard[0] = '\0';
     self->problems = 0;
     tl_activation_say(self, TL_CONTROL_TRY, "its FMUs are loaded, started and set back, beside the plant's");
-    send_errand(self, TL_TRIAL, &(const beside){NULL, NULL, NULL, NULL}, sizeof(tl_trial_answer), TRIAL, hear_trial);
+    start_worker(self, TL_WORKER_TRIAL, &(const beside){NULL, NULL, NULL, NULL}, TRIAL, hear_trial);
 }
 
 static void say_time(tl_activation *self) {
@@ -832,13 +829,13 @@ static void write_fault(const tl_activation *self, const char *otherwise, char *
     }
 }
 
-static void end_trial(tl_activation *self, tl_errand_state state) {
-    char why[TL_ERRAND_WHY];
+static void end_trial(tl_activation *self, tl_worker_state state) {
+    char why[TL_WORKER_REASON];
     char text[TL_CONTROL_TEXT + 32];
-    tl_errand_why(&self->errand, why);
-    bool is_done = state == TL_ERRAND_DONE;
-    bool is_sound = is_done && tl_trial_answer_take(tl_errand_answer(&self->errand), &self->answer);
-    tl_errand_close(&self->errand);
+    tl_worker_reason(&self->worker, why);
+    bool is_done = state == TL_WORKER_DONE;
+    bool is_sound = is_done && tl_trial_answer_take(self->worker.result.bytes, &self->answer);
+    tl_worker_close(&self->worker);
     if (!is_done || (!is_sound && self->way == TL_ACTIVATION_BY_FLIP)) {
         write_fault(self, is_done ? "its trial has not said what it takes" : why, text, sizeof text);
         tl_activation_turn_down(self, TL_CONTROL_INVALID, text);
@@ -865,9 +862,9 @@ static void say_patience(tl_activation *self, tl_time passed) {
 }
 
 /* Of the validator or the trial that is under way. */
-static void tl_activation_look_at_errand(tl_activation *self, tl_time passed) {
-    tl_errand_state state = tl_errand_look(&self->errand);
-    if (state == TL_ERRAND_GOES_ON) {
+static void tl_activation_look_at_worker(tl_activation *self, tl_time passed) {
+    tl_worker_state state = tl_worker_poll(&self->worker);
+    if (state == TL_WORKER_RUNNING) {
         say_patience(self, passed);
         return;
     }
@@ -1152,7 +1149,6 @@ static bool tl_activation_has_former(const tl_activation *self, bool *runs) {
 
 static void order(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
-    const tl_trial_answer *answer = &self->answer;
     bool runs = false;
     bool takes_place = tl_activation_has_former(self, &runs);
     const tl_activation_candidate candidate = {
@@ -1160,12 +1156,7 @@ static void order(tl_activation *self) {
         .size = self->size,
         .hash = self->request.hash,
         .yardstick = &self->verdict.yardstick,
-        .needs = {.match = answer->match,
-                  .adjust = answer->adjust,
-                  .components = answer->components,
-                  .unconfined = answer->unconfined != 0,
-                  .fmu_bytes = answer->fmu_bytes,
-                  .signals = answer->signals},
+        .needs = self->answer.needs,
     };
     self->rehearsal.is_begun = host->begin_shadow(host->context, &candidate);
     if (self->rehearsal.is_begun && takes_place) {
@@ -1267,7 +1258,8 @@ static void note_disk(tl_activation *self, bool is_written, const char *why) {
 static bool tl_activation_keep(tl_activation *self) {
     tl_error error;
     char text[TL_CONTROL_TEXT];
-    bool is_written = tl_versions_keep(tl_activation_versions(self), self->probation.why, &error) == TL_OK;
+    bool is_written =
+        tl_versions_settle(tl_activation_versions(self), TL_VERSION_KEPT, self->probation.why, &error) == TL_OK;
     note_disk(self, is_written, error.text);
     if (!is_written) {
         self->pause = PAUSE;
@@ -1346,13 +1338,12 @@ static bool tl_activation_is_unfinished(const tl_activation *self) {
 
 /* What has to be done follows from what the run is of. */
 static void tl_activation_settle(tl_activation *self) {
-    tl_error error;
     char hash[TL_SHA256_TEXT];
     find_in_force(self, hash);
     if (!tl_activation_is_unfinished(self) || !load(self, tl_activation_versions(self)->active)) {
         return;
     }
-    const tl_version *in_force = tl_versions_find(tl_activation_versions(self), hash, &error);
+    const tl_version *in_force = tl_versions_of_hash(tl_activation_versions(self), hash);
     self->settles = true;
     if (in_force == NULL) {
         tl_activation_bring_back(self, TL_ACTIVATION_BY_RESTART);
@@ -1523,7 +1514,7 @@ void tl_activation_look(tl_activation *activation) {
         if (tl_activation_versions(activation)->probation.version != 0) {
             (void)tl_activation_pass(activation, passed);
         }
-        tl_activation_look_at_errand(activation, passed);
+        tl_activation_look_at_worker(activation, passed);
     } else if (activation->step == TL_CONTROL_SHADOW) {
         tl_activation_look_at_shadow(activation, passed);
     } else if (activation->step == TL_CONTROL_ACTIVATE) {
@@ -1541,7 +1532,7 @@ void tl_activation_end(tl_activation *activation) {
     if (activation->rehearsal.is_begun) {
         tl_activation_end_shadow(activation);
     }
-    tl_errand_close(&activation->errand);
+    tl_worker_close(&activation->worker);
     free(activation->text);
     free(activation->before);
     activation->text = NULL;

@@ -12,10 +12,8 @@
 #include "firmware/retune/activation_host.h"
 #include "firmware/retune/comparison.h"
 #include "firmware/retune/control.h"
-#include "firmware/retune/errand.h"
-#include "firmware/retune/refusals.h"
-#include "firmware/retune/trial.h"
 #include "firmware/retune/versions.h"
+#include "firmware/retune/worker.h"
 
 /* How a change comes into the run. */
 typedef enum tl_activation_way {
@@ -37,9 +35,9 @@ typedef struct tl_activation_settings {
     const char *plant;     /* its name, for titles */
     const char *path;      /* of its configuration: relative names start at its folder */
     const char *allowed;   /* where the administrator's list of names is (box_texts.h); NULL: there is none */
-    uint64_t memory_limit; /* as in errand.h */
+    uint64_t memory_limit; /* as in worker.h */
     bool unconfined;
-    int (*be)(const char *title, void *context); /* as in errand.h */
+    int (*be)(const char *title, void *context); /* as in worker.h */
     void *context;                               /* of it */
 
     /* Says something to who has asked for the change; nobody may listen any more. TL_CONTROL_END is the last. */
@@ -80,7 +78,7 @@ typedef struct tl_activation {
     size_t size;
     char *before;                /* the active one's, while it is validated */
     char reason[TL_VERSION_WHY]; /* of a return */
-    tl_errand errand;
+    tl_worker worker;
     tl_verdict verdict;
     tl_trial_answer answer;
     char heard
@@ -128,7 +126,7 @@ bool tl_activation_refuse(tl_activation *activation, const char *who);
 /* Goes on; as often as wanted. */
 void tl_activation_look(tl_activation *activation);
 
-/* Ends errands that are under way. What is on disk is gone on with by the next one. */
+/* Ends the worker that is under way. What is on disk is gone on with by the next one. */
 void tl_activation_end(tl_activation *activation);
 
 #endif

@@ -14,6 +14,7 @@
 #include "firmware/monitor/run_status.h"
 #include "firmware/retune/probation.h"
 #include "firmware/store/run_types.h"
+#include "firmware/twin/live_stage.h"
 #include "master/plan/tuning.h"
 
 enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
@@ -42,20 +43,12 @@ typedef enum tl_activation_news {
     TL_ACTIVATION_REFUSED /* by the twin */
 } tl_activation_news;
 
-/* What has to be known of a candidate to make room for its twin. A trial has found it out, and it is bounded. */
-typedef struct tl_activation_needs {
-    uint32_t match, adjust, components; /* components: without the plant */
-    bool unconfined;                    /* FMUs may do what the user can */
-    uint64_t fmu_bytes;                 /* of the FMU files */
-    uint32_t signals;                   /* of the plant, second look-ups among them */
-} tl_activation_needs;
-
 /* A candidate whose twin shall run beside the run's. */
 typedef struct tl_activation_candidate {
     const char *text;
     size_t size;
     const char *hash;
-    tl_activation_needs needs;
+    tl_live_needs needs;                /* found by a trial, and bounded */
     const tl_lock_yardstick *yardstick; /* what its twin's lock is judged by as well; zeroed: nothing else */
 } tl_activation_candidate;
 

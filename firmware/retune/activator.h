@@ -1,9 +1,9 @@
 /* The activator: answers at a plant's control socket, and sees to it that one change after the other is made.
  *
  * Purpose: the work of a process that is begun when somebody knocks, or a probation is under way, and ends when nothing is to be done.
- * Trust:   it parses no configuration and no FMU: a validator and a trial do (errand.h). Who asks is known from the kernel; a right that is more than
+ * Trust:   it parses no configuration and no FMU: a validator and a trial do (worker.h). Who asks is known from the kernel; a right that is more than
  *          reading is believed of the plant's own user, of root, and of whom the socket's group lets in, who has checked it.
- * Waiting: for clients and errands at once, at most `TL_ACTIVATOR_LOOK`.
+ * Waiting: for clients and workers at once, at most `TL_ACTIVATOR_LOOK`.
  * Thread:  one, the main thread of its process.
  */
 #ifndef TL_FIRMWARE_RETUNE_ACTIVATOR_H

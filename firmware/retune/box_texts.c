@@ -14,16 +14,14 @@
 #include "firmware/config/config_change.h"
 #include "firmware/retune/control.h"
 
-/* All of an ordinary file, with a NUL; NULL with errno. */
-static char *read_all(int file, size_t most) {
-    char *text = malloc(most + 2);
-    ssize_t size = text == NULL ? -1 : tl_file_bytes_read(file, text, most + 1);
-    if (size < 0 || (size_t)size > most || memchr(text, '\0', (size_t)size) != NULL) {
-        errno = size < 0 ? errno : EFBIG;
+/* Closes it. NULL: it cannot be read, or is no text of at most so many bytes. */
+static char *take_text(int file, size_t most) {
+    size_t size = 0;
+    char *text = tl_file_text_take(file, most, &size);
+    if (text != NULL && strlen(text) != size) {
         free(text);
-        return NULL;
+        text = NULL;
     }
-    text[size] = '\0';
     return text;
 }
 
@@ -63,18 +61,20 @@ char *tl_box_read_list(const char *path, char fault[TL_BOX_FAULT]) {
         }
         return NULL;
     }
-    char *text = NULL;
-    if (!is_guarded(&about)) {
+    bool counts = is_guarded(&about);
+    char *text = take_text(file, TL_BOX_LIST_MOST);
+    if (!counts) {
         (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.300s counts: others than root may write it", path);
-    } else if ((text = read_all(file, TL_BOX_LIST_MOST)) == NULL) {
+    } else if (text == NULL) {
         (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.300s counts: it is no text of %d bytes at most", path,
                        (int)TL_BOX_LIST_MOST);
     } else if (!is_list(text, &error)) {
         (void)snprintf(fault, TL_BOX_FAULT, "nothing of %.200s counts: %.200s", path, error.text);
+    }
+    if (fault[0] != '\0') {
         free(text);
         text = NULL;
     }
-    (void)close(file);
     return text;
 }
 
@@ -82,11 +82,5 @@ char *tl_box_read_list(const char *path, char fault[TL_BOX_FAULT]) {
 
 char *tl_box_read_file(const char *path) {
     struct stat about;
-    int file = open_ordinary(path, &about);
-    if (file < 0) {
-        return NULL;
-    }
-    char *text = read_all(file, TL_CONTROL_MOST);
-    (void)close(file);
-    return text;
+    return take_text(open_ordinary(path, &about), TL_CONTROL_MOST);
 }

@@ -7,10 +7,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "firmware/base/text.h"
 
 /* ---- forecast ---- */
 
@@ -66,16 +64,14 @@ void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char
 }
 
 uint64_t tl_forecast_memory_left(void) {
+    enum { MOST = 65536 };
     static const char key[] = "MemAvailable:";
-    char text[4096];
-    int file = open("/proc/meminfo", O_RDONLY | O_CLOEXEC);
-    ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, text, sizeof text - 1);
-    if (file >= 0) {
-        (void)close(file);
-    }
-    text[size < 0 ? 0 : size] = '\0';
-    const char *line = strstr(text, key);
-    return line == NULL ? 0 : 1024 * (uint64_t)strtoull(line + strlen(key), NULL, 10);
+    size_t size = 0;
+    char *text = tl_file_text_take(open("/proc/meminfo", O_RDONLY | O_CLOEXEC), MOST, &size);
+    const char *line = text == NULL ? NULL : strstr(text, key);
+    uint64_t left = line == NULL ? 0 : 1024 * (uint64_t)strtoull(line + strlen(key), NULL, 10);
+    free(text);
+    return left;
 }
 
 /* ---- comparison ---- */
@@ -88,7 +84,6 @@ static uint64_t grown(uint64_t before, uint64_t now) {
 
 /* Both are of one twin, so its outputs have their places. */
 static void subtract(const tl_run_status *before, tl_run_status *now) {
-    now->outputs = now->outputs < TL_MAX_MATCH ? now->outputs : TL_MAX_MATCH;
     if (now->ticks < before->ticks) {
         return; /* another twin has come, and has counted from 0 */
     }
@@ -123,53 +118,32 @@ void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *no
     subtract(&begun.twin, &comparison->twin);
 }
 
-/* ---- the lock of the shadow ---- */
-
-static uint64_t steps_judged(const tl_lock_tally *lock) {
-    return tl_lock_tally_total(lock) - lock->steps[TL_LOCK_FREE];
-}
-
 /* ---- words ---- */
 
 enum { NUMBER = 64 };
 
+/* Of y − ŷ. No number if there are no pairs. */
+static double root_mean_square(const tl_run_output *output) {
+    return sqrt(output->sum_of_squares / (double)output->pairs);
+}
+
 /* NULL: that twin does not compare it. */
 static void write_root_mean_square(const tl_run_output *output, char text[NUMBER]) {
-    char unit[TL_RUN_OUTPUT_UNIT];
-    if (output == NULL) {
-        (void)snprintf(text, NUMBER, "not compared");
-        return;
-    }
-    double mean = output->sum_of_squares / (double)output->pairs;
-    (void)tl_clean_text(output->unit, strnlen(output->unit, sizeof output->unit), unit, sizeof unit);
-    if (output->pairs == 0) {
-        (void)snprintf(text, NUMBER, "not seen");
-    } else if (!isfinite(mean) || mean < 0.0) {
-        (void)snprintf(text, NUMBER, "-");
+    if (output != NULL && isfinite(root_mean_square(output))) {
+        (void)snprintf(text, NUMBER, "%.3g%s%s", root_mean_square(output), output->unit[0] == '\0' ? "" : " ",
+                       output->unit);
     } else {
-        (void)snprintf(text, NUMBER, "%.3g%s%s", sqrt(mean), unit[0] == '\0' ? "" : " ", unit);
+        (void)snprintf(text, NUMBER, "%s", output == NULL ? "not compared" : output->pairs == 0 ? "not seen" : "-");
     }
 }
 
 static const tl_run_output *find_output(const tl_run_status *work, const char *name) {
     for (size_t i = 0; i < work->outputs; i++) {
-        if (strncmp(work->output[i].name, name, TL_RUN_OUTPUT_NAME) == 0) {
+        if (strcmp(work->output[i].name, name) == 0) {
             return &work->output[i];
         }
     }
     return NULL;
-}
-
-/* `from` is the name, and either twin's output may be NULL. */
-static void write_output(const char *from, const tl_run_output *now, const tl_run_output *then,
-                         char text[TL_COMPARISON_TEXT]) {
-    char name[TL_RUN_OUTPUT_NAME];
-    char of_now[NUMBER];
-    char of_then[NUMBER];
-    (void)tl_clean_text(from, strnlen(from, TL_RUN_OUTPUT_NAME), name, sizeof name);
-    write_root_mean_square(now, of_now);
-    write_root_mean_square(then, of_then);
-    (void)snprintf(text, TL_COMPARISON_TEXT, "%s, root mean square of y − ŷ: now %s, new %s", name, of_now, of_then);
 }
 
 static double share(double part, uint64_t whole) {
@@ -199,15 +173,19 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
     char text[TL_COMPARISON_TEXT];
-    for (size_t i = 0; i < twin->outputs; i++) {
-        write_output(twin->output[i].name, &twin->output[i], find_output(shadow, twin->output[i].name), text);
-        say(context, text);
-    }
-    for (size_t i = 0; i < shadow->outputs; i++) {
-        if (find_output(twin, shadow->output[i].name) == NULL) {
-            write_output(shadow->output[i].name, NULL, &shadow->output[i], text);
-            say(context, text);
+    for (size_t i = 0; i < twin->outputs + shadow->outputs; i++) {
+        bool is_new = i >= twin->outputs;
+        const char *name = is_new ? shadow->output[i - twin->outputs].name : twin->output[i].name;
+        const tl_run_output *now = find_output(twin, name);
+        if (is_new && now != NULL) {
+            continue; /* it was told */
         }
+        char of_now[NUMBER];
+        char of_then[NUMBER];
+        write_root_mean_square(now, of_now);
+        write_root_mean_square(find_output(shadow, name), of_then);
+        (void)snprintf(text, sizeof text, "%s, root mean square of y − ŷ: now %s, new %s", name, of_now, of_then);
+        say(context, text);
     }
     write_work("now", twin, text);
     say(context, text);
@@ -290,14 +268,10 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
 
 /* ---- worse ---- */
 
-static double root_mean_square(const tl_run_output *output) {
-    return sqrt(output->sum_of_squares / (double)output->pairs);
-}
-
 /* The same thing, matched by both, and often enough. */
 static bool is_comparable(const tl_run_output *now, const tl_run_output *then) {
     return now->tolerance > 0.0 && then->tolerance > 0.0 && now->pairs >= TL_COMPARISON_PAIRS &&
-           then->pairs >= TL_COMPARISON_PAIRS && strncmp(now->unit, then->unit, TL_RUN_OUTPUT_UNIT) == 0;
+           then->pairs >= TL_COMPARISON_PAIRS && strcmp(now->unit, then->unit) == 0;
 }
 
 /* What is no number, of a new twin beside one that has numbers, is worse. */
@@ -307,24 +281,11 @@ static bool is_worse(const tl_run_output *now, const tl_run_output *then) {
     return isfinite(of_now) && !(of_then <= now->tolerance || of_then <= TL_COMPARISON_TIMES * of_now);
 }
 
-/* In its unit, with the tolerance that it is held against. */
-static void write_worse(const tl_run_output *now, const tl_run_output *then, char why[TL_COMPARISON_TEXT]) {
-    char name[TL_RUN_OUTPUT_NAME];
-    char of_now[NUMBER];
-    char of_then[NUMBER];
-    (void)tl_clean_text(now->name, strnlen(now->name, sizeof now->name), name, sizeof name);
-    write_root_mean_square(now, of_now);
-    write_root_mean_square(then, of_then);
-    (void)snprintf(why, TL_COMPARISON_TEXT,
-                   "%s is worse: off by %s as root mean square, and the run's by %s; its tolerance is %.3g", name,
-                   of_then, of_now, now->tolerance);
-}
-
 /* By the tolerances of the version before, whatever the new ones say of the lock. */
 static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_lock_tally *lock = &comparison->shadow.lock_before;
     double in_lock_now = tl_lock_tally_percent(&comparison->twin.lock);
-    double in_lock = steps_judged(lock) == 0 ? 100.0 : tl_lock_tally_percent(lock);
+    double in_lock = tl_lock_tally_total(lock) == lock->steps[TL_LOCK_FREE] ? 100.0 : tl_lock_tally_percent(lock);
     double gone = 0.0;
     bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
     (void)snprintf(
@@ -341,7 +302,13 @@ bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock
         const tl_run_output *now = &twin->output[i];
         const tl_run_output *then = find_output(&comparison->shadow, now->name);
         if (then != NULL && is_comparable(now, then) && is_worse(now, then)) {
-            write_worse(now, then, why);
+            char of_now[NUMBER];
+            char of_then[NUMBER];
+            write_root_mean_square(now, of_now);
+            write_root_mean_square(then, of_then);
+            (void)snprintf(why, TL_COMPARISON_TEXT,
+                           "%s is worse: off by %s as root mean square, and the run's by %s; its tolerance is %.3g",
+                           now->name, of_then, of_now, now->tolerance);
             return true;
         }
     }

@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 #include "firmware/retune/activation_host.h"
-#include "firmware/retune/trial.h"
+#include "firmware/retune/worker.h"
 
 /* ---- The forecast of a candidate: what its twin will take of the box, in words, and whether that can be.
  *
@@ -47,7 +47,7 @@ uint64_t tl_forecast_memory_left(void);
  *          tolerances of the version that a probation would return to. Somebody may insist.
  * Also:    what the shadow misses says little, since it has no priority yet: it is told, but that it makes up a quarter of its ticks is too much. Nor can
  *          anything be said if the run's twin was begun again meanwhile.
- * Trust:   figures come from memory of processes with FMUs: names are cleaned, and what is no number is told as "-".
+ * Trust:   figures come from memory of processes with FMUs. The host has bounded counts and cleaned names; what is no number is told as "-".
  * Thread:  plain data.
  */
 

@@ -12,10 +12,8 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/retune/activation.h"
-#include "firmware/retune/errand.h"
-#include "firmware/retune/trial.h"
-#include "firmware/retune/validator.h"
 #include "firmware/retune/versions.h"
+#include "firmware/retune/worker.h"
 
 static const tl_time VALIDATION = 20 * TL_SECOND;
 static const tl_time LOOK = TL_SECOND / 100;
@@ -24,65 +22,25 @@ typedef struct starting_run {
     const tl_version_start *start;
     tl_versions versions;
     tl_version_choice choice;
-    char file[TL_CONTROL_MOST + 1];
-    ssize_t file_size; /* −1: it cannot be read */
-    char fault[128];   /* why */
+    char *file;      /* NULL: it cannot be read, */
+    char fault[128]; /* for this reason */
+    size_t file_size;
     tl_verdict verdict;
 } starting_run;
 
 static void read_file(starting_run *self) {
-    const char *path = self->start->path;
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
-    self->file_size = file < 0 ? -1 : tl_file_bytes_read(file, self->file, sizeof self->file);
-    if (self->file_size < 0) {
+    self->file =
+        tl_file_text_take(open(self->start->path, O_RDONLY | O_CLOEXEC | O_NOCTTY), TL_CONTROL_MOST, &self->file_size);
+    if (self->file == NULL && errno != EFBIG) {
         (void)snprintf(self->fault, sizeof self->fault, "%s", strerror(errno));
-    } else if (self->file_size == 0 || self->file_size > TL_CONTROL_MOST) {
+    } else if (self->file == NULL || self->file_size == 0) {
         (void)snprintf(self->fault, sizeof self->fault, "a configuration has 1 to %d bytes", (int)TL_CONTROL_MOST);
-        self->file_size = -1;
-    }
-    if (file >= 0) {
-        (void)close(file);
+        free(self->file);
+        self->file = NULL;
     }
 }
 
 /* ---- validating ---- */
-
-static tl_errand_state wait_for(tl_errand *errand) {
-    tl_errand_state state = tl_errand_look(errand);
-    while (state == TL_ERRAND_GOES_ON) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
-        state = tl_errand_look(errand);
-    }
-    return state;
-}
-
-/* False: nobody could say. */
-static bool ask_validator(starting_run *self, const char *in_force, char why[TL_ERRAND_WHY]) {
-    char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
-    tl_errand errand = {.is_sent = false};
-    tl_error error;
-    if (self->versions.probation.version != 0) {
-        (void)tl_versions_read(&self->versions, self->versions.probation.return_to, &kept, &error);
-    }
-    const tl_errand_settings settings = {
-        .title = TL_VALIDATOR,
-        .job = {.path = self->start->path, .in_force = in_force, .kept = kept, .candidate = self->choice.text},
-        .answer = sizeof(tl_verdict),
-        .limit = VALIDATION,
-        .be = self->start->be,
-        .context = self->start->context,
-    };
-    tl_status status = tl_errand_send(&errand, &settings, &error);
-    free(kept);
-    if (status != TL_OK) {
-        (void)snprintf(why, TL_ERRAND_WHY, "%.*s", TL_ERRAND_WHY - 1, error.text);
-        return false;
-    }
-    bool is_said = wait_for(&errand) == TL_ERRAND_DONE && tl_verdict_take(tl_errand_answer(&errand), &self->verdict);
-    tl_errand_why(&errand, why);
-    tl_errand_close(&errand);
-    return is_said;
-}
 
 static void say_problems(const starting_run *self) {
     const tl_verdict *verdict = &self->verdict;
@@ -97,10 +55,42 @@ static void say_problems(const starting_run *self) {
     }
 }
 
+/* False: there is no verdict. */
+static bool ask_validator(starting_run *self, const char *in_force) {
+    char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
+    tl_worker worker;
+    tl_error error;
+    if (self->versions.probation.version != 0) {
+        (void)tl_versions_read(&self->versions, self->versions.probation.return_to, &kept, &error);
+    }
+    const tl_worker_settings settings = {
+        .plant = self->start->path,
+        .job = {.kind = TL_WORKER_VALIDATOR,
+                .text = {[TL_WORKER_PATH] = self->start->path,
+                         [TL_WORKER_CANDIDATE] = self->file,
+                         [TL_WORKER_IN_FORCE] = in_force,
+                         [TL_WORKER_KEPT] = kept}},
+        .limit = VALIDATION,
+        .be = self->start->be,
+        .context = self->start->context,
+    };
+    tl_status status = tl_worker_start(&worker, &settings, &error);
+    free(kept);
+    if (status != TL_OK) {
+        return false;
+    }
+    tl_worker_state state = tl_worker_poll(&worker);
+    for (; state == TL_WORKER_RUNNING; state = tl_worker_poll(&worker)) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
+    }
+    bool is_known = state == TL_WORKER_DONE && tl_verdict_take(worker.result.bytes, &self->verdict);
+    tl_worker_close(&worker);
+    return is_known;
+}
+
 /* The file was changed since it was taken last, and there is a version to fall back to. */
 static bool is_good(starting_run *self, const char *in_force) {
-    char why[TL_ERRAND_WHY];
-    if (strlen(self->choice.text) != self->choice.size || !ask_validator(self, in_force, why)) {
+    if (strlen(self->file) != self->file_size || !ask_validator(self, in_force)) {
         tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
         return false;
     }
@@ -111,19 +101,6 @@ static bool is_good(starting_run *self, const char *in_force) {
 }
 
 /* ---- taking the file ---- */
-
-static tl_status add_file(starting_run *self, uint64_t *number, tl_error *error) {
-    const tl_version_news news = {
-        .text = self->choice.text,
-        .size = self->choice.size,
-        .who = "the file",
-        .why = "",
-        .origin = TL_ORIGIN_START,
-        .right = TL_RIGHT_COMMISSION,
-        .kind = (tl_change_kind)self->verdict.kind,
-    };
-    return tl_versions_add(&self->versions, &news, number, error);
-}
 
 static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl_error *error) {
     const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S, .require_lock = TL_ACTIVATION_LOCK_PERCENT};
@@ -137,8 +114,6 @@ static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl
 
 /* From now on it is what it was before. */
 static tl_status fall_back(starting_run *self, tl_error *error) {
-    free(self->choice.text);
-    self->choice.text = NULL;
     tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
     if (status == TL_OK) {
         tl_log(TL_LOG_ERROR, "%s is not taken: version %llu, which was active, runs", self->start->path,
@@ -158,7 +133,16 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     }
     bool takes = is_first || is_good(self, in_force == NULL ? "" : in_force);
     free(in_force);
-    tl_status status = add_file(self, &number, error);
+    const tl_version_news news = {
+        .text = self->file,
+        .size = self->file_size,
+        .who = "the file",
+        .why = "",
+        .origin = TL_ORIGIN_START,
+        .right = TL_RIGHT_COMMISSION,
+        .kind = (tl_change_kind)self->verdict.kind,
+    };
+    tl_status status = tl_versions_add(&self->versions, &news, &number, error);
     if (status == TL_OK && takes) {
         status = activate(self, number, is_first, error);
     } else if (status == TL_OK) {
@@ -170,82 +154,58 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     return takes ? TL_OK : fall_back(self, error);
 }
 
-static void say_probation(const starting_run *self) {
+/* `keeps`: versions are known, and a changed file becomes one. */
+static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
     const tl_version_probation *probation = &self->versions.probation;
-    if (probation->version != 0) {
-        tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
-               (unsigned long long)probation->version, (unsigned long long)((probation->account.left_ms + 999) / 1000),
-               probation->account.terms.must_confirm ? "it is returned from unless somebody confirms it"
-                                                     : "it is kept if the lock holds");
-    }
-}
-
-static tl_status choose(starting_run *self, tl_error *error) {
-    read_file(self);
-    bool is_there = self->file_size >= 0;
-    tl_status status = tl_versions_choose(&self->versions, is_there ? self->file : NULL,
-                                          is_there ? (size_t)self->file_size : 0, &self->choice, error);
+    bool is_there = self->file != NULL;
+    tl_status status = tl_versions_choose(&self->versions, self->file, self->file_size, &self->choice, error);
     if (status != TL_OK) {
         return is_there ? status : tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
     }
     if (!is_there) {
         tl_log(TL_LOG_WARNING, "%s: %s", self->start->path, self->fault);
     }
-    if (self->choice.say[0] != '\0') {
-        tl_log(TL_LOG_NOTICE, "%s", self->choice.say);
+    status = self->choice.is_candidate && keeps ? take_file(self, error) : TL_OK;
+    if (probation->version != 0) {
+        tl_log(TL_LOG_NOTICE, "version %llu is on probation, %llu s are left; %s",
+               (unsigned long long)probation->version, (unsigned long long)((probation->account.left_ms + 999) / 1000),
+               probation->account.terms.must_confirm ? "it is returned from unless somebody confirms it"
+                                                     : "it is kept if the lock holds");
     }
-    status = self->choice.is_candidate ? take_file(self, error) : TL_OK;
-    say_probation(self);
     return status;
-}
-
-/* Nothing is known of versions: the file is what there is. */
-static tl_status take_only_file(starting_run *self, tl_error *error) {
-    tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, self->start->path);
-    read_file(self);
-    if (self->file_size < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->start->path, self->fault);
-    }
-    self->choice.size = (size_t)self->file_size;
-    self->choice.text = malloc(self->choice.size + 1);
-    if (self->choice.text == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
-    }
-    memcpy(self->choice.text, self->file, self->choice.size);
-    self->choice.text[self->choice.size] = '\0';
-    return TL_OK;
 }
 
 tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size, tl_error *error) {
     static starting_run self; /* it is large */
     self = (starting_run){.start = start};
     (void)mkdir(start->state, 0777); /* as the supervisor does later; who cannot is told by what follows */
-    tl_status status = tl_versions_open(start->state, &self.versions, error);
-    status = status == TL_OK ? choose(&self, error) : take_only_file(&self, error);
-    tl_versions_close(&self.versions);
-    if (status != TL_OK) {
-        free(self.choice.text);
-        return status;
+    bool keeps = tl_versions_open(start->state, &self.versions, error) == TL_OK;
+    if (!keeps) {
+        tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, start->path);
     }
-    *text = self.choice.text;
+    read_file(&self);
+    tl_status status = choose(&self, keeps, error);
+    tl_versions_close(&self.versions);
+    if (status != TL_OK || self.choice.text != NULL) {
+        free(self.file);
+        self.file = NULL;
+    }
+    *text = self.choice.text != NULL ? self.choice.text : self.file;
     *size = self.choice.size;
-    return TL_OK;
+    return status;
 }
 
 bool tl_version_start_failed(const tl_version_start *start, const char *reason) {
     tl_versions versions;
     tl_error error;
-    bool is_returned = false;
-    if (tl_versions_open(start->state, &versions, &error) != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-        return false;
+    tl_status status = tl_versions_open(start->state, &versions, &error);
+    bool is_on = status == TL_OK && versions.probation.version != 0;
+    if (is_on) {
+        status = tl_versions_settle(&versions, TL_VERSION_RETURNED, reason, &error);
     }
-    if (versions.probation.version != 0) {
-        is_returned = tl_versions_return(&versions, reason, &error) == TL_OK;
-        if (!is_returned) {
-            tl_log(TL_LOG_ERROR, "%s", error.text);
-        }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
     }
     tl_versions_close(&versions);
-    return is_returned;
+    return is_on && status == TL_OK;
 }

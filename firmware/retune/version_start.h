@@ -2,7 +2,7 @@
  *
  * Purpose: the file on the box is the first version. Later the active one may be another, that came while the plant ran: then a run begins with that one,
  *          unless somebody has changed the file since, which is then a candidate like any other.
- * Steps:   such a candidate is validated by a process of its own (validator.h). If it is good it is on probation, with the one before to
+ * Steps:   such a candidate is validated by a process of its own (worker.h). If it is good it is on probation, with the one before to
  *          return to; else the active version runs, and a line says why.
  * Also:    if a run with a version on probation cannot even begin, the one before is brought back (tl_version_start_failed()).
  * Disk:    one that refuses keeps no twin from its plant: what can be read runs, and the log says that it is no version.
@@ -20,7 +20,7 @@
 typedef struct tl_version_start {
     const char *state;                           /* the folder in which versions/ is */
     const char *path;                            /* of the file */
-    int (*be)(const char *title, void *context); /* as in errand.h */
+    int (*be)(const char *title, void *context); /* as in worker.h */
     void *context;
 } tl_version_start;
 

@@ -1,7 +1,6 @@
 /* The versions of a configuration on the disk: see versions.h. */
 #include "firmware/retune/versions.h"
 
-#include <ctype.h>
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -13,53 +12,62 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "firmware/base/json.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 
 /* ---- version files ---- */
 
-enum { SMALL_FILE = 16 * 1024, HASH = TL_SHA256_TEXT - 1, LOCK_KEY = 32, YARDSTICK = 64 * TL_MAX_MATCH };
+enum {
+    HASH = TL_SHA256_TEXT - 1,
+    DIGITS = 15, /* of a number, at most */
+    LOCK_KEY = 32,
+    YARDSTICK = 64 * TL_MAX_MATCH,
+    LONGEST_NAME = 128 /* in the folder, with what a new file adds to it */
+};
 
-static char *tl_version_read_text(const tl_versions *versions, const char *hash, uint64_t size, tl_error *error);
-
-static tl_status tl_version_put(tl_versions *versions, const tl_versions *next, tl_error *error);
+static const uint64_t LAST_NUMBER = 999999999999999; /* of so many digits */
 
 /* ---- names ---- */
+
+/* What a name in the folder means. */
+typedef enum file_kind {
+    FILE_FOREIGN,
+    FILE_RECORD, /* and its number */
+    FILE_TEXT,   /* and its hash */
+    FILE_LEFT    /* that a power cut left unfinished */
+} file_kind;
 
 static bool is_hash(const char *text) {
     return strspn(text, "0123456789abcdef") == HASH;
 }
 
-static tl_version_file tl_version_file_of(const char *name, uint64_t *number, char hash[TL_SHA256_TEXT]) {
+static file_kind kind_of(const char *name, uint64_t *number, char hash[TL_SHA256_TEXT]) {
     size_t digits = strspn(name, "0123456789");
     if (strstr(name, ".json.new-") != NULL) {
-        return TL_VERSION_FILE_LEFT;
+        return FILE_LEFT;
     }
-    if (digits > 0 && digits <= TL_VERSION_DIGITS && name[0] != '0' && strcmp(name + digits, ".record.json") == 0) {
+    if (digits > 0 && digits <= DIGITS && name[0] != '0' && strcmp(name + digits, ".record.json") == 0) {
         *number = strtoull(name, NULL, 10);
-        return TL_VERSION_FILE_RECORD;
+        return FILE_RECORD;
     }
     if (is_hash(name) && strcmp(name + HASH, ".json") == 0) {
-        (void)snprintf(hash, TL_SHA256_TEXT, "%s", name);
-        return TL_VERSION_FILE_TEXT;
+        (void)snprintf(hash, TL_SHA256_TEXT, "%.*s", (int)HASH, name);
+        return FILE_TEXT;
     }
-    return TL_VERSION_FILE_FOREIGN;
+    return FILE_FOREIGN;
 }
 
 /* There is room: tl_versions_open() has seen to it. */
-static void path_of(const tl_versions *versions, const char *name, const char *end, char path[PATH_MAX]) {
-    int length = snprintf(path, PATH_MAX, "%s/%s%s", versions->folder, name, end);
+static void path_of(const tl_versions *versions, const char *name, char path[PATH_MAX]) {
+    int length = snprintf(path, PATH_MAX, "%s/%s.json", versions->folder, name);
     path[length < PATH_MAX ? length : 0] = '\0';
 }
 
-static void tl_version_record_path(const tl_versions *versions, uint64_t number, char path[PATH_MAX]) {
-    char name[24];
-    (void)snprintf(name, sizeof name, "%" PRIu64, number);
-    path_of(versions, name, ".record.json", path);
-}
-
-static void tl_version_text_path(const tl_versions *versions, const char *hash, char path[PATH_MAX]) {
-    path_of(versions, hash, ".json", path);
+static void record_path(const tl_versions *versions, uint64_t number, char path[PATH_MAX]) {
+    char name[40];
+    (void)snprintf(name, sizeof name, "%" PRIu64 ".record", number);
+    path_of(versions, name, path);
 }
 
 /* ---- words ---- */
@@ -72,52 +80,51 @@ const char *tl_version_result_name(tl_version_result result) {
     return results[result];
 }
 
-/* Which of `count` words the member is; none: 0, and the reader is not right any more. */
-static size_t read_word(tl_json_reader *reader, const char *key, const char *const words[], size_t count) {
-    const char *word = tl_json_text(reader, key);
+/* ---- small files ---- */
+
+/* The members of a JSON file, which are written to `writer`; if that is NULL, they are read from `reader`. */
+typedef struct members {
+    tl_json_writer *writer;
+    tl_json_reader *reader;
+} members;
+
+static void exchange_count(const members *file, const char *key, uint64_t *count) {
+    if (file->writer != NULL) {
+        tl_json_add_count(file->writer, key, *count);
+    } else {
+        *count = tl_json_count(file->reader, key);
+    }
+}
+
+static void exchange_text(const members *file, const char *key, char *text, size_t size) {
+    if (file->writer != NULL) {
+        tl_json_add_text(file->writer, key, text);
+    } else {
+        tl_text_for_people(tl_json_text(file->reader, key), text, size);
+    }
+}
+
+/* One of `count` words, by its number; if it is read and is none of them: 0, and the reader is not right any more. */
+static size_t exchange_word(const members *file, const char *key, size_t word, const char *const words[],
+                            size_t count) {
+    if (file->writer != NULL) {
+        tl_json_add_text(file->writer, key, words[word]);
+        return word;
+    }
+    const char *text = tl_json_text(file->reader, key);
     for (size_t i = 0; i < count; i++) {
-        if (strcmp(words[i], word) == 0) {
+        if (strcmp(words[i], text) == 0) {
             return i;
         }
     }
-    reader->right = false;
+    file->reader->right = false;
     return 0;
 }
 
-static void read_text(tl_json_reader *reader, const char *key, char *text, size_t size) {
-    (void)snprintf(text, size, "%s", tl_json_text(reader, key));
-}
-
-/* ---- small files ---- */
-
-tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error) {
-    tl_new_file file;
-    tl_status status = tl_new_file_open(path, &file, error);
-    if (status != TL_OK) {
-        return TL_TRY_AGAIN;
-    }
-    status = tl_json_writer_print(writer, file.file, error);
-    if (status != TL_OK) {
-        tl_new_file_discard(&file);
-        return status;
-    }
-    return tl_new_file_keep(&file, error);
-}
-
-bool tl_version_read_object(const char *path, tl_json_reader *reader) {
-    char text[SMALL_FILE];
-    *reader = (tl_json_reader){NULL, false};
-    FILE *file = fopen(path, "re");
-    if (file == NULL) {
-        return false;
-    }
-    size_t size = fread(text, 1, sizeof text, file);
-    bool whole = ferror(file) == 0 && feof(file) != 0;
-    (void)fclose(file);
-    if (whole) {
-        *reader = tl_json_reader_of(text, size);
-    }
-    return reader->right;
+static tl_status write_members(tl_json_writer *writer, const char *path, tl_error *error) {
+    tl_status status = tl_json_file_write(writer, path, error);
+    tl_json_writer_free(writer);
+    return status;
 }
 
 /* What a version takes beside its text: its record, and active.json. */
@@ -126,7 +133,7 @@ enum { BESIDE = 16 * 1024 };
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error) {
     char path[PATH_MAX];
     tl_new_file file;
-    path_of(versions, "room", ".json", path);
+    path_of(versions, "room", path);
     if (tl_new_file_open(path, &file, error) != TL_OK) {
         return TL_TRY_AGAIN;
     }
@@ -139,116 +146,50 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 
 /* ---- a record ---- */
 
-static tl_status tl_version_write_record(const tl_versions *versions, const tl_version *version, tl_error *error) {
+static void exchange_record(const members *file, tl_version *version) {
+    exchange_count(file, "version", &version->number);
+    exchange_count(file, "parent", &version->parent);
+    exchange_text(file, "hash", version->hash, sizeof version->hash);
+    exchange_count(file, "bytes", &version->size);
+    version->origin = (tl_change_origin)exchange_word(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
+    version->right = (tl_change_right)exchange_word(file, "right", version->right, tl_change_rights, TL_RIGHTS);
+    version->kind = (tl_change_kind)exchange_word(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
+    version->result = (tl_version_result)exchange_word(file, "result", version->result, results, TL_VERSION_RESULTS);
+    exchange_text(file, "reason", version->reason, sizeof version->reason);
+    exchange_text(file, "who", version->who, sizeof version->who);
+    exchange_text(file, "why", version->why, sizeof version->why);
+    exchange_text(file, "at", version->at, sizeof version->at);
+    exchange_text(file, "boot", version->boot, sizeof version->boot);
+    exchange_count(file, "boottime_ms", &version->boottime_ms);
+}
+
+static tl_status write_record(const tl_versions *versions, const tl_version *version, tl_error *error) {
     char path[PATH_MAX];
     tl_json_writer writer;
+    tl_version copy = *version;
     tl_json_writer_begin(&writer);
-    tl_json_add_count(&writer, "version", version->number);
-    tl_json_add_count(&writer, "parent", version->parent);
-    tl_json_add_text(&writer, "hash", version->hash);
-    tl_json_add_count(&writer, "bytes", version->size);
-    tl_json_add_text(&writer, "origin", tl_change_origins[version->origin]);
-    tl_json_add_text(&writer, "right", tl_change_rights[version->right]);
-    tl_json_add_text(&writer, "kind", tl_change_kinds[version->kind]);
-    tl_json_add_text(&writer, "result", results[version->result]);
-    tl_json_add_text(&writer, "reason", version->reason);
-    tl_json_add_text(&writer, "who", version->who);
-    tl_json_add_text(&writer, "why", version->why);
-    tl_json_add_text(&writer, "at", version->at);
-    tl_json_add_text(&writer, "boot", version->boot);
-    tl_json_add_count(&writer, "boottime_ms", version->boottime_ms);
-    tl_version_record_path(versions, version->number, path);
-    tl_status status = tl_version_write_object(path, &writer, error);
-    tl_json_writer_free(&writer);
-    return status;
-}
-
-static void understand_record(tl_json_reader *reader, tl_version *version) {
-    *version = (tl_version){
-        .number = tl_json_count(reader, "version"),
-        .parent = tl_json_count(reader, "parent"),
-        .size = tl_json_count(reader, "bytes"),
-        .origin = (tl_change_origin)read_word(reader, "origin", tl_change_origins, TL_ORIGINS),
-        .right = (tl_change_right)read_word(reader, "right", tl_change_rights, TL_RIGHTS),
-        .kind = (tl_change_kind)read_word(reader, "kind", tl_change_kinds, TL_CHANGE_KINDS),
-        .result = (tl_version_result)read_word(reader, "result", results, TL_VERSION_RESULTS),
-        .boottime_ms = tl_json_count(reader, "boottime_ms"),
-    };
-    read_text(reader, "hash", version->hash, sizeof version->hash);
-    read_text(reader, "reason", version->reason, sizeof version->reason);
-    read_text(reader, "who", version->who, sizeof version->who);
-    read_text(reader, "why", version->why, sizeof version->why);
-    read_text(reader, "at", version->at, sizeof version->at);
-    read_text(reader, "boot", version->boot, sizeof version->boot);
-}
-
-/* False: it is damaged. */
-static bool tl_version_read_record(const tl_versions *versions, uint64_t number, tl_version *version) {
-    char path[PATH_MAX];
-    tl_json_reader reader;
-    tl_version_record_path(versions, number, path);
-    bool right = tl_version_read_object(path, &reader);
-    if (right) {
-        understand_record(&reader, version);
-        right = reader.right && version->number == number && version->parent < number && is_hash(version->hash) &&
-                version->size <= TL_VERSIONS_BYTES && version->right >= TL_RIGHT_RETUNE;
-    }
-    tl_json_reader_free(&reader);
-    return right;
+    exchange_record(&(members){.writer = &writer}, &copy);
+    record_path(versions, version->number, path);
+    return write_members(&writer, path, error);
 }
 
 /* ---- a text ---- */
 
-static tl_status tl_version_write_text(const tl_versions *versions, const char *hash, const char *text, size_t size,
-                                       bool *made, tl_error *error) {
-    char path[PATH_MAX];
-    tl_new_file file;
-    char *there = tl_version_read_text(versions, hash, size, error);
-    free(there);
-    *made = there == NULL;
-    if (there != NULL) {
-        return TL_OK;
-    }
-    tl_version_text_path(versions, hash, path);
-    if (tl_new_file_open(path, &file, error) != TL_OK) {
-        return TL_TRY_AGAIN;
-    }
-    (void)fwrite(text, 1, size, file.file);
-    return tl_new_file_keep(&file, error);
-}
-
-/* All of a file that has so many bytes, with a NUL behind them. */
-static char *read_bytes(const char *path, size_t size) {
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-    char *bytes = file >= 0 ? malloc(size + 1) : NULL;
-    ssize_t got = bytes != NULL ? tl_file_bytes_read(file, bytes, size + 1) : -1;
-    int cause = errno;
-    if (file >= 0) {
-        (void)close(file);
-    }
-    if (got < 0 || (size_t)got != size) {
-        free(bytes);
-        errno = got < 0 ? cause : 0;
-        return NULL;
-    }
-    bytes[size] = '\0';
-    return bytes;
-}
-
 /* Of so many bytes with this hash; the caller's to free(). NULL: there is none, and `error` says why. */
-static char *tl_version_read_text(const tl_versions *versions, const char *hash, uint64_t size, tl_error *error) {
+static char *read_version_text(const tl_versions *versions, const char *hash, uint64_t size, tl_error *error) {
     char path[PATH_MAX];
     char found[TL_SHA256_TEXT] = "";
-    tl_version_text_path(versions, hash, path);
-    char *text = read_bytes(path, (size_t)size);
-    if (text == NULL && errno != 0) {
+    size_t got = 0;
+    path_of(versions, hash, path);
+    char *text = tl_file_text_take(open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK), (size_t)size, &got);
+    if (text == NULL && errno != EFBIG) {
         (void)tl_fail(error, TL_BAD_DATA, "%.300s: %s", path, strerror(errno));
         return NULL;
     }
     if (text != NULL) {
-        tl_sha256(text, (size_t)size, found);
+        tl_sha256(text, got, found);
     }
-    if (text == NULL || strcmp(found, hash) != 0) {
+    if (got != size || strcmp(found, hash) != 0) {
         (void)tl_fail(error, TL_BAD_DATA, "%.300s: is damaged: its bytes are not those that it is named after", path);
         free(text);
         return NULL;
@@ -256,11 +197,24 @@ static char *tl_version_read_text(const tl_versions *versions, const char *hash,
     return text;
 }
 
-/* ---- active.json ---- */
-
-static void lock_key(const char *which, int state, char key[LOCK_KEY]) {
-    (void)snprintf(key, LOCK_KEY, "%s_%s", which, tl_lock_state_name((tl_lock_state)state));
+static tl_status write_version_text(const tl_versions *versions, const char *hash, const char *text, size_t size,
+                                    tl_error *error) {
+    char path[PATH_MAX];
+    tl_new_file file;
+    char *there = read_version_text(versions, hash, size, error);
+    free(there);
+    if (there != NULL) {
+        return TL_OK;
+    }
+    path_of(versions, hash, path);
+    if (tl_new_file_open(path, &file, error) != TL_OK) {
+        return TL_TRY_AGAIN;
+    }
+    (void)fwrite(text, 1, size, file.file);
+    return tl_new_file_keep(&file, error);
 }
+
+/* ---- active.json ---- */
 
 /* "1*0.5 2*1 ": tolerance and weight of each output, to the last bit; cut behind the last one that counts. */
 static void write_yardstick(const tl_lock_yardstick *yardstick, char text[YARDSTICK]) {
@@ -291,322 +245,101 @@ static bool understand_yardstick(const char *text, tl_lock_yardstick *yardstick)
     return text[0] == '\0' && tl_lock_yardstick_is_sound(yardstick);
 }
 
-static void write_probation(tl_json_writer *writer, const tl_version_probation *probation) {
-    const tl_probation_account *account = &probation->account;
-    char key[LOCK_KEY];
-    char yardstick[YARDSTICK];
-    write_yardstick(&account->yardstick, yardstick);
-    tl_json_add_count(writer, "probation", probation->version);
-    tl_json_add_count(writer, "return_to", probation->return_to);
-    tl_json_add_count(writer, "given_s", account->terms.given_s);
-    tl_json_add_count(writer, "left_ms", account->left_ms);
-    tl_json_add_number(writer, "require_lock", account->terms.require_lock);
-    tl_json_add_truth(writer, "must_confirm", account->terms.must_confirm);
-    tl_json_add_count(writer, "before_steps", account->before_steps);
-    tl_json_add_count(writer, "before_misses", account->before_misses);
-    tl_json_add_count(writer, "steps", account->steps);
-    tl_json_add_count(writer, "misses", account->misses);
-    tl_json_add_count(writer, "skipped", account->skipped);
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key("lock", i, key);
-        tl_json_add_count(writer, key, account->lock[i]);
-        lock_key("lock_before", i, key);
-        tl_json_add_count(writer, key, account->lock_before[i]);
+static void exchange_yardstick(const members *file, tl_lock_yardstick *yardstick) {
+    char text[YARDSTICK];
+    if (file->writer != NULL) {
+        write_yardstick(yardstick, text);
     }
-    tl_json_add_text(writer, "yardstick", yardstick);
-    tl_json_add_text(writer, "widened", account->widened);
+    exchange_text(file, "yardstick", text, sizeof text);
+    if (file->reader != NULL && !understand_yardstick(text, yardstick)) {
+        file->reader->right = false;
+    }
 }
 
-/* active.json. */
-static tl_status tl_version_write_active(const tl_versions *versions, tl_error *error) {
+static void exchange_terms(const members *file, tl_probation_terms *terms) {
+    uint64_t given = terms->given_s;
+    exchange_count(file, "given_s", &given);
+    terms->given_s = given < UINT32_MAX ? (uint32_t)given : UINT32_MAX;
+    if (file->writer != NULL) {
+        tl_json_add_number(file->writer, "require_lock", terms->require_lock);
+        tl_json_add_truth(file->writer, "must_confirm", terms->must_confirm);
+    } else {
+        terms->require_lock = tl_json_number(file->reader, "require_lock");
+        terms->must_confirm = tl_json_truth(file->reader, "must_confirm");
+    }
+}
+
+static void exchange_probation(const members *file, tl_version_probation *probation) {
+    tl_probation_account *account = &probation->account;
+    exchange_count(file, "probation", &probation->version);
+    exchange_count(file, "return_to", &probation->return_to);
+    exchange_terms(file, &account->terms);
+    exchange_count(file, "left_ms", &account->left_ms);
+    exchange_count(file, "before_steps", &account->before_steps);
+    exchange_count(file, "before_misses", &account->before_misses);
+    exchange_count(file, "steps", &account->steps);
+    exchange_count(file, "misses", &account->misses);
+    exchange_count(file, "skipped", &account->skipped);
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        const char *state = tl_lock_state_name((tl_lock_state)i);
+        char key[LOCK_KEY];
+        (void)snprintf(key, sizeof key, "lock_%s", state);
+        exchange_count(file, key, &account->lock[i]);
+        (void)snprintf(key, sizeof key, "lock_before_%s", state);
+        exchange_count(file, key, &account->lock_before[i]);
+    }
+    exchange_yardstick(file, &account->yardstick);
+    exchange_text(file, "widened", account->widened, sizeof account->widened);
+}
+
+static void exchange_active(const members *file, tl_versions *versions) {
+    exchange_count(file, "active", &versions->active);
+    exchange_text(file, "taken", versions->taken, sizeof versions->taken);
+    exchange_count(file, "settled", &versions->settled);
+    versions->how = (tl_version_result)exchange_word(file, "settled_as", versions->how, results, TL_VERSION_RESULTS);
+    exchange_text(file, "settled_because", versions->because, sizeof versions->because);
+    exchange_probation(file, &versions->probation);
+}
+
+static tl_status write_active(const tl_versions *versions, tl_error *error) {
     char path[PATH_MAX];
     tl_json_writer writer;
+    tl_versions copy = *versions;
     tl_json_writer_begin(&writer);
-    tl_json_add_count(&writer, "active", versions->active);
-    tl_json_add_text(&writer, "taken", versions->taken);
-    tl_json_add_count(&writer, "settled", versions->settled);
-    tl_json_add_text(&writer, "settled_as", results[versions->how]);
-    tl_json_add_text(&writer, "settled_because", versions->because);
-    write_probation(&writer, &versions->probation);
-    path_of(versions, "active", ".json", path);
-    tl_status status = tl_version_write_object(path, &writer, error);
-    tl_json_writer_free(&writer);
-    return status;
+    exchange_active(&(members){.writer = &writer}, &copy);
+    path_of(versions, "active", path);
+    return write_members(&writer, path, error);
 }
 
-/* An older program has not written it. */
-static void understand_before(tl_json_reader *reader, tl_probation_account *account) {
-    char key[LOCK_KEY];
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key("lock_before", i, key);
-        account->lock_before[i] = tl_json_count(reader, key);
-    }
-    read_text(reader, "widened", account->widened, sizeof account->widened);
-    reader->right = understand_yardstick(tl_json_text(reader, "yardstick"), &account->yardstick) && reader->right;
-}
-
-static void understand_probation(tl_json_reader *reader, tl_version_probation *probation) {
-    tl_probation_account *account = &probation->account;
-    char key[LOCK_KEY];
-    uint64_t given = tl_json_count(reader, "given_s");
-    *probation = (tl_version_probation){
-        .version = tl_json_count(reader, "probation"),
-        .return_to = tl_json_count(reader, "return_to"),
-        .account = {.terms = {given < UINT32_MAX ? (uint32_t)given : UINT32_MAX, tl_json_number(reader, "require_lock"),
-                              tl_json_truth(reader, "must_confirm")},
-                    .before_steps = tl_json_count(reader, "before_steps"),
-                    .before_misses = tl_json_count(reader, "before_misses"),
-                    .left_ms = tl_json_count(reader, "left_ms"),
-                    .steps = tl_json_count(reader, "steps"),
-                    .misses = tl_json_count(reader, "misses"),
-                    .skipped = tl_json_count(reader, "skipped")},
-    };
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        lock_key("lock", i, key);
-        account->lock[i] = tl_json_count(reader, key);
-    }
-    if (tl_json_has(reader, "yardstick")) {
-        understand_before(reader, account);
-    }
-}
-
-/* One that this program may have given. */
-static bool is_number(uint64_t number) {
+/* Numbers that this program may have given. */
+static bool is_active_sound(const tl_versions *versions) {
     const uint64_t above = 1000000000000;
-    return number < above;
+    return (versions->taken[0] == '\0' || is_hash(versions->taken)) && versions->active < above &&
+           versions->settled < above &&
+           (versions->probation.version == 0 || versions->probation.version == versions->active);
 }
 
-static void understand_active(tl_json_reader *reader, tl_versions *versions) {
-    versions->active = tl_json_count(reader, "active");
-    versions->settled = tl_json_count(reader, "settled");
-    versions->how = (tl_version_result)read_word(reader, "settled_as", results, TL_VERSION_RESULTS);
-    read_text(reader, "settled_because", versions->because, sizeof versions->because);
-    read_text(reader, "taken", versions->taken, sizeof versions->taken);
-    understand_probation(reader, &versions->probation);
-    reader->right = reader->right && (versions->taken[0] == '\0' || is_hash(versions->taken)) &&
-                    is_number(versions->active) && is_number(versions->settled) &&
-                    (versions->probation.version == 0 || versions->probation.version == versions->active);
-}
-
-/* What it says goes to `versions` if it is found, else nothing. */
-static tl_version_found tl_version_read_active(tl_versions *versions) {
+/* What it says goes to `versions`, if it is there. False: it is damaged. */
+static bool read_active(tl_versions *versions) {
     char path[PATH_MAX];
-    tl_json_reader reader;
-    tl_versions read = *versions;
-    path_of(versions, "active", ".json", path);
+    tl_versions found = *versions;
+    path_of(versions, "active", path);
     if (access(path, F_OK) != 0 && errno == ENOENT) {
-        return TL_VERSION_NONE;
+        return true;
     }
-    bool right = tl_version_read_object(path, &reader);
-    if (right) {
-        understand_active(&reader, &read);
-        right = reader.right;
-    }
+    tl_json_reader reader = tl_json_file_read(path);
+    exchange_active(&(members){.reader = &reader}, &found);
+    bool right = reader.right && is_active_sound(&found);
     tl_json_reader_free(&reader);
     if (right) {
-        *versions = read;
+        *versions = found;
     }
-    return right ? TL_VERSION_FOUND : TL_VERSION_DAMAGED;
+    return right;
 }
-
-/* ---- version choice ---- */
-
-enum { SHORT_HASH = 12 };
-
-/* ---- finding ---- */
-
-static const tl_version *find_number(const tl_versions *versions, const char *what) {
-    size_t digits = strspn(what, "0123456789");
-    return digits > 0 && digits <= TL_VERSION_DIGITS && what[digits] == '\0'
-               ? tl_versions_get(versions, strtoull(what, NULL, 10))
-               : NULL;
-}
-
-static const tl_version *find_hash(const tl_versions *versions, const char *what, tl_error *error) {
-    const tl_version *found = NULL;
-    for (size_t i = 0; i < versions->count; i++) {
-        const tl_version *version = &versions->list[i];
-        if (strncmp(version->hash, what, strlen(what)) != 0) {
-            continue;
-        }
-        if (found != NULL && strcmp(found->hash, version->hash) != 0) {
-            (void)tl_fail(error, TL_BAD_DATA,
-                          "%s may be version %" PRIu64 " (%.*s) or %" PRIu64 " (%.*s): give more of its digits", what,
-                          found->number, (int)SHORT_HASH, found->hash, version->number, (int)SHORT_HASH, version->hash);
-            return NULL;
-        }
-        found = version;
-    }
-    if (found == NULL) {
-        (void)tl_fail(error, TL_BAD_DATA, "no version has a hash that begins with %s", what);
-    }
-    return found;
-}
-
-const tl_version *tl_versions_find(const tl_versions *versions, const char *what, tl_error *error) {
-    const tl_version *found = find_number(versions, what);
-    size_t length = strlen(what);
-    if (found == NULL && length >= TL_VERSION_PREFIX && strspn(what, "0123456789abcdef") == length) {
-        return find_hash(versions, what, error);
-    }
-    if (found == NULL) {
-        (void)tl_fail(error, TL_BAD_DATA,
-                      "there is no version \"%.70s\": expected its number, or the first %d digits of its hash or more",
-                      what, (int)TL_VERSION_PREFIX);
-    }
-    return found;
-}
-
-tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **text, tl_error *error) {
-    tl_error cause;
-    const tl_version *version = tl_versions_get(versions, number);
-    *text = NULL;
-    if (version == NULL) {
-        return tl_fail(error, TL_BAD_DATA, "there is no version %" PRIu64, number);
-    }
-    *text = tl_version_read_text(versions, version->hash, version->size, &cause);
-    return *text != NULL ? TL_OK
-                         : tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " cannot be read: %s", number, cause.text);
-}
-
-tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
-                           tl_error *error) {
-    const tl_version *version = tl_versions_get(versions, number);
-    char hash[TL_SHA256_TEXT];
-    bool is_made = false;
-    tl_sha256(text, size, hash);
-    if (version == NULL || version->size != size || strcmp(version->hash, hash) != 0) {
-        return tl_fail(error, TL_BAD_DATA, "that is not the text of version %" PRIu64, number);
-    }
-    return tl_version_write_text(versions, hash, text, size, &is_made, error);
-}
-
-/* ---- choosing ---- */
-
-static void say(tl_version_choice *choice, const char *text) {
-    size_t length = strlen(choice->say);
-    (void)snprintf(choice->say + length, sizeof choice->say - length, "%s%s", length > 0 ? "; " : "", text);
-}
-
-static tl_status choose_file(const char *file, size_t size, tl_version_choice *choice, tl_error *error) {
-    choice->text = malloc(size + 1);
-    if (choice->text == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a configuration of %zu bytes", size);
-    }
-    memcpy(choice->text, file, size);
-    choice->text[size] = '\0';
-    choice->size = size;
-    return TL_OK;
-}
-
-/* The file is the active version: whatever it was before, it is taken. Its text on disk may be damaged; here is another one. */
-static tl_status choose_same(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
-                             tl_error *error) {
-    bool made = false;
-    tl_versions next = *versions;
-    const tl_version *active = tl_versions_get(versions, versions->active);
-    tl_status status = choose_file(file, size, choice, error);
-    choice->number = active->number;
-    memcpy(next.taken, active->hash, sizeof next.taken);
-    if (status == TL_OK &&
-        (tl_version_write_text(versions, active->hash, file, size, &made, error) != TL_OK ||
-         (strcmp(versions->taken, next.taken) != 0 && tl_version_put(versions, &next, error) != TL_OK))) {
-        say(choice, error->text);
-    }
-    return status;
-}
-
-static bool was_good(const tl_version *version) {
-    return version != NULL && (version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE);
-}
-
-/* Its parent, or else the newest before it that was good; 0: there is none. */
-static uint64_t before(const tl_versions *versions, uint64_t number) {
-    const tl_version *version = tl_versions_get(versions, number);
-    uint64_t best = 0;
-    if (version != NULL && was_good(tl_versions_get(versions, version->parent))) {
-        return version->parent;
-    }
-    for (size_t i = 0; i < versions->count && versions->list[i].number < number; i++) {
-        best = was_good(&versions->list[i]) ? versions->list[i].number : best;
-    }
-    return best;
-}
-
-/* The active version, or the nearest one before it that can be read. False: there is none. */
-static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
-    tl_error error;
-    uint64_t number = versions->active;
-    while (number != 0 && tl_versions_read(versions, number, &choice->text, &error) != TL_OK) {
-        say(choice, error.text);
-        number = before(versions, number);
-    }
-    choice->number = number;
-    if (number == 0) {
-        return false;
-    }
-    choice->size = (size_t)tl_versions_get(versions, number)->size;
-    if (number != versions->active) {
-        char text[64];
-        (void)snprintf(text, sizeof text, "version %" PRIu64 " runs in its place", number);
-        say(choice, text);
-        if (tl_versions_activate(versions, number, NULL, &error) != TL_OK) {
-            say(choice, error.text);
-        }
-    }
-    return true;
-}
-
-/* No version can be read: the file is the first one again. */
-static tl_status begin_again(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
-                             tl_error *error) {
-    tl_versions next = *versions;
-    tl_error refused;
-    next.active = 0;
-    next.probation = (tl_version_probation){.version = 0};
-    say(choice, "the configuration's file runs in its place");
-    if (tl_version_put(versions, &next, &refused) != TL_OK) {
-        say(choice, refused.text);
-    }
-    choice->is_candidate = true;
-    return choose_file(file, size, choice, error);
-}
-
-tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
-                             tl_error *error) {
-    const tl_version *active = tl_versions_get(versions, versions->active);
-    char hash[TL_SHA256_TEXT] = "";
-    *choice = (tl_version_choice){.number = 0};
-    if (file != NULL) {
-        tl_sha256(file, size, hash);
-    }
-    if (file != NULL && active != NULL && strcmp(hash, active->hash) == 0) {
-        return choose_same(versions, file, size, choice, error);
-    }
-    if (file != NULL && (versions->active == 0 || strcmp(hash, versions->taken) != 0)) {
-        choice->is_candidate = true;
-        if (versions->active != 0) {
-            say(choice, "the configuration's file was changed since it was taken last: it is tried");
-        }
-        return choose_file(file, size, choice, error);
-    }
-    if (choose_version(versions, choice)) {
-        return TL_OK;
-    }
-    return file != NULL ? begin_again(versions, file, size, choice, error)
-                        : tl_fail(error, TL_BAD_DATA,
-                                  "there is no configuration: neither its file nor a version of it can be read");
-}
-
-/* ---- versions ---- */
-
-enum { LONGEST_NAME = 128 }; /* in the folder, with what a new file adds to it */
-
-static const uint64_t LAST_NUMBER = 999999999999999; /* of TL_VERSION_DIGITS */
 
 /* ---- the list ---- */
 
-static tl_version *find(const tl_versions *versions, uint64_t number) {
+const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) {
     for (size_t i = 0; i < versions->count; i++) {
         if (versions->list[i].number == number) {
             return &versions->list[i];
@@ -615,22 +348,28 @@ static tl_version *find(const tl_versions *versions, uint64_t number) {
     return NULL;
 }
 
-const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) {
-    return find(versions, number);
+const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash) {
+    for (size_t i = versions->count; i > 0; i--) {
+        if (strcmp(versions->list[i - 1].hash, hash) == 0) {
+            return &versions->list[i - 1];
+        }
+    }
+    return NULL;
 }
 
-static bool is_commissioned(const tl_version *version) {
-    bool is_good = version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE;
-    bool is_limited = version->origin == TL_ORIGIN_NETWORK || version->origin == TL_ORIGIN_LIMITED;
-    return is_good && (!is_limited || version->right >= TL_RIGHT_COMMISSION);
+static bool was_good(const tl_version *version) {
+    return version != NULL && (version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE);
 }
 
 const tl_version *tl_versions_commissioned(const tl_versions *versions) {
-    size_t i = versions->count;
-    while (i > 0 && !is_commissioned(&versions->list[i - 1])) {
-        i--;
+    for (size_t i = versions->count; i > 0; i--) {
+        const tl_version *version = &versions->list[i - 1];
+        bool is_limited = version->origin == TL_ORIGIN_NETWORK || version->origin == TL_ORIGIN_LIMITED;
+        if (was_good(version) && (!is_limited || version->right >= TL_RIGHT_COMMISSION)) {
+            return version;
+        }
     }
-    return i == 0 ? NULL : &versions->list[i - 1];
+    return NULL;
 }
 
 /* Room for one more. */
@@ -647,13 +386,27 @@ static bool grow(tl_versions *versions) {
     return list != NULL;
 }
 
-static bool has_text(const tl_versions *versions, const char *hash) {
-    for (size_t i = 0; i < versions->count; i++) {
-        if (strcmp(versions->list[i].hash, hash) == 0) {
-            return true;
-        }
+tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **text, tl_error *error) {
+    tl_error cause;
+    const tl_version *version = tl_versions_get(versions, number);
+    *text = NULL;
+    if (version == NULL) {
+        return tl_fail(error, TL_BAD_DATA, "there is no version %" PRIu64, number);
     }
-    return false;
+    *text = read_version_text(versions, version->hash, version->size, &cause);
+    return *text != NULL ? TL_OK
+                         : tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " cannot be read: %s", number, cause.text);
+}
+
+tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
+                           tl_error *error) {
+    const tl_version *version = tl_versions_get(versions, number);
+    char hash[TL_SHA256_TEXT];
+    tl_sha256(text, size, hash);
+    if (version == NULL || version->size != size || strcmp(version->hash, hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "that is not the text of version %" PRIu64, number);
+    }
+    return write_version_text(versions, hash, text, size, error);
 }
 
 /* ---- opening ---- */
@@ -691,10 +444,15 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
 /* False where memory is out. */
 static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
     char path[PATH_MAX];
-    tl_version version;
+    tl_version version = {.number = 0};
+    record_path(versions, number, path);
+    tl_json_reader reader = tl_json_file_read(path);
+    exchange_record(&(members){.reader = &reader}, &version);
+    bool right = reader.right && version.number == number && version.parent < number && is_hash(version.hash) &&
+                 version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
+    tl_json_reader_free(&reader);
     versions->newest = number > versions->newest ? number : versions->newest;
-    if (!tl_version_read_record(versions, number, &version)) {
-        tl_version_record_path(versions, number, path);
+    if (!right) {
         tl_log(TL_LOG_WARNING, "%s: is damaged: version %" PRIu64 " cannot be brought back", path, number);
         *damaged = true;
         return true;
@@ -712,8 +470,8 @@ static int by_number(const void *left, const void *right) {
     return (a->number > b->number) - (a->number < b->number);
 }
 
-/* Reads the records, and removes what a power cut left unfinished. */
-static tl_status read_records(tl_versions *versions, bool *damaged, tl_error *error) {
+/* Reads the records, and removes what a power cut left unfinished; once they are read, texts that no version has: a power cut was faster than the record. */
+static tl_status scan_folder(tl_versions *versions, bool are_read, bool *damaged, tl_error *error) {
     char path[PATH_MAX + NAME_MAX + 2];
     char hash[TL_SHA256_TEXT];
     uint64_t number = 0;
@@ -723,69 +481,47 @@ static tl_status read_records(tl_versions *versions, bool *damaged, tl_error *er
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be read: %s", versions->folder, strerror(errno));
     }
     for (struct dirent *entry = readdir(folder); entry != NULL && enough; entry = readdir(folder)) {
-        tl_version_file file = tl_version_file_of(entry->d_name, &number, hash);
-        if (file == TL_VERSION_FILE_RECORD) {
+        file_kind kind = kind_of(entry->d_name, &number, hash);
+        if (kind == FILE_RECORD && !are_read) {
             enough = read_record(versions, number, damaged);
-        } else if (file == TL_VERSION_FILE_LEFT) {
+        } else if (kind == FILE_LEFT ||
+                   (kind == FILE_TEXT && are_read && tl_versions_of_hash(versions, hash) == NULL)) {
             (void)snprintf(path, sizeof path, "%s/%s", versions->folder, entry->d_name);
             (void)unlink(path);
         }
     }
     (void)closedir(folder);
-    if (!enough) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.300s: not enough memory for its versions", versions->folder);
-    }
-    if (versions->count > 1) {
-        qsort(versions->list, versions->count, sizeof *versions->list, by_number);
-    }
-    return TL_OK;
-}
-
-/* Texts that no version has: a power cut was faster than the record. */
-static void remove_orphans(const tl_versions *versions) {
-    char path[PATH_MAX];
-    char hash[TL_SHA256_TEXT];
-    uint64_t number = 0;
-    DIR *folder = opendir(versions->folder);
-    for (struct dirent *entry = folder != NULL ? readdir(folder) : NULL; entry != NULL; entry = readdir(folder)) {
-        if (tl_version_file_of(entry->d_name, &number, hash) == TL_VERSION_FILE_TEXT && !has_text(versions, hash)) {
-            tl_version_text_path(versions, hash, path);
-            (void)unlink(path);
-        }
-    }
-    if (folder != NULL) {
-        (void)closedir(folder);
-    }
+    return enough ? TL_OK
+                  : tl_fail(error, TL_TRY_AGAIN, "%.300s: not enough memory for its versions", versions->folder);
 }
 
 /* Says what came of a version. If that cannot be written, the next one that opens the folder does it: it is in active.json too. */
-static void set_result(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
+static void set_result(const tl_versions *versions, tl_version *version, tl_version_result result, const char *reason) {
     tl_error error;
-    tl_version *version = find(versions, number);
-    if (version == NULL || (version->result == result && strcmp(version->reason, reason) == 0)) {
+    if (version->result == result && strcmp(version->reason, reason) == 0) {
         return;
     }
     version->result = result;
     (void)snprintf(version->reason, sizeof version->reason, "%s", reason);
-    if (tl_version_write_record(versions, version, &error) != TL_OK) {
-        tl_log(TL_LOG_WARNING, "what came of version %" PRIu64 " is not kept: %s", number, error.text);
+    if (write_record(versions, version, &error) != TL_OK) {
+        tl_log(TL_LOG_WARNING, "what came of version %" PRIu64 " is not kept: %s", version->number, error.text);
     }
 }
 
 /* What active.json says holds. */
-static void mend(tl_versions *versions) {
-    if (versions->settled != 0) {
-        set_result(versions, versions->settled, versions->how, versions->because);
-    }
+static void mend(const tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
-        const tl_version *version = &versions->list[i];
+        tl_version *version = &versions->list[i];
         bool is_active = version->number == versions->active;
+        if (version->number == versions->settled) {
+            set_result(versions, version, versions->how, versions->because);
+        }
         if (is_active && versions->probation.version != 0) {
-            set_result(versions, version->number, TL_VERSION_PROBATION, "");
-        } else if (is_active && version->result != TL_VERSION_KEPT && version->result != TL_VERSION_ACTIVE) {
-            set_result(versions, version->number, TL_VERSION_ACTIVE, "");
+            set_result(versions, version, TL_VERSION_PROBATION, "");
+        } else if (is_active && !was_good(version)) {
+            set_result(versions, version, TL_VERSION_ACTIVE, "");
         } else if (!is_active && version->result == TL_VERSION_PROBATION) {
-            set_result(versions, version->number, TL_VERSION_RETURNED, "it is not known why");
+            set_result(versions, version, TL_VERSION_RETURNED, "it is not known why");
         }
     }
 }
@@ -798,7 +534,7 @@ static bool is_of_file(const tl_version *version) {
 static void guess_active(tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
         const tl_version *version = &versions->list[i];
-        if (version->result == TL_VERSION_KEPT || version->result == TL_VERSION_ACTIVE) {
+        if (was_good(version)) {
             versions->active = version->number;
         }
         if (is_of_file(version)) {
@@ -815,19 +551,23 @@ tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *e
     *versions = (tl_versions){.count = 0};
     tl_status status = make_folder(state, versions, error);
     if (status == TL_OK) {
-        status = read_records(versions, &damaged, error);
+        status = scan_folder(versions, false, &damaged, error);
     }
     if (status != TL_OK) {
         tl_versions_close(versions);
         return status;
     }
-    if (tl_version_read_active(versions) == TL_VERSION_DAMAGED) {
+    if (versions->count > 1) {
+        qsort(versions->list, versions->count, sizeof *versions->list, by_number);
+    }
+    if (!read_active(versions)) {
         guess_active(versions);
     }
     versions->newest = versions->active > versions->newest ? versions->active : versions->newest;
     versions->newest = versions->settled > versions->newest ? versions->settled : versions->newest;
     if (!damaged) {
-        remove_orphans(versions);
+        tl_error ignored;
+        (void)scan_folder(versions, true, &damaged, &ignored);
     }
     mend(versions);
     return TL_OK;
@@ -854,12 +594,12 @@ static void remove_version(tl_versions *versions, size_t index) {
     char path[PATH_MAX];
     char hash[TL_SHA256_TEXT];
     memcpy(hash, versions->list[index].hash, sizeof hash);
-    tl_version_record_path(versions, versions->list[index].number, path);
+    record_path(versions, versions->list[index].number, path);
     (void)unlink(path);
     versions->count--;
     memmove(&versions->list[index], &versions->list[index + 1], (versions->count - index) * sizeof *versions->list);
-    if (!has_text(versions, hash)) {
-        tl_version_text_path(versions, hash, path);
+    if (tl_versions_of_hash(versions, hash) == NULL) {
+        path_of(versions, hash, path);
         (void)unlink(path);
     }
 }
@@ -912,7 +652,6 @@ static tl_version version_of(const tl_versions *versions, const tl_version_news 
 
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error) {
     char path[PATH_MAX];
-    bool made = false;
     if (news->size > TL_VERSIONS_BYTES || !grow(versions)) {
         return tl_fail(error, TL_TRY_AGAIN, "the configuration is not kept: not enough memory for its %zu bytes",
                        news->size);
@@ -923,13 +662,13 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
                        versions->folder);
     }
     const tl_version version = version_of(versions, news);
-    tl_status status = tl_version_write_text(versions, version.hash, news->text, news->size, &made, error);
+    tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
     if (status == TL_OK) {
-        status = tl_version_write_record(versions, &version, error);
+        status = write_record(versions, &version, error);
     }
     if (status != TL_OK) {
-        if (made && !has_text(versions, version.hash)) {
-            tl_version_text_path(versions, version.hash, path);
+        if (tl_versions_of_hash(versions, version.hash) == NULL) {
+            path_of(versions, version.hash, path);
             (void)unlink(path);
         }
         return status;
@@ -942,6 +681,8 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 }
 
 /* ---- which one is active ---- */
+
+#define NO_PROBATION "no version is on probation"
 
 static tl_status absent(uint64_t number, tl_error *error) {
     return tl_fail(error, TL_BAD_DATA, "there is no version %" PRIu64, number);
@@ -962,14 +703,9 @@ static void note(tl_versions *versions, uint64_t number, tl_version_result resul
     tl_text_for_people(reason, versions->because, sizeof versions->because);
 }
 
-static void end_probation(tl_versions *versions, tl_version_result result, const char *reason) {
-    note(versions, versions->probation.version, result, reason);
-    versions->probation = (tl_version_probation){.version = 0};
-}
-
 /* What is to hold from now on: from here on it does, on disk and so in `versions`. If the disk refuses, nothing has changed. */
-static tl_status tl_version_put(tl_versions *versions, const tl_versions *next, tl_error *error) {
-    tl_status status = tl_version_write_active(next, error);
+static tl_status put(tl_versions *versions, const tl_versions *next, tl_error *error) {
+    tl_status status = write_active(next, error);
     if (status == TL_OK) {
         *versions = *next;
         mend(versions);
@@ -989,19 +725,15 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
     }
     take(&next, version);
     note(&next, number, TL_VERSION_REFUSED, reason);
-    return tl_version_put(versions, &next, error);
-}
-
-/* What is returned to if the next one is no good: what a probation that is under way would have returned to. */
-static uint64_t last_good(const tl_versions *versions) {
-    return versions->probation.version != 0 ? versions->probation.return_to : versions->active;
+    return put(versions, &next, error);
 }
 
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error) {
     tl_versions next = *versions;
     const tl_version *version = tl_versions_get(versions, number);
-    uint64_t return_to = last_good(versions);
+    /* if it is no good: what a probation that is under way would have returned to */
+    uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
     if (version == NULL) {
         return absent(number, error);
@@ -1011,7 +743,7 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     }
     if (versions->probation.version != 0 && versions->probation.version != number) {
         (void)snprintf(reason, sizeof reason, "version %" PRIu64 " took its place", number);
-        end_probation(&next, TL_VERSION_RETURNED, reason);
+        note(&next, versions->probation.version, TL_VERSION_RETURNED, reason);
     }
     next.active = number;
     next.probation = (tl_version_probation){.version = 0};
@@ -1019,31 +751,171 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
         next.probation = (tl_version_probation){number, return_to, *account};
     }
     take(&next, version);
-    return tl_version_put(versions, &next, error);
-}
-
-static tl_status need_probation(const tl_versions *versions, tl_error *error) {
-    return versions->probation.version != 0 ? TL_OK : tl_fail(error, TL_BAD_DATA, "no version is on probation");
+    return put(versions, &next, error);
 }
 
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error) {
     tl_versions next = *versions;
-    tl_status status = need_probation(versions, error);
     next.probation.account = *account;
-    return status == TL_OK ? tl_version_put(versions, &next, error) : status;
+    return versions->probation.version != 0 ? put(versions, &next, error) : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
 }
 
-tl_status tl_versions_keep(tl_versions *versions, const char *reason, tl_error *error) {
+tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error) {
     tl_versions next = *versions;
-    tl_status status = need_probation(versions, error);
-    end_probation(&next, TL_VERSION_KEPT, reason);
-    return status == TL_OK ? tl_version_put(versions, &next, error) : status;
+    note(&next, versions->probation.version, result, reason);
+    next.active = result == TL_VERSION_RETURNED ? versions->probation.return_to : versions->active;
+    next.probation = (tl_version_probation){.version = 0};
+    return versions->probation.version != 0 ? put(versions, &next, error) : tl_fail(error, TL_BAD_DATA, NO_PROBATION);
 }
 
-tl_status tl_versions_return(tl_versions *versions, const char *reason, tl_error *error) {
+/* ---- choosing ---- */
+
+/* The file is the active version: whatever it was before, it is taken. Its text on disk may be damaged; here is another one. */
+static void choose_same(tl_versions *versions, const char *file, size_t size) {
+    tl_error error;
     tl_versions next = *versions;
-    tl_status status = need_probation(versions, error);
-    next.active = versions->probation.return_to;
-    end_probation(&next, TL_VERSION_RETURNED, reason);
-    return status == TL_OK ? tl_version_put(versions, &next, error) : status;
+    const tl_version *active = tl_versions_get(versions, versions->active);
+    memcpy(next.taken, active->hash, sizeof next.taken);
+    if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
+        (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, &error) != TL_OK)) {
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
+    }
+}
+
+/* Its parent, or else the newest before it that was good; 0: there is none. */
+static uint64_t before(const tl_versions *versions, uint64_t number) {
+    const tl_version *version = tl_versions_get(versions, number);
+    uint64_t best = 0;
+    if (version != NULL && was_good(tl_versions_get(versions, version->parent))) {
+        return version->parent;
+    }
+    for (size_t i = 0; i < versions->count && versions->list[i].number < number; i++) {
+        best = was_good(&versions->list[i]) ? versions->list[i].number : best;
+    }
+    return best;
+}
+
+/* The active version, or the nearest one before it that can be read. False: there is none. */
+static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
+    tl_error error;
+    uint64_t number = versions->active;
+    while (number != 0 && tl_versions_read(versions, number, &choice->text, &error) != TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
+        number = before(versions, number);
+    }
+    choice->number = number;
+    if (number == 0) {
+        return false;
+    }
+    choice->size = (size_t)tl_versions_get(versions, number)->size;
+    if (number != versions->active) {
+        tl_log(TL_LOG_NOTICE, "version %" PRIu64 " runs in its place", number);
+        if (tl_versions_activate(versions, number, NULL, &error) != TL_OK) {
+            tl_log(TL_LOG_NOTICE, "%s", error.text);
+        }
+    }
+    return true;
+}
+
+/* No version can be read: the file is the first one again. */
+static void begin_again(tl_versions *versions) {
+    tl_versions next = *versions;
+    tl_error error;
+    next.active = 0;
+    next.probation = (tl_version_probation){.version = 0};
+    tl_log(TL_LOG_NOTICE, "the configuration's file runs in its place");
+    if (put(versions, &next, &error) != TL_OK) {
+        tl_log(TL_LOG_NOTICE, "%s", error.text);
+    }
+}
+
+tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
+                             tl_error *error) {
+    const tl_version *active = tl_versions_get(versions, versions->active);
+    char hash[TL_SHA256_TEXT] = "";
+    *choice = (tl_version_choice){.size = size};
+    if (file != NULL) {
+        tl_sha256(file, size, hash);
+    }
+    if (file != NULL && active != NULL && strcmp(hash, active->hash) == 0) {
+        choice->number = active->number;
+        choose_same(versions, file, size);
+        return TL_OK;
+    }
+    bool is_changed = file != NULL && versions->active != 0 && strcmp(hash, versions->taken) != 0;
+    if (is_changed) {
+        tl_log(TL_LOG_NOTICE, "the configuration's file was changed since it was taken last: it is tried");
+    }
+    choice->is_candidate = is_changed || (file != NULL && versions->active == 0);
+    if (choice->is_candidate || choose_version(versions, choice)) {
+        return TL_OK;
+    }
+    if (file == NULL) {
+        return tl_fail(error, TL_BAD_DATA,
+                       "there is no configuration: neither its file nor a version of it can be read");
+    }
+    begin_again(versions);
+    choice->is_candidate = true;
+    return TL_OK;
+}
+
+/* ---- refusals ---- */
+
+static void refusal_path(const tl_refusals *refusals, uint64_t number, char path[PATH_MAX]) {
+    int length =
+        snprintf(path, PATH_MAX, "%s/refused-%u.json", refusals->folder, (unsigned)(number % TL_REFUSALS_MOST));
+    path[length < PATH_MAX ? length : 0] = '\0';
+}
+
+static void exchange_refusal(const members *file, tl_refused *refusal) {
+    exchange_count(file, "number", &refusal->number);
+    exchange_text(file, "hash", refusal->hash, sizeof refusal->hash);
+    exchange_text(file, "origin", refusal->origin, sizeof refusal->origin);
+    exchange_text(file, "result", refusal->result, sizeof refusal->result);
+    exchange_text(file, "reason", refusal->reason, sizeof refusal->reason);
+    exchange_text(file, "who", refusal->who, sizeof refusal->who);
+    exchange_text(file, "why", refusal->why, sizeof refusal->why);
+    exchange_text(file, "at", refusal->at, sizeof refusal->at);
+}
+
+static int refusal_by_number(const void *left, const void *right) {
+    const tl_refused *a = left;
+    const tl_refused *b = right;
+    return (a->number > b->number) - (a->number < b->number);
+}
+
+void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
+    *refusals = (tl_refusals){.count = 0};
+    (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
+    for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
+        char path[PATH_MAX];
+        tl_refused *refusal = &refusals->list[refusals->count];
+        refusal_path(refusals, i, path);
+        tl_json_reader reader = tl_json_file_read(path);
+        exchange_refusal(&(members){.reader = &reader}, refusal);
+        refusals->count += reader.right && refusal->number % TL_REFUSALS_MOST == i ? 1 : 0;
+        tl_json_reader_free(&reader);
+    }
+    qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
+}
+
+tl_status tl_refusals_add(tl_refusals *refusals, const tl_refused *news, tl_error *error) {
+    char path[PATH_MAX];
+    tl_json_writer writer;
+    tl_refused *list = refusals->list;
+    tl_refused refusal = *news;
+    refusal.number = refusals->count == 0 ? 1 : list[refusals->count - 1].number + 1;
+    tl_text_for_people(news->who, refusal.who, sizeof refusal.who);
+    tl_text_for_people(news->why, refusal.why, sizeof refusal.why);
+    tl_text_for_people(news->reason, refusal.reason, sizeof refusal.reason);
+    tl_utc_text(tl_utc_now(), refusal.at);
+    if (refusals->count == TL_REFUSALS_MOST) {
+        memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
+        refusals->count--;
+    }
+    list[refusals->count++] = refusal;
+    tl_json_writer_begin(&writer);
+    exchange_refusal(&(members){.writer = &writer}, &refusal);
+    refusal_path(refusals, refusal.number, path);
+    return write_members(&writer, path, error);
 }

@@ -11,7 +11,6 @@
 #include <stdint.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/base/json.h"
 #include "firmware/base/text.h"
 #include "firmware/config/config_change.h"
 #include "firmware/retune/probation.h"
@@ -32,14 +31,7 @@
  * Thread:  one thread; one process at a time has the folder open.
  */
 
-enum {
-    TL_VERSIONS_MOST = 50,
-    TL_VERSIONS_BYTES = 16 * 1024 * 1024,
-    TL_VERSION_WHO = 64,
-    TL_VERSION_WHY = 256,
-    TL_VERSION_SAY = 512,
-    TL_VERSION_PREFIX = 6 /* digits of a hash that tell a version, at least */
-};
+enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_WHO = 64, TL_VERSION_WHY = 256 };
 
 /* What came of it. */
 typedef enum tl_version_result {
@@ -106,9 +98,8 @@ void tl_versions_close(tl_versions *versions);
 /* NULL: there is none. Valid until a version is added. */
 const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 
-/* By a number, or by the first digits of a hash (then the newest of that text). NULL: none is meant, or several are, and the error says
- * which. */
-const tl_version *tl_versions_find(const tl_versions *versions, const char *what, tl_error *error);
+/* The newest with this hash. NULL: there is none. */
+const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
 /* The version that was commissioned last: the newest that was kept (or active without a probation) and that came from the box itself or needed the right to
  * commission. NULL: there is none. How far `retune` may widen a tolerance is measured from it. */
@@ -151,50 +142,57 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
 /* The probation goes on: what it has come to. Every 10 s, and at each start. */
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* The end of the probation: the active one is kept, or the one before is the active one again. */
-tl_status tl_versions_keep(tl_versions *versions, const char *reason, tl_error *error);
-tl_status tl_versions_return(tl_versions *versions, const char *reason, tl_error *error);
+/* The end of the probation: the active one is kept (TL_VERSION_KEPT), or the one before is the active one again (TL_VERSION_RETURNED). */
+tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error);
 
 /* ---- at the start ---- */
 
 typedef struct tl_version_choice {
-    char *text; /* to be run, with a NUL behind it; the caller's to free(). NULL: there is none */
+    char *
+        text; /* of the version that is to run, with a NUL behind it; the caller's to free(). NULL: the file is to run */
     size_t size;
-    uint64_t number; /* of the version; 0: it is the file, which is none yet */
+    uint64_t number; /* of the version; 0: the file is none yet */
     bool
         is_candidate; /* the file was changed since it was taken last: it is to be added as TL_ORIGIN_START, and tried */
-    char say[TL_VERSION_SAY]; /* what a person should know; "": nothing */
 } tl_version_choice;
 
 /* Which text is to run: the file's, if it is not the one that was taken last; else the active version's. If that is damaged or gone, its
- * parent's, and then the file's. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
+ * parent's, and then the file's; that is said on the log. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 
-/* ---- The files of the versions, one by one: for the sources behind versions.h.
+/* ---- Candidates of which nothing came: refused, or cancelled. Kept beside the versions, which they never were.
  *
- * Purpose: each is written whole, or not at all; none is believed when it is read.
- * Errors:  TL_TRY_AGAIN where the disk refuses.
- * Thread:  one thread.
+ * Purpose: who looks at the versions later sees also what was tried and by whom, and why it is not there. Their texts are not kept.
+ * Files:   refused-0.json … in STATE/versions/, one for each, replaced whole; the oldest is replaced by the next. config/SPEC.md, "Versions", has the keys.
+ * Bound:   the newest TL_REFUSALS_MOST. They take no room of a version, however many come.
+ * Errors:  what is damaged is passed over. A disk that refuses costs the record of a refusal, and nothing else.
  */
 
-/* A version's number has so many digits at most. */
-enum { TL_VERSION_DIGITS = 15 };
+enum { TL_REFUSALS_MOST = 20, TL_REFUSAL_WORD = 16 };
 
-/* What a name in the folder means. */
-typedef enum tl_version_file {
-    TL_VERSION_FILE_FOREIGN,
-    TL_VERSION_FILE_RECORD, /* and its number */
-    TL_VERSION_FILE_TEXT,   /* and its hash */
-    TL_VERSION_FILE_LEFT    /* that a power cut left unfinished */
-} tl_version_file;
+typedef struct tl_refused {
+    uint64_t number;              /* counts up from 1 */
+    char hash[TL_SHA256_TEXT];    /* of its text */
+    char origin[TL_REFUSAL_WORD]; /* by which way it came: "reload", "limited", … */
+    char result[TL_REFUSAL_WORD]; /* "refused", "cancelled" */
+    char who[TL_VERSION_WHO];
+    char why[TL_VERSION_WHY];    /* somebody has sent it */
+    char reason[TL_VERSION_WHY]; /* of the result */
+    char at[TL_UTC_TEXT];        /* when; for people */
+} tl_refused;
 
-/* A small file, whole or not at all. */
-tl_status tl_version_write_object(const char *path, const tl_json_writer *writer, tl_error *error);
+typedef struct tl_refusals {
+    size_t count;
+    tl_refused list[TL_REFUSALS_MOST]; /* the oldest first */
+    char folder[PATH_MAX];
+} tl_refusals;
 
-/* False where it cannot be read; `reader` is to be freed in any case. */
-bool tl_version_read_object(const char *path, tl_json_reader *reader);
+/* Reads what is in the folder of versions that are open. */
+void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions);
 
-typedef enum tl_version_found { TL_VERSION_NONE, TL_VERSION_DAMAGED, TL_VERSION_FOUND } tl_version_found;
+/* Keeps another one: its hash, and texts, which are cut and made fit to be shown; number and time are found here. TL_TRY_AGAIN: the disk refuses, and it is
+ * known only until the folder is opened anew. */
+tl_status tl_refusals_add(tl_refusals *refusals, const tl_refused *news, tl_error *error);
 
 #endif

@@ -79,7 +79,7 @@ typedef enum tl_live_verb {
 typedef struct tl_live_needs {
     uint32_t match, adjust, components; /* components: without the plant */
     uint32_t unconfined;                /* 1: FMUs may do what the user can */
-    uint64_t fmu_bytes;                 /* of the FMU files */
+    uint64_t unpacked_bytes;            /* of all FMU files, at most (twin_process.h) */
     uint32_t signals;                   /* of the plant, second look-ups among them */
 } tl_live_needs;
 

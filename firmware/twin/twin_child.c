@@ -412,20 +412,21 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error) {
+tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error) {
+    static const uint64_t most = (uint64_t)1 << 50; /* bytes: no machine has as much */
     tl_status status = expect_end(child, show, error);
-    *warnings = child->extra->warnings;
-    return status;
+    *found = child->extra->check;
+    tl_clean_field(found->why, sizeof found->why);
+    bool is_sound = found->least >= 0 && found->worst >= 0 && found->memory <= most;
+    return status != TL_OK || is_sound ? status : end_liar(child, "what its check has found cannot be", error);
 }
 
 /* ---- a pair, and ways ---- */
 
 /* As it was written; but if it has ended in a call, the FMU of that. Who has said its last word is in calls that end FMUs. */
 static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBLY_NAME]) {
-    char name[TL_ASSEMBLY_NAME];
     tl_fmu_call call;
-    memcpy(name, component, sizeof name);
-    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), component, TL_ASSEMBLY_NAME);
+    tl_clean_field(component, TL_ASSEMBLY_NAME);
     if (!child->has_ended && tl_fmu_calls_look(&child->extra->calls, &call)) {
         (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", call.fmu);
     }

@@ -36,7 +36,7 @@ typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
     const tl_config *
         config; /* of the job's text, as its twin takes it: delays forgotten, look-ups in use. Needed until the work has ended */
-    FILE *page;               /* what a check prints goes here; NULL: nothing is printed */
+    FILE *page;               /* what a check prints goes here; NULL: nowhere */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */
     uint64_t memory_limit;    /* bytes that the process may take; 0: tl_confine_fair_memory() */
@@ -65,9 +65,9 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 /* Waits until the twin is built. What is wrong was said on the log if error->text is empty. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done, its page printed, with so many warnings; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
+/* Waits until a check is done and its page printed; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
  * that read what it shows. */
-tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error);
+tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error);
 
 /* By which ways components are led back, of a check that has ended, as far as it says. */
 void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);

@@ -51,9 +51,9 @@ typedef struct tl_twin_job {
     bool plain;          /* save no executions */
     bool without_delays;
     bool variables; /* the page lists them */
-    bool cost;      /* the page ends with it (trial.h) */
+    bool brief;     /* a check without a far look, and without the times of the machine */
     bool
-        states_only; /* the page is a line that says whether another process can use the FMUs' states (saved_states.h); nothing else is heard */
+        states_only; /* a check finds only whether another process can use the FMUs' states (tl_twin_check.why); nothing else is heard */
     bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */
     bool alone;      /* of a pair, only the first */
     unsigned char
@@ -63,6 +63,18 @@ typedef struct tl_twin_job {
     const unsigned char *live; /* for the live room, which knows what it is; at no aligned place when it was read */
     size_t live_size;
 } tl_twin_job;
+
+enum { TL_TWIN_CHECK_WHY = 400 };
+
+/* What a check finds besides its page. */
+typedef struct tl_twin_check {
+    uint32_t warnings; /* on the page */
+    tl_time least;     /* ns of a free step; 0: not known */
+    tl_time worst;     /* ns of a step that uses all its evaluations; 0: not known, or nothing is searched */
+    uint64_t memory;   /* bytes that the twin will have beside what the process has before it steps */
+    char why
+        [TL_TWIN_CHECK_WHY]; /* of a job with states_only: another process cannot use them; "": nothing was found against them */
+} tl_twin_check;
 
 /* Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *error);

@@ -82,13 +82,6 @@ tl_twin_fmus tl_twin_fmus_of(const tl_config *config) {
     return (tl_twin_fmus){.count = config->component_count, .unpacked_bytes = sum};
 }
 
-/* Each of them may be one of those that are too small for a ratio. */
-tl_twin_fmus tl_twin_fmus_of_numbers(size_t count, uint64_t file_bytes) {
-    const uint64_t most = (uint64_t)count * TL_FMU_TOTAL_BYTES;
-    uint64_t bytes = file_bytes < most ? file_bytes * TL_FMU_RATIO + count * TL_FMU_RATIO_FROM_BYTES : most;
-    return (tl_twin_fmus){.count = count, .unpacked_bytes = bytes < most ? bytes : most};
-}
-
 /* Another user can go through all folders on the way to this one. */
 static bool is_open_to_others(const char *folder) {
     char path[PATH_MAX];
@@ -255,8 +248,8 @@ static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *
     settings.descriptors[TL_TWIN_OUTPUT + 1] = output;
     settings.descriptors[TL_TWIN_JOB] = process->job.descriptor;
     settings.descriptors[TL_TWIN_START_SOCKET] = ends->start[1];
-    if (process->settings.page != NULL) {
-        settings.descriptors[TL_TWIN_PAGE] = ends->page[1];
+    if (process->settings.job->task == TL_TASK_CHECK) {
+        settings.descriptors[TL_TWIN_PAGE] = process->settings.page != NULL ? ends->page[1] : ends->nothing;
     }
     return tl_role_start(&settings, &process->role, error);
 }

@@ -63,9 +63,6 @@ typedef struct tl_twin_process_settings {
 /* Looks at the files. One that is not there counts as none. */
 tl_twin_fmus tl_twin_fmus_of(const tl_config *config);
 
-/* The same of somebody else's numbers, for who does not read the configuration: FMUs, and bytes of all their files. At least as much. */
-tl_twin_fmus tl_twin_fmus_of_numbers(size_t count, uint64_t file_bytes);
-
 /* Starts it, and does not wait for what it does. What it is confined by, it tells by other ways. Errors: TL_TRY_AGAIN; then nothing is left. */
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);
 

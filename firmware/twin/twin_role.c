@@ -327,10 +327,8 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
         return tl_fail(error, TL_FMU_FAILED,
                        "the page of the check cannot be printed: an FMU has closed what it is printed to");
     }
-    uint32_t warnings = 0;
     tl_status status = self->tasks->print_page(&self->assembly, &self->job, built, self->job.reads_back ? &host : NULL,
-                                               page, &warnings);
-    self->extra->warnings = warnings;
+                                               page, &self->extra->check);
     if (built == TL_OK) {
         tl_twin_ways_note(&self->assembly, &self->extra->ways);
     }

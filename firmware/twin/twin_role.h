@@ -19,10 +19,10 @@
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_job.h"
 
-/* Prints what a check tells of an assembly, which was built if `status` is TL_OK, and says on the log what is wrong with it; counts the warnings. Returns the status
+/* Prints what a check tells of an assembly, which was built if `status` is TL_OK, and says on the log what is wrong with it. Returns the status
  * of the whole. `host` as in tl_read_back_take(). */
 typedef tl_status tl_twin_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                               const tl_read_back_host *host, FILE *page, uint32_t *warnings);
+                               const tl_read_back_host *host, FILE *page, tl_twin_check *found);
 
 /* In the process of that role, for TL_TASK_LIVE, in the main thread, which is the only one so far: to its end; the exit code. The assembly's
  * configuration was read, and its files are open, but not if the job holds; it is freed in the thread that builds it. */

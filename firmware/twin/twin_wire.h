@@ -11,6 +11,7 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/confine.h"
 #include "firmware/process/fmu_call.h"
+#include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_pair.h"
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/twin_ways.h"
@@ -38,7 +39,7 @@ typedef struct tl_twin_extra {
     tl_fmu_calls calls;        /* the call that is under way */
     tl_account built;          /* as of TL_MESSAGE_BUILT */
     tl_account ended;          /* as of TL_MESSAGE_ENDED */
-    uint32_t warnings;         /* of a check's page, */
+    tl_twin_check check;       /* of a check, */
     tl_twin_pair_account pair; /* of a pair, */
     tl_twin_ways ways;         /* and of a check and of what tries ways */
     char error

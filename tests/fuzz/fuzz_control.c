@@ -11,7 +11,7 @@
 
 #include "firmware/config/config_change.h"
 #include "firmware/retune/control.h"
-#include "firmware/retune/trial.h"
+#include "firmware/retune/worker.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
@@ -114,17 +114,16 @@ static void fuzz_client(void) {
 /* ---- we have asked a validator ---- */
 
 static void fuzz_verdict(void) {
-    static tl_verdict from;
+    static tl_worker_result from;
     static tl_verdict verdict;
     memset(&from, 0, sizeof from);
-    from.is_there = 1;
+    from.is_complete = 1;
     change(&from, sizeof from);
     if (!tl_verdict_take(&from, &verdict)) {
         return;
     }
     tl_fuzz_hold(verdict.kind < TL_CHANGE_KINDS && verdict.right < TL_RIGHTS && verdict.is_valid <= 1);
     tl_fuzz_hold(verdict.is_valid == 0 || verdict.right >= TL_RIGHT_RETUNE);
-    hold_text(verdict.name, sizeof verdict.name);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
         hold_text(verdict.problem[i].path, sizeof verdict.problem[i].path);
         hold_text(verdict.problem[i].text, sizeof verdict.problem[i].text);

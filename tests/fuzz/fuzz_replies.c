@@ -43,9 +43,7 @@ static void check_line(const char *line, size_t size) {
     tl_json_reader json = tl_json_reader_of(line, size);
     tl_fuzz_hold(json.right);
     for (size_t i = 0; i < sizeof keys / sizeof keys[0]; i++) {
-        if (tl_json_has(&json, keys[i])) {
-            check_shown(tl_json_text(&json, keys[i]));
-        }
+        check_shown(tl_json_text(&json, keys[i])); /* "": there is none */
     }
     tl_json_reader_free(&json);
 }

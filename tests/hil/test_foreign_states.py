@@ -108,7 +108,7 @@ def test_told_to_end_in_a_trial():
     with Device(0.6) as device:
         config, _ = make_config(device, hostile_fmu.make("hang", AT="fmi2DoStep", CALL=30))
         with Supervised(config) as live:
-            member(live, "trial of states")
+            member(live, "worker: states")
             begun = time.monotonic()
             end_orderly(live)
             at_most(time.monotonic() - begun, 10, "seconds until it has ended")

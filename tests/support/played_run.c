@@ -10,8 +10,7 @@
 #include <unity.h>
 
 #include "firmware/base/os.h"
-#include "firmware/retune/trial.h"
-#include "firmware/retune/validator.h"
+#include "firmware/retune/worker.h"
 
 static tl_played the_run;
 static tl_played *const run = &the_run;
@@ -173,20 +172,16 @@ static int64_t number_of(const char *name, int64_t otherwise) {
 }
 
 static int answer_trial(void) {
-    tl_errand_job job;
-    void *block = NULL;
-    if (tl_errand_begin(&job, &run->error) != TL_OK ||
-        tl_errand_take_answer(sizeof(tl_trial_answer), &block, &run->error) != TL_OK) {
+    tl_worker_job job;
+    tl_worker_result *result = NULL;
+    if (tl_worker_begin(&job, &run->error) != TL_OK || tl_worker_open_result(&result, &run->error) != TL_OK) {
         return 1;
     }
-    *(tl_trial_answer *)block = (tl_trial_answer){.is_there = (uint32_t)number_of("TRIAL_ANSWERS", 1),
-                                                  .match = 1,
-                                                  .adjust = 2,
-                                                  .components = 3,
-                                                  .signals = 1,
-                                                  .memory = (uint64_t)number_of("TRIAL_MEMORY", 1 << 20),
-                                                  .step = TL_SECOND / 100,
-                                                  .least = number_of("TRIAL_LEAST", TL_SECOND / 1000)};
+    result->trial = (tl_trial_answer){.needs = {.match = 1, .adjust = 2, .components = 3, .signals = 1},
+                                      .memory = (uint64_t)number_of("TRIAL_MEMORY", 1 << 20),
+                                      .step = TL_SECOND / 100,
+                                      .least = number_of("TRIAL_LEAST", TL_SECOND / 1000)};
+    result->is_complete = (uint32_t)number_of("TRIAL_ANSWERS", 1);
     return 0;
 }
 
@@ -208,7 +203,7 @@ static int be_trial(void) {
 
 int tl_played_be(const char *title, void *context) {
     (void)context;
-    return strncmp(title, TL_TRIAL, strlen(TL_TRIAL)) == 0 ? be_trial() : tl_validator_role_run();
+    return strstr(title, "trial") != NULL ? be_trial() : tl_worker_role_run(NULL);
 }
 
 /* ---- configurations ---- */

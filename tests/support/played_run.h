@@ -42,7 +42,7 @@ typedef struct tl_played {
     /* The twin in the other place. */
     tl_activation_shadow shadow;
     char other[TL_SHA256_TEXT]; /* of what it is of; "": there is none */
-    tl_activation_needs needs;  /* that it was begun with */
+    tl_live_needs needs;        /* that it was begun with */
     tl_activation_news flipped; /* what comes of a flip */
     bool is_slow;               /* nothing is ordered at once */
     tl_run_status each;         /* look: so much more is done by the shadow, */
@@ -65,7 +65,7 @@ tl_played *tl_played_open(const char *parent, const char *name);
 /* The last of main(): returns `failures`, what UNITY_END() said. */
 int tl_played_close(int failures);
 
-/* As in errand.h: the end of a process that has a title. */
+/* As in worker.h: the end of a process that has a title. */
 int tl_played_be(const char *title, void *context);
 
 /* Around each test: an activation of a run whose version 1, tolerance "1" and prediction 1, is in force. */

@@ -95,7 +95,7 @@ static void write_candidate(void) {
     memcpy(candidate->text, TEXT, sizeof TEXT);
     tl_sha256(TEXT, strlen(TEXT), candidate->hash);
     activator.order.needs = (tl_live_needs){
-        .match = 2, .adjust = 1, .components = 3, .fmu_bytes = 1000, .signals = (uint32_t)config.signal_count};
+        .match = 2, .adjust = 1, .components = 3, .unpacked_bytes = 1000, .signals = (uint32_t)config.signal_count};
 }
 
 static void expect_obeyed(bool is) {

@@ -81,7 +81,7 @@ static bool begin(const char *text, const char *of) {
         .size = strlen(text),
         .hash = of,
         .yardstick = &yardstick,
-        .needs = {.match = 3, .adjust = 2, .components = 4, .fmu_bytes = 99, .signals = 7}};
+        .needs = {.match = 3, .adjust = 2, .components = 4, .unpacked_bytes = 99, .signals = 7}};
     return functions.begin_shadow(functions.context, &given);
 }
 
@@ -121,7 +121,7 @@ static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, pulse.order.verb);
     TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);
-    TEST_ASSERT_EQUAL_UINT64(99, pulse.order.needs.fmu_bytes);
+    TEST_ASSERT_EQUAL_UINT64(99, pulse.order.needs.unpacked_bytes);
     TEST_ASSERT_EQUAL_UINT32(7, pulse.order.needs.signals);
     TEST_ASSERT_EQUAL_UINT32(10, candidate.size);
     TEST_ASSERT_EQUAL_STRING("{ \"a\": 1 }", candidate.text);

@@ -197,7 +197,7 @@ static void test_a_death_beside_a_shadow(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     tl_played_offer("1", 3, 0);
     tl_played_look_until(tl_played_is_live);
-    tl_errand_close(&run->activation.errand);
+    tl_worker_close(&run->activation.worker);
     free(run->activation.text);
     free(run->activation.before);
     tl_played_begin();

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/retune/refusals.h"
+#include "firmware/retune/versions.h"
 #include "tests/support/scratch.h"
 
 static tl_scratch scratch;

@@ -229,11 +229,10 @@ static tl_twin_result result;
 static FILE *page;
 
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
-                            const tl_read_back_host *host, FILE *out, uint32_t *warnings) {
+                            const tl_read_back_host *host, FILE *out, tl_twin_check *found) {
     (void)fprintf(out, "%s: %zu components\n", assembly->config.name, assembly->config.component_count);
-    (void)job;
     (void)host;
-    *warnings = 7;
+    *found = (tl_twin_check){.warnings = 7, .least = 1, .worst = job->brief ? -1 : 2, .memory = 3, .why = "y is\033"};
     return status;
 }
 
@@ -341,19 +340,32 @@ static void test_its_end_is_not_waited_for(void) {
 
 static void test_a_check(void) {
     char text[128] = "";
-    uint32_t warnings = 0;
+    tl_twin_check found;
     order.task = TL_TASK_CHECK;
     page = tmpfile();
     TEST_ASSERT_NOT_NULL(page);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_check(child, &warnings, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_check(child, &found, &error), error.text);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_wait(child, &error), error.text);
-    TEST_ASSERT_EQUAL_UINT32(7, warnings);
+    TEST_ASSERT_EQUAL_UINT32(7, found.warnings);
+    TEST_ASSERT_EQUAL_INT64(2, found.worst);
+    TEST_ASSERT_EQUAL_UINT64(3, found.memory);
+    TEST_ASSERT_EQUAL_STRING("y is\\x1B", found.why);
     rewind(page);
     TEST_ASSERT_NOT_NULL(fgets(text, sizeof text, page));
     TEST_ASSERT_EQUAL_STRING("motor bench, locked by the motor's friction: 2 components\n", text);
     (void)fclose(page);
     page = NULL;
+}
+
+/* What is found comes from beside the FMUs. */
+static void test_a_check_with_a_negative_time(void) {
+    tl_twin_check found;
+    order.task = TL_TASK_CHECK;
+    order.brief = true;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_child_check(child, &found, &error));
+    expect_text("what its check has found cannot be");
 }
 
 static void test_a_pair(void) {
@@ -627,10 +639,10 @@ static void test_a_pair_that_is_none(void) {
 
 /* A check that ends with something else than its page. */
 static void expect_check_fails(const char *lie, const char *why) {
-    uint32_t warnings = 0;
+    tl_twin_check found;
     order.task = TL_TASK_CHECK;
     start_liar(lie, 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_child_check(child, &warnings, &error));
+    TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_twin_child_check(child, &found, &error));
     expect_text(why);
     TEST_ASSERT_TRUE(tl_twin_child_is_gone(child));
 }
@@ -677,6 +689,7 @@ int main(int argc, char **argv) {
     RUN_TEST(test_it_is_stopped_with_ticks_under_way);
     RUN_TEST(test_its_end_is_not_waited_for);
     RUN_TEST(test_a_check);
+    RUN_TEST(test_a_check_with_a_negative_time);
     RUN_TEST(test_a_pair);
     RUN_TEST(test_a_pair_that_is_none);
     RUN_TEST(test_ways);

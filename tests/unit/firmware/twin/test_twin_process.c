@@ -247,24 +247,6 @@ static void test_another_one_is_another_user(void) {
     TEST_ASSERT_EQUAL_UINT(seen->facts.user ? 0x70400000U + (unsigned)getpid() : getuid(), seen->user);
 }
 
-/* Who does not read the configuration knows no less than who does. */
-static void test_numbers_bound_as_much_as_files(void) {
-    uint64_t bytes = 0;
-    for (size_t i = 0; i < config.component_count; i++) {
-        char path[PATH_MAX];
-        struct stat about;
-        TEST_ASSERT_TRUE(tl_config_fmu_path(&config, config.components[i].fmu, path, sizeof path));
-        TEST_ASSERT_EQUAL_INT(0, stat(path, &about));
-        bytes += (uint64_t)about.st_size;
-    }
-    const tl_twin_fmus of_files = tl_twin_fmus_of(&config);
-    const tl_twin_fmus of_numbers = tl_twin_fmus_of_numbers(config.component_count, bytes);
-    TEST_ASSERT_EQUAL_size_t(of_files.count, of_numbers.count);
-    TEST_ASSERT_GREATER_OR_EQUAL_UINT64(of_files.unpacked_bytes, of_numbers.unpacked_bytes);
-    const tl_twin_fmus most = tl_twin_fmus_of_numbers(2, UINT64_MAX);
-    TEST_ASSERT_EQUAL_UINT64(UINT64_C(2) * 1024 * 1024 * 1024, most.unpacked_bytes);
-}
-
 /* Safe hold touches no FMU. Numbers beside those that every such process has are those that were given. */
 static void test_it_holds(void) {
     order.holds = true;
@@ -586,7 +568,6 @@ int main(int argc, char **argv) {
     UNITY_BEGIN();
     RUN_TEST(test_it_lives_confined);
     RUN_TEST(test_another_one_is_another_user);
-    RUN_TEST(test_numbers_bound_as_much_as_files);
     RUN_TEST(test_it_holds);
     RUN_TEST(test_it_holds_confined);
     RUN_TEST(test_it_holds_without_a_folder);
