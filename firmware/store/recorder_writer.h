@@ -23,16 +23,30 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "firmware/process/heartbeat.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_inbox.h"
 #include "firmware/store/recorder_settings.h"
 #include "firmware/store/recorder_state.h"
+#include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
 typedef struct tl_recorder_writer tl_recorder_writer;
+
+typedef struct tl_recorder_writer_outbox {
+    const char *name; /* of who writes it: one word */
+    tl_outbox_settings settings;
+    const void *memory; /* NULL: there is none now */
+} tl_recorder_writer_outbox;
+
+/* What io has read of the plant, for samples that do not come by the ring. */
+typedef struct tl_recorder_plant {
+    void (*take)(void *context, int64_t tick, tl_time instant, tl_sample *sample); /* NULL: nobody can */
+    void *context;
+    tl_time kept; /* ns: for so long it is there */
+} tl_recorder_plant;
 
 typedef struct tl_recorder_writer_settings {
     const tl_recorder_settings *record; /* outlives the writer; its components do not matter */
