@@ -826,9 +826,9 @@ tl_status tl_history_events(tl_history *history, const tl_history_run *run, cons
     sqlite3 *database = history->database;
     sqlite3_stmt *statement = NULL;
     int64_t last = 0;
-    int code = SQLITE_ROW;
     tl_status status = ask_row(history, sql, run->run, most, from_at, &statement, error);
-    for (; status == TL_OK && statement != NULL && code == SQLITE_ROW; code = sqlite3_step(statement)) {
+    int code = statement != NULL ? SQLITE_ROW : SQLITE_DONE;
+    for (; status == TL_OK && code == SQLITE_ROW; code = sqlite3_step(statement)) {
         if (!give_event(statement, &last, visitor)) {
             status = tl_database_damaged(database, error,
                                          "an event of run %" PRId64 " is none that the recorder writes", run->run);

@@ -12,7 +12,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/store/database_instead.h"
+#include "firmware/store/database_file.h"
 #include "firmware/store/run_types.h"
 #include "master/base/simtime.h"
 #include "master/plan/plan.h"

@@ -11,7 +11,7 @@
  *          with the same state. An outbox keeps its place in the list for ever: by that the state knows how far it was taken.
  * Once:    each entry and event is written exactly once, also if the process is killed at any instant: what a successor needs to know for that lies
  *          in tl_recorder_writer_state (recorder_state.h), in memory that outlives the process. The run goes on in the same row.
- * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_instead.h. Later everything is
+ * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_file.h. Later everything is
  *          coped with: a full disk and other programs' locks are waited for, a damaged file is put aside, one that was removed, moved away or overwritten is
  *          made anew; then the run begins again in the new file, with what had not been written into the old one. Each is said once, in the log
  *          and as an event. What waits in the outboxes is not lost by any of it, as long as they have room.

@@ -11,7 +11,7 @@
 #include <unity.h>
 
 #include "firmware/base/text.h"
-#include "firmware/store/database_schema.h"
+#include "firmware/store/database.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/made_run.h"
 #include "tests/support/recorder_bench.h"
