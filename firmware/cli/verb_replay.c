@@ -23,6 +23,7 @@ typedef struct event_way {
     tl_journal journal;
     tl_watch watch;
     tl_lock_judge judge;
+    tl_twin_record record;
 } event_way;
 
 /* What begins its file anew must not be given one that this run reads or writes. */
@@ -77,7 +78,8 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
                                                     .path = job->options->database,
                                                     .known = tunings.known,
                                                     .known_count = tunings.count,
-                                                    .wait_when_full = true};
+                                                    .wait_when_full = true,
+                                                    .record = &way->record};
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
     if (status == TL_OK && job->options->report != NULL) {

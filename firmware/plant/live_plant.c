@@ -12,10 +12,7 @@
 struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
-    size_t (*signals)[TL_MAX_SIGNALS];  /* per source: channel → signal, */
-    tl_time (*repeats)[TL_MAX_SIGNALS]; /* and for how long an equal value is the same reading */
     tl_plant_readers *readers;
-    tl_mailbox mailboxes[TL_MAX_SIGNALS];
 };
 
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
@@ -59,26 +56,16 @@ static tl_status open_driver(const tl_config *config, const tl_config_source *co
     return status;
 }
 
-static tl_time patience_with(const tl_config *config, const tl_config_source *configured, tl_time wait) {
-    return (wait > config->realtime_hang ? wait : config->realtime_hang) + 2 * tl_time_of_seconds(configured->period_s);
-}
-
 /* Opens one configured source; one that no signal uses is left out. */
 static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_heartbeats *beats,
                              tl_error *error) {
     const tl_config_source *configured = &config->sources[index];
     tl_plant_source *source = &plant->sources[plant->source_count];
-    size_t *signals = plant->signals[plant->source_count];
-    tl_time *repeats = plant->repeats[plant->source_count];
-    source->name = configured->name;
-    source->signals = signals;
-    source->signal_count = 0;
-    source->period = tl_time_of_seconds(configured->period_s);
-    source->repeats = repeats;
+    *source = (tl_plant_source){.name = configured->name, .period = tl_time_of_seconds(configured->period_s)};
     for (size_t i = 0; i < config->signal_count; i++) {
         if (config->signals[i].source == index && config->signals[i].of == i) {
-            repeats[source->signal_count] = tl_config_repeats(config, &config->signals[i]);
-            signals[source->signal_count++] = i;
+            source->repeats[source->signal_count] = tl_config_repeats(config, &config->signals[i]);
+            source->signals[source->signal_count++] = i;
         }
     }
     if (source->signal_count == 0) {
@@ -90,7 +77,8 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     }
     tl_status status = open_driver(config, configured, &reach, source, error);
     if (status == TL_OK) {
-        source->heart = tl_heart_begin(beats, source->name, patience_with(config, configured, reach.wait));
+        tl_time hang = reach.wait > config->realtime_hang ? reach.wait : config->realtime_hang;
+        source->heart = tl_heart_begin(beats, source->name, hang + 2 * source->period);
         plant->source_count++;
     }
     return status;
@@ -132,10 +120,9 @@ static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
     return (kinds & tl_driver_bit(config->sources[source].driver)) != 0;
 }
 
-static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *settings) {
+static void mend_mailboxes(const tl_live_plant_settings *settings) {
     const tl_config *config = settings->config;
     for (size_t i = 0; i < config->signal_count; i++) {
-        plant->mailboxes[i] = settings->mailboxes[i];
         if (is_of(config, config->signals[i].source, settings->kinds)) {
             tl_mailbox_mend(&settings->mailboxes[i]);
         }
@@ -145,9 +132,7 @@ static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *s
 static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *settings, tl_error *error) {
     const tl_config *config = settings->config;
     plant->sources = calloc(config->source_count, sizeof *plant->sources);
-    plant->signals = calloc(config->source_count, sizeof *plant->signals);
-    plant->repeats = calloc(config->source_count, sizeof *plant->repeats);
-    if (plant->sources == NULL || plant->signals == NULL || plant->repeats == NULL) {
+    if (plant->sources == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's sources");
     }
     for (size_t i = 0; i < config->source_count; i++) {
@@ -158,7 +143,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
             return status;
         }
     }
-    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, settings->on_link,
+    return tl_plant_readers_start(plant->sources, plant->source_count, settings->mailboxes, settings->on_link,
                                   settings->context, &plant->readers, error);
 }
 
@@ -171,7 +156,7 @@ tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_pla
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    take_mailboxes(opened, settings);
+    mend_mailboxes(settings);
     status = open_all(opened, settings, error);
     if (status != TL_OK) {
         opened->readers = NULL;
@@ -190,7 +175,5 @@ void tl_live_plant_close(tl_live_plant *plant) {
         tl_plant_readers_stop(plant->readers);
     }
     free(plant->sources);
-    free(plant->signals);
-    free(plant->repeats);
     free(plant);
 }

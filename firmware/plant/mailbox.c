@@ -79,6 +79,7 @@ typedef struct neighbours {
     tl_reading before; /* the newest with stamp ≤ instant */
     tl_reading after;  /* the post behind it; if there is none before, the oldest that is kept */
     uint64_t end;      /* number of `after`, or of posts */
+    uint64_t count;    /* of posts */
 } neighbours;
 
 /* A look goes to the post before `end` at first, then further and further back until it has gone too far, and then to the middle of what is
@@ -86,7 +87,7 @@ typedef struct neighbours {
 static void find(const tl_mailbox *mailbox, uint64_t count, tl_time instant, neighbours *found) {
     uint64_t begin = count > mailbox->depth ? count - mailbox->depth : 0;
     uint64_t step = 1;
-    *found = (neighbours){.end = count};
+    *found = (neighbours){.end = count, .count = count};
     for (unsigned looks = 1; begin < found->end; looks++) {
         tl_reading reading = {.quality = TL_NO_LINK};
         uint64_t left = found->end - begin;
@@ -117,54 +118,48 @@ static void find_last_equal(const tl_mailbox *mailbox, uint64_t count, uint64_t 
 }
 
 /* False: there is none. */
-static bool choose(const tl_mailbox *mailbox, uint64_t count, tl_time from, tl_time until, neighbours *found) {
+static bool choose(const tl_mailbox *mailbox, tl_time from, tl_time until, neighbours *found) {
     bool next = found->has_after && found->after.stamp <= until;
     if (next && !(found->has_before && found->before.stamp == from)) {
-        find_last_equal(mailbox, count, found->end, &found->after);
+        find_last_equal(mailbox, found->count, found->end, &found->after);
         return true;
     }
     found->after = found->has_before ? found->before : found->after;
     return found->has_before || found->end > 0;
 }
 
-bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading) {
-    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
+/* False: nothing was posted yet, or not even the newest was kept until we looked at it, again and again. */
+static bool find_any(const tl_mailbox *mailbox, tl_time instant, neighbours *found) {
+    *found = (neighbours){.has_before = false};
+    for (int attempt = 0; attempt < ATTEMPTS && !found->has_before && !found->has_after; attempt++) {
         uint64_t count = __atomic_load_n(mailbox->count, __ATOMIC_ACQUIRE);
-        neighbours found;
-        find(mailbox, count, from, &found);
         if (count == 0) {
             return false;
         }
-        if (found.has_before || found.has_after) {
-            bool any = choose(mailbox, count, from, until, &found);
-            *reading = any ? found.after : *reading;
-            return any;
-        }
-        /* Not even the newest was kept until we looked at it. */
+        find(mailbox, count, instant, found);
     }
-    return false;
+    return found->has_before || found->has_after;
+}
+
+bool tl_mailbox_from(const tl_mailbox *mailbox, tl_time from, tl_time until, tl_reading *reading) {
+    neighbours found;
+    bool any = find_any(mailbox, from, &found) && choose(mailbox, from, until, &found);
+    *reading = any ? found.after : *reading;
+    return any;
 }
 
 bool tl_mailbox_around(const tl_mailbox *mailbox, tl_time at, tl_time until, tl_reading *before, tl_reading *after) {
-    for (int attempt = 0; attempt < ATTEMPTS; attempt++) {
-        uint64_t count = __atomic_load_n(mailbox->count, __ATOMIC_ACQUIRE);
-        neighbours found;
-        find(mailbox, count, at, &found);
-        if (found.has_before) {
-            bool next = found.has_after && found.after.stamp <= until;
-            if (next) {
-                find_last_equal(mailbox, count, found.end, &found.after);
-            }
-            *before = found.before;
-            *after = next ? found.after : (tl_reading){.stamp = TL_TIME_NEVER};
-            return true;
-        }
-        if (count == 0 || found.has_after) {
-            return false;
-        }
-        /* Not even the newest was kept until we looked at it. */
+    neighbours found;
+    if (!find_any(mailbox, at, &found) || !found.has_before) {
+        return false;
     }
-    return false;
+    bool next = found.has_after && found.after.stamp <= until;
+    if (next) {
+        find_last_equal(mailbox, found.count, found.end, &found.after);
+    }
+    *before = found.before;
+    *after = next ? found.after : (tl_reading){.stamp = TL_TIME_NEVER};
+    return true;
 }
 
 bool tl_mailbox_next(const tl_mailbox *mailbox, tl_time until, uint64_t *next, tl_reading *reading) {

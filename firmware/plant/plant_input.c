@@ -18,19 +18,81 @@
 #include <math.h>
 #include <stdlib.h>
 
+#include "firmware/plant/conditioner.h"
+
 /* 2^31: integers of FMI 2.0 are below it. */
 #define INTEGER_LIMIT 2147483648.0
 
-void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_reading *reading) {
-    tl_mailbox_post(&input->mailboxes[signal], reading);
+/* ---- The readings of one signal, conditioned each once as it comes, and kept to be looked up.
+ *
+ * Purpose: between the mailbox that a source posts into and the look-up of a sample. What has come by an instant is the same whenever that is asked,
+ *          so a run that has missed ticks sees what it would have seen.
+ * Again:   a reading with a stamp no later than the newest that was taken is that one again, and is passed over; one whose stamp is later than the
+ *          instant waits for its time.
+ * Trust:   none in the mailbox; so many readings are taken at once as it is deep. */
+
+struct tl_reading_stream {
+    tl_conditioner conditioner;
+    const tl_mailbox_slot *from; /* the mailbox that is read; NULL: none yet */
+    uint64_t next;               /* its post */
+    tl_reading last;             /* that was taken, as it came; its stamp is TL_TIME_NEVER if none was */
+    tl_reading
+        shown; /* the same; if any was rejected at this instant, the last of these, with the quality TL_OUTLIER */
+    bool has_rejected;            /* at this instant */
+    uint64_t count, smooth_count; /* of these: */
+    tl_mailbox out;               /* what has come out, to be looked up; */
+    tl_mailbox smooth;            /* and, under the same stamps, where the low-pass was: the same where there is none */
+    tl_mailbox_slot slots[];
+};
+
+/* For as many readings as a mailbox of that depth has, a power of two. NULL: there is not enough memory. */
+static tl_reading_stream *make_stream(const tl_condition *condition, tl_time stale, uint32_t depth) {
+    tl_reading_stream *stream = calloc(1, sizeof *stream + 2 * (size_t)depth * sizeof stream->slots[0]);
+    if (stream != NULL) {
+        tl_conditioner_init(&stream->conditioner, condition, stale);
+        stream->last.stamp = TL_TIME_NEVER;
+        stream->out = (tl_mailbox){.slots = stream->slots, .count = &stream->count, .depth = depth};
+        stream->smooth = (tl_mailbox){.slots = stream->slots + depth, .count = &stream->smooth_count, .depth = depth};
+    }
+    return stream;
+}
+
+/* The next reading of the mailbox with a stamp ≤ until; false: there is none yet. */
+static bool next_of_stream(tl_reading_stream *stream, const tl_mailbox *mailbox, tl_time until, tl_reading *reading) {
+    if (stream->from != mailbox->slots) {
+        stream->from = mailbox->slots;
+        stream->next = 0;
+    }
+    bool any = tl_mailbox_next(mailbox, until, &stream->next, reading);
+    for (uint32_t i = 0; any && reading->stamp <= stream->last.stamp; i++) {
+        any = i < mailbox->depth && tl_mailbox_next(mailbox, until, &stream->next, reading);
+    }
+    return any;
+}
+
+/* It, judged. */
+static void put_into_stream(tl_reading_stream *stream, const tl_reading *reading) {
+    tl_conditioned out[TL_CONDITIONER_LEVEL];
+    bool is_rejected = false;
+    size_t count = tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out);
+    for (size_t i = 0; i < count; i++) {
+        tl_mailbox_post(&stream->out, &out[i].reading);
+        out[i].reading.value = out[i].smooth;
+        tl_mailbox_post(&stream->smooth, &out[i].reading);
+    }
+    stream->last = *reading;
+    if (is_rejected || !stream->has_rejected) {
+        stream->shown = *reading;
+        stream->shown.quality = is_rejected ? TL_OUTLIER : reading->quality;
+    }
+    stream->has_rejected = stream->has_rejected || is_rejected;
 }
 
 bool tl_plant_input_open(tl_plant_input *input) {
     bool all = true;
     for (size_t i = 0; i < input->count; i++) {
         if (tl_condition_is_needed(&input->conditions[i]) && !input->looks[i].shows) {
-            input->streams[i] =
-                tl_reading_stream_make(&input->conditions[i], input->limits[i].stale, input->mailboxes[i].depth);
+            input->streams[i] = make_stream(&input->conditions[i], input->limits[i].stale, input->mailboxes[i].depth);
             all = all && input->streams[i] != NULL;
         }
     }
@@ -121,11 +183,6 @@ static bool are_joined(const view *self, const tl_reading *before, const tl_read
     return is_close && is_good(self, before) && is_good(self, after) && isfinite(after->value - before->value);
 }
 
-static double on_line(const tl_reading *before, const tl_reading *after, tl_time at) {
-    double share = (double)(at - before->stamp) / (double)(after->stamp - before->stamp);
-    return before->value + share * (after->value - before->value);
-}
-
 /* What there is at an instant: a reading of it, a value between two, or the last one. False where there was none yet. */
 static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_reading after;
@@ -133,7 +190,9 @@ static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading
         return false;
     }
     if (reading->stamp < at - alike && are_joined(self, reading, &after)) {
-        *reading = (tl_reading){.value = on_line(reading, &after, at), .stamp = at, .quality = TL_GOOD};
+        double share = (double)(at - reading->stamp) / (double)(after.stamp - reading->stamp);
+        double value = reading->value + share * (after.value - reading->value);
+        *reading = (tl_reading){.value = value, .stamp = at, .quality = TL_GOOD};
     }
     return true;
 }
@@ -209,9 +268,9 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
     const tl_plant_look *look = &input->looks[signal];
     const tl_reading_stream *stream = input->streams[signal];
     const view self = {
-        .mailbox = stream != NULL ? tl_reading_stream_smooth(stream) : &input->mailboxes[signal],
-        .lines = stream != NULL ? tl_reading_stream_out(stream) : &input->mailboxes[signal],
-        .low_pass = stream != NULL ? tl_reading_stream_low_pass(stream) : 0,
+        .mailbox = stream != NULL ? &stream->smooth : &input->mailboxes[signal],
+        .lines = stream != NULL ? &stream->out : &input->mailboxes[signal],
+        .low_pass = stream != NULL ? stream->conditioner.condition.low_pass : 0,
         .limits = &input->limits[signal],
         .until = instant + alike,
     };
@@ -233,11 +292,11 @@ static void condition(const tl_plant_input *input, size_t signal, tl_time until)
     tl_reading_stream *stream = input->streams[signal];
     const tl_mailbox *mailbox = &input->mailboxes[signal];
     tl_reading reading;
-    tl_reading_stream_begin(stream);
-    for (uint32_t i = 0; i < mailbox->depth && tl_reading_stream_next(stream, mailbox, until, &reading); i++) {
+    stream->has_rejected = false;
+    for (uint32_t i = 0; i < mailbox->depth && next_of_stream(stream, mailbox, until, &reading); i++) {
         if (is_near(reading.stamp, until)) {
             reading.quality = judge(&input->limits[signal], reading.stamp, &reading);
-            tl_reading_stream_put(stream, &reading);
+            put_into_stream(stream, &reading);
         }
     }
 }
@@ -245,9 +304,12 @@ static void condition(const tl_plant_input *input, size_t signal, tl_time until)
 /* The newest reading of a signal as it came, and as it was judged. */
 static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_reading *reading) {
     const tl_reading_stream *stream = input->streams[signal];
-    bool any = stream != NULL ? tl_reading_stream_newest(stream, reading)
-                              : tl_mailbox_at(&input->mailboxes[signal], until, reading);
-    if (any && stream == NULL && is_near(reading->stamp, until)) {
+    if (stream != NULL) {
+        *reading = stream->shown;
+        return stream->last.stamp != TL_TIME_NEVER;
+    }
+    bool any = tl_mailbox_at(&input->mailboxes[signal], until, reading);
+    if (any && is_near(reading->stamp, until)) {
         reading->quality = judge(&input->limits[signal], reading->stamp, reading);
     }
     return any;

@@ -14,7 +14,6 @@
 #include <stddef.h>
 
 #include "firmware/plant/mailbox.h"
-#include "firmware/plant/plant_reader.h"
 #include "master/base/signal.h"
 
 /* Where a signal is looked up in a sample of the instant t. */
@@ -42,6 +41,9 @@ typedef struct tl_plant_limits {
 /* 73 years: the difference of two stamps of samples is a tl_time, whoever has made them. */
 #define TL_PLANT_FARTHEST (INT64_MAX / 4)
 
+/* The readings of one signal, conditioned each once as it comes. Of the cycle's thread. */
+typedef struct tl_reading_stream tl_reading_stream;
+
 /* Set up by tl_live_plant_set_limits() and tl_plant_mail_open(). */
 typedef struct tl_plant_input {
     size_t count;
@@ -57,9 +59,6 @@ bool tl_plant_input_open(tl_plant_input *input);
 
 /* Frees what it has opened. A zeroed one is allowed. */
 void tl_plant_input_close(tl_plant_input *input);
-
-/* Any driver thread, one per signal. */
-void tl_plant_input_post(const tl_plant_input *input, size_t signal, const tl_reading *reading);
 
 /* Every signal's newest reading is good, whatever its value. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);

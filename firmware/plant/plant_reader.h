@@ -9,44 +9,9 @@
 #include <stdint.h>
 
 #include "board/io/plant_io.h"
-#include "firmware/plant/conditioner.h"
 #include "firmware/plant/mailbox.h"
 #include "firmware/process/heartbeat.h"
 #include "master/base/signal.h"
-
-/* ---- The readings of one signal, conditioned each once as it comes, and kept to be looked up.
- *
- * Purpose: between the mailbox that a source posts into and the look-up of a sample. What has come by an instant is the same whenever that is asked,
- *          so a run that has missed ticks sees what it would have seen.
- * Again:   a reading with a stamp no later than the newest that was taken is that one again, and is passed over; one whose stamp is later than the
- *          instant waits for its time.
- * Trust:   none in the mailbox; so many readings are taken at once as it is deep.
- * Memory:  the heap's, when made. Thread: the cycle's.
- */
-
-typedef struct tl_reading_stream tl_reading_stream;
-
-/* For as many readings as a mailbox of that depth has, a power of two. NULL: there is not enough memory. free() releases it. */
-tl_reading_stream *tl_reading_stream_make(const tl_condition *condition, tl_time stale, uint32_t depth);
-
-/* Before an instant's readings are put: none of them was rejected yet. */
-void tl_reading_stream_begin(tl_reading_stream *stream);
-
-/* The next reading of the mailbox with a stamp ≤ until; false: there is none yet. */
-bool tl_reading_stream_next(tl_reading_stream *stream, const tl_mailbox *mailbox, tl_time until, tl_reading *reading);
-
-/* It, judged (plant_input.c). */
-void tl_reading_stream_put(tl_reading_stream *stream, const tl_reading *reading);
-
-/* What has come out, to be looked up; and, under the same stamps, where the low-pass was: the same where there is none. */
-const tl_mailbox *tl_reading_stream_out(const tl_reading_stream *stream);
-const tl_mailbox *tl_reading_stream_smooth(const tl_reading_stream *stream);
-
-/* τ; 0: there is none. */
-tl_time tl_reading_stream_low_pass(const tl_reading_stream *stream);
-
-/* What came last, as it came; if any was rejected since the last begin, the last of these, with the quality TL_OUTLIER. False: nothing has come. */
-bool tl_reading_stream_newest(const tl_reading_stream *stream, tl_reading *reading);
 
 /* ---- A reading that a poll has found again.
  *
@@ -80,11 +45,11 @@ typedef struct tl_plant_source {
     const char *name;                 /* as configured */
     const tl_plant_io_driver *driver; /* not owned */
     tl_plant_io *io;                  /* owned by the reader from start on: closed by stop */
-    const size_t *signals;            /* channel → index of the signal's mailbox */
+    size_t signals[TL_MAX_SIGNALS];   /* channel → index of the signal's mailbox */
     size_t signal_count;
-    const tl_time *repeats; /* channel → ns in which an equal value is no new reading (plant_reader.h); NULL: 0 */
-    tl_time period;         /* ns between polls, > 0 */
-    tl_heart *heart;        /* of its thread, which beats at each poll and reading; NULL: nobody listens */
+    tl_time repeats[TL_MAX_SIGNALS]; /* channel → ns in which an equal value is no new reading */
+    tl_time period;                  /* ns between polls, > 0 */
+    tl_heart *heart;                 /* of its thread, which beats at each poll and reading; NULL: nobody listens */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;

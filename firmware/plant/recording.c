@@ -15,6 +15,7 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
+#include "firmware/store/recorder_settings.h"
 #include "master/base/status.h"
 
 struct tl_recording {
@@ -57,7 +58,7 @@ static tl_status open_input(tl_recording *recording, tl_error *error) {
 
 /* Of a signal of the configuration's own, its listener hears too. */
 static void post_reading(tl_recording *recording, size_t signal, const tl_reading *reading) {
-    tl_plant_input_post(&recording->input, signal, reading);
+    tl_mailbox_post(&recording->input.mailboxes[signal], reading);
     if (recording->hear != NULL && recording->config->signals[signal].of == signal) {
         recording->hear(recording->listener, signal, reading);
     }
@@ -74,10 +75,11 @@ static void post_reading(tl_recording *recording, size_t signal, const tl_readin
  *          cannot be followed.
  */
 
-/* Whether a recorded signal is the configuration's: it is recorded as "plant.name". */
-static bool is_same_signal(const char *recorded, const char *name) {
-    static const char PREFIX[] = "plant.";
-    return strncmp(recorded, PREFIX, sizeof PREFIX - 1) == 0 && strcmp(recorded + sizeof PREFIX - 1, name) == 0;
+/* Whether a recorded signal is "plant.NAME" with this suffix. */
+static bool is_same_signal(const char *recorded, const char *name, const char *suffix) {
+    char own[TL_RECORDER_NAME + sizeof TL_CONFIG_READING];
+    (void)snprintf(own, sizeof own, "plant.%s%s", name, suffix);
+    return strcmp(recorded, own) == 0;
 }
 
 /* Of a run with delays: a signal that was looked up twice is behind the others, and its name is none of a configuration. */
@@ -88,16 +90,6 @@ static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t cou
     return count;
 }
 
-/* Whether a recorded signal is "plant.NAME@reading" of the configuration's. */
-static bool shows(const char *recorded, const char *name) {
-    const char *suffix = strchr(recorded, '@');
-    size_t length = strlen(name);
-    return suffix != NULL && strcmp(suffix, TL_CONFIG_READING) == 0 &&
-           strncmp(recorded, "plant.", sizeof "plant." - 1) == 0 &&
-           (size_t)(suffix - recorded) == sizeof "plant." - 1 + length &&
-           strncmp(recorded + sizeof "plant." - 1, name, length) == 0;
-}
-
 /* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
 static void find_readings(tl_recording *recording, const tl_recorder_signal *signals, size_t count) {
     const tl_config *config = recording->config;
@@ -105,7 +97,8 @@ static void find_readings(tl_recording *recording, const tl_recorder_signal *sig
         size_t first = config->signals[i].of;
         recording->raw[i] = i < recording->recorded ? i : first;
         for (size_t k = 0; k < count && k < TL_MAX_SIGNALS; k++) {
-            recording->raw[i] = shows(signals[k].name, config->signals[first].plan.name) ? k : recording->raw[i];
+            bool shows = is_same_signal(signals[k].name, config->signals[first].plan.name, TL_CONFIG_READING);
+            recording->raw[i] = shows ? k : recording->raw[i];
         }
     }
 }
@@ -126,14 +119,14 @@ static tl_status check_signals(tl_recording *recording, const tl_history_run *ru
     }
     bool all = true;
     for (size_t i = own; i < config->signal_count; i++) {
-        all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name);
+        all = all && i < count && is_same_signal(signals[i].name, config->signals[i].plan.name, "");
     }
     recording->recorded = all ? config->signal_count : own;
     find_readings(recording, signals, count);
     count = count_first_look_ups(signals, count);
     for (size_t i = 0; i < own; i++) {
         const char *name = config->signals[i].plan.name;
-        if (i >= count || !is_same_signal(signals[i].name, name)) {
+        if (i >= count || !is_same_signal(signals[i].name, name, "")) {
             return tl_fail(error, TL_BAD_DATA,
                            "%s: run %" PRId64 " has %s as signal %zu, the configuration has plant.%s: the plant's "
                            "signals must be the same, in the same order",
@@ -271,19 +264,16 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
 
 /* ---- look-ups ---- */
 
-static bool looks_as(const tl_config_signal *signal, const tl_config_signal *other) {
-    const tl_condition *own = &signal->condition;
-    const tl_condition *its = &other->condition;
-    bool conditions_alike = own->median == its->median && own->low_pass == its->low_pass && !(own->gate < its->gate) &&
-                            !(own->gate > its->gate);
-    return signal->look_back == other->look_back && signal->next == other->next && signal->between == other->between &&
-           conditions_alike;
-}
-
 static bool look_alike(const tl_config *config, const tl_config *run) {
     bool alike = config->signal_count == run->signal_count;
     for (size_t i = 0; alike && i < config->signal_count; i++) {
-        alike = looks_as(&config->signals[i], &run->signals[i]);
+        const tl_config_signal *signal = &config->signals[i];
+        const tl_config_signal *other = &run->signals[i];
+        const tl_condition *own = &signal->condition;
+        const tl_condition *its = &other->condition;
+        alike = signal->look_back == other->look_back && signal->next == other->next &&
+                signal->between == other->between && own->median == its->median && own->low_pass == its->low_pass &&
+                !(own->gate < its->gate) && !(own->gate > its->gate);
     }
     return alike;
 }
@@ -352,10 +342,7 @@ static tl_status open_database(tl_recording *recording, const char *path, tl_err
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         recording->posted[i] = TL_TIME_NEVER;
     }
-    tl_status status = open_input(recording, error);
-    if (status == TL_OK) {
-        status = tl_history_open(path, &recording->history, error);
-    }
+    tl_status status = tl_history_open(path, &recording->history, error);
     if (status == TL_OK) {
         status = open_run(recording, error);
     }
@@ -494,14 +481,6 @@ static tl_status survey(tl_recording *recording, const char *path, tl_error *err
     return status;
 }
 
-static tl_status open_csv(tl_recording *recording, const char *path, tl_error *error) {
-    tl_status status = survey(recording, path, error);
-    if (status == TL_OK) {
-        status = open_input(recording, error);
-    }
-    return status == TL_OK ? open_reader(path, recording->config, &recording->reader, error) : status;
-}
-
 static void post_row(tl_recording *recording) {
     for (size_t i = 0; i < recording->input.count; i++) {
         if (recording->row.present[i]) {
@@ -573,7 +552,13 @@ tl_status tl_recording_open(const char *path, const tl_config *config, tl_record
     }
     (void)snprintf(opened->path, sizeof opened->path, "%s", path);
     opened->config = config;
-    tl_status status = from_database ? open_database(opened, path, error) : open_csv(opened, path, error);
+    tl_status status = open_input(opened, error);
+    if (status == TL_OK && from_database) {
+        status = open_database(opened, path, error);
+    } else if (status == TL_OK) {
+        status = survey(opened, path, error);
+        status = status == TL_OK ? open_reader(path, config, &opened->reader, error) : status;
+    }
     if (status != TL_OK) {
         tl_recording_close(opened);
         return status;

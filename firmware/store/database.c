@@ -12,8 +12,227 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "firmware/store/database_schema.h"
 #include "firmware/store/database_sql.h"
+
+/* ---- The schema: one statement each for tables, indices and views. config/SPEC.md, "Database", says what everything means; keep them together.
+ *
+ * Values of signals and variables are in columns without a type, on purpose: a column of type REAL stores 5.0 as the
+ * integer 5, which makes 0.0 of -0.0, and a replay of a recording must see the same bits. */
+
+static const char *const schema[] = {
+    /* Codes and their names; filled from the program's own names each time it opens the database for writing. */
+    "CREATE TABLE outcomes (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+    "CREATE TABLE stops (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+    "CREATE TABLE qualities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+    "CREATE TABLE severities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+    "CREATE TABLE flags (bit INTEGER PRIMARY KEY, name TEXT NOT NULL)",
+
+    "CREATE TABLE configurations ("
+    "  hash TEXT PRIMARY KEY NOT NULL," /* SHA-256 of the text */
+    "  text TEXT NOT NULL)",
+
+    "CREATE TABLE runs ("
+    "  run INTEGER PRIMARY KEY,"
+    "  verb TEXT NOT NULL,"
+    "  name TEXT NOT NULL,"
+    "  version TEXT NOT NULL,"
+    "  configuration TEXT NOT NULL REFERENCES configurations (hash),"
+    "  started TEXT NOT NULL,"
+    "  ended TEXT,"
+    "  ended_reason TEXT,"
+    "  committed TEXT,"
+    "  step_ns INTEGER NOT NULL,"
+    "  prediction INTEGER NOT NULL,"
+    "  measurements TEXT NOT NULL,"
+    "  samples_written INTEGER NOT NULL DEFAULT 0,"
+    "  steps_written INTEGER NOT NULL DEFAULT 0,"
+    "  events_written INTEGER NOT NULL DEFAULT 0,"
+    "  entries_lost INTEGER NOT NULL DEFAULT 0,"
+    "  removed_before INTEGER,"
+    "  lead INTEGER NOT NULL DEFAULT 0)",
+
+    "CREATE TABLE signals ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  kind TEXT NOT NULL CHECK (kind IN ('plant', 'match', 'adjust')),"
+    "  signal INTEGER NOT NULL,"
+    "  name TEXT NOT NULL,"
+    "  unit TEXT NOT NULL,"
+    "  type TEXT NOT NULL,"
+    "  compared_with TEXT,"
+    "  PRIMARY KEY (run, kind, signal)) WITHOUT ROWID",
+
+    "CREATE TABLE samples ("
+    "  run INTEGER NOT NULL,"
+    "  tick INTEGER NOT NULL,"
+    "  signal INTEGER NOT NULL,"
+    "  value,"
+    "  quality INTEGER NOT NULL,"
+    "  stamp_ns INTEGER,"
+    "  PRIMARY KEY (run, tick, signal)) WITHOUT ROWID",
+
+    "CREATE TABLE steps ("
+    "  run INTEGER NOT NULL,"
+    "  step INTEGER NOT NULL,"
+    "  t_ns INTEGER NOT NULL,"
+    "  outcome INTEGER NOT NULL,"
+    "  stop INTEGER NOT NULL,"
+    "  J,"
+    "  J_nominal,"
+    "  evaluations INTEGER NOT NULL,"
+    "  executions INTEGER NOT NULL,"
+    "  used_ns INTEGER NOT NULL,"
+    "  predicted INTEGER," /* the recorder always writes these three, too */
+    "  flags INTEGER,"
+    "  held INTEGER,"
+    "  PRIMARY KEY (run, step)) WITHOUT ROWID",
+
+    "CREATE TABLE outputs ("
+    "  run INTEGER NOT NULL,"
+    "  step INTEGER NOT NULL,"
+    "  signal INTEGER NOT NULL,"
+    "  y,"
+    "  y_hat,"
+    "  quality INTEGER NOT NULL,"
+    "  delta AS (y - y_hat),"
+    "  readings INTEGER," /* the recorder always writes readings and rejected, too; squares is NULL if not finite */
+    "  squares,"
+    "  rejected INTEGER,"
+    "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
+
+    "CREATE TABLE adjustments ("
+    "  run INTEGER NOT NULL,"
+    "  step INTEGER NOT NULL,"
+    "  signal INTEGER NOT NULL,"
+    "  u,"
+    "  u_hat,"
+    "  delta AS (u - u_hat),"
+    "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
+
+    "CREATE TABLE components ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  component INTEGER NOT NULL,"
+    "  name TEXT NOT NULL,"
+    "  plain INTEGER NOT NULL DEFAULT 0,"
+    "  predicted INTEGER NOT NULL DEFAULT 0,"
+    "  executions INTEGER NOT NULL DEFAULT 0,"
+    "  caught_up INTEGER NOT NULL DEFAULT 0,"
+    "  unstored INTEGER NOT NULL DEFAULT 0,"
+    "  PRIMARY KEY (run, component)) WITHOUT ROWID",
+
+    /* What a restart needs to resume a run. */
+    "CREATE TABLE beginnings ("
+    "  run INTEGER PRIMARY KEY REFERENCES runs (run),"
+    "  fmus TEXT NOT NULL," /* SHA-256 over those of the files */
+    "  boot TEXT NOT NULL," /* of the system; start_ns is of its clock */
+    "  start_ns INTEGER,"
+    "  resumed_run INTEGER,"
+    "  resumed_tick INTEGER,"
+    "  resumed_from TEXT)",
+
+    "CREATE TABLE checkpoints ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  tick INTEGER NOT NULL,"
+    "  format TEXT NOT NULL,"
+    "  sha256 TEXT NOT NULL,"
+    "  bytes BLOB NOT NULL,"
+    "  PRIMARY KEY (run, tick))",
+
+    /* Configurations that a run took while it ran. */
+    "CREATE TABLE tunings ("
+    "  run INTEGER NOT NULL REFERENCES runs (run),"
+    "  tick INTEGER NOT NULL," /* the first with it */
+    "  configuration TEXT NOT NULL REFERENCES configurations (hash),"
+    "  at TEXT NOT NULL,"
+    "  who TEXT NOT NULL,"
+    "  origin TEXT NOT NULL,"
+    "  why TEXT NOT NULL,"
+    "  PRIMARY KEY (run, tick)) WITHOUT ROWID",
+
+    "CREATE TABLE events ("
+    "  event INTEGER PRIMARY KEY,"
+    "  run INTEGER NOT NULL,"
+    "  at TEXT NOT NULL,"
+    "  tick INTEGER,"
+    "  severity INTEGER NOT NULL,"
+    "  source TEXT NOT NULL,"
+    "  text TEXT NOT NULL)",
+    "CREATE INDEX events_of_run ON events (run, event)",
+
+    "CREATE VIEW v_runs AS SELECT run, verb, name, started,"
+    "  coalesce(ended, 'running') AS ended, ended_reason,"
+    "  step_ns / 1e9 AS step_s, samples_written, steps_written, events_written, entries_lost, removed_before,"
+    "  version, substr(configuration, 1, 12) AS configuration FROM runs",
+
+    /* When the instant t_ns of a run was: only a live run has one in the world. */
+    "CREATE VIEW v_samples AS SELECT s.run, s.tick, s.tick * r.step_ns / 1e9 AS time_s,"
+    "  CASE r.verb WHEN 'run' THEN"
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.tick * r.step_ns / 1e9)) END AS at,"
+    "  n.name, s.value, n.unit, coalesce(q.name, s.quality) AS quality,"
+    "  s.tick * r.step_ns / 1e9 - s.stamp_ns / 1e9 AS age_s"
+    "  FROM samples s JOIN runs r USING (run)"
+    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
+    "  LEFT JOIN qualities q ON q.code = s.quality",
+
+    /* Bits as names; NULL if no bit is set. */
+    "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"
+    "  CASE r.verb WHEN 'run' THEN"
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"
+    "  coalesce(o.name, s.outcome) AS outcome, coalesce(t.name, s.stop) AS stop, s.J, s.J_nominal,"
+    "  s.evaluations, s.executions, s.used_ns / 1e6 AS used_ms, s.predicted,"
+    "  (SELECT group_concat(f.name, ', ') FROM flags f WHERE s.flags & f.bit) AS flags,"
+    "  (SELECT group_concat(n.name, ', ') FROM signals n"
+    "    WHERE n.run = s.run AND n.kind = 'adjust' AND (s.held >> n.signal) & 1) AS held"
+    "  FROM steps s JOIN runs r USING (run)"
+    "  LEFT JOIN outcomes o ON o.code = s.outcome LEFT JOIN stops t ON t.code = s.stop",
+
+    "CREATE VIEW v_outputs AS SELECT s.run, s.step, (s.step + 1) * r.step_ns / 1e9 AS time_s,"
+    "  CASE r.verb WHEN 'run' THEN"
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', (s.step + 1) * r.step_ns / 1e9))"
+    "  END AS at,"
+    "  n.name, s.y, n.compared_with, s.y_hat, s.delta, n.unit, coalesce(q.name, s.quality) AS quality"
+    "  FROM outputs s JOIN runs r USING (run)"
+    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'match' AND n.signal = s.signal"
+    "  LEFT JOIN qualities q ON q.code = s.quality",
+
+    "CREATE VIEW v_corrections AS SELECT s.run, s.step, s.step * r.step_ns / 1e9 AS time_s,"
+    "  CASE r.verb WHEN 'run' THEN"
+    "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.step * r.step_ns / 1e9)) END AS at,"
+    "  n.name, s.u, s.u_hat AS nominal, s.delta, n.unit"
+    "  FROM adjustments s JOIN runs r USING (run)"
+    "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'adjust' AND n.signal = s.signal",
+
+    "CREATE VIEW v_events AS SELECT e.run, e.at, e.tick, coalesce(v.name, e.severity) AS severity, e.source, e.text"
+    "  FROM events e LEFT JOIN severities v ON v.code = e.severity ORDER BY e.event",
+
+    "CREATE VIEW v_ledger AS SELECT c.run, c.name AS component, c.plain, c.predicted, c.executions,"
+    "  c.plain - c.executions AS saved, c.caught_up, c.unstored,"
+    "  c.executions - c.caught_up - c.predicted AS difference"
+    "  FROM components c ORDER BY c.run, c.component",
+
+    "CREATE VIEW v_tunings AS SELECT t.run, t.tick, t.tick * r.step_ns / 1e9 AS time_s, t.at,"
+    "  substr(t.configuration, 1, 12) AS configuration, t.who, t.origin, t.why"
+    "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick",
+};
+
+/* The columns of the primary key of each table that is read in its order. */
+static const struct {
+    const char *table;
+    const char *columns;
+} keys[] = {
+    {"configurations", "hash"},
+    {"runs", "run"},
+    {"signals", "run, kind, signal"},
+    {"samples", "run, tick, signal"},
+    {"steps", "run, step"},
+    {"outputs", "run, step, signal"},
+    {"adjustments", "run, step, signal"},
+    {"components", "run, component"},
+    {"beginnings", "run"},
+    {"checkpoints", "run, tick"},
+    {"tunings", "run, tick"},
+    {"events", "event"},
+    {"severities", "code"},
+};
 
 /* ---- database guard ---- */
 
@@ -39,7 +258,7 @@ static int count_turns(void *context) {
 }
 
 /* For a new connection, before the first SQL on it. A statement that is ended then fails with SQLITE_INTERRUPT. */
-static void tl_database_guard(sqlite3 *database) {
+static void guard_connection(sqlite3 *database) {
     static const int off[] = {SQLITE_DBCONFIG_TRUSTED_SCHEMA, SQLITE_DBCONFIG_ENABLE_TRIGGER,
                               SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_ENABLE_LOAD_EXTENSION};
     static const struct {
@@ -92,20 +311,22 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error) {
     (void)sqlite3_finalize(statement);
 }
 
-/* ---- The schema -------------------------------------------------------------------------------------------------- */
+/* ---- Is the schema ours? ------------------------------------------------------------------------------------------ */
 
-/* What the file would have SQLite run for it. */
-static tl_status check_code(sqlite3 *database, tl_error *error) {
-    static const char sql[] = "SELECT type, name FROM sqlite_schema"
-                              " WHERE type = 'trigger' OR (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)";
+/* The text that a statement gives for a table; "": there is no row. */
+static tl_status ask_text(sqlite3 *database, const char *sql, const char *table, char *text, size_t size,
+                          tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(database, sql, &statement, error);
-    int code = status == TL_OK ? sqlite3_step(statement) : SQLITE_DONE;
+    text[0] = '\0';
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_bind_text(statement, 1, table, -1, SQLITE_STATIC);
+    int code = sqlite3_step(statement);
     if (code == SQLITE_ROW) {
-        status = tl_database_damaged(
-            database, error, "it has the %s \"%.60s\", and twinlock makes none",
-            strcmp((const char *)sqlite3_column_text(statement, 0), "trigger") == 0 ? "trigger" : "virtual table",
-            (const char *)sqlite3_column_text(statement, 1));
+        const char *found = (const char *)sqlite3_column_text(statement, 0);
+        (void)snprintf(text, size, "%s", found == NULL ? "nothing" : found);
     } else if (code != SQLITE_DONE) {
         status = tl_database_fail(database, code, error);
     }
@@ -113,63 +334,38 @@ static tl_status check_code(sqlite3 *database, tl_error *error) {
     return status;
 }
 
-/* Rows come in the order of the key without being sorted, so it must be the one we know. */
-static tl_status check_key(sqlite3 *database, sqlite3_stmt *statement, const tl_database_key *key, tl_error *error) {
-    char found[64] = "";
-    int code = SQLITE_ROW;
-    (void)sqlite3_bind_text(statement, 1, key->table, -1, SQLITE_STATIC);
-    while ((code = sqlite3_step(statement)) == SQLITE_ROW) {
-        size_t length = strlen(found);
-        (void)snprintf(found + length, sizeof found - length, "%s%s", length == 0 ? "" : ", ",
-                       (const char *)sqlite3_column_text(statement, 0));
-    }
-    (void)sqlite3_reset(statement);
-    if (code != SQLITE_DONE) {
-        return tl_database_fail(database, code, error);
-    }
-    return strcmp(found, key->columns) == 0
-               ? TL_OK
-               : tl_database_damaged(database, error, "its table %s has not the key that twinlock gives it",
-                                     key->table);
-}
-
-/* Is it there at all? Not what is only called so, such as a view. */
-static tl_status find_table(sqlite3 *database, const char *name, bool *found, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_status status =
-        tl_database_prepare(database, "SELECT type = 'table' FROM sqlite_schema WHERE name = ?1", &statement, error);
-    if (status != TL_OK) {
+/* Rows come in the order of the key without being sorted, so it must be the one we know. Tables that are not there yet are no damage; they are
+ * missed by who needs them. Something else that is only called so, such as a view, is. */
+static tl_status check_key(sqlite3 *database, const char *table, const char *columns, tl_error *error) {
+    static const char sql[] =
+        "SELECT type || ' ' || ifnull((SELECT group_concat(name, ', ') FROM"
+        " (SELECT name FROM pragma_table_xinfo(?1) WHERE pk > 0 ORDER BY pk)), '') FROM sqlite_schema WHERE name = ?1";
+    char found[64];
+    tl_status status = ask_text(database, sql, table, found, sizeof found, error);
+    if (status != TL_OK || found[0] == '\0') {
         return status;
     }
-    (void)sqlite3_bind_text(statement, 1, name, -1, SQLITE_STATIC);
-    int code = sqlite3_step(statement);
-    *found = code == SQLITE_ROW;
-    if (code == SQLITE_ROW && sqlite3_column_int(statement, 0) != 1) {
-        status = tl_database_damaged(database, error, "%s is no table", name);
-    } else if (code != SQLITE_ROW && code != SQLITE_DONE) {
-        status = tl_database_fail(database, code, error);
+    if (strncmp(found, "table ", 6) != 0) {
+        return tl_database_damaged(database, error, "%s is no table", table);
     }
-    (void)sqlite3_finalize(statement);
-    return status;
+    return strcmp(found + 6, columns) == 0
+               ? TL_OK
+               : tl_database_damaged(database, error, "its table %s has not the key that twinlock gives it", table);
 }
 
-/* Are the tables what they are called? Tables that are not there yet are no damage; they are missed by who needs them.
- * Errors: TL_BAD_DATA for triggers, virtual tables, and tables of ours that are none or have another key. */
-static tl_status tl_database_check_schema(sqlite3 *database, tl_error *error) {
-    static const char sql[] = "SELECT name FROM pragma_table_xinfo(?1) WHERE pk > 0 ORDER BY pk";
-    sqlite3_stmt *statement = NULL;
-    tl_status status = check_code(database, error);
-    if (status == TL_OK) {
-        status = tl_database_prepare(database, sql, &statement, error);
+/* Errors: TL_BAD_DATA for what the file would have SQLite run for it, and for tables of ours that are none or have another key. */
+static tl_status check_schema(sqlite3 *database, tl_error *error) {
+    static const char sql[] = "SELECT iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60)"
+                              " FROM sqlite_schema WHERE type = 'trigger' OR"
+                              " (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)";
+    char found[300];
+    tl_status status = ask_text(database, sql, NULL, found, sizeof found, error);
+    if (status == TL_OK && found[0] != '\0') {
+        status = tl_database_damaged(database, error, "it has the %s\", and twinlock makes none", found);
     }
-    for (const tl_database_key *key = tl_database_keys; status == TL_OK && key->table != NULL; key++) {
-        bool there = false;
-        status = find_table(database, key->table, &there, error);
-        if (status == TL_OK && there) {
-            status = check_key(database, statement, key, error);
-        }
+    for (size_t i = 0; status == TL_OK && i < sizeof keys / sizeof keys[0]; i++) {
+        status = check_key(database, keys[i].table, keys[i].columns, error);
     }
-    (void)sqlite3_finalize(statement);
     return status;
 }
 
@@ -244,7 +440,7 @@ static tl_status open_connection(const char *name, int flags, sqlite3 **database
     char why[TL_ERROR_TEXT];
     int code = sqlite3_open_v2(name, database, flags | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE, NULL);
     if (code == SQLITE_OK) {
-        tl_database_guard(*database);
+        guard_connection(*database);
         return TL_OK;
     }
     tl_database_text(*database, code, why, sizeof why);
@@ -305,15 +501,9 @@ static tl_status first_read(const char *path, bool write, sqlite3 **database, tl
 
 /* The format as SQL sees it. */
 static tl_status check_current_version(sqlite3 *database, const char *path, tl_error *error) {
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(database, "PRAGMA user_version", &statement, error);
-    if (status == TL_OK) {
-        int code = sqlite3_step(statement);
-        status = code == SQLITE_ROW ? check_version(path, sqlite3_column_int64(statement, 0), error)
-                                    : tl_database_fail(database, code, error);
-    }
-    (void)sqlite3_finalize(statement);
-    return status;
+    char found[32];
+    tl_status status = ask_text(database, "PRAGMA user_version", NULL, found, sizeof found, error);
+    return status == TL_OK ? check_version(path, strtoll(found, NULL, 10), error) : status;
 }
 
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
@@ -353,7 +543,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = check_current_version(*database, path, error);
     }
     if (status == TL_OK) {
-        status = tl_database_check_schema(*database, error);
+        status = check_schema(*database, error);
     }
     if (status == TL_OK && !write) {
         status = tl_database_execute(*database, "PRAGMA query_only = ON", error);
@@ -361,14 +551,6 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     if (status != TL_OK) {
         (void)sqlite3_close(*database);
         *database = NULL;
-    }
-    return status;
-}
-
-static tl_status execute_all(sqlite3 *database, const char *const *statements, tl_error *error) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; statements[i] != NULL && status == TL_OK; i++) {
-        status = tl_database_execute(database, statements[i], error);
     }
     return status;
 }
@@ -385,8 +567,8 @@ static tl_status build(const char *name, tl_error *error) {
         return status;
     }
     status = tl_database_execute(database, header, error);
-    if (status == TL_OK) {
-        status = execute_all(database, tl_database_schema, error);
+    for (size_t i = 0; i < sizeof schema / sizeof schema[0] && status == TL_OK; i++) {
+        status = tl_database_execute(database, schema[i], error);
     }
     if (status == TL_OK) {
         status = tl_database_execute(database, "COMMIT; PRAGMA journal_mode = WAL", error);
@@ -519,31 +701,20 @@ tl_status tl_database_create(const char *path, tl_error *error) {
 
 /* ---- Where it is ------------------------------------------------------------------------------------------------- */
 
-/* Of a path at which there is nothing: is there a folder to make it in? */
-static tl_status check_folder(const char *path, tl_error *error) {
-    char copy[PATH_MAX];
-    struct stat folder;
-    if (snprintf(copy, sizeof copy, "%s", path) >= PATH_MAX) {
-        return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
-    }
-    if (stat(dirname(copy), &folder) != 0) {
-        return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
-                                  "%s: cannot be made: its folder: %s", path, strerror(errno));
-    }
-    return TL_OK;
-}
-
-/* The name that it will have once it is there: whoever looks for it then must find the same one. Its folder is there. */
-static void place_new(const char *given, char path[PATH_MAX]) {
+/* The name that what is not there yet will have: whoever looks for it then must find the same one. */
+static tl_status place_new(const char *given, char path[PATH_MAX], tl_error *error) {
     char copy[PATH_MAX];
     char folder[PATH_MAX];
     const char *slash = strrchr(given, '/');
-    const char *name = slash == NULL ? given : slash + 1;
-    (void)snprintf(copy, sizeof copy, "%s", given);
-    if (realpath(dirname(copy), folder) == NULL ||
-        snprintf(path, PATH_MAX, "%s/%s", strcmp(folder, "/") == 0 ? "" : folder, name) >= PATH_MAX) {
-        (void)snprintf(path, PATH_MAX, "%s", given);
+    bool fits = snprintf(copy, sizeof copy, "%s", given) < PATH_MAX;
+    if (fits && realpath(dirname(copy), folder) == NULL) {
+        return tl_database_refuse(tl_database_fault_of_errno(errno), error, TL_TRY_AGAIN,
+                                  "%s: cannot be made: its folder: %s", given, strerror(errno));
     }
+    fits = fits && snprintf(path, PATH_MAX, "%s/%s", strcmp(folder, "/") == 0 ? "" : folder,
+                            slash == NULL ? given : slash + 1) < PATH_MAX;
+    return fits ? TL_OK
+                : tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", given);
 }
 
 tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error) {
@@ -566,10 +737,6 @@ tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *er
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
                                   "%s: is a symbolic link to a file that is not there, and left as it is", given);
     }
-    tl_status status = check_folder(given, error);
     path[0] = '\0';
-    if (status == TL_OK) {
-        place_new(given, path);
-    }
-    return status;
+    return place_new(given, path, error);
 }

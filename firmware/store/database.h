@@ -21,6 +21,8 @@
  */
 
 enum {
+    TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
+    TL_DATABASE_VERSION = 5,                 /* its user_version: the format; no other is read */
     TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of one value and of one row; a checkpoint has at most half */
     TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of a file that tl_database_diagnose() looks through, at most */
 };

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
 #include <pthread.h>
 #include <stdio.h>
 #include <string.h>
@@ -11,6 +12,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
 #include "firmware/store/database.h"
 #include "firmware/store/database_sql.h"
 
@@ -192,25 +194,20 @@ static void close_connection(tl_database_file *file) {
     close_handle(&file->log);
 }
 
-static bool name_log(const tl_database_file *file, char name[PATH_MAX]) {
-    return snprintf(name, PATH_MAX, "%s-wal", file->path) < PATH_MAX;
+/* "PATH-wal"; a path whose log has no name that fits was never opened. */
+static const char *name_log(const char *path, char name[PATH_MAX + 8]) {
+    (void)snprintf(name, PATH_MAX + 8, "%s-wal", path);
+    return name;
 }
 
-/* As if it had never been there: an index that is left is believed. */
-static void remove_log(const tl_database_file *file) {
-    char log[PATH_MAX];
-    char index[PATH_MAX];
-    if (name_log(file, log) && snprintf(index, sizeof index, "%s-shm", file->path) < PATH_MAX) {
-        (void)unlink(index);
-        (void)unlink(log);
-    }
-}
-
-/* It is there as soon as something was read. */
-static void open_log(tl_database_file *file) {
-    char name[PATH_MAX];
-    if (name_log(file, name)) {
-        file->log = open(name, O_PATH | O_CLOEXEC);
+/* As if it had never been there. The index goes first: one that is there is believed, and who reads another file of that name at this moment may
+ * have made it of this log. */
+static void remove_log(const char *path) {
+    static const char *const ends[] = {"-shm", "-wal"};
+    char name[PATH_MAX + 8];
+    for (size_t i = 0; i < sizeof ends / sizeof ends[0]; i++) {
+        (void)snprintf(name, sizeof name, "%s%s", path, ends[i]);
+        (void)unlink(name);
     }
 }
 
@@ -237,13 +234,13 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
         }
     }
     if (status == TL_OK) {
-        open_log(file);
+        char name[PATH_MAX + 8];
+        file->log =
+            open(name_log(file->path, name), O_PATH | O_CLOEXEC); /* it is there as soon as something was read */
         tl_database_file_note(file);
     }
     if (status != TL_OK) {
-        tl_database_fault fault = tl_database_get_fault();
         close_connection(file);
-        tl_database_set_fault(fault);
     }
     return status;
 }
@@ -296,9 +293,7 @@ tl_status tl_database_file_renew(tl_database_file *file, const char *why, const 
         status = open_connection(file, 0, user, error);
     }
     if (status != TL_OK) {
-        tl_database_fault fault = tl_database_get_fault();
         tl_database_file_close(file);
-        tl_database_set_fault(fault);
     }
     return status;
 }
@@ -323,9 +318,7 @@ tl_status tl_database_file_open(const char *given, tl_time patience, const tl_da
         }
     }
     if (status != TL_OK) {
-        tl_database_fault fault = tl_database_get_fault();
         tl_database_file_close(file);
-        tl_database_set_fault(fault);
     }
     return status;
 }
@@ -389,12 +382,12 @@ static tl_database_whereabouts look_inside(tl_database_file *file) {
 }
 
 tl_database_whereabouts tl_database_file_look(tl_database_file *file) {
-    char log[PATH_MAX];
+    char log[PATH_MAX + 8];
     tl_database_whereabouts found = look_for(file->handle, file->path);
     if (found == TL_DATABASE_IN_PLACE) {
         found = look_inside(file);
     }
-    if (found == TL_DATABASE_IN_PLACE && name_log(file, log) && look_for(file->log, log) != TL_DATABASE_IN_PLACE) {
+    if (found == TL_DATABASE_IN_PLACE && look_for(file->log, name_log(file->path, log)) != TL_DATABASE_IN_PLACE) {
         found = TL_DATABASE_WITHOUT_LOG;
     }
     return found;
@@ -411,9 +404,9 @@ bool tl_database_file_write_back(tl_database_file *file) {
 }
 
 void tl_database_file_abandon(tl_database_file *file) {
-    char log[PATH_MAX];
-    if (name_log(file, log) && file->log >= 0 && look_for(file->log, log) == TL_DATABASE_IN_PLACE) {
-        remove_log(file);
+    char log[PATH_MAX + 8];
+    if (file->log >= 0 && look_for(file->log, name_log(file->path, log)) == TL_DATABASE_IN_PLACE) {
+        remove_log(file->path);
     }
     close_as_it_is(file);
     tl_database_file_close(file);
@@ -448,14 +441,9 @@ static bool is_same(const tl_database_inode *inode, const tl_database_inode *oth
 }
 
 tl_database_identity tl_database_identify(const tl_database_file *file) {
-    const tl_database_inode none = {.number = 0};
-    tl_database_identity identity = {.file = none};
-    if (!look(file->handle, "", &identity.file)) {
-        identity.file = none;
-    }
-    if (!look(file->log, "", &identity.log)) {
-        identity.log = none;
-    }
+    tl_database_identity identity = {.file = {.number = 0}};
+    (void)look(file->handle, "", &identity.file);
+    (void)look(file->log, "", &identity.log);
     return identity;
 }
 
@@ -474,20 +462,118 @@ static bool is_stray(const char *path, const char *log, const tl_database_identi
            is_same(&now, &identity->log);
 }
 
-/* Under the lock, since another twinlock may be writing there, with this log for its own. The index goes first: one that is there is believed,
- * and who reads the other file at this moment may have made it of this log. */
+/* Under the lock, since another twinlock may be writing there, with this log for its own. */
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
-    char log[PATH_MAX];
-    char index[PATH_MAX];
+    char log[PATH_MAX + 8];
     tl_database_lock lock = {.file = -1};
-    if (snprintf(log, sizeof log, "%s-wal", path) >= PATH_MAX ||
-        snprintf(index, sizeof index, "%s-shm", path) >= PATH_MAX || !is_stray(path, log, identity) ||
-        tl_database_lock_take(path, 0, &lock, NULL) != TL_OK) {
+    if (!is_stray(path, name_log(path, log), identity) || tl_database_lock_take(path, 0, &lock, NULL) != TL_OK) {
         return;
     }
     if (is_stray(path, log, identity)) {
-        (void)unlink(index);
-        (void)unlink(log);
+        remove_log(path);
     }
     tl_database_lock_release(&lock);
+}
+
+/* ---- Which file is written ---- */
+
+enum { DENIALS = 60 }; /* that are not believed */
+static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
+static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
+
+static bool is_refused(tl_database_insistence insistence, tl_database_fault fault) {
+    bool is_ours = fault != TL_DATABASE_FOREIGN && fault != TL_DATABASE_OTHER && fault != TL_DATABASE_TAKEN;
+    return insistence == TL_DATABASE_ALL_OR_NOTHING || (insistence == TL_DATABASE_IF_OURS && !is_ours);
+}
+
+static bool is_waited_for(tl_database_fault fault) {
+    return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
+}
+
+/* Which file the others are beside: links resolved. */
+static const char *find_place(const char *given, char place[PATH_MAX]) {
+    return tl_database_place(given, place, NULL) == TL_OK ? place : given;
+}
+
+/* Nothing can be written in its folder. Then no name beside it can be either, unless the folder is opened meanwhile, and then the file itself
+ * can be. */
+static bool is_shut_in(const char *path) {
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
+}
+
+/* It is denied, and its mode does not say so: what is beside it is somebody else's, for as long as that one needs. */
+static bool is_writable(const char *path) {
+    return faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) == 0;
+}
+
+/* One file, which `place` is without links; *shut: its folder is, so none beside it is to be tried. A file that was denied is tried again once its
+ * folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that is
+ * root makes log and index as root's, and only then gives them to the owner of the file. */
+static tl_status open_file(const char *path, const char *place, const tl_database_wanted *wanted,
+                           tl_database_file *file, tl_database_aside *aside, bool *shut, tl_error *error) {
+    tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
+    tl_time pause = DENIAL_PAUSE;
+    for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
+        *shut = is_shut_in(place);
+        if (*shut || (i > 0 && !is_writable(place))) {
+            return status;
+        }
+        tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */
+        pause = 2 * pause < DENIAL_PAUSE_LAST ? 2 * pause : DENIAL_PAUSE_LAST;
+        status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
+    }
+    return status;
+}
+
+static tl_status open_beside(const char *path, const char *why, const tl_database_user *user, tl_database_file *file,
+                             tl_database_news *news, tl_error *error) {
+    char name[PATH_MAX];
+    tl_status status = TL_BAD_DATA;
+    const tl_database_wanted wanted = {.path = name, .user = user};
+    bool ends = false; /* also if the next one would meet the same */
+    for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
+        int length = i == 1 ? snprintf(name, sizeof name, "%s.beside", path)
+                            : snprintf(name, sizeof name, "%s.beside-%d", path, i);
+        if (length >= PATH_MAX) {
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+        }
+        status = open_file(name, name, &wanted, file, &news->aside, &ends, error);
+        ends = ends || status == TL_OK || tl_database_get_fault() == TL_DATABASE_LATER;
+    }
+    (void)snprintf(news->beside, sizeof news->beside, "%s", status == TL_OK ? why : "");
+    return status;
+}
+
+tl_status tl_database_instead_beside(const char *given, const char *why, const tl_database_user *user,
+                                     tl_database_file *file, tl_database_news *news, tl_error *error) {
+    char place[PATH_MAX];
+    return open_beside(find_place(given, place), why, user, file, news, error);
+}
+
+tl_status tl_database_instead_open(const tl_database_wanted *wanted, tl_database_file *file, tl_database_news *news,
+                                   bool *waits, tl_error *error) {
+    char place[PATH_MAX];
+    tl_error first = {TL_OK, ""};
+    bool shut = false;
+    *news = (tl_database_news){.beside = ""};
+    *waits = false;
+    tl_database_aside *aside = wanted->insistence == TL_DATABASE_ALL_OR_NOTHING ? NULL : &news->aside;
+    const char *path = find_place(wanted->path, place);
+    tl_status status = open_file(wanted->path, path, wanted, file, aside, &shut, &first);
+    tl_database_fault fault = tl_database_get_fault();
+    if (status != TL_OK && !is_refused(wanted->insistence, fault) && !is_waited_for(fault)) {
+        if (!shut && open_beside(path, first.text, wanted->user, file, news, NULL) == TL_OK) {
+            return TL_OK;
+        }
+        *waits = wanted->insistence == TL_DATABASE_ANYHOW || tl_database_get_fault() == TL_DATABASE_LATER;
+        tl_database_set_fault(fault);
+    } else if (status != TL_OK) {
+        *waits = !is_refused(wanted->insistence, fault);
+    }
+    if (status != TL_OK && error != NULL) {
+        *error = first;
+    }
+    return status;
 }

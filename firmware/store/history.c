@@ -106,11 +106,7 @@ static uint64_t take_count(tl_row *row) {
     return (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
 }
 
-static uint32_t take_small(tl_row *row) {
-    return (uint32_t)tl_row_integer(row, 0, INT32_MAX);
-}
-
-/* ---- Lists: all rows of a question about a run. Counted first, so that they are read into one array. ------------- */
+/* ---- Lists: all rows of a question about a run. ------------------------------------------------------------------ */
 
 typedef struct row_list {
     const char *sql;  /* ?1 is the run */
@@ -129,49 +125,46 @@ static tl_status fail_list(tl_history *history, const row_list *list, int64_t ru
                                      list->what, run);
 }
 
-static tl_status count_rows(tl_history *history, const row_list *list, sqlite3_stmt *statement, int64_t run,
-                            size_t *count, tl_error *error) {
-    int code = SQLITE_ROW;
-    while (*count <= list->most && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        (*count)++;
-    }
-    (void)sqlite3_reset(statement);
-    if (code == SQLITE_ROW) {
-        return fail_list(history, list, run, error);
-    }
-    return code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
-}
-
-static tl_status read_items(tl_history *history, const row_list *list, sqlite3_stmt *statement,
-                            const tl_history_run *run, void *items, size_t *count, tl_error *error) {
-    int code = SQLITE_DONE;
-    size_t done = 0;
-    while (done < *count && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
-        list->read(history, run, &row, done, items);
-        if (!row.right) {
-            return fail_list(history, list, run != NULL ? run->run : sqlite3_column_int64(statement, 0), error);
+/* Room for the next item, in an array that is twice as long if need be. */
+static bool make_room(tl_history *history, const row_list *list, size_t count, size_t *room, void **items) {
+    if (count == *room) {
+        *room = *room == 0 ? 16 : 2 * *room;
+        void *longer = tl_arena_take(&history->arena, *room, list->size);
+        if (longer != NULL && count > 0) {
+            memcpy(longer, *items, count * list->size);
         }
-        done++;
+        *items = longer;
     }
-    *count = done;
-    return code == SQLITE_DONE || code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
+    return *items != NULL;
 }
 
 /* NULL as run: `id` is the one that is looked for. */
 static tl_status read_list(tl_history *history, const row_list *list, const tl_history_run *run, int64_t id,
                            void **items, size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
+    size_t room = 0;
+    int code = SQLITE_ROW;
     *items = NULL;
     *count = 0;
     tl_status status = tl_database_prepare(history->database, list->sql, &statement, error);
     if (status == TL_OK) {
         (void)sqlite3_bind_int64(statement, 1, id);
-        status = count_rows(history, list, statement, id, count, error);
     }
-    if (status == TL_OK) {
-        *items = tl_arena_take(&history->arena, *count, list->size);
-        status = *items != NULL ? read_items(history, list, statement, run, *items, count, error) : fail_memory(error);
+    while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+        tl_row row = tl_row_of(statement);
+        if (!make_room(history, list, *count, &room, items)) {
+            status = fail_memory(error);
+        } else if (*count < list->most) {
+            list->read(history, run, &row, (*count)++, *items);
+        } else {
+            row.right = false;
+        }
+        if (!row.right) {
+            status = fail_list(history, list, run != NULL ? id : sqlite3_column_int64(statement, 0), error);
+        }
+    }
+    if (status == TL_OK && code != SQLITE_DONE) {
+        status = tl_database_fail(history->database, code, error);
     }
     (void)sqlite3_finalize(statement);
     return status;
@@ -185,41 +178,30 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
     " removed_before, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from"                                   \
     " FROM runs LEFT JOIN beginnings USING (run) "
 
-static void read_names(tl_history *history, tl_row *row, tl_history_run *run) {
+/* A run that has an end has a reason for it. */
+static void read_run(tl_history *history, const tl_history_run *none, tl_row *row, size_t index, void *items) {
+    tl_history_run *run = (tl_history_run *)items + index;
+    (void)none;
+    run->run = tl_row_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
     run->verb = take_text(history, row, TL_ROW_NAME);
     run->name = take_text(history, row, TL_ROW_NAME);
     run->version = take_text(history, row, TL_ROW_NAME);
     run->configuration_hash = take_text(history, row, TL_SHA256_TEXT);
-}
-
-/* A run that has an end has a reason for it. */
-static void read_times(tl_history *history, tl_row *row, tl_history_run *run) {
     run->started = take_utc_or_null(history, row);
     run->ended = take_utc_or_null(history, row);
     run->ended_reason = take_text_or_null(history, row, TL_ROW_NAME);
     run->committed = take_utc_or_null(history, row);
     run->committed = run->committed == NULL ? run->started : run->committed;
-    row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL);
-}
-
-static void read_rule(tl_row *row, tl_history_run *run) {
     run->step = tl_row_integer(row, 1, LONGEST_STEP);
-    run->prediction = take_small(row);
+    run->prediction = (uint32_t)tl_row_integer(row, 0, INT32_MAX);
     const char *measurements = tl_row_text(row, TL_ROW_NAME);
     run->measurements = tl_measurements_named(measurements);
-    run->lead = take_small(row);
-    row->right = row->right && strcmp(measurements, tl_measurements_name(run->measurements)) == 0;
-}
-
-static void read_counts(tl_row *row, tl_history_run *run) {
+    run->lead = (uint32_t)tl_row_integer(row, 0, INT32_MAX);
     run->samples = take_count(row);
     run->steps = take_count(row);
     run->events = take_count(row);
     run->lost = take_count(row);
     run->removed_before = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
-}
-
-static void read_resumption(tl_history *history, tl_row *row, tl_history_run *run) {
     run->fmus = take_text(history, row, TL_ROW_NAME);
     run->boot = take_text(history, row, TL_ROW_NAME);
     run->has_start = !tl_row_is_null(row);
@@ -228,18 +210,9 @@ static void read_resumption(tl_history *history, tl_row *row, tl_history_run *ru
     run->resumption.tick = tl_row_integer_or(row, 0, tl_history_last_possible(run), 0);
     const char *from = tl_row_text_or_null(row, TL_ROW_NAME);
     run->resumption.from = tl_resumed_from_named(from);
-    row->right = row->right && (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
-}
-
-static void read_run(tl_history *history, const tl_history_run *none, tl_row *row, size_t index, void *items) {
-    tl_history_run *run = (tl_history_run *)items + index;
-    (void)none;
-    run->run = tl_row_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
-    read_names(history, row, run);
-    read_times(history, row, run);
-    read_rule(row, run);
-    read_counts(row, run);
-    read_resumption(history, row, run);
+    row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
+                 strcmp(measurements, tl_measurements_name(run->measurements)) == 0 &&
+                 (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
 
 static tl_status read_runs(tl_history *history, const char *sql, int64_t id, const tl_history_run **runs, size_t *count,
@@ -266,29 +239,40 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
     return status;
 }
 
+/* The first row of a question about a run. *statement is NULL if there is none; else it stands there, for the caller to finalise. */
+static tl_status ask_row(tl_history *history, const char *sql, int64_t run, int64_t number, const char *text,
+                         sqlite3_stmt **statement, tl_error *error) {
+    tl_status status = tl_database_prepare(history->database, sql, statement, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)sqlite3_bind_int64(*statement, 1, run);
+    (void)sqlite3_bind_int64(*statement, 2, number);
+    (void)sqlite3_bind_text(*statement, 3, text, -1, SQLITE_STATIC);
+    int code = sqlite3_step(*statement);
+    if (code != SQLITE_ROW) {
+        status = code == SQLITE_DONE ? TL_OK : tl_database_fail(history->database, code, error);
+        (void)sqlite3_finalize(*statement);
+        *statement = NULL;
+    }
+    return status;
+}
+
 tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     *text = NULL;
     tl_status status =
-        tl_database_prepare(history->database, "SELECT text FROM configurations WHERE hash = ?1", &statement, error);
+        ask_row(history, "SELECT text FROM configurations WHERE hash = ?3", 0, 0, hash, &statement, error);
     if (status == TL_OK) {
-        (void)sqlite3_bind_text(statement, 1, hash, -1, SQLITE_STATIC);
-        int code = sqlite3_step(statement);
         tl_row row = tl_row_of(statement);
-        *text = code == SQLITE_ROW ? take_text(history, &row, TL_ROW_TEXT) : NULL;
-        if (code == SQLITE_DONE || !row.right) {
+        *text = statement != NULL ? take_text(history, &row, TL_ROW_TEXT) : NULL;
+        if (*text == NULL || !row.right) {
             status =
                 tl_database_damaged(history->database, error, "the configuration %.12s\342\200\246 is missing", hash);
-        } else if (code != SQLITE_ROW) {
-            status = tl_database_fail(history->database, code, error);
         }
     }
     (void)sqlite3_finalize(statement);
     return status;
-}
-
-tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error) {
-    return tl_history_text(history, run->configuration_hash, text, error);
 }
 
 /* ---- Tunings, signals, components ---- */
@@ -417,16 +401,9 @@ tl_status tl_history_checkpoint_before(tl_history *history, const tl_history_run
                               " ORDER BY tick DESC LIMIT 1";
     sqlite3_stmt *statement = NULL;
     *checkpoint = NULL;
-    tl_status status = tl_database_prepare(history->database, sql, &statement, error);
-    if (status == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        (void)sqlite3_bind_int64(statement, 2, before);
-        int code = sqlite3_step(statement);
-        if (code == SQLITE_ROW) {
-            status = read_checkpoint(history, run, statement, before, checkpoint, error);
-        } else if (code != SQLITE_DONE) {
-            status = tl_database_fail(history->database, code, error);
-        }
+    tl_status status = ask_row(history, sql, run->run, before, NULL, &statement, error);
+    if (statement != NULL) {
+        status = read_checkpoint(history, run, statement, before, checkpoint, error);
     }
     (void)sqlite3_finalize(statement);
     return status;
@@ -439,12 +416,10 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
     sqlite3_stmt *statement = NULL;
     tl_error ignored;
     tl_time cost = 0;
-    if (tl_database_prepare(history->database, sql, &statement, &ignored) == TL_OK) {
-        (void)sqlite3_bind_int64(statement, 1, run->run);
-        if (sqlite3_step(statement) == SQLITE_ROW) {
-            tl_row row = tl_row_of(statement);
-            cost = tl_row_integer_or(&row, 0, TL_SECOND, 0);
-        }
+    (void)ask_row(history, sql, run->run, 0, NULL, &statement, &ignored);
+    if (statement != NULL) {
+        tl_row row = tl_row_of(statement);
+        cost = tl_row_integer_or(&row, 0, TL_SECOND, 0);
     }
     (void)sqlite3_finalize(statement);
     return cost;
@@ -478,10 +453,6 @@ static int64_t take_code(tl_row *row, const tl_history_visitor *visitor, int64_t
     return tl_row_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
 }
 
-static int64_t take_count_rows(tl_row *row) {
-    return tl_row_integer(row, 0, TL_ROW_LARGEST);
-}
-
 static uint32_t take_bits(tl_row *row) {
     return (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
 }
@@ -504,9 +475,9 @@ static bool give_step(tl_row *row, const row_key *key, const tl_history_visitor 
     step.objective = tl_row_number(row);
     step.objective_nominal = tl_row_number(row);
     step.evaluations = take_bits(row);
-    step.executions = take_count_rows(row);
-    step.used = take_count_rows(row);
-    step.predicted = take_count_rows(row);
+    step.executions = (int64_t)take_count(row);
+    step.used = (int64_t)take_count(row);
+    step.predicted = (int64_t)take_count(row);
     step.flags = take_bits(row);
     step.held = take_bits(row);
     if (row->right) {
@@ -519,10 +490,10 @@ static bool give_output(tl_row *row, const row_key *key, const tl_history_visito
     tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
     output.y = tl_row_number(row);
     output.y_hat = tl_row_number(row);
-    output.quality = take_count_rows(row);
-    output.readings = take_count_rows(row);
+    output.quality = (int64_t)take_count(row);
+    output.readings = (int64_t)take_count(row);
     output.squares = tl_row_number(row);
-    output.rejected = take_count_rows(row);
+    output.rejected = (int64_t)take_count(row);
     if (row->right) {
         visitor->output(visitor->context, &output);
     }
@@ -569,11 +540,6 @@ static const struct {
                                 ASK_ROWS("adjustments", "step", "u, u_hat"), give_adjustment},
 };
 
-static tl_status fail_rows(tl_history *history, const tl_history_run *run, tl_error *error) {
-    return tl_database_damaged(history->database, error, "run %" PRId64 " has rows that the recorder does not write",
-                               run->run);
-}
-
 static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_history_table table, int64_t number,
                           tl_error *error) {
     return tl_database_damaged(history->database, error,
@@ -603,7 +569,7 @@ tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_hi
     if (*any) {
         range[0] = tl_row_integer(&row, 0, tl_history_last_possible(run));
         range[1] = tl_row_integer(&row, range[0], tl_history_last_possible(run));
-        status = row.right ? TL_OK : fail_rows(history, run, error);
+        status = row.right ? TL_OK : fail_row(history, run, table, range[0], error);
     }
     (void)sqlite3_reset(statement);
     return status;
@@ -639,8 +605,7 @@ static tl_status give_some(const row_walk *walk, tl_history_table table, row_key
         (*count)++;
         take_key(key, &row);
         if (!row.right || !tables[table].give(&row, key, walk->visitor)) {
-            status = walk->visitor->strict ? fail_row(walk->history, walk->run, table, number, error)
-                                           : fail_rows(walk->history, walk->run, error);
+            status = fail_row(walk->history, walk->run, table, number, error);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {
@@ -671,18 +636,13 @@ static tl_status give_table(const row_walk *walk, tl_history_table table, size_t
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
                           const tl_history_visitor *visitor, tl_error *error) {
     const row_walk walk = {history, run, range, visitor};
+    const bool wanted[TABLES] = {visitor->sample != NULL, visitor->step != NULL, visitor->output != NULL,
+                                 visitor->adjustment != NULL};
+    const size_t signals[TABLES] = {visitor->signals[TL_HISTORY_PLANT], 1, visitor->signals[TL_HISTORY_MATCH],
+                                    visitor->signals[TL_HISTORY_ADJUST]};
     tl_status status = TL_OK;
-    if (visitor->sample != NULL) {
-        status = give_table(&walk, TL_HISTORY_SAMPLES, visitor->signals[TL_HISTORY_PLANT], error);
-    }
-    if (status == TL_OK && visitor->step != NULL) {
-        status = give_table(&walk, TL_HISTORY_STEPS, 1, error);
-    }
-    if (status == TL_OK && visitor->output != NULL) {
-        status = give_table(&walk, TL_HISTORY_OUTPUTS, visitor->signals[TL_HISTORY_MATCH], error);
-    }
-    if (status == TL_OK && visitor->adjustment != NULL) {
-        status = give_table(&walk, TL_HISTORY_ADJUSTMENTS, visitor->signals[TL_HISTORY_ADJUST], error);
+    for (int table = 0; table < TABLES && status == TL_OK; table++) {
+        status = wanted[table] ? give_table(&walk, (tl_history_table)table, signals[table], error) : TL_OK;
     }
     return status;
 }
@@ -856,53 +816,19 @@ static bool give_event(sqlite3_stmt *statement, int64_t *last, const tl_history_
     return right;
 }
 
-/* The id of the first of the last `most` events; without one, what no event has. */
-static tl_status find_first_event(sqlite3 *database, const tl_history_run *run, const char *from_at, int64_t most,
-                                  int64_t *first, tl_error *error) {
-    static const char sql[] = "SELECT min(event) FROM"
-                              " (SELECT event FROM events WHERE run = ?1 AND at >= ?2 ORDER BY event DESC LIMIT ?3)";
-    sqlite3_stmt *statement = NULL;
-    tl_status status = tl_database_prepare(database, sql, &statement, error);
-    *first = INT64_MAX;
-    if (status != TL_OK) {
-        return status;
-    }
-    (void)sqlite3_bind_int64(statement, 1, run->run);
-    (void)sqlite3_bind_text(statement, 2, from_at, -1, SQLITE_STATIC);
-    (void)sqlite3_bind_int64(statement, 3, most);
-    int code = sqlite3_step(statement);
-    if (code == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
-        *first = tl_row_integer_or(&row, INT64_MIN, INT64_MAX, INT64_MAX);
-    } else {
-        status = tl_database_fail(database, code, error);
-    }
-    (void)sqlite3_finalize(statement);
-    return status;
-}
-
 /* Read in their order without being sorted, which would take all of them into memory. */
 tl_status tl_history_events(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
                             const tl_history_visitor *visitor, tl_error *error) {
     static const char sql[] = "SELECT event, at, tick, coalesce(name, CAST(severity AS TEXT)), source, text FROM events"
                               " LEFT JOIN severities ON code = severity"
-                              " WHERE run = ?1 AND at >= ?2 AND event >= ?3 ORDER BY event";
+                              " WHERE run = ?1 AND at >= ?3 AND event >= (SELECT min(event) FROM (SELECT event"
+                              " FROM events WHERE run = ?1 AND at >= ?3 ORDER BY event DESC LIMIT ?2)) ORDER BY event";
     sqlite3 *database = history->database;
     sqlite3_stmt *statement = NULL;
-    int64_t first = 0;
-    int code = SQLITE_ROW;
-    tl_status status = find_first_event(database, run, from_at, most, &first, error);
-    if (status == TL_OK) {
-        status = tl_database_prepare(database, sql, &statement, error);
-    }
-    if (status != TL_OK) {
-        return status;
-    }
-    int64_t last = first < 1 ? 0 : first - 1;
-    (void)sqlite3_bind_int64(statement, 1, run->run);
-    (void)sqlite3_bind_text(statement, 2, from_at, -1, SQLITE_STATIC);
-    (void)sqlite3_bind_int64(statement, 3, first);
-    while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
+    int64_t last = 0;
+    tl_status status = ask_row(history, sql, run->run, most, from_at, &statement, error);
+    int code = statement != NULL ? SQLITE_ROW : SQLITE_DONE;
+    for (; status == TL_OK && code == SQLITE_ROW; code = sqlite3_step(statement)) {
         if (!give_event(statement, &last, visitor)) {
             status = tl_database_damaged(database, error,
                                          "an event of run %" PRId64 " is none that the recorder writes", run->run);

@@ -66,9 +66,6 @@ tl_status tl_history_runs(tl_history *history, const tl_history_run **runs, size
 /* The run with this id; with 0 the last one. */
 tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run **run, tl_error *error);
 
-/* The text of the configuration that a run was made with. */
-tl_status tl_history_configuration(tl_history *history, const tl_history_run *run, const char **text, tl_error *error);
-
 /* A configuration that a run took while it ran, which differs from the one before in its tuning. */
 typedef struct tl_history_tuning {
     int64_t tick;     /* the first with it */
@@ -86,7 +83,7 @@ enum { TL_HISTORY_TUNINGS = 100000 };
 tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, const tl_history_tuning **tunings,
                              size_t *count, tl_error *error);
 
-/* The text of a configuration that a tuning names. */
+/* The text of a configuration that a run or a tuning names. */
 tl_status tl_history_text(tl_history *history, const char *hash, const char **text, tl_error *error);
 
 /* The signals of one kind, in the order of the arrays of tl_sample (plant) and tl_record (match, adjust). */
@@ -222,7 +219,7 @@ typedef struct tl_history_event {
 /* Who takes rows. */
 typedef struct tl_history_visitor {
     void *context;
-    bool strict;                           /* codes that have no name here are damage too; the error names the row */
+    bool strict;                           /* codes that have no name here are damage too */
     size_t signals[TL_HISTORY_ADJUST + 1]; /* of each tl_history_kind, what there is room for: another one is damage */
     /* NULL: nobody takes the rows of this table, and they are not read. */
     void (*sample)(void *context, const tl_history_sample *sample);

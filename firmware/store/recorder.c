@@ -22,8 +22,7 @@ static const tl_time WAKE = TL_SECOND;             /* the thread looks at least 
 static const tl_time ROOM_PAUSE = TL_SECOND / 100; /* a producer that waits looks so often whether it is of any use */
 
 struct tl_recorder {
-    tl_recorder_settings settings; /* a copy, */
-    tl_arena arena;                /* which is here */
+    tl_recorder_settings settings;
     tl_time patience;
     unsigned char *memory; /* in which the outbox is */
     tl_outbox outbox;
@@ -154,29 +153,7 @@ static void destroy(tl_recorder *recorder) {
     (void)pthread_mutex_destroy(&recorder->lock);
     (void)pthread_cond_destroy(&recorder->wake);
     free(recorder->memory);
-    tl_arena_release(&recorder->arena);
     free(recorder);
-}
-
-/* What a twin would say of itself. */
-static void describe(const tl_recorder_settings *settings, tl_outbox_start *start) {
-    tl_account *account = &start->account;
-    account->components = (uint32_t)settings->component_count;
-    account->matches = (uint32_t)settings->match_count;
-    account->adjusts = (uint32_t)settings->adjust_count;
-    account->prediction = settings->prediction;
-    account->lead = settings->lead;
-    for (size_t i = 0; i < settings->component_count; i++) {
-        (void)snprintf(account->component[i].name, TL_ACCOUNT_TEXT, "%s", settings->components[i]);
-    }
-    for (size_t i = 0; i < settings->match_count; i++) {
-        (void)snprintf(account->match[i].unit, TL_ACCOUNT_TEXT, "%s", settings->match[i].unit);
-        account->match[i].type = settings->match[i].type;
-    }
-    for (size_t i = 0; i < settings->adjust_count; i++) {
-        (void)snprintf(account->adjust[i].unit, TL_ACCOUNT_TEXT, "%s", settings->adjust[i].unit);
-        account->adjust[i].type = settings->adjust[i].type;
-    }
 }
 
 /* Of the outbox in its memory. */
@@ -207,7 +184,7 @@ static tl_status start(tl_recorder *recorder, tl_error *error) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
     outbox.memory = place_of(recorder);
-    describe(settings, &recorder->start);
+    recorder->start.account = *settings->account;
     const tl_recorder_writer_settings made = {.record = settings,
                                               .outboxes = &outbox,
                                               .outbox_count = 1,
@@ -232,10 +209,8 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
     make_lock(opened);
-    tl_arena_init(&opened->arena);
-    tl_status status = tl_recorder_settings_copy(settings, &opened->arena, &opened->settings)
-                           ? start(opened, error)
-                           : tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
+    opened->settings = *settings;
+    tl_status status = start(opened, error);
     if (status != TL_OK) {
         destroy(opened);
         return status;

@@ -37,7 +37,7 @@ typedef struct tl_recorder_counts {
 } tl_recorder_counts;
 
 /* The run begins now. Errors: TL_TRY_AGAIN (cannot create, another recorder has it, locked for 2 s, full), TL_BAD_DATA (the file is no
- * database of ours; nothing of it is changed). All texts are copied. */
+ * database of ours; nothing of it is changed). The account is copied; all other texts and arrays outlive the recorder. */
 tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
 /* Producer. Stamps count from t_start. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so

@@ -1,4 +1,4 @@
-/* The recorder's database: tables, statements, the beginning of a run: see recorder_database.h. */
+/* The recorder's database: tables, statements, the beginning of a run, its bound: see recorder_database.h. */
 #include "firmware/store/recorder_database.h"
 
 #include <assert.h>
@@ -13,26 +13,14 @@
 #include "firmware/config/measurements.h"
 #include "firmware/store/database_sql.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_retention.h"
 #include "firmware/store/recorder_settings.h"
 #include "master/base/text.h"
 
-/* ---- The rows that say what a run is: its own, its configuration, signals and components.
- *
- * Purpose: what is written once, when a run begins, within a transaction of the caller's.
- * Trust:   the account may be that of a hostile twin: its texts are repaired, its counts bounded by the settings.
- * Errors:  SQLite's result codes; the connection has the words.
- * Thread:  the connection's.
- */
+#ifndef TL_VERSION
+#define TL_VERSION "unknown"
+#endif
 
-static int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings *settings,
-                                       const tl_outbox_start *start, int64_t began, int64_t *run);
-
-static int tl_recorder_beginning_end_killed(sqlite3 *connection);
-
-static void tl_recorder_beginning_repair(char *text);
-
-/* ---- The SQL of writing: one prepared statement per table, one transaction per batch. */
+/* ---- Statements: ?1 is always a run, mostly that of the batch. ---------------------------------------------------- */
 
 typedef enum statement {
     BEGIN,
@@ -42,7 +30,6 @@ typedef enum statement {
     START,
     BEGINNING,
     GO_ON,
-    BEGIN_AT,
     CONFIGURATION,
     TUNING,
     TUNING_AGAIN,
@@ -54,11 +41,52 @@ typedef enum statement {
     OUTPUT,
     ADJUSTMENT,
     EVENT,
-    COMPONENT,
+    LEDGER,
     TOTALS,
     END,
+    /* a new run */
+    END_KILLED,
+    OUTCOME_NAME,
+    STOP_NAME,
+    FLAG_NAME,
+    QUALITY_NAME,
+    SEVERITY_NAME,
+    NEW_CONFIGURATION,
+    NEW_RUN,
+    NEW_BEGINNING,
+    SIGNAL,
+    COMPONENT,
+    /* retention: questions, */
+    PAGE_SIZE,
+    PAGE_COUNT,
+    FREE_COUNT,
+    OLDEST_RUN,
+    FIRST_SAMPLE,
+    FIRST_STEP,
+    LAST_SAMPLE,
+    COUNT_SIGNALS,
+    COUNT_EVENTS,
+    /* what is removed of a run before tick ?2, */
+    OLD_SAMPLES,
+    OLD_OUTPUTS,
+    OLD_ADJUSTMENTS,
+    OLD_STEPS,
+    OLD_OWN_CHECKPOINTS,
+    OLD_TUNINGS,
+    REMOVED_BEFORE,
+    /* of a run without ticks: at most ?2 events, and the rest if that were all, */
+    OLD_EVENTS,
+    ALL_SIGNALS,
+    ALL_COMPONENTS,
+    ALL_CHECKPOINTS,
+    ALL_TUNINGS,
+    ALL_BEGINNINGS,
+    ALL_OF_RUN,
+    UNUSED_CONFIGURATIONS,
     STATEMENTS
 } statement;
+
+#define WITHOUT_EVENTS " WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)"
 
 /* OR REPLACE: a tick that comes twice is a bug of the caller, but must not stop the record for ever. */
 static const char *const sql_of[STATEMENTS] = {
@@ -71,9 +99,8 @@ static const char *const sql_of[STATEMENTS] = {
                   " WHERE run = ?1",
     [GO_ON] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
               " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
-    [BEGIN_AT] = "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
     /* One that was not known when a run was begun with it is now. */
-    [CONFIGURATION] = "INSERT INTO configurations (hash, text) VALUES (?1, ?2)"
+    [CONFIGURATION] = "INSERT INTO configurations (hash, text) VALUES (?2, ?3)"
                       " ON CONFLICT (hash) DO UPDATE SET text = excluded.text WHERE text = ''",
     [TUNING] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
@@ -81,7 +108,7 @@ static const char *const sql_of[STATEMENTS] = {
     [TUNING_AGAIN] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
                      " SELECT ?1, ?2, ?3, at, who, origin, why FROM tunings WHERE configuration = ?3"
                      " ORDER BY run DESC, tick DESC LIMIT 1",
-    [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?1",
+    [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?2",
     [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
     /* But the two newest, and what the run began with. */
     [OLD_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1"
@@ -95,24 +122,126 @@ static const char *const sql_of[STATEMENTS] = {
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9)",
     [ADJUSTMENT] = "INSERT OR REPLACE INTO adjustments (run, step, signal, u, u_hat) VALUES (?1, ?2, ?3, ?4, ?5)",
     [EVENT] = "INSERT INTO events (run, at, tick, severity, source, text) VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
-    [COMPONENT] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, caught_up = ?6, unstored = ?7"
-                  " WHERE run = ?1 AND component = ?2",
+    [LEDGER] = "UPDATE components SET plain = ?3, predicted = ?4, executions = ?5, caught_up = ?6, unstored = ?7"
+               " WHERE run = ?1 AND component = ?2",
     [TOTALS] = "UPDATE runs SET samples_written = ?2, steps_written = ?3, events_written = ?4, entries_lost = ?5,"
                " committed = ?6 WHERE run = ?1",
     [END] = "UPDATE runs SET ended = committed, ended_reason = ?2 WHERE run = ?1",
+
+    [END_KILLED] = "UPDATE runs SET ended = coalesce(committed, started), ended_reason = 'not ended cleanly'"
+                   " WHERE ended IS NULL",
+    [OUTCOME_NAME] = "INSERT OR REPLACE INTO outcomes VALUES (?2, ?3)",
+    [STOP_NAME] = "INSERT OR REPLACE INTO stops VALUES (?2, ?3)",
+    [FLAG_NAME] = "INSERT OR REPLACE INTO flags VALUES (?2, ?3)",
+    [QUALITY_NAME] = "INSERT OR REPLACE INTO qualities VALUES (?2, ?3)",
+    [SEVERITY_NAME] = "INSERT OR REPLACE INTO severities VALUES (?2, ?3)",
+    [NEW_CONFIGURATION] = "INSERT OR IGNORE INTO configurations (hash, text) VALUES (?2, ?3)",
+    [NEW_RUN] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns, prediction,"
+                " measurements, lead) VALUES (?2, ?3, ?4, ?5, ?6, ?6, ?7, ?8, ?9, ?10)",
+    [NEW_BEGINNING] = "INSERT INTO beginnings (run, fmus, boot) VALUES (?1, ?2, ?3)",
+    [SIGNAL] = "INSERT INTO signals (run, kind, signal, name, unit, type, compared_with)"
+               " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
+    [COMPONENT] = "INSERT INTO components (run, component, name) VALUES (?1, ?2, ?3)",
+
+    [PAGE_SIZE] = "PRAGMA page_size",
+    [PAGE_COUNT] = "PRAGMA page_count",
+    [FREE_COUNT] = "PRAGMA freelist_count",
+    [OLDEST_RUN] = "SELECT run FROM runs WHERE run <> ?1 ORDER BY run LIMIT 1",
+    [FIRST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1",
+    [FIRST_STEP] = "SELECT step FROM steps WHERE run = ?1 ORDER BY step LIMIT 1",
+    [LAST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1",
+    [COUNT_SIGNALS] = "SELECT count(*) FROM signals WHERE run = ?1",
+    [COUNT_EVENTS] = "SELECT count(*) FROM events WHERE run = ?1",
+    [OLD_SAMPLES] = "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
+    [OLD_OUTPUTS] = "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
+    [OLD_ADJUSTMENTS] = "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",
+    [OLD_STEPS] = "DELETE FROM steps WHERE run = ?1 AND step < ?2",
+    [OLD_OWN_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1 AND tick + 1 < ?2", /* what came after it is gone */
+    /* But that which is in force in the first tick that stays. */
+    [OLD_TUNINGS] = "DELETE FROM tunings WHERE run = ?1 AND tick <"
+                    " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)",
+    [REMOVED_BEFORE] = "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
+    [OLD_EVENTS] =
+        "DELETE FROM events WHERE event IN (SELECT event FROM events WHERE run = ?1 ORDER BY event LIMIT ?2)",
+    [ALL_SIGNALS] = "DELETE FROM signals" WITHOUT_EVENTS,
+    [ALL_COMPONENTS] = "DELETE FROM components" WITHOUT_EVENTS,
+    [ALL_CHECKPOINTS] = "DELETE FROM checkpoints" WITHOUT_EVENTS,
+    [ALL_TUNINGS] = "DELETE FROM tunings" WITHOUT_EVENTS,
+    [ALL_BEGINNINGS] = "DELETE FROM beginnings" WITHOUT_EVENTS,
+    [ALL_OF_RUN] = "DELETE FROM runs" WITHOUT_EVENTS,
+    [UNUSED_CONFIGURATIONS] = "DELETE FROM configurations WHERE hash NOT IN (SELECT configuration FROM runs)"
+                              " AND hash NOT IN (SELECT configuration FROM tunings)",
 };
 
 struct tl_recorder_database {
     sqlite3 *connection;
     const tl_recorder_settings *settings;
     sqlite3_stmt *statements[STATEMENTS];
-    tl_recorder_retention retention;
-    int64_t run;     /* of the batch */
+    int64_t run;     /* of the batch; 0: none yet */
     bool has_ledger; /* a step of this batch has brought one */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
+    /* retention: */
+    int64_t page_size;
+    int64_t log_limit;      /* bytes of the log after which it is written back */
+    int log_frames;         /* pages in the log after the last commit */
+    unsigned writings_back; /* of the log into the file, so far */
 };
 
-/* ---- Statements -------------------------------------------------------------------------------------------------- */
+/* A value of a row, as the database may have it. */
+typedef struct cell {
+    enum { NONE, WHOLE, NUMBER, TEXT } type;
+    int64_t whole;
+    double number;
+    const char *text;
+} cell;
+
+static const cell no_cell = {.type = NONE};
+
+static cell cell_whole(int64_t value) {
+    return (cell){.type = WHOLE, .whole = value};
+}
+
+/* What no history would take does not get in. */
+static cell cell_within(int64_t least, int64_t value) {
+    return cell_whole(value < least ? least : value > TL_ROW_LARGEST ? TL_ROW_LARGEST : value);
+}
+
+static cell cell_count(uint64_t count) {
+    return cell_whole(count > TL_ROW_LARGEST ? TL_ROW_LARGEST : (int64_t)count);
+}
+
+/* Infinite and NaN values never enter a database. */
+static cell cell_number(double value) {
+    return (cell){.type = isfinite(value) ? NUMBER : NONE, .number = value};
+}
+
+/* NULL is none. */
+static cell cell_text(const char *value) {
+    return (cell){.type = value == NULL ? NONE : TEXT, .text = value};
+}
+
+/* What is no character becomes "?". */
+static void repair(char *text) {
+    for (size_t left = strlen(text); left > 0;) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, left, &code);
+        if (length == 0) {
+            *text = '?';
+            length = 1;
+        }
+        text += length;
+        left -= length;
+    }
+}
+
+/* One text that is none would make the whole database one that is damaged: texts come from anywhere, and were cut. */
+static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
+    char *repaired = sqlite3_mprintf("%s", text);
+    if (repaired != NULL) {
+        repair(repaired);
+    }
+    (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
+}
 
 static int run_statement(sqlite3_stmt *prepared) {
     int code = sqlite3_step(prepared);
@@ -120,35 +249,253 @@ static int run_statement(sqlite3_stmt *prepared) {
     return code == SQLITE_DONE || code == SQLITE_ROW ? SQLITE_OK : code;
 }
 
-/* Infinite and NaN values never enter a database. */
-static void bind_number(sqlite3_stmt *prepared, int index, double value) {
-    if (isfinite(value)) {
-        (void)sqlite3_bind_double(prepared, index, value);
+/* The run, and a cell for each further parameter. */
+static void bind_row(tl_recorder_database *database, statement which, const cell *cells) {
+    sqlite3_stmt *prepared = database->statements[which];
+    int count = sqlite3_bind_parameter_count(prepared);
+    (void)sqlite3_bind_int64(prepared, 1, database->run);
+    for (int index = 2; index <= count; index++, cells++) {
+        switch (cells->type) {
+        case NONE:
+            (void)sqlite3_bind_null(prepared, index);
+            break;
+        case WHOLE:
+            (void)sqlite3_bind_int64(prepared, index, cells->whole);
+            break;
+        case NUMBER:
+            (void)sqlite3_bind_double(prepared, index, cells->number);
+            break;
+        case TEXT:
+            bind_text(prepared, index, cells->text);
+            break;
+        }
+    }
+}
+
+static int write_row(tl_recorder_database *database, statement which, const cell *cells) {
+    bind_row(database, which, cells);
+    return run_statement(database->statements[which]);
+}
+
+/* Of a run and one number, which may be meaningless. */
+static int change(tl_recorder_database *database, statement which, int64_t run, int64_t value) {
+    sqlite3_stmt *prepared = database->statements[which];
+    (void)sqlite3_bind_int64(prepared, 1, run);
+    (void)sqlite3_bind_int64(prepared, 2, value);
+    return run_statement(prepared);
+}
+
+/* The one number a statement gives of a run, `otherwise` where it is NULL or there is no row. */
+static int ask(tl_recorder_database *database, statement which, int64_t run, int64_t otherwise, int64_t *value) {
+    sqlite3_stmt *prepared = database->statements[which];
+    (void)sqlite3_bind_int64(prepared, 1, run);
+    int code = sqlite3_step(prepared);
+    bool any = code == SQLITE_ROW && sqlite3_column_type(prepared, 0) == SQLITE_INTEGER;
+    *value = any ? sqlite3_column_int64(prepared, 0) : otherwise;
+    (void)sqlite3_reset(prepared);
+    return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+}
+
+/* ---- Retention: removing the oldest, and keeping the write-ahead log short.
+ *
+ * All tables of ticks begin their key with (run, tick), so the oldest are one range at the front of each: removing them
+ * frees whole pages, which the next batch takes. The file shrinks (incremental vacuum) only when it is larger
+ * than the bound permits, which happens when the bound was lowered. The oldest runs go first, from their oldest tick on, each in small
+ * transactions so that the writer keeps up; then the oldest ticks of the run that is being written. Its row, configuration and signals stay; its
+ * events too, unless they alone break the bound: then all but the newest NEWEST_EVENTS go. The file may fill the bound but for four times
+ * the log's limit: the log itself, a batch in it, one retention step in it, and a reserve. */
+
+enum {
+    LEAST_LOG = 64 * 1024,
+    MOST_LOG = 4 * 1024 * 1024,
+    FRAME_HEADER = 24,
+    LEAST_BYTES = 1000000, /* smallest bound */
+    NEWEST_EVENTS = 1000,
+    ROWS_AT_ONCE = 4096,  /* removed in one transaction */
+    STEPS_PER_BATCH = 16, /* such transactions between two batches; together more than a batch can add */
+    PAGES_AT_ONCE = 256,  /* given back to the file system in one transaction */
+    OVERHEAD_PAGES = 24   /* that a batch may add beside its rows */
+};
+
+static int64_t log_limit(int64_t max_bytes) {
+    int64_t part = max_bytes / 16;
+    return max_bytes == 0 || part > MOST_LOG ? MOST_LOG : part < LEAST_LOG ? LEAST_LOG : part;
+}
+
+static int count_frames(void *context, sqlite3 *connection, const char *name, int frames) {
+    (void)connection;
+    (void)name;
+    ((tl_recorder_database *)context)->log_frames = frames;
+    return SQLITE_OK;
+}
+
+/* The first tick or step that a run still has, INT64_MAX where there is none; and how many ticks make about ROWS_AT_ONCE rows: each has a
+ * row per signal, and one of its own. */
+static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *tick, int64_t *ticks) {
+    int64_t step = 0;
+    int64_t signals = 0;
+    int code = ask(database, FIRST_SAMPLE, run, INT64_MAX, tick);
+    code = code != SQLITE_OK ? code : ask(database, FIRST_STEP, run, INT64_MAX, &step);
+    code = code != SQLITE_OK ? code : ask(database, COUNT_SIGNALS, run, 0, &signals);
+    *tick = step < *tick ? step : *tick;
+    *ticks = ROWS_AT_ONCE / (signals + 1) + 1;
+    return code;
+}
+
+static int change_all(tl_recorder_database *database, statement first, statement last, int64_t run, int64_t value) {
+    int code = SQLITE_OK;
+    for (int which = first; which <= (int)last && code == SQLITE_OK; which++) {
+        code = change(database, (statement)which, run, value);
+    }
+    return code;
+}
+
+/* Ticks of a run that is damaged may be anywhere. */
+static int64_t tick_after(int64_t first, int64_t ticks) {
+    return first < INT64_MAX - ticks ? first + ticks : INT64_MAX;
+}
+
+static int remove_of_old_run(tl_recorder_database *database, int64_t run) {
+    int64_t first = 0;
+    int64_t ticks = 0;
+    int code = find_oldest(database, run, &first, &ticks);
+    if (code != SQLITE_OK || first == INT64_MAX) {
+        return code != SQLITE_OK ? code
+                                 : change_all(database, OLD_EVENTS, UNUSED_CONFIGURATIONS, run, (int64_t)ROWS_AT_ONCE);
+    }
+    return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, tick_after(first, ticks));
+}
+
+static int remove_of_this_run(tl_recorder_database *database, bool *removed) {
+    int64_t first = 0;
+    int64_t last = 0;
+    int64_t ticks = 0;
+    int64_t events = 0;
+    int64_t run = database->run;
+    int code = find_oldest(database, run, &first, &ticks);
+    code = code != SQLITE_OK ? code : ask(database, LAST_SAMPLE, run, -1, &last);
+    if (code == SQLITE_OK && first != INT64_MAX && first < last) {
+        int64_t until = tick_after(first, ticks);
+        return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until < last ? until : last);
+    }
+    code = code != SQLITE_OK ? code : ask(database, COUNT_EVENTS, run, 0, &events);
+    if (code != SQLITE_OK || events <= NEWEST_EVENTS) {
+        *removed = false;
+        return code;
+    }
+    int64_t surplus = events - NEWEST_EVENTS;
+    return change(database, OLD_EVENTS, run, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE);
+}
+
+/* One small step of removal, in a transaction. *removed is false where nothing is left that may go. */
+static int remove_some(tl_recorder_database *database, bool *removed) {
+    int64_t run = 0;
+    *removed = true;
+    int code = run_statement(database->statements[BEGIN]);
+    if (code != SQLITE_OK) {
+        return code;
+    }
+    code = ask(database, OLDEST_RUN, database->run, 0, &run);
+    if (code == SQLITE_OK && run != 0) {
+        code = remove_of_old_run(database, run);
+    } else if (code == SQLITE_OK && database->run != 0) {
+        code = remove_of_this_run(database, removed);
     } else {
-        (void)sqlite3_bind_null(prepared, index);
+        *removed = false;
     }
-}
-
-/* Nor what no history would take. */
-static void bind_within(sqlite3_stmt *prepared, int index, int64_t least, int64_t value) {
-    int64_t bound = value < least ? least : value;
-    (void)sqlite3_bind_int64(prepared, index, bound > TL_ROW_LARGEST ? TL_ROW_LARGEST : bound);
-}
-
-static void bind_count(sqlite3_stmt *prepared, int index, uint64_t count) {
-    (void)sqlite3_bind_int64(prepared, index, count > TL_ROW_LARGEST ? TL_ROW_LARGEST : (sqlite3_int64)count);
-}
-
-/* One text that is none would make the whole database one that is damaged: texts come from anywhere, and were cut. */
-static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
-    char *repaired = text == NULL ? NULL : sqlite3_mprintf("%s", text);
-    if (repaired != NULL) {
-        tl_recorder_beginning_repair(repaired);
+    if (code == SQLITE_OK) {
+        code = run_statement(database->statements[COMMIT]);
     }
-    (void)sqlite3_bind_text(prepared, index, repaired, -1, sqlite3_free);
+    tl_recorder_database_rollback(database);
+    return code;
 }
 
-/* ---- Configurations ---------------------------------------------------------------------------------------------- */
+static int64_t file_size(const tl_recorder_database *database, int which) {
+    sqlite3_file *file = NULL;
+    sqlite3_int64 size = 0;
+    if (sqlite3_file_control(database->connection, "main", which, &file) != SQLITE_OK || file == NULL ||
+        file->pMethods == NULL || file->pMethods->xFileSize(file, &size) != SQLITE_OK) {
+        return 0;
+    }
+    return size;
+}
+
+static int64_t log_bytes(const tl_recorder_database *database) {
+    return database->log_frames * (database->page_size + FRAME_HEADER);
+}
+
+static int write_back(tl_recorder_database *database, int mode) {
+    int left = 0;
+    int done = 0;
+    int code = sqlite3_wal_checkpoint_v2(database->connection, "main", mode, &left, &done);
+    database->writings_back++;
+    if (code == SQLITE_OK && left == done) {
+        database->log_frames = 0; /* the next transaction starts the log anew, unless a reader still needs it */
+    }
+    return code;
+}
+
+int tl_recorder_database_tidy(tl_recorder_database *database) {
+    if (log_bytes(database) < database->log_limit) {
+        return SQLITE_OK;
+    }
+    int code = write_back(database, SQLITE_CHECKPOINT_PASSIVE);
+    if ((code == SQLITE_OK || code == SQLITE_BUSY) && log_bytes(database) >= 2 * database->log_limit) {
+        code = write_back(database, SQLITE_CHECKPOINT_TRUNCATE);
+    }
+    return code == SQLITE_BUSY ? SQLITE_OK : code; /* a reader; make_room() says when that is too much */
+}
+
+/* Gives at most `pages` free pages back to the file system. */
+static int shrink(tl_recorder_database *database, int64_t pages) {
+    char sql[64];
+    (void)snprintf(sql, sizeof sql, "PRAGMA incremental_vacuum(%lld)",
+                   (long long)(pages < PAGES_AT_ONCE ? pages : PAGES_AT_ONCE));
+    return sqlite3_exec(database->connection, sql, NULL, NULL, NULL);
+}
+
+/* A log that a reader keeps from being written back may grow as long as the bound holds. */
+static int check_log(tl_recorder_database *database, int64_t needed) {
+    int64_t on_disk =
+        file_size(database, SQLITE_FCNTL_FILE_POINTER) + file_size(database, SQLITE_FCNTL_JOURNAL_POINTER);
+    if (log_bytes(database) < 2 * database->log_limit ||
+        on_disk + needed * database->page_size <= database->settings->max_bytes) {
+        return SQLITE_OK;
+    }
+    return write_back(database, SQLITE_CHECKPOINT_TRUNCATE);
+}
+
+/* Between transactions: room for a batch of `bytes`. SQLITE_BUSY where a reader keeps the log from being written back and another batch would
+ * break the bound. */
+static int make_room(tl_recorder_database *database, size_t bytes) {
+    if (database->settings->max_bytes == 0) {
+        return SQLITE_OK;
+    }
+    int64_t most = (database->settings->max_bytes - 4 * database->log_limit) / database->page_size;
+    int64_t needed = (int64_t)(bytes * 3) / database->page_size + OVERHEAD_PAGES;
+    int64_t all = 0;
+    int64_t unused = 0;
+    bool removed = true;
+    int code = check_log(database, needed);
+    for (int i = 0; i < STEPS_PER_BATCH && code == SQLITE_OK && removed; i++) {
+        code = ask(database, PAGE_COUNT, 0, 0, &all);
+        code = code == SQLITE_OK ? ask(database, FREE_COUNT, 0, 0, &unused) : code;
+        if (code == SQLITE_OK && all > most && unused > 0) {
+            code = shrink(database, all - most);
+        } else if (code == SQLITE_OK && all - unused + needed > most) {
+            code = remove_some(database, &removed);
+        } else {
+            break;
+        }
+        code = code == SQLITE_OK ? tl_recorder_database_tidy(database) : code;
+        code = code == SQLITE_OK ? check_log(database, needed) : code;
+    }
+    return code;
+}
+
+/* ---- The beginning of a run ---------------------------------------------------------------------------------------
+ *
+ * The account may be that of a hostile twin: its texts are repaired, its counts bounded by the settings. */
 
 /* Whose text is known; NULL: it is not. */
 static const tl_recorder_known *find_known(const tl_recorder_database *database, const tl_run_tuning *tuning) {
@@ -162,17 +509,99 @@ static const tl_recorder_known *find_known(const tl_recorder_database *database,
     return NULL;
 }
 
-static int write_configuration(tl_recorder_database *database, const char *hash, const char *text) {
-    sqlite3_stmt *prepared = database->statements[CONFIGURATION];
-    bind_text(prepared, 1, hash);
-    bind_text(prepared, 2, text);
-    return run_statement(prepared);
+/* A database of an older program learns the names that came since. */
+static int write_names(tl_recorder_database *database) {
+    int code = SQLITE_OK;
+    for (int i = TL_FREE; i < TL_OUTCOMES && code == SQLITE_OK; i++) {
+        code = write_row(database, OUTCOME_NAME, (cell[]){cell_whole(i), cell_text(tl_outcome_name((tl_outcome)i))});
+    }
+    for (int i = TL_STOP_NONE; i <= TL_STOP_TIME && code == SQLITE_OK; i++) {
+        code = write_row(database, STOP_NAME, (cell[]){cell_whole(i), cell_text(tl_stop_name((tl_stop)i))});
+    }
+    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG && code == SQLITE_OK; bit <<= 1) {
+        code = write_row(database, FLAG_NAME, (cell[]){cell_whole(bit), cell_text(tl_flag_name((tl_flag)bit))});
+    }
+    for (int i = TL_GOOD; i <= TL_OUTLIER && code == SQLITE_OK; i++) {
+        code = write_row(database, QUALITY_NAME, (cell[]){cell_whole(i), cell_text(tl_quality_name((tl_quality)i))});
+    }
+    for (int i = TL_EVENT_INFO; i <= TL_EVENT_ERROR && code == SQLITE_OK; i++) {
+        code = write_row(database, SEVERITY_NAME, (cell[]){cell_whole(i), cell_text(tl_severity_name((tl_severity)i))});
+    }
+    return code;
 }
 
-/* ---- A batch ----------------------------------------------------------------------------------------------------- */
+/* With the configuration that the run was built with, whose text may not be known. */
+static int write_run(tl_recorder_database *database, const tl_outbox_start *start) {
+    const tl_recorder_settings *settings = database->settings;
+    char own[TL_SHA256_TEXT];
+    char now[TL_UTC_TEXT];
+    tl_sha256(settings->configuration, strlen(settings->configuration), own);
+    const char *hash = start->holds || start->configured.hash[0] == '\0' ? own : start->configured.hash;
+    int code = write_row(database, NEW_CONFIGURATION,
+                         (cell[]){cell_text(hash), cell_text(strcmp(hash, own) == 0 ? settings->configuration : "")});
+    if (code == SQLITE_OK) {
+        tl_utc_text(tl_utc_now(), now);
+        const cell row[] = {cell_text(start->holds ? "hold" : settings->verb),
+                            cell_text(settings->name),
+                            cell_text(TL_VERSION),
+                            cell_text(hash),
+                            cell_text(now),
+                            cell_whole(settings->step),
+                            cell_whole(start->account.prediction > INT32_MAX ? INT32_MAX : start->account.prediction),
+                            cell_text(tl_measurements_name(settings->measurements)),
+                            cell_whole(start->account.lead > INT32_MAX ? INT32_MAX : start->account.lead)};
+        code = write_row(database, NEW_RUN, row);
+        database->run = sqlite3_last_insert_rowid(database->connection);
+    }
+    return code;
+}
 
-size_t tl_recorder_database_batch(const tl_recorder_database *database) {
-    return tl_recorder_retention_batch(&database->retention);
+/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. */
+static int write_beginning(tl_recorder_database *database, const tl_outbox_start *start) {
+    char none[TL_SHA256_TEXT];
+    const tl_recorder_settings *settings = database->settings;
+    const char *known = settings->fmus != NULL ? settings->fmus : "";
+    const char *fmus = start->fmus[0] != '\0' ? start->fmus : known;
+    if (start->holds) {
+        tl_identity_files(NULL, 0, none);
+        fmus = none;
+    }
+    return write_row(database, NEW_BEGINNING,
+                     (cell[]){cell_text(fmus), cell_text(settings->boot != NULL ? settings->boot : "")});
+}
+
+static int write_signal(tl_recorder_database *database, const char *kind, size_t index,
+                        const tl_recorder_signal *signal, const char *unit, tl_type type) {
+    return write_row(database, SIGNAL,
+                     (cell[]){cell_text(kind), cell_whole((int64_t)index), cell_text(signal->name), cell_text(unit),
+                              cell_text(tl_type_name(type)), cell_text(signal->to)});
+}
+
+/* Units and types of what is matched and adjusted are what the account says; counts of components come with the steps. */
+static int write_signals(tl_recorder_database *database, const tl_outbox_start *start) {
+    const tl_recorder_settings *settings = database->settings;
+    const tl_account *account = &start->account;
+    int code = SQLITE_OK;
+    for (size_t i = 0; i < settings->plant_count && code == SQLITE_OK; i++) {
+        const tl_recorder_signal *signal = &settings->plant[i];
+        code = write_signal(database, "plant", i, signal, signal->unit, signal->type);
+    }
+    for (size_t i = 0; !start->holds && i < settings->match_count && code == SQLITE_OK; i++) {
+        bool told = i < account->matches;
+        code = write_signal(database, "match", i, &settings->match[i], told ? account->match[i].unit : "",
+                            told ? account->match[i].type : TL_REAL);
+    }
+    for (size_t i = 0; !start->holds && i < settings->adjust_count && code == SQLITE_OK; i++) {
+        bool told = i < account->adjusts;
+        code = write_signal(database, "adjust", i, &settings->adjust[i], told ? account->adjust[i].unit : "",
+                            told ? account->adjust[i].type : TL_REAL);
+    }
+    size_t components =
+        account->components < settings->component_count ? account->components : settings->component_count;
+    for (size_t i = 0; !start->holds && i < components && code == SQLITE_OK; i++) {
+        code = write_row(database, COMPONENT, (cell[]){cell_whole((int64_t)i), cell_text(account->component[i].name)});
+    }
+    return code;
 }
 
 /* The last tick that a run of this step can have. */
@@ -180,211 +609,143 @@ static int64_t last_tick(const tl_recorder_database *database) {
     return TL_ROW_LARGEST / database->settings->step;
 }
 
-int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes) {
-    database->run = run;
-    database->retention.run = run;
-    database->has_ledger = false;
-    int code = tl_recorder_retention_make_room(&database->retention, bytes);
-    return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
-}
-
-static int write_resumption(tl_recorder_database *database, const tl_resumption *beginning) {
-    sqlite3_stmt *prepared = database->statements[BEGINNING];
-    (void)sqlite3_clear_bindings(prepared);
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    bind_within(prepared, 2, -TL_ROW_LARGEST, beginning->start);
-    if (beginning->from != TL_RESUMED_NOT) {
-        int64_t last = last_tick(database);
-        bind_within(prepared, 3, 0, beginning->run);
-        bind_within(prepared, 4, 0, beginning->tick < last ? beginning->tick : last);
-        bind_text(prepared, 5, tl_resumed_from_name(beginning->from));
-    }
-    return run_statement(prepared);
-}
-
 /* When it began, and what it goes on with. */
 static int write_start(tl_recorder_database *database, const tl_resumption *beginning) {
-    char text[TL_UTC_TEXT];
-    sqlite3_stmt *prepared = database->statements[START];
-    tl_utc_text(beginning->started, text);
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    bind_text(prepared, 2, text);
-    int code = run_statement(prepared);
-    return code == SQLITE_OK ? write_resumption(database, beginning) : code;
+    char started[TL_UTC_TEXT];
+    tl_utc_text(beginning->started, started);
+    int code = write_row(database, START, (cell[]){cell_text(started)});
+    cell row[4] = {cell_within(-TL_ROW_LARGEST, beginning->start)};
+    if (beginning->from != TL_RESUMED_NOT) {
+        int64_t last = last_tick(database);
+        row[1] = cell_within(0, beginning->run);
+        row[2] = cell_within(0, beginning->tick < last ? beginning->tick : last);
+        row[3] = cell_text(tl_resumed_from_name(beginning->from));
+    }
+    return code == SQLITE_OK ? write_row(database, BEGINNING, row) : code;
 }
 
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
-    int code =
-        tl_recorder_beginning_write(database->connection, database->settings, start, tl_utc_now(), &database->run);
+    int code = tl_recorder_database_give_up(database);
+    code = code == SQLITE_OK ? write_names(database) : code;
+    code = code == SQLITE_OK ? write_run(database, start) : code;
+    code = code == SQLITE_OK ? write_beginning(database, start) : code;
+    code = code == SQLITE_OK ? write_signals(database, start) : code;
     if (code == SQLITE_OK && known != NULL) {
-        code = write_configuration(database, known->hash, known->text);
+        code = write_row(database, CONFIGURATION, (cell[]){cell_text(known->hash), cell_text(known->text)});
     }
     *run = database->run;
     return code == SQLITE_OK && timed ? write_start(database, &start->resumption) : code;
 }
 
-int tl_recorder_database_go_on(tl_recorder_database *database) {
-    (void)sqlite3_bind_int64(database->statements[GO_ON], 1, database->run);
-    return run_statement(database->statements[GO_ON]);
+/* ---- A batch ----------------------------------------------------------------------------------------------------- */
+
+size_t tl_recorder_database_batch(const tl_recorder_database *database) {
+    return (size_t)database->log_limit / 4;
 }
 
+int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes) {
+    database->run = run;
+    database->has_ledger = false;
+    int code = make_room(database, bytes);
+    return code == SQLITE_OK ? run_statement(database->statements[BEGIN]) : code;
+}
+
+int tl_recorder_database_go_on(tl_recorder_database *database) {
+    return change(database, GO_ON, database->run, 0);
+}
+
+/* We have the writer's lock: a run without an end was killed. Its last commit was at most one interval after its last
+ * step. */
 int tl_recorder_database_give_up(tl_recorder_database *database) {
-    return tl_recorder_beginning_end_killed(database->connection);
+    return run_statement(database->statements[END_KILLED]);
 }
 
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick) {
-    (void)sqlite3_bind_int64(database->statements[BEGIN_AT], 1, database->run);
-    bind_within(database->statements[BEGIN_AT], 2, 0, tick);
-    return run_statement(database->statements[BEGIN_AT]);
+    return write_row(database, REMOVED_BEFORE, (cell[]){cell_within(0, tick)});
 }
 
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
                                     size_t size) {
     char digest[TL_SHA256_TEXT];
+    const char *format = database->settings->format != NULL ? database->settings->format : "";
     sqlite3_stmt *prepared = database->statements[CHECKPOINT];
-    if (tick < 0 || tick > last_tick(database) || size > tl_recorder_retention_log(database->settings->max_bytes)) {
+    if (tick < 0 || tick > last_tick(database) || size > (size_t)database->log_limit) {
         return SQLITE_OK;
     }
     tl_sha256(bytes, size, digest);
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    (void)sqlite3_bind_int64(prepared, 2, tick);
-    bind_text(prepared, 3, database->settings->format != NULL ? database->settings->format : "");
-    bind_text(prepared, 4, digest);
+    bind_row(database, CHECKPOINT, (cell[]){cell_whole(tick), cell_text(format), cell_text(digest), no_cell});
     (void)sqlite3_bind_blob64(prepared, 5, bytes, size, SQLITE_STATIC);
     int code = run_statement(prepared);
     (void)sqlite3_clear_bindings(prepared);
-    if (code == SQLITE_OK) {
-        prepared = database->statements[OLD_CHECKPOINTS];
-        (void)sqlite3_bind_int64(prepared, 1, database->run);
-        code = run_statement(prepared);
-    }
-    return code;
+    return code == SQLITE_OK ? change(database, OLD_CHECKPOINTS, database->run, 0) : code;
 }
 
 static int write_sample(tl_recorder_database *database, const tl_sample *sample) {
-    sqlite3_stmt *prepared = database->statements[SAMPLE];
     int code = SQLITE_OK;
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    (void)sqlite3_bind_int64(prepared, 2, sample->tick);
     for (size_t i = 0; i < database->settings->plant_count && code == SQLITE_OK; i++) {
-        (void)sqlite3_bind_int64(prepared, 3, (sqlite3_int64)i);
-        bind_number(prepared, 4, sample->values[i]);
-        (void)sqlite3_bind_int(prepared, 5, sample->quality[i]);
-        if (sample->stamps[i] == TL_TIME_NEVER) {
-            (void)sqlite3_bind_null(prepared, 6);
-        } else {
-            bind_within(prepared, 6, -TL_ROW_LARGEST, sample->stamps[i]);
-        }
-        code = run_statement(prepared);
+        const tl_time stamp = sample->stamps[i];
+        const cell row[] = {cell_whole(sample->tick), cell_whole((int64_t)i), cell_number(sample->values[i]),
+                            cell_whole(sample->quality[i]),
+                            stamp == TL_TIME_NEVER ? no_cell : cell_within(-TL_ROW_LARGEST, stamp)};
+        code = write_row(database, SAMPLE, row);
     }
     return code;
-}
-
-static int write_head(tl_recorder_database *database, const tl_record *record) {
-    sqlite3_stmt *prepared = database->statements[STEP];
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    (void)sqlite3_bind_int64(prepared, 2, record->step);
-    (void)sqlite3_bind_int64(prepared, 3, tl_time_of_step(0, database->settings->step, record->step + 1));
-    (void)sqlite3_bind_int(prepared, 4, (int)record->outcome);
-    (void)sqlite3_bind_int(prepared, 5, (int)record->stop);
-    bind_number(prepared, 6, record->objective);
-    bind_number(prepared, 7, record->objective_nominal);
-    (void)sqlite3_bind_int64(prepared, 8, record->evaluations);
-    (void)sqlite3_bind_int64(prepared, 9, record->executions);
-    bind_within(prepared, 10, 0, record->used);
-    (void)sqlite3_bind_int64(prepared, 11, record->predicted);
-    (void)sqlite3_bind_int64(prepared, 12, record->flags);
-    (void)sqlite3_bind_int64(prepared, 13, record->held);
-    return run_statement(prepared);
 }
 
 static int write_step(tl_recorder_database *database, const tl_record *record) {
-    int code = write_head(database, record);
-    sqlite3_stmt *prepared = database->statements[OUTPUT];
+    const cell step = cell_whole(record->step);
+    const cell head[] = {step,
+                         cell_whole(tl_time_of_step(0, database->settings->step, record->step + 1)),
+                         cell_whole(record->outcome),
+                         cell_whole(record->stop),
+                         cell_number(record->objective),
+                         cell_number(record->objective_nominal),
+                         cell_whole(record->evaluations),
+                         cell_whole(record->executions),
+                         cell_within(0, record->used),
+                         cell_whole(record->predicted),
+                         cell_whole(record->flags),
+                         cell_whole(record->held)};
+    int code = write_row(database, STEP, head);
     for (size_t i = 0; i < database->settings->match_count && code == SQLITE_OK; i++) {
-        (void)sqlite3_bind_int64(prepared, 1, database->run);
-        (void)sqlite3_bind_int64(prepared, 2, record->step);
-        (void)sqlite3_bind_int64(prepared, 3, (sqlite3_int64)i);
-        bind_number(prepared, 4, record->y[i]);
-        bind_number(prepared, 5, record->y_hat[i]);
-        (void)sqlite3_bind_int(prepared, 6, record->y_hat_quality[i]);
-        (void)sqlite3_bind_int64(prepared, 7, record->readings[i].count);
-        bind_number(prepared, 8, record->readings[i].squares);
-        (void)sqlite3_bind_int64(prepared, 9, record->readings[i].rejected);
-        code = run_statement(prepared);
+        const tl_record_readings *readings = &record->readings[i];
+        const cell row[] = {step,
+                            cell_whole((int64_t)i),
+                            cell_number(record->y[i]),
+                            cell_number(record->y_hat[i]),
+                            cell_whole(record->y_hat_quality[i]),
+                            cell_whole(readings->count),
+                            cell_number(readings->squares),
+                            cell_whole(readings->rejected)};
+        code = write_row(database, OUTPUT, row);
     }
-    prepared = database->statements[ADJUSTMENT];
     for (size_t i = 0; i < database->settings->adjust_count && code == SQLITE_OK; i++) {
-        (void)sqlite3_bind_int64(prepared, 1, database->run);
-        (void)sqlite3_bind_int64(prepared, 2, record->step);
-        (void)sqlite3_bind_int64(prepared, 3, (sqlite3_int64)i);
-        bind_number(prepared, 4, record->u[i]);
-        bind_number(prepared, 5, record->u_hat[i]);
-        code = run_statement(prepared);
-    }
-    return code;
-}
-
-/* Written with the batch: the ledger of its last step. */
-static void keep_ledger(tl_recorder_database *database, const tl_recorder_component *ledger) {
-    database->has_ledger = true;
-    memcpy(database->ledger, ledger, database->settings->component_count * sizeof *ledger);
-}
-
-static int write_ledger(tl_recorder_database *database) {
-    sqlite3_stmt *prepared = database->statements[COMPONENT];
-    int code = SQLITE_OK;
-    for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
-        const tl_recorder_component *component = &database->ledger[i];
-        (void)sqlite3_bind_int64(prepared, 1, database->run);
-        (void)sqlite3_bind_int64(prepared, 2, (sqlite3_int64)i);
-        bind_count(prepared, 3, component->plain);
-        bind_count(prepared, 4, component->predicted);
-        bind_count(prepared, 5, component->executions);
-        bind_count(prepared, 6, component->caught_up);
-        bind_count(prepared, 7, component->unstored);
-        code = run_statement(prepared);
+        const cell row[] = {step, cell_whole((int64_t)i), cell_number(record->u[i]), cell_number(record->u_hat[i])};
+        code = write_row(database, ADJUSTMENT, row);
     }
     return code;
 }
 
 /* ---- Tunings ---- */
 
-static void bind_tuning(sqlite3_stmt *prepared, int64_t run, const tl_run_tuning *tuning) {
-    (void)sqlite3_bind_int64(prepared, 1, run);
-    (void)sqlite3_bind_int64(prepared, 2, tuning->tick);
-    bind_text(prepared, 3, tuning->hash);
-}
-
 /* With what is known of it; NULL: nothing but that it was taken. */
 static int write_tuning_of(tl_recorder_database *database, const tl_run_tuning *tuning,
                            const tl_recorder_known *known) {
     char now[TL_UTC_TEXT];
-    sqlite3_stmt *prepared = database->statements[TUNING];
+    const tl_recorder_known none = {.who = "", .origin = "", .why = ""};
+    known = known != NULL ? known : &none;
     tl_utc_text(tl_utc_now(), now);
-    bind_tuning(prepared, database->run, tuning);
-    bind_text(prepared, 4, known != NULL && known->at != NULL ? known->at : now);
-    bind_text(prepared, 5, known != NULL ? known->who : "");
-    bind_text(prepared, 6, known != NULL ? known->origin : "");
-    bind_text(prepared, 7, known != NULL ? known->why : "");
-    return run_statement(prepared);
-}
-
-static int is_configuration(tl_recorder_database *database, const char *hash, bool *is) {
-    sqlite3_stmt *prepared = database->statements[IS_CONFIGURATION];
-    bind_text(prepared, 1, hash);
-    int code = sqlite3_step(prepared);
-    *is = code == SQLITE_ROW;
-    (void)sqlite3_reset(prepared);
-    return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
+    return write_row(database, TUNING,
+                     (cell[]){cell_whole(tuning->tick), cell_text(tuning->hash),
+                              cell_text(known->at != NULL ? known->at : now), cell_text(known->who),
+                              cell_text(known->origin), cell_text(known->why)});
 }
 
 /* As it was said before; else with nothing but that it was taken. */
 static int write_tuning_again(tl_recorder_database *database, const tl_run_tuning *tuning) {
-    bind_tuning(database->statements[TUNING_AGAIN], database->run, tuning);
-    int code = run_statement(database->statements[TUNING_AGAIN]);
+    int code = write_row(database, TUNING_AGAIN, (cell[]){cell_whole(tuning->tick), cell_text(tuning->hash)});
     bool done = sqlite3_changes(database->connection) > 0;
     return code != SQLITE_OK || done ? code : write_tuning_of(database, tuning, NULL);
 }
@@ -392,25 +753,26 @@ static int write_tuning_again(tl_recorder_database *database, const tl_run_tunin
 /* A text that nobody has told us is none that a replay could follow. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible) {
     const tl_recorder_known *known = find_known(database, tuning);
-    bool is = known != NULL;
-    int code =
-        is ? write_configuration(database, known->hash, known->text) : is_configuration(database, tuning->hash, &is);
-    *impossible = !is;
-    if (code != SQLITE_OK || !is) {
+    int64_t is = 1;
+    int code = SQLITE_OK;
+    if (known != NULL) {
+        code = write_row(database, CONFIGURATION, (cell[]){cell_text(known->hash), cell_text(known->text)});
+    } else {
+        bind_row(database, IS_CONFIGURATION, (cell[]){cell_text(tuning->hash)});
+        code = ask(database, IS_CONFIGURATION, 0, 0, &is);
+    }
+    *impossible = is == 0;
+    if (code != SQLITE_OK || is == 0) {
         return code;
     }
     bool is_told = known != NULL && (known->number == 0 || known->number == tuning->number);
     return is_told ? write_tuning_of(database, tuning, known) : write_tuning_again(database, tuning);
 }
 
-static int64_t tick_of(const tl_recorder_entry *entry) {
-    return entry->kind == TL_ENTRY_SAMPLE   ? entry->sample.tick
-           : entry->kind == TL_ENTRY_TUNING ? entry->tuning.tick
-                                            : entry->record.step;
-}
-
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible) {
-    int64_t tick = tick_of(entry);
+    int64_t tick = entry->kind == TL_ENTRY_SAMPLE   ? entry->sample.tick
+                   : entry->kind == TL_ENTRY_TUNING ? entry->tuning.tick
+                                                    : entry->record.step;
     *impossible = tick < 0 || tick >= last_tick(database);
     if (*impossible) {
         return SQLITE_OK;
@@ -421,55 +783,36 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     if (entry->kind == TL_ENTRY_TUNING) {
         return tl_recorder_database_tuning(database, &entry->tuning, impossible);
     }
-    keep_ledger(database, entry->ledger);
+    /* The ledger of the last step is written with the batch. */
+    database->has_ledger = true;
+    memcpy(database->ledger, entry->ledger, database->settings->component_count * sizeof *entry->ledger);
     return write_step(database, &entry->record);
 }
 
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event) {
-    sqlite3_stmt *prepared = database->statements[EVENT];
     char at[TL_UTC_TEXT];
     tl_utc_text(event->at, at);
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    bind_text(prepared, 2, at);
-    if (event->tick >= 0) {
-        bind_within(prepared, 3, 0, event->tick);
-    } else {
-        (void)sqlite3_bind_null(prepared, 3);
-    }
-    (void)sqlite3_bind_int(prepared, 4, (int)event->severity);
-    bind_text(prepared, 5, event->source);
-    bind_text(prepared, 6, event->text);
-    return run_statement(prepared);
-}
-
-static int write_totals(tl_recorder_database *database, const tl_recorder_totals *totals) {
-    sqlite3_stmt *prepared = database->statements[TOTALS];
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    bind_count(prepared, 2, totals->samples);
-    bind_count(prepared, 3, totals->steps);
-    bind_count(prepared, 4, totals->events);
-    bind_count(prepared, 5, totals->lost);
-    bind_text(prepared, 6, totals->committed);
-    return run_statement(prepared);
-}
-
-static int write_end(tl_recorder_database *database, const char *reason) {
-    char text[TL_RECORDER_REASON];
-    sqlite3_stmt *prepared = database->statements[END];
-    (void)snprintf(text, sizeof text, "%s", reason);
-    tl_recorder_beginning_repair(text);
-    (void)sqlite3_bind_int64(prepared, 1, database->run);
-    bind_text(prepared, 2, text);
-    return run_statement(prepared);
+    return write_row(database, EVENT,
+                     (cell[]){cell_text(at), event->tick >= 0 ? cell_within(0, event->tick) : no_cell,
+                              cell_whole(event->severity), cell_text(event->source), cell_text(event->text)});
 }
 
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason) {
-    int code = write_ledger(database);
+    int code = SQLITE_OK;
+    for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
+        const tl_recorder_component *component = &database->ledger[i];
+        const cell row[] = {cell_whole((int64_t)i),           cell_count(component->plain),
+                            cell_count(component->predicted), cell_count(component->executions),
+                            cell_count(component->caught_up), cell_count(component->unstored)};
+        code = write_row(database, LEDGER, row);
+    }
     if (code == SQLITE_OK) {
-        code = write_totals(database, totals);
+        code = write_row(database, TOTALS,
+                         (cell[]){cell_count(totals->samples), cell_count(totals->steps), cell_count(totals->events),
+                                  cell_count(totals->lost), cell_text(totals->committed)});
     }
     if (code == SQLITE_OK && reason != NULL) {
-        code = write_end(database, reason);
+        code = write_row(database, END, (cell[]){cell_text(reason)});
     }
     return code == SQLITE_OK ? run_statement(database->statements[COMMIT]) : code;
 }
@@ -480,17 +823,13 @@ void tl_recorder_database_rollback(tl_recorder_database *database) {
     }
 }
 
-int tl_recorder_database_tidy(tl_recorder_database *database) {
-    return tl_recorder_retention_tidy(&database->retention);
-}
-
 unsigned tl_recorder_database_writings_back(const tl_recorder_database *database) {
-    return database->retention.writings_back;
+    return database->writings_back;
 }
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */
 
-static uint64_t count_of(sqlite3_stmt *row, int column) {
+static uint64_t read_count(sqlite3_stmt *row, int column) {
     int64_t count = sqlite3_column_int64(row, column);
     return count < 0 ? 0 : (uint64_t)count;
 }
@@ -502,27 +841,20 @@ int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool 
     *found = code == SQLITE_ROW;
     if (code == SQLITE_ROW) {
         const char *committed = (const char *)sqlite3_column_text(row, 4);
-        *totals = (tl_recorder_totals){count_of(row, 0), count_of(row, 1), count_of(row, 2), count_of(row, 3), ""};
+        *totals =
+            (tl_recorder_totals){read_count(row, 0), read_count(row, 1), read_count(row, 2), read_count(row, 3), ""};
         (void)snprintf(totals->committed, sizeof totals->committed, "%s", committed == NULL ? "" : committed);
     }
     (void)sqlite3_reset(row);
     return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
-static int prepare_all(tl_recorder_database *database) {
-    int code = SQLITE_OK;
-    for (int i = 0; i < STATEMENTS && code == SQLITE_OK; i++) {
-        code = sqlite3_prepare_v3(database->connection, sql_of[i], -1, SQLITE_PREPARE_PERSISTENT,
-                                  &database->statements[i], NULL);
-    }
-    return code;
-}
-
 int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
                               tl_recorder_database **database) {
+    char sql[64];
     assert(settings->plant_count <= TL_MAX_SIGNALS && settings->match_count <= TL_MAX_MATCH &&
            settings->adjust_count <= TL_MAX_ADJUST && settings->component_count <= TL_RECORDER_COMPONENTS &&
-           settings->step > 0);
+           settings->step > 0 && (settings->max_bytes == 0 || settings->max_bytes >= LEAST_BYTES));
     tl_recorder_database *opened = calloc(1, sizeof *opened);
     *database = opened;
     if (opened == NULL) {
@@ -530,262 +862,21 @@ int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *s
     }
     opened->connection = connection;
     opened->settings = settings;
-    int code = tl_recorder_retention_open(&opened->retention, connection, settings->max_bytes);
-    return code == SQLITE_OK ? prepare_all(opened) : code;
+    opened->log_limit = log_limit(settings->max_bytes);
+    (void)sqlite3_wal_hook(connection, count_frames, opened);
+    (void)snprintf(sql, sizeof sql, "PRAGMA journal_size_limit = %lld", (long long)(2 * opened->log_limit));
+    int code = sqlite3_exec(connection, sql, NULL, NULL, NULL);
+    for (int i = 0; i < STATEMENTS && code == SQLITE_OK; i++) {
+        code = sqlite3_prepare_v3(connection, sql_of[i], -1, SQLITE_PREPARE_PERSISTENT, &opened->statements[i], NULL);
+    }
+    return code == SQLITE_OK ? ask(opened, PAGE_SIZE, 0, 4096, &opened->page_size) : code;
 }
 
 void tl_recorder_database_close(tl_recorder_database *database) {
-    if (database == NULL) {
-        return;
-    }
-    for (int i = 0; i < STATEMENTS; i++) {
-        (void)sqlite3_finalize(database->statements[i]);
-    }
-    tl_recorder_retention_close(&database->retention);
-    free(database);
-}
-
-/* ---- recorder beginning ---- */
-
-#ifndef TL_VERSION
-#define TL_VERSION "unknown"
-#endif
-
-/* What a run is begun with. */
-typedef struct beginning {
-    sqlite3 *connection;
-    const tl_recorder_settings *settings;
-    const tl_outbox_start *start;
-    int64_t run;
-    char own[TL_SHA256_TEXT]; /* of the configuration of the settings, */
-    const char *hash;         /* and of that of the run */
-} beginning;
-
-/* What is no character becomes "?". */
-static void tl_recorder_beginning_repair(char *text) {
-    for (size_t left = strlen(text); left > 0;) {
-        uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
-        if (length == 0) {
-            *text = '?';
-            length = 1;
+    if (database != NULL) {
+        for (int i = 0; i < STATEMENTS; i++) {
+            (void)sqlite3_finalize(database->statements[i]);
         }
-        text += length;
-        left -= length;
+        free(database);
     }
-}
-
-/* One change with up to three parameters: the others are NULL. */
-static int change(sqlite3 *connection, const char *sql, int64_t first, const char *second, const char *third) {
-    sqlite3_stmt *prepared = NULL;
-    int code = sqlite3_prepare_v2(connection, sql, -1, &prepared, NULL);
-    if (code == SQLITE_OK) {
-        (void)sqlite3_bind_int64(prepared, 1, first);
-        (void)sqlite3_bind_text(prepared, 2, second, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(prepared, 3, third, -1, SQLITE_STATIC);
-        code = sqlite3_step(prepared);
-    }
-    (void)sqlite3_finalize(prepared);
-    return code == SQLITE_DONE ? SQLITE_OK : code;
-}
-
-/* A database of an older program learns the names that came since. */
-static int write_names(sqlite3 *connection) {
-    int code = SQLITE_OK;
-    for (int i = TL_FREE; i < TL_OUTCOMES && code == SQLITE_OK; i++) {
-        code = change(connection, "INSERT OR REPLACE INTO outcomes VALUES (?1, ?2)", i, tl_outcome_name((tl_outcome)i),
-                      NULL);
-    }
-    for (int i = TL_STOP_NONE; i <= TL_STOP_TIME && code == SQLITE_OK; i++) {
-        code = change(connection, "INSERT OR REPLACE INTO stops VALUES (?1, ?2)", i, tl_stop_name((tl_stop)i), NULL);
-    }
-    for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG && code == SQLITE_OK; bit <<= 1) {
-        code =
-            change(connection, "INSERT OR REPLACE INTO flags VALUES (?1, ?2)", bit, tl_flag_name((tl_flag)bit), NULL);
-    }
-    for (int i = TL_GOOD; i <= TL_OUTLIER && code == SQLITE_OK; i++) {
-        code = change(connection, "INSERT OR REPLACE INTO qualities VALUES (?1, ?2)", i, tl_quality_name((tl_quality)i),
-                      NULL);
-    }
-    for (int i = TL_EVENT_INFO; i <= TL_EVENT_ERROR && code == SQLITE_OK; i++) {
-        code = change(connection, "INSERT OR REPLACE INTO severities VALUES (?1, ?2)", i,
-                      tl_severity_name((tl_severity)i), NULL);
-    }
-    return code;
-}
-
-/* We have the writer's lock: a run without an end was killed. Its last commit was at most one interval after its last
- * step. */
-static int tl_recorder_beginning_end_killed(sqlite3 *connection) {
-    return change(connection,
-                  "UPDATE runs SET ended = coalesce(committed, started), ended_reason = 'not ended cleanly'"
-                  " WHERE ended IS NULL",
-                  0, NULL, NULL);
-}
-
-/* What no history would take is none that a twin of ours tells. */
-static int64_t small(uint32_t number) {
-    return number > INT32_MAX ? INT32_MAX : number;
-}
-
-static int write_run(beginning *self, int64_t began) {
-    static const char sql[] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns,"
-                              " prediction, measurements, lead) VALUES (?1, ?2, ?3, ?4, ?5, ?5, ?6, ?7, ?8, ?9)";
-    const tl_recorder_settings *settings = self->settings;
-    sqlite3_stmt *prepared = NULL;
-    char text[TL_UTC_TEXT];
-    int code = sqlite3_prepare_v2(self->connection, sql, -1, &prepared, NULL);
-    if (code == SQLITE_OK) {
-        tl_utc_text(began, text);
-        (void)sqlite3_bind_text(prepared, 1, self->start->holds ? "hold" : settings->verb, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(prepared, 2, settings->name, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(prepared, 3, TL_VERSION, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(prepared, 4, self->hash, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_text(prepared, 5, text, -1, SQLITE_STATIC);
-        (void)sqlite3_bind_int64(prepared, 6, settings->step);
-        (void)sqlite3_bind_int64(prepared, 7, small(self->start->account.prediction));
-        (void)sqlite3_bind_text(prepared, 8, tl_measurements_name(settings->measurements), -1, SQLITE_STATIC);
-        (void)sqlite3_bind_int64(prepared, 9, small(self->start->account.lead));
-        code = sqlite3_step(prepared);
-    }
-    (void)sqlite3_finalize(prepared);
-    self->run = sqlite3_last_insert_rowid(self->connection);
-    return code == SQLITE_DONE ? SQLITE_OK : code;
-}
-
-/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. */
-static int write_beginning(const beginning *self) {
-    char none[TL_SHA256_TEXT];
-    const tl_recorder_settings *settings = self->settings;
-    const char *known = settings->fmus != NULL ? settings->fmus : "";
-    const char *fmus = self->start->fmus[0] != '\0' ? self->start->fmus : known;
-    if (self->start->holds) {
-        tl_identity_files(NULL, 0, none);
-        fmus = none;
-    }
-    return change(self->connection, "INSERT INTO beginnings (run, fmus, boot) VALUES (?1, ?2, ?3)", self->run, fmus,
-                  settings->boot != NULL ? settings->boot : "");
-}
-
-/* ---- Signals and components -------------------------------------------------------------------------------------- */
-
-static int write_signal(const beginning *self, sqlite3_stmt *prepared, int64_t index,
-                        const tl_recorder_signal *signal) {
-    char unit[TL_ACCOUNT_TEXT];
-    (void)snprintf(unit, sizeof unit, "%s", signal->unit);
-    tl_recorder_beginning_repair(unit);
-    (void)sqlite3_bind_int64(prepared, 1, self->run);
-    (void)sqlite3_bind_int64(prepared, 3, index);
-    (void)sqlite3_bind_text(prepared, 4, signal->name, -1, SQLITE_STATIC);
-    (void)sqlite3_bind_text(prepared, 5, unit, -1, SQLITE_STATIC);
-    (void)sqlite3_bind_text(prepared, 6, tl_type_name(signal->type), -1, SQLITE_STATIC);
-    (void)sqlite3_bind_text(prepared, 7, signal->to, -1, SQLITE_STATIC);
-    int code = sqlite3_step(prepared);
-    (void)sqlite3_reset(prepared);
-    return code == SQLITE_DONE ? SQLITE_OK : code;
-}
-
-static int prepare_signals(const beginning *self, const char *kind, sqlite3_stmt **prepared) {
-    static const char sql[] = "INSERT INTO signals (run, kind, signal, name, unit, type, compared_with)"
-                              " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)";
-    int code = sqlite3_prepare_v2(self->connection, sql, -1, prepared, NULL);
-    (void)sqlite3_bind_text(*prepared, 2, kind, -1, SQLITE_STATIC);
-    return code;
-}
-
-static int write_plant(const beginning *self) {
-    sqlite3_stmt *prepared = NULL;
-    int code = prepare_signals(self, "plant", &prepared);
-    for (size_t i = 0; i < self->settings->plant_count && code == SQLITE_OK; i++) {
-        code = write_signal(self, prepared, (int64_t)i, &self->settings->plant[i]);
-    }
-    (void)sqlite3_finalize(prepared);
-    return code;
-}
-
-/* Their units and types are what the account says. */
-static int write_matches(const beginning *self) {
-    const tl_account *account = &self->start->account;
-    sqlite3_stmt *prepared = NULL;
-    int code = prepare_signals(self, "match", &prepared);
-    for (size_t i = 0; i < self->settings->match_count && code == SQLITE_OK; i++) {
-        tl_recorder_signal signal = self->settings->match[i];
-        signal.unit = i < account->matches ? account->match[i].unit : "";
-        signal.type = i < account->matches ? account->match[i].type : TL_REAL;
-        code = write_signal(self, prepared, (int64_t)i, &signal);
-    }
-    (void)sqlite3_finalize(prepared);
-    return code;
-}
-
-static int write_adjusts(const beginning *self) {
-    const tl_account *account = &self->start->account;
-    sqlite3_stmt *prepared = NULL;
-    int code = prepare_signals(self, "adjust", &prepared);
-    for (size_t i = 0; i < self->settings->adjust_count && code == SQLITE_OK; i++) {
-        tl_recorder_signal signal = self->settings->adjust[i];
-        signal.unit = i < account->adjusts ? account->adjust[i].unit : "";
-        signal.type = i < account->adjusts ? account->adjust[i].type : TL_REAL;
-        code = write_signal(self, prepared, (int64_t)i, &signal);
-    }
-    (void)sqlite3_finalize(prepared);
-    return code;
-}
-
-/* Their counts come with the steps. */
-static int write_components(const beginning *self) {
-    static const char sql[] = "INSERT INTO components (run, component, name) VALUES (?1, ?2, ?3)";
-    const tl_account *account = &self->start->account;
-    sqlite3_stmt *prepared = NULL;
-    int code = sqlite3_prepare_v2(self->connection, sql, -1, &prepared, NULL);
-    for (size_t i = 0; i < self->settings->component_count && i < account->components && code == SQLITE_OK; i++) {
-        char name[TL_ACCOUNT_TEXT];
-        (void)snprintf(name, sizeof name, "%s", account->component[i].name);
-        tl_recorder_beginning_repair(name);
-        (void)sqlite3_bind_int64(prepared, 1, self->run);
-        (void)sqlite3_bind_int64(prepared, 2, (sqlite3_int64)i);
-        (void)sqlite3_bind_text(prepared, 3, name, -1, SQLITE_STATIC);
-        code = sqlite3_step(prepared);
-        (void)sqlite3_reset(prepared);
-        code = code == SQLITE_DONE ? SQLITE_OK : code;
-    }
-    (void)sqlite3_finalize(prepared);
-    return code;
-}
-
-/* ---- All of it --------------------------------------------------------------------------------------------------- */
-
-static int tl_recorder_beginning_write(sqlite3 *connection, const tl_recorder_settings *settings,
-                                       const tl_outbox_start *start, int64_t began, int64_t *run) {
-    beginning self = {.connection = connection, .settings = settings, .start = start};
-    tl_sha256(settings->configuration, strlen(settings->configuration), self.own);
-    self.hash = start->holds || start->configured.hash[0] == '\0' ? self.own : start->configured.hash;
-    int code = tl_recorder_beginning_end_killed(connection);
-    if (code == SQLITE_OK) {
-        code = write_names(connection);
-    }
-    if (code == SQLITE_OK) {
-        code = change(connection, "INSERT OR IGNORE INTO configurations (hash, text) VALUES (?2, ?3)", 0, self.hash,
-                      strcmp(self.hash, self.own) == 0 ? settings->configuration : "");
-    }
-    if (code == SQLITE_OK) {
-        code = write_run(&self, began);
-    }
-    if (code == SQLITE_OK) {
-        code = write_beginning(&self);
-    }
-    if (code == SQLITE_OK) {
-        code = write_plant(&self);
-    }
-    if (code == SQLITE_OK && !start->holds) {
-        code = write_matches(&self);
-    }
-    if (code == SQLITE_OK && !start->holds) {
-        code = write_adjusts(&self);
-    }
-    if (code == SQLITE_OK && !start->holds) {
-        code = write_components(&self);
-    }
-    *run = self.run;
-    return code;
 }

@@ -1,6 +1,6 @@
 /* The file that a writer writes: opened, looked after, and given up for another one.
  *
- * Purpose: what is wrong with a file at first is coped with, or refused (insistence): see database_instead.h. Later everything is coped with:
+ * Purpose: what is wrong with a file at first is coped with, or refused (insistence): see database_file.h. Later everything is coped with:
  *          a damaged file is put aside, one that may not be written any more is left for one beside it, one that was removed, moved away or
  *          overwritten is made anew. The run then begins again in the new file (tl_recorder_state_leave_run()).
  * Words:   each of it is said once, in the log and as an event of the writer's own (tl_recorder_state_say()).
@@ -15,7 +15,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/store/database_file.h"
-#include "firmware/store/database_instead.h"
 #include "firmware/store/recorder_database.h"
 #include "firmware/store/recorder_settings.h"
 #include "firmware/store/recorder_state.h"

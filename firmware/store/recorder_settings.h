@@ -1,7 +1,7 @@
 /* What a recorder is made with: the file, the run's facts, and how patient it is.
  *
  * Purpose: shared by the recorder, the writer and the SQL below it.
- * Owner:   all texts and arrays are the caller's.
+ * Owner:   all texts and arrays are the caller's, and outlive the recorder.
  * Thread:  plain data.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_SETTINGS_H
@@ -12,11 +12,11 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/store/database_instead.h"
+#include "firmware/store/database_file.h"
 #include "firmware/store/run_types.h"
-#include "master/base/arena.h"
 #include "master/base/simtime.h"
 #include "master/plan/plan.h"
+#include "master/twin/account.h"
 
 typedef struct tl_recorder_settings {
     const char *path;
@@ -32,13 +32,11 @@ typedef struct tl_recorder_settings {
     const char *boot;   /* of the system, */
     const char *format; /* and of the bytes of checkpoints; each may be NULL */
     tl_time step;       /* T_S */
-    uint32_t prediction;
-    uint32_t lead; /* step i is computed at tick i + lead */
     tl_measurements measurements;
     const tl_recorder_signal *plant, *match, *adjust;
     size_t plant_count, match_count, adjust_count;
-    const char *const *components; /* names, in the order of the ledger */
-    size_t component_count;
+    size_t component_count;    /* in the ledger */
+    const tl_account *account; /* of a twin whose run begins when the recorder is opened: needed only then */
     bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
     tl_time patience;    /* ns, with a disk that refuses: of close, and of a put that waits; 0: 2 s */
 } tl_recorder_settings;
@@ -54,8 +52,5 @@ typedef struct tl_recorder_names {
 
 /* Sets all that a configuration says: bound, interval, name, text, step, measurements, signals. Lives as long as both. */
 void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings);
-
-/* With all texts and arrays in the arena. False: memory is out. */
-bool tl_recorder_settings_copy(const tl_recorder_settings *settings, tl_arena *arena, tl_recorder_settings *copy);
 
 #endif

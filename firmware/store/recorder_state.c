@@ -87,14 +87,6 @@ void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity
     __atomic_store_n(&state->own_said, number + 1, __ATOMIC_SEQ_CST);
 }
 
-void tl_recorder_state_drop(tl_recorder_writer_state *state, uint64_t count) {
-    (void)__atomic_add_fetch(&state->dropped, count, __ATOMIC_RELAXED);
-}
-
-void tl_recorder_state_refuse(tl_recorder_writer_state *state, tl_time since) {
-    __atomic_store_n(&state->refused_since, since, __ATOMIC_RELAXED);
-}
-
 tl_recorder_state_counts tl_recorder_state_get(const tl_recorder_writer_state *state) {
     tl_recorder_state_counts counts = {
         .written = __atomic_load_n(&state->written, __ATOMIC_RELAXED),

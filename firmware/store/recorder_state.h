@@ -90,12 +90,6 @@ void tl_recorder_state_show(tl_recorder_writer_state *state);
 /* An event of the writer's own, until there is a file to write it into. There is room for a few: the newest takes the place of the one before it. */
 void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text);
 
-/* More entries that will not be written; for the last one to be said. */
-void tl_recorder_state_drop(tl_recorder_writer_state *state, uint64_t count);
-
-/* 0: it takes what is written again. */
-void tl_recorder_state_refuse(tl_recorder_writer_state *state, tl_time since);
-
 /* ---- any thread's or process's ---- */
 
 typedef struct tl_recorder_state_counts {

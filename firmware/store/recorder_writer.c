@@ -1,59 +1,111 @@
-/* The writer: see recorder_writer.h. What it reads is the inbox, what it writes a batch, and where to the file: each has its own source. */
+/* The writer: outboxes are read, and what is in them is written in batches: see recorder_writer.h.
+ *
+ * Batch:   formed in `next`, a copy of the mark of what is committed: positions, totals and the run move on in it with each thing that is written, and become
+ *          the mark when the transaction is committed. What fails is forgotten with it. A batch is of one run.
+ * Order:   the writer's own events, then entries, then the events that were put before the last of these.
+ * Samples: come by the ring, since a replay has to see what the twin has seen. One that does not is taken from what io has read: in front of a later one,
+ *          at the end of the run, or before io's readings are overwritten. It is replaced if it comes after all.
+ * Runs:    entries before the first START belong to no run, and are dropped.
+ * Handing: an END with the reason `hand_over` hands over: what follows it in the ring is of a later run than one in another ring, and is not read before
+ *          that was. Nor is it ever if nobody may go on; but if the reason was said without cause, who knows that says so. */
 #include "firmware/store/recorder_writer.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <sqlite3.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <time.h>
+#include <string.h>
 
 #include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/store/database_sql.h"
-#include "firmware/store/recorder_batch.h"
+#include "firmware/store/recorder_entry.h"
 #include "firmware/store/recorder_file.h"
 
 enum {
-    MENDS = 3,  /* of a file, in one go */
+    EVENT_BYTES = 256, /* what an event counts in a batch */
+    MENDS = 3,         /* of a file, in one go */
     STALLS = 8, /* batches of events alone: who puts them out faster than they are written does not keep the caller */
     REFUSED_TO_OPEN = 1 << 16 /* among SQLite's codes: no file could be opened, for that fault */
 };
 
+static const tl_time MEND_PAUSE = TL_SECOND;       /* between two looks at an outbox that is damaged */
 static const tl_time LOSS_PAUSE = 10 * TL_SECOND;  /* between two events that say what a slow disk has cost */
 static const tl_time CLOSE_PAUSE = TL_SECOND / 20; /* between two tries when it closes */
 
+/* An outbox as it is read. One that is not there has no reader: nothing is in it, and it is never damaged. */
+typedef struct source {
+    tl_recorder_writer_outbox outbox;
+    tl_outbox_reader reader;
+    bool is_told;       /* that it is damaged */
+    tl_time damaged_at; /* by a look that was not before this; 0: it is not */
+} source;
+
 struct tl_recorder_writer {
+    tl_recorder_writer_settings settings;
     tl_recorder_settings record;
     tl_recorder_writer_state *state;
-    tl_heart *heart;
-    bool is_last;
-    tl_recorder_inbox inbox;
     tl_recorder_file file;
-    tl_recorder_batch batch;
-    unsigned char *checkpoint; /* of the outbox with the ring; NULL: it has none */
+    source sources[TL_WRITER_OUTBOXES];
+    tl_time mended_at;         /* when damaged outboxes were looked at the last time */
+    bool is_reopened;          /* the ring was, since it was still damaged */
+    unsigned char *checkpoint; /* of the size of those of the outbox with the ring; NULL: it has none */
     int refusal;               /* the kind of the last failure; 0: nothing is refused */
     tl_time lost_said_at;
     bool was_corrupted; /* an outbox, since the last loss that was said */
+    /* of the batch: */
+    tl_recorder_mark next;
+    tl_recorder_entry entry; /* too large for a small stack */
+    bool is_over;            /* the next entry is for another batch */
+    bool ends;               /* the run does, with this batch */
+    bool is_stray;           /* the newest sample was of a run whose beginning was not read */
+    bool is_last;            /* the writer of samples has ended */
 };
+
+static const tl_recorder_mark *mark_of(const tl_recorder_writer *writer) {
+    return tl_recorder_state_mark(writer->state);
+}
+
+static tl_recorder_database *database_of(const tl_recorder_writer *writer) {
+    return writer->file.database;
+}
+
+static tl_outbox_reader *ring_of(tl_recorder_writer *writer) {
+    return &writer->sources[writer->settings.ring].reader;
+}
+
+static const tl_outbox_settings *settings_of_ring(const tl_recorder_writer *writer) {
+    return &writer->sources[writer->settings.ring].outbox.settings;
+}
+
+/* Of the outbox with the ring: what the batch has taken, and what is committed of that. */
+static tl_outbox_taken *taken_of(tl_recorder_writer *writer) {
+    return &writer->next.taken[writer->settings.ring];
+}
+
+static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
+    return mark_of(writer)->taken[writer->settings.ring].ring;
+}
+
+static bool take_entry(tl_recorder_writer *writer, uint64_t *position, uint64_t end) {
+    return tl_outbox_reader_entry(ring_of(writer), position, end, &writer->entry);
+}
 
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer) {
     return tl_recorder_file_path(&writer->file);
 }
 
-static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
-    return tl_recorder_state_mark(writer->state)->taken[writer->inbox.ring].ring;
-}
-
 /* ---- What it says ------------------------------------------------------------------------------------------------ */
 
 static const char *why_lost(const tl_recorder_writer *writer) {
-    return writer->was_corrupted || tl_recorder_state_mark(writer->state)->is_cut
-               ? "their queue was corrupted"
-               : "they came faster than the recorder could write them";
+    return writer->was_corrupted || mark_of(writer)->is_cut ? "their queue was corrupted"
+                                                            : "they came faster than the recorder could write them";
 }
 
 static void say_loss(tl_recorder_writer *writer, const char *why) {
     char text[TL_EVENT_TEXT];
-    uint64_t lost = tl_recorder_state_mark(writer->state)->totals.lost;
+    uint64_t lost = mark_of(writer)->totals.lost;
     if (lost > writer->file.lost_said) {
         uint64_t more = lost - writer->file.lost_said;
         (void)snprintf(text, sizeof text, "%" PRIu64 " %s lost: %s", more,
@@ -69,7 +121,7 @@ static void say_loss(tl_recorder_writer *writer, const char *why) {
 static void note_refusal(tl_recorder_writer *writer, int kind) {
     char text[TL_EVENT_TEXT];
     if (writer->refusal == 0) {
-        tl_recorder_state_refuse(writer->state, tl_clock_now(NULL));
+        __atomic_store_n(&writer->state->refused_since, tl_clock_now(NULL), __ATOMIC_RELAXED);
     }
     if (writer->refusal != kind) {
         (void)snprintf(text, sizeof text, "cannot write: %.160s; trying again", writer->file.reason);
@@ -87,9 +139,9 @@ static void note_refusal_to_open(tl_recorder_writer *writer) {
 static void note_success(tl_recorder_writer *writer) {
     char text[TL_EVENT_TEXT];
     if (writer->refusal != 0) {
-        tl_time pause = tl_clock_now(NULL) - tl_recorder_state_get(writer->state).refused_since;
+        tl_time pause = tl_clock_now(NULL) - writer->state->refused_since;
         writer->refusal = 0;
-        tl_recorder_state_refuse(writer->state, 0);
+        __atomic_store_n(&writer->state->refused_since, 0, __ATOMIC_RELAXED);
         (void)snprintf(text, sizeof text, "writes again after %.1f s", tl_seconds(pause));
         tl_recorder_file_say(&writer->file, TL_EVENT_INFO, text);
         say_loss(writer, "the database could not be written");
@@ -98,12 +150,653 @@ static void note_success(tl_recorder_writer *writer) {
     }
 }
 
-static void say_damage(tl_recorder_writer *writer) {
-    char text[TL_EVENT_TEXT];
-    while (tl_recorder_inbox_tell(&writer->inbox, text, sizeof text)) {
-        writer->was_corrupted = true;
-        tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
+/* ---- Events of the outboxes -------------------------------------------------------------------------------------- */
+
+/* The event of this number, if all entries are written that were put before it; *skip: it is none. */
+static bool read_event(tl_recorder_writer *writer, size_t outbox, uint64_t number, uint64_t written,
+                       tl_recorder_event_entry *event, bool *skip) {
+    source *from = &writer->sources[outbox];
+    return from->outbox.memory != NULL && tl_outbox_reader_event(&from->reader, number, event, skip) &&
+           (outbox != writer->settings.ring || *skip || event->position <= written);
+}
+
+/* The oldest one that may be written now, with the ring as far as `written`; of two of the same instant that of the later outbox, since what io
+ * says is often why the twin says something. The outbox, or the number of outboxes: there is none. */
+static size_t find_oldest_event(tl_recorder_writer *writer, uint64_t written, tl_recorder_event_entry *oldest,
+                                bool *skip) {
+    size_t found = writer->settings.outbox_count;
+    tl_recorder_event_entry event;
+    bool skips = false;
+    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+        if (read_event(writer, i, writer->next.taken[i].events, written, &event, &skips) &&
+            (found == writer->settings.outbox_count || skips || event.at <= oldest->at)) {
+            found = i;
+            *oldest = event;
+            *skip = skips;
+        }
     }
+    return found;
+}
+
+/* Those that can be written once the ring is as far, of each outbox at most so many. */
+static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t most) {
+    tl_recorder_event_entry event;
+    size_t events = 0;
+    bool skip = false;
+    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+        uint64_t number = writer->next.taken[i].events;
+        for (size_t n = 0; n < most && read_event(writer, i, number, written, &event, &skip); n++) {
+            number++;
+            events++;
+        }
+    }
+    return events;
+}
+
+/* ---- Damage of the outboxes -------------------------------------------------------------------------------------- */
+
+static void reopen(source *from) {
+    bool is_left = from->reader.is_left;
+    tl_outbox_reader_open(&from->outbox.settings, from->outbox.memory, &from->reader);
+    from->reader.is_left = is_left;
+}
+
+static bool is_broken(const source *from) {
+    return from->reader.fault[0] != '\0';
+}
+
+/* Looks at damaged outboxes again, once a second; at one that was found damaged between two writings, at once. */
+static void mend_outboxes(tl_recorder_writer *writer) {
+    tl_time now = tl_clock_now(NULL);
+    bool again = now - writer->mended_at >= MEND_PAUSE;
+    writer->mended_at = again ? now : writer->mended_at;
+    writer->is_reopened =
+        again && ring_of(writer)->is_ring_broken && writer->sources[writer->settings.ring].damaged_at != 0;
+    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+        source *from = &writer->sources[i];
+        if (is_broken(from) && (again || from->damaged_at == 0)) {
+            reopen(from);
+            from->damaged_at = 0;
+        } else if (!is_broken(from) && again) {
+            from->is_told = false;
+        }
+    }
+}
+
+/* After reading, which began at this time. */
+static void note_damage(tl_recorder_writer *writer, tl_time begun) {
+    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+        char text[TL_EVENT_TEXT];
+        source *from = &writer->sources[i];
+        from->damaged_at = !is_broken(from) ? 0 : from->damaged_at != 0 ? from->damaged_at : begun;
+        if (is_broken(from) && !from->is_told) {
+            from->is_told = true;
+            writer->was_corrupted = true;
+            (void)snprintf(text, sizeof text, "the queue of %s was corrupted%s: it %.120s", from->outbox.name,
+                           i == writer->settings.ring ? " by the process of the FMUs" : "", from->reader.fault);
+            tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
+        }
+    }
+}
+
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox) {
+    return writer->sources[outbox].damaged_at;
+}
+
+/* ---- Beginning and ending a batch -------------------------------------------------------------------------------- */
+
+static void begin_batch(tl_recorder_writer *writer) {
+    tl_heart_beat(writer->settings.heart);
+    writer->next = *mark_of(writer);
+    writer->next.number++;
+    writer->ends = false;
+}
+
+/* The mark moves on without a transaction: nothing is written by it. */
+static void settle(tl_recorder_writer *writer) {
+    tl_recorder_state_try(writer->state, &writer->next);
+    tl_recorder_state_settle(writer->state);
+}
+
+/* Bytes of texts that may be written with the batch. */
+static size_t count_configurations(const tl_recorder_writer *writer) {
+    const tl_recorder_settings *record = &writer->record;
+    size_t bytes = writer->next.run == 0 ? strlen(record->configuration) : 0;
+    for (size_t i = 0; i < record->known_count; i++) {
+        const tl_recorder_known *known = &record->known[i];
+        bytes += known->number > writer->next.tuning.number ? strlen(known->text) : 0;
+    }
+    return bytes;
+}
+
+static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
+    tl_recorder_mark *next = &writer->next;
+    int code = tl_recorder_database_begin(database_of(writer), next->run, bytes + count_configurations(writer));
+    if (code == SQLITE_OK && next->run == 0) {
+        code = tl_recorder_database_begin_run(database_of(writer), &next->start, !next->is_untimed, &next->run);
+    } else if (code == SQLITE_OK && writer->file.goes_on && !next->has_ended) {
+        code = tl_recorder_database_go_on(database_of(writer));
+    }
+    return code;
+}
+
+/* The batch is whole: it is tried, and is the mark if the database takes it. */
+static int commit(tl_recorder_writer *writer) {
+    tl_recorder_mark *next = &writer->next;
+    tl_utc_text(tl_utc_now(), next->totals.committed);
+    (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(&writer->file));
+    next->identity = tl_database_identify(&writer->file.file);
+    tl_recorder_state_try(writer->state, next);
+    return tl_recorder_database_commit(database_of(writer), &next->totals, writer->ends ? writer->entry.reason : NULL);
+}
+
+static int end_batch(tl_recorder_writer *writer, int code) {
+    tl_recorder_file *file = &writer->file;
+    code = code == SQLITE_OK ? commit(writer) : code;
+    if (code != SQLITE_OK) {
+        tl_recorder_file_keep_words(file, code);
+        tl_recorder_database_rollback(file->database);
+        return code;
+    }
+    tl_recorder_state_settle(writer->state);
+    file->goes_on = false;
+    code = tl_recorder_database_tidy(file->database);
+    if (code != SQLITE_OK) {
+        tl_recorder_file_keep_words(file, code);
+    }
+    return code;
+}
+
+/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+
+/* What lies behind is of a run that comes after one in another ring. */
+static bool is_handed_over(const tl_recorder_writer *writer) {
+    const tl_recorder_writer_settings *settings = &writer->settings;
+    const tl_recorder_mark *mark = &writer->next;
+    return mark->hands_over && mark->ring == settings->ring && !settings->goes_on(settings->context);
+}
+
+/* How far of that the ring may be read. */
+static uint64_t end_of(tl_recorder_writer *writer, uint64_t end) {
+    return is_handed_over(writer) ? taken_of(writer)->ring : end;
+}
+
+/* What is committed is where a look begins; gives the end of what may be read. */
+static uint64_t look_from_mark(tl_recorder_writer *writer) {
+    writer->next = *mark_of(writer);
+    return end_of(writer, tl_outbox_reader_end(ring_of(writer), taken_of(writer)->ring));
+}
+
+/* What comes next, if it is the beginning of another run: then the entry is that. */
+static bool is_beginning(tl_recorder_writer *writer, uint64_t end, uint64_t *position) {
+    *position = taken_of(writer)->ring;
+    return *position != end && take_entry(writer, position, end) && writer->entry.kind == TL_ENTRY_START;
+}
+
+static tl_outbox_start start_of(const tl_recorder_writer *writer) {
+    tl_outbox_start start = {.holds = writer->entry.holds, .resumption = writer->entry.beginning};
+    if (!start.holds) {
+        start.account = writer->entry.account;
+        memcpy(start.fmus, writer->entry.fmus, sizeof start.fmus);
+        start.configured = writer->entry.tuning;
+    }
+    if (start.resumption.run < 0) {
+        start.resumption.run = writer->next.run; /* the one before */
+    }
+    return start;
+}
+
+/* The entry begins a run, whatever became of the one before. */
+static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
+    tl_recorder_mark *next = &writer->next;
+    next->start = start_of(writer);
+    next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
+    next->run = 0;
+    next->has_ended = false;
+    next->hands_over = false;
+    next->ring = (uint32_t)writer->settings.ring;
+    next->is_again = false;
+    next->own = 0;
+    next->has_begun = true;
+    next->is_untimed = false;
+    next->tuning = (tl_run_tuning){.number = next->tuning.number};
+    next->id = writer->entry.id;
+    next->sampled = 0;
+    next->is_cut = false;
+    writer->is_stray = false;
+    taken_of(writer)->ring = position;
+    writer->file.goes_on = false;
+}
+
+/* ---- What is lost ------------------------------------------------------------------------------------------------ */
+
+/* What producers have lost since the last batch is lost of this run. */
+static void count_lost(tl_recorder_writer *writer) {
+    enum { ENTRIES = 4, EVENTS = 1 << 16 }; /* at most: in a tick; since the last batch */
+    tl_recorder_mark *next = &writer->next;
+    tl_time now = tl_clock_now(NULL);
+    uint64_t most = EVENTS + ENTRIES * (uint64_t)((now - next->counted) / writer->record.step);
+    next->counted = now;
+    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+        const source *from = &writer->sources[i];
+        uint64_t lost = from->outbox.memory != NULL ? tl_outbox_reader_lost(&from->reader) : next->lost[i];
+        uint64_t more = lost - next->lost[i];
+        tl_recorder_mark_lose(next, more <= most ? more : 0); /* else somebody has written over the count */
+        next->lost[i] = lost;
+    }
+}
+
+static void drop(tl_recorder_writer *writer) {
+    writer->next.dropped++;
+    tl_recorder_mark_lose(&writer->next, 1);
+}
+
+/* Entries that belong to no run: there is nothing to write them to. */
+static void drop_entries(tl_recorder_writer *writer, uint64_t end) {
+    uint64_t position = taken_of(writer)->ring;
+    while (position != end && take_entry(writer, &position, end) && writer->entry.kind != TL_ENTRY_START) {
+        taken_of(writer)->ring = position;
+        drop(writer);
+    }
+    if (taken_of(writer)->ring != taken_of_ring(writer)) {
+        settle(writer);
+    }
+}
+
+/* ---- What is written --------------------------------------------------------------------------------------------- */
+
+static int write_own_events(tl_recorder_writer *writer) {
+    const tl_recorder_writer_state *state = writer->state;
+    tl_recorder_mark *next = &writer->next;
+    int code = SQLITE_OK;
+    for (; next->said < state->own_said && code == SQLITE_OK; next->said++) {
+        code = tl_recorder_database_event(database_of(writer), &state->own[next->said % TL_WRITER_OWN_EVENTS]);
+        next->totals.events++;
+        next->own++;
+    }
+    return code;
+}
+
+static int write_events(tl_recorder_writer *writer, size_t most) {
+    tl_recorder_mark *next = &writer->next;
+    uint64_t written = taken_of(writer)->ring;
+    tl_recorder_event_entry event = {.at = 0};
+    bool skip = false;
+    int code = SQLITE_OK;
+    for (size_t n = 0; n < most && code == SQLITE_OK; n++) {
+        size_t from = find_oldest_event(writer, written, &event, &skip);
+        if (from == writer->settings.outbox_count) {
+            break;
+        }
+        code = skip ? SQLITE_OK : tl_recorder_database_event(database_of(writer), &event);
+        next->totals.events += skip ? 0 : 1;
+        next->written += skip ? 0 : 1;
+        next->taken[from].events++;
+    }
+    return code;
+}
+
+/* The first tick of the run at this instant or later; 0: the run is on no clock of ours. */
+static int64_t tick_at(const tl_recorder_writer *writer, tl_time instant) {
+    tl_time since = 0;
+    tl_time step = writer->record.step;
+    bool fits = !__builtin_sub_overflow(instant, writer->next.start.resumption.start, &since);
+    return fits && since > 0 && since < INT64_MAX - step ? (since - 1) / step + 1 : 0;
+}
+
+/* Its tick is later than now. In mode ahead the last one is a period early. */
+static bool is_of_the_future(const tl_recorder_writer *writer) {
+    return writer->settings.plant.take != NULL && !writer->next.is_untimed && writer->entry.kind == TL_ENTRY_SAMPLE &&
+           writer->entry.sample.tick > tick_at(writer, tl_clock_now(NULL)) + 1;
+}
+
+/* Is it one of the run, and can it be written? Else it is dropped. */
+static int write_part(tl_recorder_writer *writer, bool *written) {
+    bool impossible = writer->next.has_ended || is_of_the_future(writer);
+    int code = SQLITE_OK;
+    if (!impossible) {
+        code = tl_recorder_database_entry(database_of(writer), &writer->entry, &impossible);
+    }
+    *written = !impossible;
+    if (impossible) {
+        drop(writer);
+        return SQLITE_OK;
+    }
+    writer->next.written++;
+    return code;
+}
+
+/* The run's beginning is in another file, and with it what was taken before this tick. */
+static int begin_at(tl_recorder_writer *writer, int64_t tick) {
+    tl_recorder_database *database = database_of(writer);
+    int code = tl_recorder_database_begin_at(database, tick);
+    bool impossible = false;
+    if (code == SQLITE_OK && writer->next.tuning.hash[0] != '\0' && writer->next.tuning.tick < tick) {
+        tl_run_tuning again = writer->next.tuning;
+        again.tick = tick;
+        code = tl_recorder_database_tuning(database, &again, &impossible);
+    }
+    return code;
+}
+
+/* Or a tuning. */
+static int write_sample_or_step(tl_recorder_writer *writer) {
+    tl_recorder_mark *next = &writer->next;
+    int64_t tick = writer->entry.sample.tick;
+    bool written = false;
+    int code = write_part(writer, &written);
+    if (!written) {
+        return code;
+    }
+    if (writer->entry.kind == TL_ENTRY_TUNING) {
+        next->tuning = writer->entry.tuning;
+    } else if (writer->entry.kind == TL_ENTRY_STEP) {
+        next->totals.steps++;
+    } else if (tick < next->sampled) { /* it was taken from what io has read */
+        next->written--;
+    } else {
+        next->totals.samples++;
+        next->sampled = tick + 1;
+        if (next->is_again && code == SQLITE_OK) {
+            code = begin_at(writer, tick);
+            next->is_again = false;
+        }
+    }
+    return code;
+}
+
+/* ---- Samples that do not come by the ring ---- */
+
+/* The first tick of a run's own. What it follows at its beginning is the run's before. */
+static int64_t first_tick(const tl_resumption *resumption) {
+    return resumption->from == TL_RESUMED_NOT ? 0 : resumption->tick;
+}
+
+/* The next one that has to come. */
+static int64_t next_tick(const tl_recorder_writer *writer) {
+    int64_t own = first_tick(&writer->next.start.resumption);
+    return writer->next.sampled > own ? writer->next.sampled : own;
+}
+
+/* How many ticks below this one are missing, of those of the past. */
+static int64_t count_missing(const tl_recorder_writer *writer, int64_t end) {
+    const tl_recorder_mark *next = &writer->next;
+    int64_t present = tick_at(writer, tl_clock_now(NULL));
+    bool can = writer->settings.plant.take != NULL && next->has_begun && !next->is_untimed && !next->has_ended &&
+               next->ring == writer->settings.ring; /* a run of another ring has another plant */
+    end = end < present ? end : present;
+    return can && end > next_tick(writer) ? end - next_tick(writer) : 0;
+}
+
+/* Below which tick none may be missing any more: the twin, or its successor, will put the others. In the end no writer is left. */
+static int64_t oldest_awaited(const tl_recorder_writer *writer) {
+    static const tl_time margin = 2 * TL_SECOND;
+    tl_time lag = writer->settings.plant.kept - writer->record.commit - margin;
+    lag = writer->is_last ? 0 : lag > TL_SECOND ? lag : TL_SECOND;
+    return tick_at(writer, tl_clock_now(NULL) - lag);
+}
+
+static int write_missing_sample(tl_recorder_writer *writer, int64_t tick) {
+    const tl_recorder_plant *plant = &writer->settings.plant;
+    tl_time start = writer->next.start.resumption.start;
+    tl_sample *sample = &writer->entry.sample;
+    plant->take(plant->context, tick, tl_time_of_step(start, writer->record.step, tick), sample);
+    for (size_t i = 0; i < writer->record.plant_count; i++) {
+        sample->stamps[i] = tl_recorder_entry_stamp(start, sample->stamps[i]);
+    }
+    writer->entry.kind = TL_ENTRY_SAMPLE;
+    tl_recorder_mark_lose(&writer->next, writer->next.is_cut ? 1 : 0); /* its step */
+    int code = write_sample_or_step(writer);
+    writer->next.sampled = tick + 1; /* also if it cannot be written */
+    return code;
+}
+
+static size_t size_of(const tl_recorder_writer *writer, tl_recorder_kind kind) {
+    return tl_recorder_entry_size(&settings_of_ring(writer)->shape, kind);
+}
+
+/* How many samples may be written together. */
+static size_t most_samples(const tl_recorder_writer *writer, size_t limit) {
+    return limit / size_of(writer, TL_ENTRY_SAMPLE) + 1;
+}
+
+static size_t bytes_of_missing(const tl_recorder_writer *writer, int64_t end, size_t limit) {
+    int64_t missing = count_missing(writer, end);
+    size_t most = most_samples(writer, limit);
+    return size_of(writer, TL_ENTRY_SAMPLE) * ((uint64_t)missing < most ? (size_t)missing : most);
+}
+
+/* Those below this tick, as many as fit. What io's memory has lost already is lost. Changes the entry. */
+static int write_missing(tl_recorder_writer *writer, int64_t end, size_t limit) {
+    tl_recorder_mark *next = &writer->next;
+    int64_t missing = count_missing(writer, end);
+    int64_t kept = tick_at(writer, tl_clock_now(NULL) - writer->settings.plant.kept);
+    int code = SQLITE_OK;
+    if (missing > 0 && next_tick(writer) < kept) {
+        int64_t gone = kept - next_tick(writer) < missing ? kept - next_tick(writer) : missing;
+        next->sampled = next_tick(writer) + gone;
+        missing -= gone;
+        tl_recorder_mark_lose(next, (uint64_t)gone);
+    }
+    for (size_t room = most_samples(writer, limit); missing > 0 && room > 0 && code == SQLITE_OK; room--) {
+        code = write_missing_sample(writer, next_tick(writer));
+        missing--;
+    }
+    return code;
+}
+
+/* The first tick of the run that will be another's, if the entry begins one. */
+static int64_t tick_of_other(const tl_recorder_writer *writer) {
+    const tl_resumption *other = &writer->entry.beginning;
+    tl_time past = 0;
+    tl_time first = 0;
+    bool fits = !__builtin_mul_overflow(first_tick(other), writer->record.step, &past) &&
+                !__builtin_add_overflow(other->start, past, &first);
+    return fits ? tick_at(writer, first) : 0;
+}
+
+/* ---- Entries ---- */
+
+/* Is it of another run than ours? Its clock is unknown without its beginning. */
+static bool is_stray(tl_recorder_writer *writer) {
+    if (writer->entry.kind == TL_ENTRY_SAMPLE) {
+        writer->is_stray = writer->entry.id != writer->next.id;
+        writer->next.is_cut = writer->next.is_cut && writer->is_stray;
+    }
+    return writer->is_stray && writer->entry.kind != TL_ENTRY_START;
+}
+
+static int write_entry(tl_recorder_writer *writer) {
+    const char *hand_over = writer->settings.hand_over;
+    if (is_stray(writer)) {
+        drop(writer);
+        return SQLITE_OK;
+    }
+    switch (writer->entry.kind) {
+    case TL_ENTRY_START:
+        writer->is_over = true;
+        return SQLITE_OK;
+    case TL_ENTRY_END:
+        writer->ends = !writer->next.has_ended;
+        writer->next.has_ended = true;
+        writer->next.hands_over = hand_over != NULL && strcmp(writer->entry.reason, hand_over) == 0;
+        return SQLITE_OK;
+    default:
+        return write_sample_or_step(writer);
+    }
+}
+
+/* Which ticks have to be there before the entry: all below this one. At the end of a run the last ones may have been skipped. */
+static int64_t end_of_missing(const tl_recorder_writer *writer) {
+    bool ends = writer->entry.kind == TL_ENTRY_END && writer->next.is_cut && !writer->is_stray;
+    bool is_own = writer->entry.kind == TL_ENTRY_SAMPLE && writer->entry.id == writer->next.id;
+    return is_own ? writer->entry.sample.tick : ends ? tick_at(writer, tl_clock_now(NULL) - writer->record.step) : 0;
+}
+
+/* After the samples that are missing before it. *is_more: there are more of those than fit. */
+static int write_entry_in_turn(tl_recorder_writer *writer, uint64_t *position, uint64_t end, size_t limit,
+                               bool *is_more) {
+    int64_t awaited = end_of_missing(writer);
+    int code = SQLITE_OK;
+    if (count_missing(writer, awaited) > 0) {
+        code = write_missing(writer, awaited, limit);
+        *position = taken_of(writer)->ring;
+        *is_more = count_missing(writer, awaited) > 0 || !take_entry(writer, position, end);
+    }
+    return code == SQLITE_OK && !*is_more ? write_entry(writer) : code;
+}
+
+/* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
+static int write_entries(tl_recorder_writer *writer, uint64_t end, size_t limit) {
+    const size_t step = size_of(writer, TL_ENTRY_STEP);
+    uint64_t *taken = &taken_of(writer)->ring;
+    uint64_t first = *taken;
+    int code = SQLITE_OK;
+    writer->is_over = false;
+    while (*taken != end && *taken - first < limit && code == SQLITE_OK && !writer->ends) {
+        uint64_t position = *taken;
+        if (!take_entry(writer, &position, end)) {
+            break;
+        }
+        if (writer->entry.kind == TL_ENTRY_SAMPLE && *taken != first && position - first + step > limit) {
+            break;
+        }
+        bool is_more = false;
+        code = write_entry_in_turn(writer, &position, end, limit, &is_more);
+        if (writer->is_over || is_more) {
+            break;
+        }
+        *taken = position;
+    }
+    return code;
+}
+
+/* Whether there is more of the ring behind what is committed. */
+static bool has_more(tl_recorder_writer *writer, uint64_t end) {
+    return taken_of_ring(writer) != end && !ring_of(writer)->is_ring_broken;
+}
+
+/* The run is known: its transaction, if there is anything for one. */
+static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *more) {
+    uint64_t before = mark_of(writer)->number;
+    size_t limit = tl_recorder_database_batch(database_of(writer));
+    uint64_t left = end - taken_of(writer)->ring;
+    size_t bytes = left < limit ? (size_t)left : limit;
+    size_t events = count_events(writer, end, limit / EVENT_BYTES);
+    bool has_own = writer->next.said != writer->state->own_said;
+    size_t missing = bytes_of_missing(writer, oldest_awaited(writer), limit);
+    if (bytes == 0 && events == 0 && missing == 0 && !has_own && writer->next.run != 0) {
+        return SQLITE_OK;
+    }
+    count_lost(writer);
+    int code = begin_transaction(writer, bytes + missing + events * (size_t)EVENT_BYTES);
+    code = code == SQLITE_OK ? write_own_events(writer) : code;
+    code = code == SQLITE_OK ? write_entries(writer, end, limit) : code;
+    if (code == SQLITE_OK && !writer->is_over) {
+        code = write_missing(writer, oldest_awaited(writer), limit);
+    }
+    code = code == SQLITE_OK ? write_events(writer, limit / EVENT_BYTES) : code;
+    code = end_batch(writer, code);
+    *more = mark_of(writer)->number != before &&
+            (has_more(writer, end) || bytes_of_missing(writer, oldest_awaited(writer), limit) > missing);
+    return code;
+}
+
+/* What is missing of the run before, in a transaction of its own. */
+static int write_rest(tl_recorder_writer *writer, int64_t end, bool *more) {
+    size_t limit = tl_recorder_database_batch(database_of(writer));
+    int code = begin_transaction(writer, bytes_of_missing(writer, end, limit));
+    code = end_batch(writer, code == SQLITE_OK ? write_missing(writer, end, limit) : code);
+    *more = code == SQLITE_OK;
+    return code;
+}
+
+/* One transaction, of entries up to `end` of the ring, or to where another run begins, and events as far as they fit. *more: it should be followed
+ * by another one. */
+static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
+    uint64_t position = 0;
+    begin_batch(writer);
+    *more = false;
+    end = end_of(writer, end);
+    bool has_early = writer->next.run != 0 && count_events(writer, taken_of(writer)->ring, 1) > 0;
+    if (!has_early && is_beginning(writer, end, &position)) { /* else there are events of the run before */
+        if (count_missing(writer, tick_of_other(writer)) > 0) {
+            return write_rest(writer, tick_of_other(writer), more);
+        }
+        take_beginning(writer, position);
+    } else if (!writer->next.has_begun) {
+        drop_entries(writer, end);
+        *more = has_more(writer, end);
+        return SQLITE_OK;
+    }
+    return write_transaction(writer, end, more);
+}
+
+/* A checkpoint, in a transaction of its own, once all that came before it is there. *any: there was one. */
+static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
+    const tl_recorder_mark *mark = mark_of(writer);
+    const tl_outbox_taken *taken = &mark->taken[writer->settings.ring];
+    size_t size = 0;
+    int64_t tick = 0;
+    uint64_t number = 0;
+    *any = writer->checkpoint != NULL && mark->run != 0 && mark->ring == writer->settings.ring &&
+           tl_outbox_reader_checkpoint(ring_of(writer), taken->checkpoint, taken->ring, writer->checkpoint, &size,
+                                       &tick, &number);
+    if (!*any) {
+        return SQLITE_OK;
+    }
+    begin_batch(writer);
+    taken_of(writer)->checkpoint = number;
+    int code = begin_transaction(writer, size);
+    if (code == SQLITE_OK) {
+        code = tl_recorder_database_checkpoint(database_of(writer), tick, writer->checkpoint, size);
+    }
+    return end_batch(writer, code);
+}
+
+/* ---- What is left ------------------------------------------------------------------------------------------------ */
+
+/* Samples, steps and events that are not written. */
+static uint64_t count_left(tl_recorder_writer *writer) {
+    uint64_t end = look_from_mark(writer);
+    uint64_t position = taken_of(writer)->ring;
+    uint64_t left = 0;
+    while (position != end && take_entry(writer, &position, end)) {
+        left += writer->entry.kind != TL_ENTRY_START && writer->entry.kind != TL_ENTRY_END ? 1 : 0;
+    }
+    return left + (writer->next.has_begun ? count_events(writer, end_of(writer, UINT64_MAX), TL_RECORDER_EVENTS) : 0);
+}
+
+/* All of the ring is written, up to where it hands over. */
+static bool is_read(tl_recorder_writer *writer) {
+    uint64_t end = look_from_mark(writer);
+    return taken_of(writer)->ring == end || ring_of(writer)->is_ring_broken;
+}
+
+/* Nothing is left that could be written. */
+static bool is_empty(tl_recorder_writer *writer) {
+    bool is_ring_empty = is_read(writer);
+    const tl_recorder_mark *next = &writer->next;
+    return is_ring_empty &&
+           (!next->has_begun || (next->run != 0 && count_events(writer, end_of(writer, UINT64_MAX), 1) == 0));
+}
+
+bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
+    tl_recorder_event_entry event;
+    bool skip = false;
+    return is_read(writer) &&
+           !read_event(writer, writer->settings.ring, taken_of(writer)->events, taken_of(writer)->ring, &event, &skip);
+}
+
+bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
+    uint64_t position = taken_of_ring(writer);
+    bool is_full =
+        tl_outbox_reader_end(ring_of(writer), position) - position > settings_of_ring(writer)->ring_bytes / 2;
+    return writer->refusal == 0 && (is_full || is_beginning(writer, look_from_mark(writer), &position));
+}
+
+void tl_recorder_writer_leave(tl_recorder_writer *writer) {
+    tl_outbox_reader_leave(ring_of(writer));
 }
 
 /* ---- Writing ----------------------------------------------------------------------------------------------------- */
@@ -137,99 +830,92 @@ static bool is_open(tl_recorder_writer *writer) {
     return file->database != NULL;
 }
 
-/* What is there now. */
+/* What is there now. An outbox has two checkpoints; who puts them without end is looked at again later. */
 static int write_all(tl_recorder_writer *writer) {
-    uint64_t end = tl_recorder_inbox_end(&writer->inbox, taken_of_ring(writer));
+    uint64_t end = tl_outbox_reader_end(ring_of(writer), taken_of_ring(writer));
     bool more = true;
     int stalls = 0;
     int code = SQLITE_OK;
     while (more && code == SQLITE_OK && stalls < STALLS) {
         uint64_t before = taken_of_ring(writer);
-        code = tl_recorder_batch_write(&writer->batch, end, &more);
+        bool any = true;
+        code = write_batch(writer, end, &more);
         stalls += taken_of_ring(writer) == before ? 1 : 0;
-        if (code == SQLITE_OK) {
-            code = tl_recorder_batch_write_checkpoints(&writer->batch);
+        for (int i = 0; i < TL_OUTBOX_PLACES && any && code == SQLITE_OK; i++) {
+            code = write_checkpoint(writer, &any);
         }
     }
     if (code == SQLITE_OK) {
         note_success(writer);
-        code = tl_recorder_batch_write(&writer->batch, taken_of_ring(writer), &more);
+        code = write_batch(writer, taken_of_ring(writer), &more);
     }
     return code;
 }
 
-static int write_and_note(tl_recorder_writer *writer) {
-    unsigned before = tl_recorder_database_writings_back(writer->file.database);
-    int code = write_all(writer);
-    if (tl_recorder_database_writings_back(writer->file.database) != before) {
-        tl_database_file_note(&writer->file.file);
+/* What was read of a damaged ring so far is followed by what lies at its end; what is between is lost. Nothing if it is not ours to read. */
+static void skip_damage(tl_recorder_writer *writer) {
+    uint64_t taken = taken_of_ring(writer);
+    uint64_t to = writer->is_reopened ? tl_outbox_reader_skip(ring_of(writer), taken) : taken;
+    if (to != taken) {
+        reopen(&writer->sources[writer->settings.ring]);
+        begin_batch(writer);
+        if (!is_handed_over(writer)) {
+            taken_of(writer)->ring = to;
+            writer->next.is_cut = true;
+            settle(writer);
+        }
     }
-    return code;
 }
 
 void tl_recorder_writer_write(tl_recorder_writer *writer) {
-    int code = SQLITE_OK;
     int mends = 0;
     bool again = true;
     tl_time begun = tl_clock_now(NULL);
-    tl_heart_beat(writer->heart);
-    tl_recorder_inbox_mend(&writer->inbox);
-    tl_recorder_batch_skip(&writer->batch, tl_recorder_inbox_skip(&writer->inbox, taken_of_ring(writer)));
+    tl_heart_beat(writer->settings.heart);
+    mend_outboxes(writer);
+    skip_damage(writer);
     while (again && is_open(writer)) {
         if (mends < MENDS && tl_recorder_file_look_after(&writer->file)) {
             mends++;
-            tl_heart_beat(writer->heart);
+            tl_heart_beat(writer->settings.heart);
             continue;
         }
-        code = write_and_note(writer);
+        unsigned before = tl_recorder_database_writings_back(database_of(writer));
+        int code = write_all(writer);
+        if (tl_recorder_database_writings_back(database_of(writer)) != before) {
+            tl_database_file_note(&writer->file.file);
+        }
         again = code != SQLITE_OK && mends++ < MENDS && tl_recorder_file_mend(&writer->file, code);
         if (code != SQLITE_OK && !again) {
             note_refusal(writer, code & 0xFF);
         }
     }
-    tl_recorder_inbox_note_damage(&writer->inbox, begun);
-    say_damage(writer);
-}
-
-tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox) {
-    return tl_recorder_inbox_damage(&writer->inbox, outbox);
-}
-
-void tl_recorder_writer_leave(tl_recorder_writer *writer) {
-    tl_recorder_inbox_leave(&writer->inbox);
-}
-
-bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
-    return tl_recorder_batch_has_drained(&writer->batch);
-}
-
-bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
-    uint64_t taken = taken_of_ring(writer);
-    uint64_t end = tl_recorder_inbox_end(&writer->inbox, taken);
-    bool is_full = end - taken > writer->inbox.outboxes[writer->inbox.ring].settings.ring_bytes / 2;
-    return writer->refusal == 0 && (is_full || tl_recorder_batch_has_beginning(&writer->batch));
+    note_damage(writer, begun);
 }
 
 /* ---- Opening and closing ----------------------------------------------------------------------------------------- */
 
-/* The run that begins at once, in a file that is new to us. */
-static tl_status begin_first(tl_recorder_writer *writer, const tl_outbox_start *first,
-                             tl_database_insistence insistence) {
+/* The run that begins at once, without an entry, in a file that is new to us. */
+static tl_status begin_first(tl_recorder_writer *writer, tl_database_insistence insistence) {
     bool more = false;
-    tl_recorder_batch_begin_run(&writer->batch, first);
+    begin_batch(writer);
+    writer->next.start = *writer->settings.first;
+    writer->next.has_begun = true;
+    writer->next.is_untimed = true;
+    writer->next.ring = (uint32_t)writer->settings.ring;
+    settle(writer);
     if (writer->file.database == NULL) {
         return TL_OK;
     }
-    int code = tl_recorder_batch_write(&writer->batch, taken_of_ring(writer), &more);
+    int code = write_batch(writer, taken_of_ring(writer), &more);
     return code != SQLITE_OK && insistence == TL_DATABASE_ALL_OR_NOTHING ? writer->file.failure.status : TL_OK;
 }
 
-static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_settings *settings) {
+static tl_status open_all(tl_recorder_writer *writer) {
     tl_database_news news;
     bool waits = false;
-    bool is_new = tl_recorder_state_mark(writer->state)->number == 0 && tl_recorder_state_tried(writer->state) == NULL;
-    tl_database_insistence insistence = is_new ? settings->record->insistence : TL_DATABASE_ANYHOW;
-    if (!is_new) {
+    tl_database_insistence insistence = writer->record.insistence;
+    if (mark_of(writer)->number != 0 || tl_recorder_state_tried(writer->state) != NULL) {
         (void)is_open(writer); /* and if it is not, it will be */
         return TL_OK;
     }
@@ -242,42 +928,25 @@ static tl_status open_all(tl_recorder_writer *writer, const tl_recorder_writer_s
     } else {
         note_refusal_to_open(writer);
     }
-    status = settings->first == NULL ? TL_OK : begin_first(writer, settings->first, insistence);
+    status = writer->settings.first == NULL ? TL_OK : begin_first(writer, insistence);
     if (writer->file.database != NULL) {
         tl_recorder_file_hurry(&writer->file);
     }
     return status;
 }
 
-static tl_recorder_writer *make(const tl_recorder_writer_settings *settings) {
-    tl_recorder_writer *writer = calloc(1, sizeof *writer);
-    if (writer == NULL) {
-        return NULL;
+static void open_outboxes(tl_recorder_writer *writer) {
+    const tl_recorder_writer_settings *settings = &writer->settings;
+    assert(settings->outbox_count <= TL_WRITER_OUTBOXES && settings->ring < settings->outbox_count &&
+           settings->outboxes[settings->ring].memory != NULL);
+    for (size_t i = 0; i < settings->outbox_count; i++) {
+        source *from = &writer->sources[i];
+        from->outbox = settings->outboxes[i];
+        if (from->outbox.memory != NULL) {
+            tl_outbox_reader_open(&from->outbox.settings, from->outbox.memory, &from->reader);
+        }
     }
-    writer->record = *settings->record;
-    writer->record.component_count = settings->outboxes[settings->ring].settings.shape.components;
-    writer->state = settings->state;
-    writer->heart = settings->heart;
-    writer->is_last = settings->is_last;
-    writer->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
-    tl_recorder_inbox_open(&writer->inbox, settings->outboxes, settings->outbox_count, settings->ring);
-    tl_recorder_file_begin(&writer->file, &writer->record, writer->state);
-    writer->file.lost_said = tl_recorder_state_mark(writer->state)->totals.lost;
-    writer->batch.settings = (tl_recorder_batch_settings){.file = &writer->file,
-                                                          .inbox = &writer->inbox,
-                                                          .state = writer->state,
-                                                          .heart = writer->heart,
-                                                          .hand_over = settings->hand_over,
-                                                          .goes_on = settings->goes_on,
-                                                          .plant = settings->plant,
-                                                          .context = settings->context};
-    return writer;
-}
-
-static bool make_checkpoint(tl_recorder_writer *writer, size_t size) {
-    writer->checkpoint = size == 0 ? NULL : malloc(size);
-    writer->batch.settings.checkpoint = writer->checkpoint;
-    return size == 0 || writer->checkpoint != NULL;
+    writer->settings.outboxes = NULL; /* the caller's */
 }
 
 static void destroy(tl_recorder_writer *writer) {
@@ -288,18 +957,26 @@ static void destroy(tl_recorder_writer *writer) {
 
 tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, tl_recorder_writer **writer,
                                   tl_error *error) {
-    const char *path = settings->record->path;
-    tl_recorder_writer *opened = make(settings);
+    const tl_outbox_settings *ring = &settings->outboxes[settings->ring].settings;
+    tl_recorder_writer *opened = calloc(1, sizeof *opened);
+    unsigned char *checkpoint = ring->checkpoint_bytes == 0 ? NULL : malloc(ring->checkpoint_bytes);
     *writer = NULL;
-    if (opened == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
+    if (opened == NULL || (checkpoint == NULL && ring->checkpoint_bytes != 0)) {
+        free(opened);
+        free(checkpoint);
+        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->record->path);
     }
-    if (!make_checkpoint(opened, settings->outboxes[settings->ring].settings.checkpoint_bytes)) {
-        destroy(opened);
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", path);
-    }
+    opened->settings = *settings;
+    opened->record = *settings->record;
+    opened->record.component_count = ring->shape.components;
+    opened->state = settings->state;
+    opened->checkpoint = checkpoint;
+    opened->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
+    open_outboxes(opened);
+    tl_recorder_file_begin(&opened->file, &opened->record, opened->state);
+    opened->file.lost_said = mark_of(opened)->totals.lost;
     tl_recorder_state_show(opened->state);
-    tl_status status = open_all(opened, settings);
+    tl_status status = open_all(opened);
     if (status != TL_OK) {
         (void)tl_fail(error, status, "%s", opened->file.failure.text);
         destroy(opened);
@@ -310,32 +987,30 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
 }
 
 /* Entries, events, or words of its own. */
-static bool has_more(tl_recorder_writer *writer) {
-    const tl_recorder_mark *mark = tl_recorder_state_mark(writer->state);
-    bool has_words = mark->has_begun && mark->said != writer->state->own_said;
-    return has_words || !tl_recorder_batch_is_empty(&writer->batch);
+static bool is_unfinished(tl_recorder_writer *writer) {
+    bool has_words = mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_said;
+    return has_words || !is_empty(writer);
 }
 
 tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error) {
-    const struct timespec pause = {.tv_nsec = (long)CLOSE_PAUSE};
     tl_time began = tl_clock_now(NULL);
     tl_status status = TL_OK;
     if (writer == NULL) {
         return TL_OK;
     }
+    writer->is_last = writer->settings.is_last;
     if (writer->is_last) {
-        tl_recorder_inbox_leave(&writer->inbox);
+        tl_recorder_writer_leave(writer);
     }
-    writer->batch.is_last = writer->is_last;
     say_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
-    while (has_more(writer) && tl_clock_now(NULL) - began < patience) {
-        (void)nanosleep(&pause, NULL);
+    while (is_unfinished(writer) && tl_clock_now(NULL) - began < patience) {
+        tl_clock_sleep_until(tl_clock_now(NULL) + CLOSE_PAUSE);
         tl_recorder_writer_write(writer);
     }
-    if (!tl_recorder_batch_is_empty(&writer->batch)) {
-        uint64_t left = tl_recorder_batch_count_left(&writer->batch);
-        tl_recorder_state_drop(writer->state, left);
+    if (!is_empty(writer)) {
+        uint64_t left = count_left(writer);
+        (void)__atomic_add_fetch(&writer->state->dropped, left, __ATOMIC_RELAXED);
         status =
             tl_fail(error, TL_TRY_AGAIN, "%s: the run's end and its last %" PRIu64 " entries could not be written: %s",
                     tl_recorder_writer_path(writer), left, writer->file.reason);

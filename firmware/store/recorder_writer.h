@@ -11,7 +11,7 @@
  *          with the same state. An outbox keeps its place in the list for ever: by that the state knows how far it was taken.
  * Once:    each entry and event is written exactly once, also if the process is killed at any instant: what a successor needs to know for that lies
  *          in tl_recorder_writer_state (recorder_state.h), in memory that outlives the process. The run goes on in the same row.
- * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_instead.h. Later everything is
+ * Faults:  what is wrong with a file at first is coped with, or refused (insistence of the settings): see database_file.h. Later everything is
  *          coped with: a full disk and other programs' locks are waited for, a damaged file is put aside, one that was removed, moved away or overwritten is
  *          made anew; then the run begins again in the new file, with what had not been written into the old one. Each is said once, in the log
  *          and as an event. What waits in the outboxes is not lost by any of it, as long as they have room.
@@ -23,16 +23,30 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "firmware/process/heartbeat.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_inbox.h"
 #include "firmware/store/recorder_settings.h"
 #include "firmware/store/recorder_state.h"
+#include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
 typedef struct tl_recorder_writer tl_recorder_writer;
+
+typedef struct tl_recorder_writer_outbox {
+    const char *name; /* of who writes it: one word */
+    tl_outbox_settings settings;
+    const void *memory; /* NULL: there is none now */
+} tl_recorder_writer_outbox;
+
+/* What io has read of the plant, for samples that do not come by the ring. */
+typedef struct tl_recorder_plant {
+    void (*take)(void *context, int64_t tick, tl_time instant, tl_sample *sample); /* NULL: nobody can */
+    void *context;
+    tl_time kept; /* ns: for so long it is there */
+} tl_recorder_plant;
 
 typedef struct tl_recorder_writer_settings {
     const tl_recorder_settings *record; /* outlives the writer; its components do not matter */

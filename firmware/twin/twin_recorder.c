@@ -45,23 +45,14 @@ void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twi
 }
 
 tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error) {
-    const tl_account *account = settings->account;
-    const char *components[TL_RECORDER_COMPONENTS];
-    tl_twin_record record;
-    tl_recorder_settings *made = &record.settings;
-    tl_twin_recorder_describe(settings->config, settings->path, &record);
+    tl_recorder_settings *made = &settings->record->settings;
+    tl_twin_recorder_describe(settings->config, settings->path, settings->record);
     made->verb = settings->verb;
     made->wait_when_full = settings->wait_when_full;
     made->known = settings->known;
     made->known_count = settings->known_count;
-    made->components = components;
-    tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
-    for (size_t i = 0; i < account->components; i++) {
-        components[i] = account->component[i].name;
-    }
-    made->prediction = account->prediction;
-    made->lead = account->lead;
-    made->component_count = account->components;
+    made->account = settings->account;
+    made->component_count = settings->account->components;
     return tl_recorder_open(made, recorder, error);
 }
 

@@ -12,19 +12,6 @@
 #include "firmware/store/recorder.h"
 #include "master/twin/account.h"
 
-typedef struct tl_twin_recorder_settings {
-    const tl_config *config;
-    const tl_account *account;
-    const char *verb;               /* "replay" */
-    const char *path;               /* of the database */
-    const tl_recorder_known *known; /* as in recorder_settings.h */
-    size_t known_count;
-    bool wait_when_full; /* as in recorder.h */
-} tl_twin_recorder_settings;
-
-/* Errors: those of tl_recorder_open(). */
-tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
-
 /* What is known of a run before there is a twin: all that its beginning in an outbox does not say. */
 typedef struct tl_twin_record {
     tl_recorder_settings settings; /* whose texts are the configuration's, or here */
@@ -33,6 +20,20 @@ typedef struct tl_twin_record {
     char boot[TL_IDENTITY_TEXT];
     char format[TL_IDENTITY_TEXT];
 } tl_twin_record;
+
+typedef struct tl_twin_recorder_settings {
+    const tl_config *config;
+    const tl_account *account;
+    const char *verb;               /* "replay" */
+    const char *path;               /* of the database */
+    const tl_recorder_known *known; /* as in recorder_settings.h */
+    size_t known_count;
+    bool wait_when_full;    /* as in recorder.h */
+    tl_twin_record *record; /* is filled; it and the configuration outlive the recorder */
+} tl_twin_recorder_settings;
+
+/* Errors: those of tl_recorder_open(). */
+tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
 /* For a run that is recorded at `path`. The configuration and the record must stay where they are, as long as the settings are used. */
 void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record);

@@ -74,7 +74,7 @@ static void ask(tl_history *history, const tl_history_run *run) {
     const char *text = NULL;
     tl_error error = {TL_OK, ""};
     int64_t step = 0;
-    expect(tl_history_configuration(history, run, &text, &error), &error);
+    expect(tl_history_text(history, run->configuration_hash, &text, &error), &error);
     expect(tl_history_tunings(history, run, &tunings, &count, &error), &error);
     expect(tl_history_last_step(history, run, &step, &error), &error);
     expect(tl_history_checkpoint_before(history, run, INT64_MAX, &checkpoint, &error), &error);

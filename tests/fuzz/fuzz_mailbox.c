@@ -42,7 +42,7 @@ static void put_slot(const tl_mailbox *mailbox, uint64_t post) {
 static void post(size_t signal) {
     const tl_reading reading = {
         .value = tl_fuzz_take(), .stamp = take_instant(), .quality = (tl_quality)(tl_fuzz_take() % (TL_NO_LINK + 1))};
-    tl_plant_input_post(&input, signal, &reading);
+    tl_mailbox_post(&input.mailboxes[signal], &reading);
 }
 
 static void attack(unsigned what) {

@@ -5,12 +5,17 @@
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* As a run would open it, waiting when it is full. Texts of the account live until the next call. */
+/* As a run would open it, waiting when it is full. Its texts live until the next call. */
 static inline tl_status tl_test_record(const tl_assembly *assembly, const char *verb, const char *path,
                                        tl_recorder **recorder, tl_error *error) {
     static tl_account account;
-    const tl_twin_recorder_settings settings = {
-        .config = &assembly->config, .account = &account, .verb = verb, .path = path, .wait_when_full = true};
+    static tl_twin_record record;
+    const tl_twin_recorder_settings settings = {.config = &assembly->config,
+                                                .account = &account,
+                                                .verb = verb,
+                                                .path = path,
+                                                .wait_when_full = true,
+                                                .record = &record};
     tl_account_take(assembly->twin, &account);
     return tl_twin_recorder_open(&settings, recorder, error);
 }

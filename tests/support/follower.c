@@ -37,7 +37,6 @@ void tl_follower_build(tl_follower *follower, double tolerance) {
 }
 
 tl_recorder_settings tl_follower_recording(const tl_follower *follower, const char *path) {
-    static const char *const COMPONENTS[] = {"motor", "plant"};
     static const tl_recorder_signal SPEED = {.name = "plant.speed", .unit = "", .type = TL_REAL};
     static const tl_recorder_signal OUTPUT = {.name = "motor.y0", .unit = "", .to = "plant.speed", .type = TL_REAL};
     static const tl_recorder_signal ADJUSTED = {.name = "motor.u0", .unit = "", .type = TL_REAL};
@@ -47,8 +46,6 @@ tl_recorder_settings tl_follower_recording(const tl_follower *follower, const ch
         .name = "test",
         .configuration = "{}",
         .step = follower->assembly.config.step,
-        .prediction = tl_twin_get_facts(follower->assembly.twin).prediction,
-        .lead = tl_twin_get_facts(follower->assembly.twin).lead,
         .measurements = follower->assembly.config.measurements,
         .plant = &SPEED,
         .match = &OUTPUT,
@@ -56,7 +53,6 @@ tl_recorder_settings tl_follower_recording(const tl_follower *follower, const ch
         .plant_count = 1,
         .match_count = 1,
         .adjust_count = 1,
-        .components = COMPONENTS,
         .component_count = 2,
     };
 }

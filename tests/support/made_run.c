@@ -12,17 +12,29 @@ static const tl_recorder_signal plant[TL_MADE_PLANT] = {
     {.name = "plant.door", .unit = "", .type = TL_BOOLEAN},
 };
 static const tl_recorder_signal match[TL_MADE_MATCH] = {
-    {.name = "motor.omega", .unit = "rad/s", .to = "plant.omega", .type = TL_REAL},
-    {.name = "motor.i", .unit = "A", .to = "plant.torque", .type = TL_REAL},
+    {.name = "motor.omega", .to = "plant.omega"},
+    {.name = "motor.i", .to = "plant.torque"},
 };
 static const tl_recorder_signal adjust[TL_MADE_ADJUST] = {
-    {.name = "motor.d", .unit = "N.m.s/rad", .type = TL_REAL},
-    {.name = "drive.u", .unit = "V", .type = TL_REAL},
+    {.name = "motor.d"},
+    {.name = "drive.u"},
 };
 
-static const char *const components[TL_MADE_COMPONENTS] = {"drive", "motor", "plant"};
+static tl_account made_account;
+
+tl_account *tl_made_account(void) {
+    return &made_account;
+}
 
 tl_recorder_settings tl_made_settings(const char *path) {
+    made_account = (tl_account){.components = TL_MADE_COMPONENTS,
+                                .matches = TL_MADE_MATCH,
+                                .adjusts = TL_MADE_ADJUST,
+                                .prediction = TL_MADE_PREDICTION,
+                                .lead = TL_MADE_PREDICTION,
+                                .component = {{.name = "drive"}, {.name = "motor"}, {.name = "plant"}},
+                                .match = {{.unit = "rad/s"}, {.unit = "A"}},
+                                .adjust = {{.unit = "N.m.s/rad"}, {.unit = "V"}}};
     tl_recorder_settings settings = {
         .path = path,
         .commit = TL_SECOND / 50,
@@ -30,8 +42,6 @@ tl_recorder_settings tl_made_settings(const char *path) {
         .name = "motor bench",
         .configuration = "{ \"twinlock\": 1, \"name\": \"motor bench\" }\n",
         .step = TL_SECOND / 100,
-        .prediction = TL_MADE_PREDICTION,
-        .lead = TL_MADE_PREDICTION,
         .measurements = TL_LAG,
         .plant = plant,
         .match = match,
@@ -39,8 +49,8 @@ tl_recorder_settings tl_made_settings(const char *path) {
         .plant_count = TL_MADE_PLANT,
         .match_count = TL_MADE_MATCH,
         .adjust_count = TL_MADE_ADJUST,
-        .components = components,
         .component_count = TL_MADE_COMPONENTS,
+        .account = &made_account,
     };
     return settings;
 }

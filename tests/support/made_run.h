@@ -18,6 +18,9 @@ enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONE
  * matched; motor.d and drive.u adjusted; components drive, motor and plant. */
 tl_recorder_settings tl_made_settings(const char *path);
 
+/* That of the newest settings, for a test that changes it. */
+tl_account *tl_made_account(void);
+
 /* Never zeroed beyond what the run has: it is filled with rubbish first, as a caller's would be. */
 void tl_made_sample(int64_t tick, tl_sample *sample);
 void tl_made_record(int64_t step, tl_record *record);

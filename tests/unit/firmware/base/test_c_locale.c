@@ -86,7 +86,6 @@ static void on_link(void *context, const char *source, bool up, const char *text
 /* A source's thread reads a CSV file: deaf, all its cells would be no numbers. */
 static void test_a_live_source(void) {
     static const char *const columns[] = {"u"};
-    static const size_t signals[] = {0};
     static tl_mailbox_slot slots[1];
     static uint64_t posts;
     static tl_plant_input input = {.count = 1, .mailboxes = {{.slots = slots, .count = &posts, .depth = 1}}};
@@ -100,7 +99,6 @@ static void test_a_live_source(void) {
     TEST_ASSERT_NOT_NULL(file);
     (void)fputs("time,u\n0.25,1.5\n", file);
     (void)fclose(file);
-    source.signals = signals;
     source.signal_count = 1;
     input.limits[0] = (tl_plant_limits){.minimum = -10, .maximum = 10};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open_live(&settings, &source.io, &error));

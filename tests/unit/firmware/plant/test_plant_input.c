@@ -34,7 +34,7 @@ void tearDown(void) {}
 
 static void post(double value, tl_time stamp, tl_quality quality) {
     tl_reading reading = {.value = value, .stamp = stamp, .quality = quality};
-    tl_plant_input_post(&input, 0, &reading);
+    tl_mailbox_post(&input.mailboxes[0], &reading);
 }
 
 /* Posts a value at 1000 and looks at 1000. */
@@ -124,8 +124,8 @@ static void test_signals_are_apart(void) {
     input.count = 2;
     input.limits[1] = (tl_plant_limits){.minimum = 0, .maximum = 1, .type = TL_REAL};
     tl_reading reading = {.value = 2, .stamp = 5, .quality = TL_GOOD};
-    tl_plant_input_post(&input, 0, &reading);
-    tl_plant_input_post(&input, 1, &reading);
+    tl_mailbox_post(&input.mailboxes[0], &reading);
+    tl_mailbox_post(&input.mailboxes[1], &reading);
     tl_plant_input_take(&input, 0, 5, &sample);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[1]);
@@ -237,9 +237,9 @@ static void test_complete_once_all_signals_are_good(void) {
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     post(1, 5, TL_GOOD);
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
-    tl_plant_input_post(&input, 1, &bad);
+    tl_mailbox_post(&input.mailboxes[1], &bad);
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
-    tl_plant_input_post(&input, 1, &good);
+    tl_mailbox_post(&input.mailboxes[1], &good);
     TEST_ASSERT_TRUE(tl_plant_input_is_complete(&input));
 }
 

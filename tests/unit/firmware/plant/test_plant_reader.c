@@ -92,7 +92,6 @@ static uint64_t counts[MAILBOXES];
 static tl_mailbox mailboxes[MAILBOXES];
 static tl_plant_io toys[SOURCES];
 static tl_plant_source sources[SOURCES];
-static const size_t SIGNALS[] = {4, 2};
 static tl_plant_readers *readers;
 static tl_error error;
 
@@ -123,7 +122,7 @@ void setUp(void) {
         sources[i] = (tl_plant_source){.name = "bench of the north wing",
                                        .driver = &TOY,
                                        .io = &toys[i],
-                                       .signals = SIGNALS,
+                                       .signals = {4, 2},
                                        .signal_count = 2,
                                        .period = 1000000};
     }
@@ -175,15 +174,14 @@ static void expect_reading(size_t signal, double value, tl_quality quality) {
 
 /* The toy's polls are 1 ns apart by their stamps. */
 static void test_what_is_only_read_again_is_not_posted(void) {
-    static const tl_time repeats[] = {2, 0};
-    sources[0].repeats = repeats;
+    sources[0].repeats[0] = 2;
     toys[0].channels = 2;
     toys[0].ends_after = 9;
     start(1);
     wait_for_polls(0, 9);
     stop(1);
-    TEST_ASSERT_EQUAL_UINT64(5, counts[SIGNALS[0]]);
-    TEST_ASSERT_EQUAL_UINT64(9, counts[SIGNALS[1]]);
+    TEST_ASSERT_EQUAL_UINT64(5, counts[4]);
+    TEST_ASSERT_EQUAL_UINT64(9, counts[2]);
 }
 
 static void test_readings_go_to_their_signals(void) {

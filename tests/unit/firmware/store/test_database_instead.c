@@ -1,5 +1,5 @@
 /* Which file is written: a folder that is opened while names in it are tried, and a reader who is root. */
-#include "firmware/store/database_instead.h"
+#include "firmware/store/database_file.h"
 
 #include <pthread.h>
 #include <signal.h>

@@ -82,7 +82,7 @@ static void test_runs_are_listed(void) {
     settings.verb = "run";
     settings.name = "zweite Prüfung";
     settings.measurements = TL_AHEAD;
-    settings.prediction = 5;
+    tl_made_account()->prediction = 5;
     record_with(&settings, 20);
     open_history();
     expect_ok(tl_history_runs(history, &runs, &count, &bench.error));
@@ -146,7 +146,7 @@ static void test_signals_and_configuration(void) {
     expect_ok(tl_history_signals(history, run, TL_HISTORY_ADJUST, &signals, &count, &bench.error));
     TEST_ASSERT_EQUAL_size_t(TL_MADE_ADJUST, count);
     TEST_ASSERT_EQUAL_STRING("N.m.s/rad", signals[0].unit);
-    expect_ok(tl_history_configuration(history, run, &text, &bench.error));
+    expect_ok(tl_history_text(history, run->configuration_hash, &text, &bench.error));
     TEST_ASSERT_EQUAL_STRING(settings.configuration, text);
 }
 
@@ -209,8 +209,8 @@ static void test_ticks_come_back_bit_for_bit(void) {
 static void test_ahead_the_step_is_the_ticks_own(void) {
     tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.measurements = TL_AHEAD;
-    settings.prediction = 4;
-    settings.lead = 0;
+    tl_made_account()->prediction = 4;
+    tl_made_account()->lead = 0;
     record_with(&settings, 100);
     open_history();
     begin_ticks(0);
@@ -220,7 +220,7 @@ static void test_ahead_the_step_is_the_ticks_own(void) {
 /* Conditioned measurements come later, and the steps with them: it is the recorded lead that counts. */
 static void test_the_lead_is_the_recorded_one(void) {
     tl_recorder_settings settings = tl_made_settings(bench.path);
-    settings.lead = 70; /* more than are read at once */
+    tl_made_account()->lead = 70; /* more than are read at once */
     record_with(&settings, 200);
     open_history();
     begin_ticks(0);
@@ -250,8 +250,8 @@ static void test_the_ledger(void) {
 static void test_hold_the_step_is_of_the_tick_before(void) {
     tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.measurements = TL_HOLD;
-    settings.prediction = 4;
-    settings.lead = 1;
+    tl_made_account()->prediction = 4;
+    tl_made_account()->lead = 1;
     record_with(&settings, 100);
     open_history();
     begin_ticks(0);

@@ -211,7 +211,7 @@ static void expect_damage(const char *sql) {
     open_run();
     memset(counts, 0, sizeof counts);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_BAD_DATA, visit(0, 19), sql);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "run 1 has rows that the recorder does not write"), sql);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "of run 1 is none that the recorder writes"), sql);
     tl_history_close(history);
     history = NULL;
     tl_scratch_empty(&scratch);

@@ -11,7 +11,7 @@
 #include <unity.h>
 
 #include "firmware/base/text.h"
-#include "firmware/store/database_schema.h"
+#include "firmware/store/database.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/made_run.h"
 #include "tests/support/recorder_bench.h"
@@ -565,12 +565,8 @@ static void test_the_largest_run(void) {
     static tl_sample sample;
     static tl_record record;
     static tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
-    const char *names[TL_RECORDER_COMPONENTS];
-    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
-        names[i] = "component";
-    }
-    settings.components = names;
     settings.component_count = TL_RECORDER_COMPONENTS;
+    tl_made_account()->components = TL_RECORDER_COMPONENTS;
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         many[i] = (tl_recorder_signal){.name = "plant.x", .unit = "", .to = "plant.x", .type = TL_REAL};
     }

@@ -7,7 +7,6 @@
 
 #include <unity.h>
 
-#include "firmware/store/database_schema.h"
 #include "firmware/store/history.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"

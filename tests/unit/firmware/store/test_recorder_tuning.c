@@ -5,7 +5,6 @@
 
 #include <unity.h>
 
-#include "firmware/store/database_schema.h"
 #include "firmware/store/history.h"
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
@@ -224,11 +223,11 @@ static void a_run_may_be_begun_with_another_configuration(void) {
     close_writer();
     expect_ok(read_tunings(1));
     TEST_ASSERT_EQUAL_STRING(hashes[0], run->configuration_hash);
-    expect_ok(tl_history_configuration(history, run, &text, &error));
+    expect_ok(tl_history_text(history, run->configuration_hash, &text, &error));
     TEST_ASSERT_EQUAL_STRING(FIRST, text);
     expect_ok(read_tunings(2));
     TEST_ASSERT_EQUAL_STRING(hashes[1], run->configuration_hash);
-    expect_ok(tl_history_configuration(history, run, &text, &error));
+    expect_ok(tl_history_text(history, run->configuration_hash, &text, &error));
     TEST_ASSERT_EQUAL_STRING(SECOND, text);
 }
 

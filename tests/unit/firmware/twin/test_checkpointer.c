@@ -79,7 +79,6 @@ static void put_event(void *context, int64_t tick, tl_severity severity, const c
 }
 
 static void begin(size_t checkpoint_bytes) {
-    static const char *const COMPONENTS[] = {"motor", "plant"};
     static const tl_recorder_signal SPEED = {.name = "plant.speed", .unit = "", .type = TL_REAL};
     tl_test_run_init(&run, tl_test_plan_build(&plan));
     TEST_ASSERT_EQUAL_STRING("", plan.problems[0].text);
@@ -92,7 +91,6 @@ static void begin(size_t checkpoint_bytes) {
         .step = STEP,
         .plant = &SPEED,
         .plant_count = 1,
-        .components = COMPONENTS,
         .component_count = 2,
     };
     tl_test_outbox_open(&box, &settings, checkpoint_bytes);

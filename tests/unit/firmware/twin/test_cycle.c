@@ -112,7 +112,7 @@ static void make_recorder(void) {
 
 static void post(double speed) {
     const tl_reading reading = {.value = speed, .stamp = tl_clock_now(NULL), .quality = TL_GOOD};
-    tl_plant_input_post(&input, 0, &reading);
+    tl_mailbox_post(&input.mailboxes[0], &reading);
 }
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {

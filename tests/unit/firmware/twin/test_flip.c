@@ -156,7 +156,7 @@ static void live_on(tl_time for_how_long) {
         count++;
         const tl_reading reading = {
             .value = 5.0 + 3.0 * (double)(count * 37 % 101) / 101.0, .stamp = tl_clock_now(NULL), .quality = TL_GOOD};
-        tl_plant_input_post(&input, 0, &reading);
+        tl_mailbox_post(&input.mailboxes[0], &reading);
         for (size_t i = 0; i < PLACES; i++) {
             if (places[i].cycle != NULL) {
                 (void)tl_cycle_status_now(places[i].cycle, &places[i].shown);
