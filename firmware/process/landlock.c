@@ -185,7 +185,7 @@ static bool allow_settings(int rules, uint64_t rights) {
     return done;
 }
 
-static bool allow_places(int rules, const tl_landlock_places *places, uint64_t all) {
+static bool allow_places(int rules, const tl_confine_settings *places, uint64_t all) {
     const uint64_t look = all & LOOK;
     const uint64_t change = all & (LOOK | CHANGE);
     return allow_all(rules, readable, COUNT(readable), look) && allow_own(rules, look) && allow_settings(rules, look) &&
@@ -195,7 +195,7 @@ static bool allow_places(int rules, const tl_landlock_places *places, uint64_t a
            (places->folder == NULL || allow(rules, places->folder, change));
 }
 
-static bool allow_ports(int rules, const tl_landlock_places *places) {
+static bool allow_ports(int rules, const tl_confine_settings *places) {
     bool done = true;
     for (size_t i = 0; i < places->port_count && done; i++) {
         const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
@@ -221,7 +221,8 @@ static int make_rules(int version) {
     return (int)syscall(SYS_landlock_create_ruleset, &set, size, 0);
 }
 
-tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error) {
+tl_status tl_landlock_restrict(const tl_confine_settings *places, tl_error *error) {
+    const int version = places->landlock;
     int rules = make_rules(version);
     bool done = rules >= 0 && allow_places(rules, places, known(version)) &&
                 (version < WITH_PORTS || allow_ports(rules, places)) &&

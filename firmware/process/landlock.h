@@ -11,30 +11,17 @@
 #ifndef TL_FIRMWARE_PROCESS_LANDLOCK_H
 #define TL_FIRMWARE_PROCESS_LANDLOCK_H
 
-#include <stdbool.h>
-#include <stddef.h>
-#include <stdint.h>
-
+#include "firmware/process/confine_settings.h"
 #include "master/base/status.h"
 
 /* The version from which on a file cannot be emptied by who may not write it. */
 enum { TL_LANDLOCK_TRUNCATION = 3 };
 
-/* Places that are missing are passed over. */
-typedef struct tl_landlock_places {
-    const char *folder; /* for reading and writing; NULL: none */
-    const char *const *read;
-    size_t read_count;
-    const char *const *write; /* as `folder`; devices also take commands */
-    size_t write_count;
-    const uint16_t *ports; /* that TCP may connect to */
-    size_t port_count;
-} tl_landlock_places;
-
 /* 0: the kernel has none, or it is switched off. */
 int tl_landlock_version(void);
 
-/* `version` > 0: the kernel's, or an older one. Needs PR_SET_NO_NEW_PRIVS. TL_TRY_AGAIN: it failed. */
-tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error);
+/* The places and ports of the settings, by `settings->landlock` > 0: the kernel's version, or an older one. Places that are missing are passed over. Needs
+ * PR_SET_NO_NEW_PRIVS. TL_TRY_AGAIN: it failed. */
+tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error);
 
 #endif

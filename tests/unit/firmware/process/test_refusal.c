@@ -65,7 +65,7 @@ typedef struct asker {
 } asker;
 
 static void *ask_in_thread(void *context) {
-    const tl_filter_settings settings = {.start_socket = -1};
+    const tl_confine_settings settings = {.start_socket = -1};
     asker *self = context;
     tl_error error;
     if (tl_filter_load(&settings, &self->listener, &error) != TL_OK) {
