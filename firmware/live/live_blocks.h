@@ -9,11 +9,37 @@
 
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
+#include "firmware/live/live_job.h"
 #include "firmware/live/live_wire.h"
-#include "firmware/live/recorded_course.h"
+#include "firmware/plant/plant_input.h"
 #include "firmware/process/block.h"
-#include "firmware/twin/cycle.h"
-#include "master/twin/account.h"
+
+/* ---- Which process of a run has which blocks (live_wire.h): asked by the supervisor, which gives them, and by the process, which takes them.
+ *
+ * Trust:   the mail is io's: what is in it is judged by who looks it up. A block of another size than it should have is not taken.
+ * Thread:  any.
+ */
+
+typedef enum tl_live_kind { TL_LIVE_IS_IO, TL_LIVE_IS_RECORDER, TL_LIVE_IS_ACTIVATOR, TL_LIVE_IS_TWIN } tl_live_kind;
+
+/* Bits by the number of the block. */
+typedef struct tl_live_access {
+    uint32_t reads;
+    uint32_t writes;
+} tl_live_access;
+
+/* Those of the job's place; of a run that records or not, as the job says. */
+tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job);
+
+/* Bytes of each block; an outbox is that of a twin of this configuration, whose second look-ups are signals. */
+void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]);
+
+/* Takes all blocks of this process. `blocks` is zeroed before; what the process does not have stays so. Errors: TL_BAD_DATA. */
+tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const tl_config *config,
+                              tl_block blocks[TL_LIVE_BLOCKS], tl_error *error);
+
+/* Samples of the plant by the mail that was taken. Errors: TL_TRY_AGAIN. */
+tl_status tl_live_input_open(const tl_config *config, const tl_block *mail, tl_plant_input *input, tl_error *error);
 
 /* ---- What the processes of a run share of the machine's memory: how much, and what for. For who tells it before anything runs.
  *
@@ -55,23 +81,5 @@ typedef struct tl_live_samples {
 /* Answers the newest wish with what is in the database at `path`, if there is one that was not answered; gives the memory back once nobody wants
  * any more. */
 void tl_live_samples_look(tl_live_samples *self, const char *path);
-
-/* ---- How a twin shows what it does: its figures, in its pulse, for whoever shows and compares them (tl_run_status).
- *
- * Thread: one at a time. What is pointed to must stay.
- */
-
-typedef struct tl_live_shown {
-    const tl_config *config;      /* for the names of what is matched, */
-    const tl_account *account;    /* and its units */
-    const tl_live_mail_end *mail; /* that it reads once it is the run's */
-    tl_latest *figures;           /* of the pulse */
-} tl_live_shown;
-
-/* A shadow over recorded samples. */
-void tl_live_shown_recorded(const tl_live_shown *shown, const tl_run_status *recorded, const tl_metrics *match);
-
-/* At the plant's ticks, or making up what was missed before. */
-void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *status);
 
 #endif

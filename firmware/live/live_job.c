@@ -6,19 +6,25 @@
 
 #include "firmware/config/problems.h"
 
+static unsigned char *join(const tl_live_job *job, const char *first, size_t first_size, const char *second,
+                           size_t second_size) {
+    unsigned char *bytes = malloc(sizeof *job + first_size + second_size);
+    if (bytes != NULL) {
+        memcpy(bytes, job, sizeof *job);
+        memcpy(bytes + sizeof *job, first, first_size);
+        memcpy(bytes + sizeof *job + first_size, second, second_size);
+    }
+    return bytes;
+}
+
 tl_status tl_live_job_make(const tl_live_job *job, const char *path, const char *text, tl_block *block,
                            tl_error *error) {
-    size_t path_size = strlen(path) + 1;
-    size_t text_size = strlen(text) + 1;
-    size_t size = sizeof *job + path_size + text_size;
-    unsigned char *bytes = malloc(size);
-    if (bytes == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
-    }
-    memcpy(bytes, job, sizeof *job);
-    memcpy(bytes + sizeof *job, path, path_size);
-    memcpy(bytes + sizeof *job + path_size, text, text_size);
-    tl_status status = tl_block_make_of("twinlock job", bytes, size, block, error);
+    const size_t path_size = strlen(path) + 1;
+    const size_t text_size = strlen(text) + 1;
+    unsigned char *bytes = join(job, path, path_size, text, text_size);
+    tl_status status = bytes == NULL
+                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration")
+                           : tl_block_make_of("twinlock job", bytes, sizeof *job + path_size + text_size, block, error);
     free(bytes);
     return status;
 }
@@ -61,16 +67,9 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
 
 /* ---- of a twin ---- */
 
-tl_status tl_live_job_pack(const tl_live_job *job, const char *of_run, tl_live_job_bytes *packed, tl_error *error) {
-    size_t text_size = strlen(of_run) + 1;
-    packed->size = sizeof *job + text_size;
-    packed->bytes = malloc(packed->size);
-    if (packed->bytes == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
-    }
-    memcpy(packed->bytes, job, sizeof *job);
-    memcpy(packed->bytes + sizeof *job, of_run, text_size);
-    return TL_OK;
+unsigned char *tl_live_job_pack(const tl_live_job *job, const char *of_run, size_t *size) {
+    *size = sizeof *job + strlen(of_run) + 1;
+    return join(job, of_run, strlen(of_run) + 1, "", 0);
 }
 
 tl_status tl_live_job_unpack(const unsigned char *bytes, size_t size, tl_live_job *job, const char **of_run,

@@ -38,29 +38,15 @@ typedef struct tl_live_job {
     int64_t started; /* and UTC, ms */
     uint32_t
         flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
-    bool again; /* after a failure */
-    bool holds; /* safe hold; if `start` is not 0: only until the run's twin may begin, and samples from then on */
-    tl_time hold_time; /* of safe hold, until the twin is tried again, */
-    unsigned tries;    /* as often as this before */
-    uint64_t starts;
-    uint64_t restarts;
-    unsigned failures;
-    unsigned missing; /* starts in a row that got no process */
-    char reason[TL_RESTARTS_REASON];
+    tl_start how; /* if it waits in safe hold `start` is when that began, and samples are recorded from then on */
 } tl_live_job;
 
 /* For all but the twin: with path and text of the configuration behind it. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_job_make(const tl_live_job *job, const char *path, const char *text, tl_block *block,
                            tl_error *error);
 
-/* Of a twin: what tl_twin_job.live holds. */
-typedef struct tl_live_job_bytes {
-    unsigned char *bytes; /* to free() */
-    size_t size;
-} tl_live_job_bytes;
-
-/* With the text of the run's configuration, for a shadow; else "". Errors: TL_TRY_AGAIN. */
-tl_status tl_live_job_pack(const tl_live_job *job, const char *of_run, tl_live_job_bytes *packed, tl_error *error);
+/* Of a twin: what tl_twin_job.live holds. With the text of the run's configuration, for a shadow; else "". To free(); NULL: memory is out. */
+unsigned char *tl_live_job_pack(const tl_live_job *job, const char *of_run, size_t *size);
 
 /* There: the text lies in `bytes`. Errors: TL_BAD_DATA. */
 tl_status tl_live_job_unpack(const unsigned char *bytes, size_t size, tl_live_job *job, const char **of_run,

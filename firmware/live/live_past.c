@@ -14,25 +14,12 @@ static const tl_time LOOK = TL_SECOND / 1000;
 /* Ticks that a twin has followed with a state that it was given as bytes: what is wrong with those shows in a step. */
 enum { SOUND_AFTER = 3 };
 
-tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **taken, tl_error *error) {
-    tl_status status = tl_block_take(TL_LIVE_RECORDER_PULSE, sizeof(tl_live_recorder_pulse), TL_BLOCK_WE_WRITE,
-                                     &memory->recorder, error);
-    if (status == TL_OK) {
-        status = tl_block_take(TL_LIVE_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_WE_WRITE, &memory->past, error);
-    }
-    if (status == TL_OK) {
-        const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
-        *taken = &recorder->state.taken[tl_live_outbox_of_place(memory->place)];
-    }
-    return status;
-}
-
-bool tl_live_memory_ask(const tl_live_memory *memory, uint32_t number, tl_heart *heart, tl_live_past_answer *answer) {
-    const tl_live_recorder_pulse *recorder = memory->recorder.bytes;
+/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
+static bool ask(const tl_live_memory *memory, uint32_t number, tl_heart *heart, tl_live_past_answer *answer) {
     tl_live_wish wish = tl_live_wish_of(memory->twin, number);
     tl_time until = tl_clock_now(NULL) + TL_LIVE_PAST_PATIENCE;
     __atomic_store_n(&memory->pulse->past, wish, __ATOMIC_RELEASE);
-    const tl_live_past_answer *given = &recorder->answer[memory->place];
+    const tl_live_past_answer *given = &memory->recorder->answer[memory->place];
     while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
             return false;
@@ -70,7 +57,7 @@ static void tell(void *context, tl_severity severity, const char *text) {
 
 /* The number of the newest run in the database; 0: there is none. */
 static int64_t newest_run(const tl_live_past_settings *settings) {
-    const tl_live_recorder_pulse *recorder = settings->memory->recorder.bytes;
+    const tl_live_recorder_pulse *recorder = settings->memory->recorder;
     return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
 }
 
@@ -145,7 +132,7 @@ static tl_status follow_image(const tl_live_past_settings *settings, size_t size
     if (image == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
     }
-    memcpy(image, settings->memory->past.bytes, size);
+    memcpy(image, settings->memory->past->bytes, size);
     tl_status status = tl_past_read(image, size, &settings->assembly->config, tl_clock_now(NULL), &past, error);
     if (status == TL_OK) {
         status = follow(settings, &past, summary, refused, error);
@@ -163,7 +150,7 @@ static tl_status follow_recorder(const tl_live_past_settings *settings, tl_summa
     bool refused = true;
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
-        if (!tl_live_memory_ask(settings->memory, number, settings->heart, &answer)) {
+        if (!ask(settings->memory, number, settings->heart, &answer)) {
             if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
                 return TL_OK;
             }
@@ -188,10 +175,10 @@ tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary 
         return TL_OK;
     }
     tl_status status = follow_outbox(settings, summary, &any, error);
-    if (status == TL_OK && !any && settings->memory->recorder.bytes != NULL) {
+    if (status == TL_OK && !any && settings->memory->recorder != NULL) {
         status = follow_recorder(settings, summary, error);
     }
-    tl_block_close(&settings->memory->past);
+    tl_block_close(settings->memory->past);
     return status;
 }
 
@@ -200,7 +187,6 @@ tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary 
 /* What it has asked for so far, and the last answer. */
 typedef struct samples {
     const tl_live_past_settings *settings;
-    const tl_live_past_show *show;
     uint32_t asked;
     void *image; /* a copy, of which nobody else has one */
 } samples;
@@ -209,12 +195,11 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     samples *self = context;
     const tl_live_memory *memory = self->settings->memory;
     tl_live_past_answer answer = {.size = 0};
-    if (memory->recorder.bytes == NULL) {
+    if (memory->recorder == NULL) {
         return 0;
     }
     __atomic_store_n(&memory->pulse->past_from, from, __ATOMIC_RELAXED);
-    if (!tl_live_memory_ask(memory, ++self->asked, self->settings->heart, &answer) ||
-        answer.size > TL_LIVE_PAST_BYTES) {
+    if (!ask(memory, ++self->asked, self->settings->heart, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
         return 0;
     }
     tell_answer(self->settings, &answer);
@@ -223,19 +208,14 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     if (self->image == NULL) {
         return 0;
     }
-    memcpy(self->image, memory->past.bytes, (size_t)answer.size);
+    memcpy(self->image, memory->past->bytes, (size_t)answer.size);
     *image = self->image;
     return (size_t)answer.size;
 }
 
-static void show_samples(void *context, const tl_run_status *status, const tl_metrics *match) {
-    const samples *self = context;
-    self->show->show(self->show->context, status, match);
-}
-
-tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const tl_live_past_show *show, tl_time start,
-                                    int64_t *next, tl_error *error) {
-    samples self = {.settings = settings, .show = show};
+tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, tl_time start, int64_t *next,
+                                    tl_error *error) {
+    samples self = {.settings = settings};
     const tl_recorded_course course = {
         .assembly = settings->assembly,
         .thread = settings->thread,
@@ -244,11 +224,12 @@ tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const
         .start = start,
         .run = settings->run,
         .fetch = fetch_samples,
-        .show = show_samples,
         .context = &self,
+        .show = settings->show,
+        .shown_to = settings->context,
     };
     tl_status status = tl_recorded_course_take(&course, next, error);
     free(self.image);
-    tl_block_close(&settings->memory->past);
+    tl_block_close(settings->memory->past);
     return status;
 }

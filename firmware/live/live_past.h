@@ -20,21 +20,15 @@
 
 #define TL_LIVE_PAST_PATIENCE (10 * TL_SECOND)
 
-/* What is shared with the recorder. Zeroed: there is none. */
+/* What is shared with the recorder. */
 typedef struct tl_live_memory {
-    tl_block recorder; /* its pulse */
-    tl_block past;
+    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
+    tl_block *past;
     tl_live_twin_pulse *pulse; /* ours */
     uint32_t twin;             /* the number of this start, */
     uint32_t place;            /* and where */
     tl_time ended;             /* of a run before that is not gone on with: when its last tick was; 0: not known */
 } tl_live_memory;
-
-/* Takes the descriptors. *taken is what the recorder has taken of the twin's outbox; `place` is set. Errors: TL_BAD_DATA. */
-tl_status tl_live_memory_take(tl_live_memory *memory, const tl_outbox_taken **taken, tl_error *error);
-
-/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
-bool tl_live_memory_ask(const tl_live_memory *memory, uint32_t number, tl_heart *heart, tl_live_past_answer *answer);
 
 typedef struct tl_live_past_settings {
     tl_live_memory *memory;
@@ -43,7 +37,9 @@ typedef struct tl_live_past_settings {
     tl_fmu_thread *thread;
     tl_outbox *outbox; /* nothing was put yet */
     tl_journal *journal;
-    tl_heart *heart;     /* of the caller */
+    tl_heart *heart;        /* of the caller */
+    tl_recorded_show *show; /* of a shadow: told how far it is, */
+    void *context;          /* with this */
     bool no_checkpoints; /* pasts that begin with one are passed over: loading one has ended a process (live_wire.h) */
 } tl_live_past_settings;
 
@@ -51,14 +47,8 @@ typedef struct tl_live_past_settings {
  * Gives the memory of the past back. Errors: TL_FMU_FATAL, or what building the twin anew has met. */
 tl_status tl_live_past_follow(const tl_live_past_settings *settings, tl_summary *summary, tl_error *error);
 
-/* Who is told how far a shadow is. */
-typedef struct tl_live_past_show {
-    void (*show)(void *context, const tl_run_status *status, const tl_metrics *match);
-    void *context;
-} tl_live_past_show;
-
 /* Of a shadow, instead: leads it over what was recorded of the run that began at `start` (recorded_course.h). *next is the tick that it is ready for. Errors: those of tl_recorded_course_take(). */
-tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, const tl_live_past_show *show, tl_time start,
-                                    int64_t *next, tl_error *error);
+tl_status tl_live_past_begin_shadow(const tl_live_past_settings *settings, tl_time start, int64_t *next,
+                                    tl_error *error);
 
 #endif

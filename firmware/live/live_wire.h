@@ -23,29 +23,24 @@
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
-/* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Every process with FMUs has its job and its start socket where twin_wire.h says. */
+/* Blocks of shared memory, by the number of their descriptor, which is the same in every process of the run that has the block (live_blocks.h). Descriptor 0
+ * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_wire.h says. */
 enum {
-    TL_LIVE_MAIL = 3,            /* io writes; the twin reads */
-    TL_LIVE_TWIN_PULSE_READ = 3, /* of the recorder */
-    TL_LIVE_JOB = 4,             /* live_job.h */
-    TL_LIVE_RECORDER_PULSE = 5,  /* io and the twin read; */
-    TL_LIVE_IO_PULSE_READ = 5,   /* of the recorder */
-    TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
-    TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
-    TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
-    TL_LIVE_PAST = 9,            /* the recorder writes; the twin reads */
-    TL_LIVE_KNOCKER = 3,         /* of the activator: the control socket */
-    TL_LIVE_ACTIVATOR_TWIN = 9,  /* of the activator: the twin's pulse, to read */
-    TL_LIVE_ACTIVATOR_READ = 11, /* of the recorder: the activator's pulse */
-    TL_LIVE_TUNING =
-        10, /* the activator writes; the twin and the recorder read: of its place, as all below that has places */
-    TL_LIVE_STAGE = 12, /* the supervisor writes; all but io read */
-    TL_LIVE_OTHER_PULSE =
-        13, /* of the recorder and the activator: of the twin in the other place than that of their job, to read */
-    TL_LIVE_OTHER_PAST = 14,   /* of the recorder, which writes it: for that twin */
-    TL_LIVE_OTHER_TUNING = 14, /* of the activator, which writes it */
-    TL_LIVE_CANDIDATE = 15,    /* of the activator, which writes it: tl_live_candidate */
-    TL_LIVE_MAIL_READ = 15     /* of the recorder: the mail */
+    TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
+    TL_LIVE_JOB = 4,            /* live_job.h */
+    TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h), and tl_live_mail_end */
+    TL_LIVE_IO_PULSE = 6,       /* tl_live_io_pulse and its outbox */
+    TL_LIVE_RECORDER_PULSE = 8, /* tl_live_recorder_pulse */
+    TL_LIVE_SUPERVISOR,         /* the supervisor's outbox */
+    TL_LIVE_ACTIVATOR_PULSE,    /* tl_live_activator_pulse and its outbox */
+    TL_LIVE_STAGE,              /* tl_live_stage, which the supervisor writes */
+    TL_LIVE_CANDIDATE,          /* tl_live_candidate */
+    /* Of place 0; the next number is of place 1. */
+    TL_LIVE_TWIN_PULSE,                                   /* tl_live_twin_pulse */
+    TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_LIVE_PLACES, /* tl_live_tuning */
+    TL_LIVE_PAST = TL_LIVE_TUNING + TL_LIVE_PLACES,       /* what a new twin goes on from (past.h) */
+    TL_LIVE_OUTBOX = TL_LIVE_PAST + TL_LIVE_PLACES,       /* the twin's */
+    TL_LIVE_BLOCKS = TL_LIVE_OUTBOX + TL_LIVE_PLACES
 };
 
 /* Which outbox is which, for the recorder. */

@@ -142,7 +142,7 @@ static void rest(course_walk *self, tl_time computed) {
     self->slept += computed;
     tl_heart_beat(self->course->heart);
     tl_heart_be_patient(self->course->heart, self->course->assembly->config.realtime_hang + BESIDES);
-    self->course->show(self->course->context, &self->figures, self->match);
+    self->course->show(self->course->shown_to, &self->figures, self->match);
 }
 
 static bool is_asked_to_end(void) {

@@ -43,6 +43,20 @@ typedef struct tl_restarts {
     bool unwritten;  /* said so */
 } tl_restarts;
 
+/* What a twin is told at its start. */
+typedef struct tl_start {
+    uint64_t starts, restarts; /* of tl_restarts, as the next three */
+    uint64_t unreadable;
+    unsigned tries;
+    char reason[TL_RESTARTS_REASON];
+    unsigned failures; /* of the twin, */
+    unsigned missing;  /* and starts in a row that got no process */
+    bool again;        /* after a failure */
+    bool hold;         /* safe hold, */
+    tl_time hold_time; /* and for how long, until the twin is tried again */
+    bool waits;        /* or only until the run's twin may begin: then this is no start of the account */
+} tl_start;
+
 /* Reads what is kept, and finds out why there is a start: at best an orderly end before. `watchdog`: the box was reset by its
  * watchdog. A file that is damaged is told on the log, and counting begins anew; so is a folder that can only be read, in which nothing is kept. Errors: TL_BAD_DATA where the folder cannot be
  * used, TL_TRY_AGAIN where another supervisor has it; nothing is changed then. */

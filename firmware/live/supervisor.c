@@ -125,10 +125,17 @@ typedef struct supervisor {
 static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
                                                 [TL_MEMBER_IO] = "the reading of the plant",
                                                 [TL_MEMBER_TWIN] = "the twin",
-                                                [TL_MEMBER_SHADOW] = "the shadow"};
+                                                [TL_MEMBER_SHADOW] = "the shadow",
+                                                [TL_MEMBER_ACTIVATOR] = "the activator"};
 
 /* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
-static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
+                                                TL_MEMBER_RECORDER};
+
+/* Members that are begun when they are ordered; the run does not depend on them. */
+static bool is_ordered(tl_member which) {
+    return which == TL_MEMBER_SHADOW || which == TL_MEMBER_ACTIVATOR;
+}
 
 static member *twin_of(supervisor *self) {
     return self->members[TL_MEMBER_TWIN];
@@ -244,7 +251,8 @@ static tl_wait wait_of(const supervisor *self) {
 /* The start that a new twin receives; the account counts it from now on. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
-    tl_start start = {.restarts = &self->restarts,
+    tl_start start = {.unreadable = self->restarts.unreadable,
+                      .tries = self->restarts.tries,
                       .again = self->restarts.failures > 0 || self->is_excused,
                       .failures = self->restarts.failures,
                       .missing = twin_of(self)->failures};
@@ -261,6 +269,9 @@ static tl_start start_of_twin(supervisor *self) {
         self->is_excused = false;
         tl_restarts_begin(&self->restarts, start.again);
     }
+    start.starts = self->restarts.starts;
+    start.restarts = self->restarts.restarts;
+    memcpy(start.reason, self->restarts.reason, sizeof start.reason);
     return start;
 }
 
@@ -288,7 +299,7 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, bool
 
 static void begin(supervisor *self, tl_member which, tl_time now) {
     member *begun = self->members[which];
-    tl_start start = {.restarts = &self->restarts};
+    tl_start start = {.unreadable = self->restarts.unreadable};
     tl_error error = {0};
     tl_child_prepare(&begun->child);
     begun->lived = 0;
@@ -399,6 +410,21 @@ static void note_end_of_shadow(supervisor *self) {
                                 ended->reason);
     tl_child_bury(&ended->child);
     ended->state = ABSENT;
+}
+
+/* What it did not finish, another one does. */
+static void note_end_of_activator(supervisor *self, tl_time now) {
+    member *ended = self->members[TL_MEMBER_ACTIVATOR];
+    char reason[TL_RESTARTS_REASON];
+    bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
+    tl_child_describe(&ended->child, reason);
+    tl_child_bury(&ended->child);
+    ended->state = ABSENT;
+    ended->failures = is_orderly ? 0 : ended->failures + 1;
+    if (!is_orderly && !self->is_ending) {
+        rest(ended, now, pause_after(ended->failures + 1));
+        count_failure(self, TL_MEMBER_ACTIVATOR, now, reason);
+    }
 }
 
 /* It has done all that it was there for, and makes room for another one. */
@@ -538,7 +564,7 @@ static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_t
 }
 
 static tl_time grace_of(supervisor *self, tl_member which) {
-    if (self->hurries || (which == TL_MEMBER_SHADOW && self->is_ending)) {
+    if (self->hurries || (is_ordered(which) && self->is_ending)) {
         return GRACE_AGAIN;
     }
     if (which == TL_MEMBER_IO) {
@@ -630,6 +656,8 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
             look_at_living(self, which, now, passed);
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
+        } else if (which == TL_MEMBER_ACTIVATOR) {
+            note_end_of_activator(self, now);
         } else {
             self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
@@ -645,17 +673,18 @@ static bool can_be_asked(const supervisor *self, tl_member which) {
            living->lived >= GRACE_AGAIN;
 }
 
-/* Asks the next one to end. True: nobody is left. */
+/* Asks the next one to end. True: nobody is left. A dead disk may keep an activator that was killed from dying. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
         member *next = self->members[end_order[i]];
-        if (next->state == ABSENT) {
+        if (next->state == ABSENT ||
+            (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == LIVING && tl_child_was_killed(&next->child))) {
             continue;
         }
         if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (end_order[i] != TL_MEMBER_TWIN && end_order[i] != TL_MEMBER_SHADOW) {
+        if (end_order[i] == TL_MEMBER_IO || end_order[i] == TL_MEMBER_RECORDER) {
             stroke(self, now);
         }
         return false;
@@ -665,13 +694,14 @@ static bool go_on_ending(supervisor *self, tl_time now) {
 
 /* ---- orders ---- */
 
-static void see_to_shadow(supervisor *self, bool wanted, tl_time now) {
-    member *shadow = shadow_of(self);
+/* The activator ends by itself, and begins again after a failure. */
+static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
+    member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;
-    if (shadow->state == LIVING && !shall_be && !shadow->child.asked) {
-        tl_child_ask(&shadow->child, SIGTERM);
-    } else if (shadow->state == ABSENT && shall_be && tl_child_is_buried(&shadow->child)) {
-        begin(self, TL_MEMBER_SHADOW, now);
+    if (which == TL_MEMBER_SHADOW && ordered->state == LIVING && !shall_be && !ordered->child.asked) {
+        tl_child_ask(&ordered->child, SIGTERM);
+    } else if (ordered->state == ABSENT && shall_be && tl_child_is_buried(&ordered->child)) {
+        begin(self, which, now);
     }
 }
 
@@ -717,7 +747,8 @@ static void look_for_orders(supervisor *self, tl_time now) {
     if (orders.swap && !self->is_ending) {
         swap(self, now);
     }
-    see_to_shadow(self, orders.shadow, now);
+    see_to_ordered(self, TL_MEMBER_SHADOW, orders.shadow, now);
+    see_to_ordered(self, TL_MEMBER_ACTIVATOR, orders.activator, now);
     if (orders.recorder) {
         change_recorder(self, now);
     }
@@ -725,7 +756,7 @@ static void look_for_orders(supervisor *self, tl_time now) {
 
 /* ---- the run ---- */
 
-/* A shadow needs nothing of us at once. */
+/* Members that are ordered need nothing of us at once. */
 static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
@@ -742,7 +773,7 @@ static int supervise(supervisor *self) {
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
             rest(twin_of(self), looked, 0);
-        } else if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
+        } else if (self->settings->beats[which] != NULL && !is_ordered(which)) {
             begin(self, which, looked);
         }
     }

@@ -17,12 +17,12 @@
 
 #include "master/base/status.h"
 
-enum { TL_ROLE_DESCRIPTORS = 16, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
+enum { TL_ROLE_DESCRIPTORS = 24, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
 
 typedef struct tl_role_settings {
     const char *title; /* "twin [motor]"; cut to TL_ROLE_TITLE bytes */
     int descriptors
-        [TL_ROLE_DESCRIPTORS];    /* of ours, which become 0 … 15 in the child; −1: closed there. They stay ours */
+        [TL_ROLE_DESCRIPTORS];    /* of ours, which become 0 … 23 in the child; −1: closed there. They stay ours */
     const char *const *variables; /* "TMPDIR=…", which are added to the environment or replace one of that name */
     size_t variable_count;        /* at most TL_ROLE_VARIABLES */
     const char *const
