@@ -8,16 +8,9 @@
 #include <sys/prctl.h>
 #include <unistd.h>
 
-#include "firmware/process/filter.h"
-#include "firmware/process/landlock.h"
 #include "firmware/process/privileges.h"
 
 /* ---- what there is ---- */
-
-static int usable_landlock(int newest) {
-    int version = newest < 0 ? 0 : tl_landlock_version();
-    return newest > 0 && newest < version ? newest : version;
-}
 
 void tl_confine_probe(tl_confine_facts *facts) {
     *facts = (tl_confine_facts){
@@ -77,7 +70,9 @@ static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_
 
 tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error) {
     tl_confine_settings own = *settings;
-    own.landlock = usable_landlock(settings->landlock_newest);
+    own.landlock = settings->landlock_newest < 0 ? 0 : tl_landlock_version();
+    own.landlock = settings->landlock_newest > 0 && settings->landlock_newest < own.landlock ? settings->landlock_newest
+                                                                                             : own.landlock;
     *facts = (tl_confine_facts){0};
     if (listener != NULL) {
         *listener = -1;

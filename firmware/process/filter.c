@@ -1,10 +1,10 @@
-/* The list of system calls, loaded: see filter.h.
+/* The list of system calls, loaded: see confine.h.
  *
  * Each part adds rules to a filter that refuses by default. After the first failure nothing more is added.
  * The kernel takes most arguments as 32 bits, but a filter sees 64 bits, of which the upper ones may be anything. So an
  * allowed value is compared by its lower half (IS), and a number of our own by all of it.
  */
-#include "firmware/process/filter.h"
+#include "firmware/process/confine.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -26,7 +26,6 @@
 #include <termios.h>
 #include <unistd.h>
 
-#include "firmware/process/landlock.h"
 #include "firmware/process/sanitizer.h"
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])

@@ -198,29 +198,21 @@ static void be_child(const launch *start) {
 
 /* ---- Starting ---- */
 
-static size_t name_length(const char *variable) {
-    return strcspn(variable, "=");
-}
-
 static bool is_replaced(const tl_role_settings *settings, const char *variable) {
-    size_t length = name_length(variable);
+    size_t length = strcspn(variable, "=");
     for (size_t i = 0; i < settings->variable_count; i++) {
-        if (name_length(settings->variables[i]) == length && strncmp(settings->variables[i], variable, length) == 0) {
+        if (strcspn(settings->variables[i], "=") == length && strncmp(settings->variables[i], variable, length) == 0) {
             return true;
         }
     }
     return false;
 }
 
-static bool is_named(const char *name, const char *variable) {
-    size_t length = strcspn(name, "*");
-    return strncmp(name, variable, length) == 0 && (name[length] == '*' || variable[length] == '=');
-}
-
 static bool is_inherited(const tl_role_settings *settings, const char *variable) {
     bool found = settings->inherits == NULL;
     for (const char *const *name = settings->inherits; !found && *name != NULL; name++) {
-        found = is_named(*name, variable);
+        size_t length = strcspn(*name, "*");
+        found = strncmp(*name, variable, length) == 0 && ((*name)[length] == '*' || variable[length] == '=');
     }
     return found && !is_replaced(settings, variable);
 }
