@@ -43,7 +43,7 @@ static void open_host(activator_process *self) {
         host->tunings[i] = given->blocks[TL_LIVE_TUNING + i].bytes;
         memcpy(host->hash[i], given->job.hash[i], sizeof host->hash[i]);
     }
-    tl_outbox_open(&events, tl_live_activator_outbox_of(host->pulse),
+    tl_outbox_open(&events, given->blocks[TL_LIVE_ACTIVATOR_EVENTS].bytes,
                    host->recorder != NULL ? &host->recorder->state.taken[TL_LIVE_OUTBOX_ACTIVATOR] : NULL,
                    &self->outbox);
     tl_live_role_open_journal(&self->journal, &self->outbox);

@@ -35,7 +35,6 @@ static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
     tl_live_given given;
-    tl_plant_mail_shape shape;
     tl_heartbeats *beats;
     tl_outbox outbox;
     tl_journal journal;
@@ -55,17 +54,17 @@ static void on_link(void *context, const char *source, bool up, const char *text
 static void open_outbox(io *self) {
     const tl_outbox_settings events = tl_live_event_outbox();
     const tl_live_recorder_pulse *recorder = self->given.blocks[TL_LIVE_RECORDER_PULSE].bytes;
-    void *pulse = self->given.blocks[TL_LIVE_IO_PULSE].bytes;
-    self->beats = &((tl_live_io_pulse *)pulse)->beats;
-    tl_plant_mail_shape_of(&self->given.config, &self->shape);
-    tl_outbox_open(&events, tl_live_io_outbox_of(pulse),
+    self->beats = self->given.blocks[TL_LIVE_IO_BEATS].bytes;
+    tl_outbox_open(&events, self->given.blocks[TL_LIVE_IO_EVENTS].bytes,
                    recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL, &self->outbox);
     tl_live_role_open_journal(&self->journal, &self->outbox);
 }
 
 static tl_status open_plant(io *self, tl_error *error) {
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
-    tl_plant_mail_open(&self->shape, self->given.blocks[TL_LIVE_MAIL].bytes, mailboxes);
+    tl_plant_mail_shape shape;
+    tl_plant_mail_shape_of(&self->given.config, &shape);
+    tl_plant_mail_open(&shape, self->given.blocks[TL_LIVE_MAIL].bytes, mailboxes);
     const tl_live_plant_settings settings = {.config = &self->given.config,
                                              .kinds = self->kinds,
                                              .mailboxes = mailboxes,
@@ -177,8 +176,6 @@ static tl_status announce(io *self, tl_error *error) {
     }
     tl_status status = await_readers(self, error);
     if (status == TL_OK) {
-        tl_live_mail_end *end = tl_live_mail_end_of(&self->shape, self->given.blocks[TL_LIVE_MAIL].bytes);
-        __atomic_store_n(&end->opened, 1, __ATOMIC_RELEASE);
         tl_heartbeats_set_ready(self->beats);
     }
     return status;

@@ -15,18 +15,20 @@
 
 tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
     const unsigned place = job->place;
-    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_LIVE_SUPERVISOR) | BOTH(TL_LIVE_PAST);
+    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST);
     const tl_live_access accesses[] = {
-        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE), .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_PULSE)},
-        [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_PULSE) | ONE(TL_LIVE_SUPERVISOR) |
-                                          ONE(TL_LIVE_ACTIVATOR_PULSE) | ONE(TL_LIVE_STAGE) | BOTH(TL_LIVE_TWIN_PULSE) |
-                                          ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_OUTBOX + place),
+        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
+                           .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_EVENTS) | ONE(TL_LIVE_SUPERVISOR_EVENTS) |
+                                          ONE(TL_LIVE_ACTIVATOR_EVENTS) | ONE(TL_LIVE_STAGE) |
+                                          BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + place) |
+                                          ONE(TL_LIVE_OUTBOX + place),
                                  .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST)},
         [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_LIVE_STAGE),
-                                  .writes =
-                                      ONE(TL_LIVE_ACTIVATOR_PULSE) | BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
-        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_LIVE_STAGE) |
-                                      ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
+                                  .writes = ONE(TL_LIVE_ACTIVATOR_PULSE) | ONE(TL_LIVE_ACTIVATOR_EVENTS) |
+                                            BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
+        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
+                                      ONE(TL_LIVE_STAGE) | ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
                              .writes = ONE(TL_LIVE_TWIN_PULSE + place) | ONE(TL_LIVE_OUTBOX + place)},
     };
     tl_live_access access = accesses[kind];
@@ -42,11 +44,13 @@ void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) 
     tl_plant_mail_shape mail;
     tl_plant_mail_shape_of(config, &mail);
     memset(sizes, 0, TL_LIVE_BLOCKS * sizeof sizes[0]);
-    sizes[TL_LIVE_MAIL] = tl_live_mail_bytes(&mail);
-    sizes[TL_LIVE_IO_PULSE] = tl_live_io_bytes();
+    sizes[TL_LIVE_MAIL] = tl_plant_mail_bytes(&mail);
+    sizes[TL_LIVE_IO_BEATS] = sizeof(tl_heartbeats);
     sizes[TL_LIVE_RECORDER_PULSE] = sizeof(tl_live_recorder_pulse);
-    sizes[TL_LIVE_SUPERVISOR] = tl_outbox_bytes(&events);
-    sizes[TL_LIVE_ACTIVATOR_PULSE] = tl_live_activator_bytes();
+    sizes[TL_LIVE_IO_EVENTS] = tl_outbox_bytes(&events);
+    sizes[TL_LIVE_SUPERVISOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
+    sizes[TL_LIVE_ACTIVATOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
+    sizes[TL_LIVE_ACTIVATOR_PULSE] = sizeof(tl_live_activator_pulse);
     sizes[TL_LIVE_STAGE] = sizeof(tl_live_stage);
     sizes[TL_LIVE_CANDIDATE] = sizeof(tl_live_candidate);
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
@@ -96,7 +100,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     tl_live_block_sizes(config, sizes);
     *blocks = (tl_live_blocks){
         .mail = sizes[TL_LIVE_MAIL],
-        .outbox = outbox_with(config, 0) + sizes[TL_LIVE_IO_PULSE] + sizes[TL_LIVE_SUPERVISOR] +
+        .outbox = outbox_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
                   sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
     };
     if (room <= TL_LIVE_CHECKPOINT_BYTES) {

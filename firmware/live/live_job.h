@@ -28,17 +28,15 @@ typedef struct tl_live_job {
     char state[PATH_MAX];    /* of the activator: where versions are kept; "": there is none */
     char allowed[PATH_MAX];  /* the same: the administrator's list of names */
     uint64_t memory_limit;   /* the same: bytes that a process of FMUs may take; 0: as usual */
-    uint32_t
-        place; /* of the twin, or of the twin whose outbox the recorder reads, or which is the run's as the activator begins */
+    uint32_t place; /* of the twin; of the twin that the recorder reads; of the run's twin when the activator begins */
     char hash[TL_LIVE_PLACES][TL_SHA256_TEXT]; /* of the activator: of the configuration in each place; "": none is */
     /* of the twin's start */
     uint32_t number; /* of this start, from 1 on */
     bool is_shadow;  /* it is not the run's twin, until a flip makes it that, */
     tl_time start;   /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
     int64_t started; /* and UTC, ms */
-    uint32_t
-        flips; /* number of the newest flip that was announced before it was begun; of the recorder: by which the run is here */
-    tl_start how; /* if it waits in safe hold `start` is when that began, and samples are recorded from then on */
+    uint32_t flips;  /* the newest flip that was announced before; of the recorder: by which the run came here */
+    tl_start how;    /* if it waits in safe hold `start` is when that began, and samples are recorded from then on */
 } tl_live_job;
 
 /* For all but the twin: with path and text of the configuration behind it. Errors: TL_TRY_AGAIN. */

@@ -96,16 +96,8 @@ static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
                           (unsigned)needs->signals);
 }
 
-/* Its number goes on: by that answers are told apart. */
-static void clear_pulse(tl_live_place *place) {
-    uint32_t number = place->pulse->number;
-    memset(place->pulse, 0, sizeof *place->pulse);
-    place->pulse->number = number;
-    place->pulse->first = number + 1;
-}
-
-tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error) {
-    const tl_live_needs *needs = &arrival->needs;
+tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *candidate, const tl_live_needs *needs,
+                                          tl_time step, tl_error *error) {
     const tl_recorder_shape shape = {.plant = needs->signals,
                                      .match = needs->match,
                                      .adjust = needs->adjust,
@@ -113,10 +105,10 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
     move_out(place);
     tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
-        status = copy_text(place, arrival->candidate, error);
+        status = copy_text(place, candidate, error);
     }
     if (status == TL_OK) {
-        const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, arrival->step);
+        const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, step);
         status = make_outbox(place, &settings, error);
     }
     if (status != TL_OK) {
@@ -125,7 +117,10 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
     }
     place->fmus = tl_twin_fmus_of_numbers(needs->components, needs->fmu_bytes);
     place->unconfined = needs->unconfined != 0;
-    clear_pulse(place);
+    uint32_t number = place->pulse->number; /* goes on: by that answers are told apart */
+    memset(place->pulse, 0, sizeof *place->pulse);
+    place->pulse->number = number;
+    place->pulse->first = number + 1;
     return TL_OK;
 }
 

@@ -4,6 +4,7 @@
 #include <inttypes.h>
 #include <sched.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -12,13 +13,15 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
-#include "firmware/live/live_past.h"
 #include "firmware/live/live_role.h"
+#include "firmware/live/recorded_course.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
+#include "firmware/twin/past.h"
+#include "firmware/twin/past_outbox.h"
 #include "firmware/twin/safe_hold.h"
 #include "firmware/twin/status_line.h"
 #include "firmware/twin/twin_recorder.h"
@@ -40,6 +43,12 @@ enum { MISSED_PART = 10 };
 static const tl_time LOOK = TL_SECOND / 20;
 static const tl_time LOOK_SOON = TL_SECOND / 1000;
 
+/* How long the recorder's answer is waited for: the plant's lock comes first. */
+static const tl_time PATIENCE_FOR_PAST = 10 * TL_SECOND;
+
+/* Ticks that a twin has followed with a state that it was given as bytes: what is wrong with those shows in a step. */
+enum { SOUND_AFTER = 3 };
+
 /* All that this process has. */
 typedef struct live_twin {
     tl_assembly *assembly;
@@ -47,9 +56,10 @@ typedef struct live_twin {
     const tl_confine_facts *facts;
     tl_live_job job;
     tl_block blocks[TL_LIVE_BLOCKS]; /* that it has of the run */
-    tl_live_memory past;
+    tl_block *past;                  /* what the recorder has found (past.h), which is copied before it is looked at */
+    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
     tl_live_twin_pulse *pulse;
-    const tl_live_mail_end *mail_end;
+    tl_time ended; /* of a run before that is not gone on with: when its last tick was; 0: not known */
     tl_plant_input input;
     tl_outbox outbox;
     tl_config run; /* of a shadow: the configuration of the run beside which it is, whose recorded samples it reads */
@@ -61,6 +71,8 @@ typedef struct live_twin {
     tl_account account; /* for the units of what is matched */
     bool is_shadow;     /* now */
     int64_t next;       /* of a shadow: the first tick of the cycle, */
+    uint32_t asked;     /* for recorded samples so often, */
+    void *samples;      /* and a copy of the last ones, */
     int64_t parent;     /* and the run with which it goes on if it becomes the run's */
     bool are_others;    /* the FMUs' files, than those of the twin before in this run */
     bool has_crashed;   /* the twin before: it had loaded a checkpoint, and made no step with it */
@@ -74,7 +86,7 @@ typedef struct live_twin {
 /* The outbox names what the twin is built with: another tuning is told by its block, whose text is the recorder's affair. */
 static void open_outbox(live_twin *self) {
     const tl_outbox_settings settings = tl_live_twin_outbox(self->config);
-    const tl_live_recorder_pulse *recorder = self->past.recorder;
+    const tl_live_recorder_pulse *recorder = self->recorder;
     tl_run_tuning configured = {.number = 0};
     tl_outbox_open(&settings, self->blocks[TL_LIVE_OUTBOX + self->job.place].bytes,
                    recorder != NULL ? &recorder->state.taken[tl_live_outbox_of_place(self->job.place)] : NULL,
@@ -89,7 +101,6 @@ static void open_outbox(live_twin *self) {
 /* `config` gets what the job changes. */
 static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config *config, tl_error *error) {
     const char *of_run = "";
-    tl_plant_mail_shape shape;
     tl_status status = tl_live_job_unpack(job->live, job->live_size, &self->job, &of_run, error);
     if (status == TL_OK) {
         tl_live_job_apply(&self->job, config);
@@ -102,14 +113,9 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
         status = tl_live_input_open(config, &self->blocks[TL_LIVE_MAIL], &self->input, error);
     }
     if (status == TL_OK) {
-        tl_plant_mail_shape_of(config, &shape);
-        self->mail_end = tl_live_mail_end_of(&shape, self->blocks[TL_LIVE_MAIL].bytes);
         self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.place].bytes;
-        self->past = (tl_live_memory){.recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes,
-                                      .past = &self->blocks[TL_LIVE_PAST + self->job.place],
-                                      .pulse = self->pulse,
-                                      .twin = self->job.number,
-                                      .place = self->job.place};
+        self->past = &self->blocks[TL_LIVE_PAST + self->job.place];
+        self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
         open_outbox(self);
     }
     return status;
@@ -174,14 +180,6 @@ static void tell_confinement(live_twin *self) {
     }
 }
 
-static void tell_recording(const live_twin *self) {
-    if (self->job.database[0] == '\0') {
-        tl_log(TL_LOG_NOTICE,
-               "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
-               "of this program the twin begins anew");
-    }
-}
-
 /* The process ends while an FMU has not returned. Whoever takes it out of the outbox lives on. */
 static void keep(void *context, const char *why) {
     live_twin *self = context;
@@ -192,22 +190,24 @@ static void keep(void *context, const char *why) {
 
 /* ---- the cycle ---- */
 
-static bool is_complete(const live_twin *self) {
-    return __atomic_load_n(&self->mail_end->opened, __ATOMIC_ACQUIRE) != 0 && tl_plant_input_is_complete(&self->input);
+/* io has opened all sources. */
+static bool is_plant_open(const live_twin *self) {
+    return tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
 }
 
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
 static void wait_for_readings(const live_twin *self) {
     tl_time until = tl_clock_now(NULL) + FIRST_READING;
-    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL && !is_complete(self)) {
+    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
+           !(is_plant_open(self) && tl_plant_input_is_complete(&self->input))) {
         tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
     }
 }
 
 /* A change by a restart, for example, leaves a gap between two runs. */
 static void tell_gap(live_twin *self) {
-    const tl_time gap = tl_clock_now(NULL) - self->past.ended;
-    if (self->past.ended != 0 && gap > 0) {
+    const tl_time gap = tl_clock_now(NULL) - self->ended;
+    if (self->ended != 0 && gap > 0) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
                          tl_seconds(gap), (long long)(gap / self->config->step));
     }
@@ -270,7 +270,7 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
         .executions = status->executions,
         .timed_out = status->timed_out,
         .used = status->used,
-        .plant_is_shut = __atomic_load_n(&self->mail_end->opened, __ATOMIC_ACQUIRE) == 0,
+        .plant_is_shut = !is_plant_open(self),
         .lock = status->lock,
         .lock_before = status->lock_before,
     };
@@ -292,14 +292,213 @@ static void be_ready(live_twin *self) {
     self->was_ready = true;
 }
 
+/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
+static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
+    tl_live_wish wish = tl_live_wish_of(self->job.number, number);
+    tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_PAST;
+    __atomic_store_n(&self->pulse->past, wish, __ATOMIC_RELEASE);
+    const tl_live_past_answer *given = &self->recorder->answer[self->job.place];
+    while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
+        if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
+            return false;
+        }
+        tl_heart_beat(self->heart);
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
+    }
+    *answer = *given;
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+    }
+    return true;
+}
+
+/* ---- following, in the thread of the FMUs ---- */
+
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct follow_job {
+    const tl_past_follow_settings *settings;
+    const tl_past *past;
+    tl_summary *summary;
+    tl_past_outcome outcome;
+    tl_error *error;
+    tl_status status;
+} follow_job;
+
+static void do_follow(void *context) {
+    follow_job *job = context;
+    job->status = tl_past_follow(job->settings, job->past, job->summary, &job->outcome, job->error);
+}
+
+static void tell_past(void *context, tl_severity severity, const char *text) {
+    tl_journal_event(context, -1, severity, "resume", "%s", text);
+}
+
+/* The number of the newest run in the database: of a shadow, that with which it will go on. 0: nothing is recorded. */
+static int64_t newest_run(const live_twin *self) {
+    return self->recorder == NULL ? 0 : tl_recorder_state_get(&self->recorder->state).run;
+}
+
+/* What is noted here outlives this process: the FMUs are given bytes that another one has made. */
+static void note_load(const live_twin *self, bool loads) {
+    __atomic_store_n(&self->pulse->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
+}
+
+/* *refused: it is of no use, and an older one may be. */
+static tl_status follow(live_twin *self, const tl_past *past, bool *refused, tl_error *error) {
+    const int64_t last = newest_run(self); /* before this one begins */
+    const tl_past_follow_settings following = {
+        .assembly = self->assembly, .outbox = &self->outbox, .tell = tell_past, .context = &self->journal};
+    follow_job job = {.settings = &following, .past = past, .summary = &self->resumed, .error = error};
+    *refused = (self->has_crashed || self->unreadable) && past->checkpoint != NULL;
+    if (*refused) {
+        return TL_OK;
+    }
+    note_load(self, past->checkpoint != NULL);
+    tl_fmu_thread_call(self->fmus, do_follow, &job);
+    /* Before it was followed only its own steps can show whether the state that was loaded does harm. */
+    if (job.status != TL_FMU_FATAL &&
+        (job.outcome != TL_PAST_FOLLOWED || past->last - past->first + 1 >= SOUND_AFTER)) {
+        note_load(self, false);
+    }
+    *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
+    if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
+        (void)tl_outbox_put_end(&self->outbox, "could not go on with an earlier run");
+    }
+    if (self->resumed.resumption.from != TL_RESUMED_NOT && self->resumed.resumption.run < 0) {
+        self->resumed.resumption.run = last;
+    }
+    return job.status;
+}
+
+/* ---- what a predecessor has left ---- */
+
+/* *any: somebody has begun a run in it. */
+static tl_status follow_outbox(live_twin *self, bool *any, tl_error *error) {
+    tl_past_outbox *left = tl_past_outbox_open(&self->outbox, self->assembly, tell_past, &self->journal);
+    tl_past past;
+    bool refused = true;
+    tl_status status = TL_OK;
+    *any = left != NULL;
+    while (status == TL_OK && refused && tl_past_outbox_next(left, &past)) {
+        status = follow(self, &past, &refused, error);
+    }
+    tl_past_outbox_close(left);
+    return status;
+}
+
+/* ---- what the recorder finds ---- */
+
+static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
+        const tl_live_past_word *word = &answer->words[i];
+        bool is_known = word->severity >= TL_EVENT_INFO && word->severity <= TL_EVENT_ERROR;
+        tell_past(&self->journal, is_known ? (tl_severity)word->severity : TL_EVENT_WARNING, word->text);
+    }
+}
+
+/* Follows the image, of which nobody else has a copy. */
+static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_error *error) {
+    tl_past past;
+    void *image = malloc(size);
+    if (image == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
+    }
+    memcpy(image, self->past->bytes, size);
+    tl_status status = tl_past_read(image, size, self->config, tl_clock_now(NULL), &past, error);
+    if (status == TL_OK) {
+        status = follow(self, &past, refused, error);
+    } else {
+        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.180s", error->text);
+        status = TL_OK;
+        *refused = false;
+    }
+    free(image);
+    return status;
+}
+
+static tl_status follow_recorder(live_twin *self, tl_error *error) {
+    tl_live_past_answer answer;
+    bool refused = true;
+    tl_status status = TL_OK;
+    for (uint32_t number = 1; status == TL_OK && refused; number++) {
+        if (!ask(self, number, &answer)) {
+            if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
+                return TL_OK;
+            }
+            tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
+                             "begins anew: the recorder does not say what was recorded before");
+            return TL_OK;
+        }
+        tell_answer(self, &answer);
+        self->ended = answer.ended;
+        refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
+        if (refused) {
+            status = follow_image(self, (size_t)answer.size, &refused, error);
+        }
+    }
+    return status;
+}
+
+/* Leads the twin to where an earlier one was ended; `resumed` says what was done. A twin whose predecessor has died in the same run finds checkpoint and entries
+ * in the outbox. Any other asks the recorder; if what that has found is of no use, for something older. */
+static tl_status follow_past(live_twin *self, tl_error *error) {
+    bool any = false;
+    if (self->config->record_resume == 0) {
+        return TL_OK;
+    }
+    tl_status status = follow_outbox(self, &any, error);
+    if (status == TL_OK && !any && self->recorder != NULL) {
+        status = follow_recorder(self, error);
+    }
+    tl_block_close(self->past);
+    return status;
+}
+
+/* ---- a shadow ---- */
+
+static size_t fetch_samples(void *context, int64_t from, const void **image) {
+    live_twin *self = context;
+    tl_live_past_answer answer = {.size = 0};
+    if (self->recorder == NULL) {
+        return 0;
+    }
+    __atomic_store_n(&self->pulse->past_from, from, __ATOMIC_RELAXED);
+    if (!ask(self, ++self->asked, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
+        return 0;
+    }
+    tell_answer(self, &answer);
+    free(self->samples);
+    self->samples = malloc((size_t)answer.size + 1);
+    if (self->samples == NULL) {
+        return 0;
+    }
+    memcpy(self->samples, self->past->bytes, (size_t)answer.size);
+    *image = self->samples;
+    return (size_t)answer.size;
+}
+
 /* A shadow is ready before its recorded part, which may take a minute. */
-static tl_status begin_shadow(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+static tl_status begin_shadow(live_twin *self, tl_error *error) {
     static const tl_run_status none = {.ticks = 0};
     static const tl_metrics no_match[TL_MAX_MATCH];
     tell_beginning(self, self->job.start, self->job.started);
     be_ready(self);
     show_recorded(self, &none, no_match);
-    return tl_live_past_begin_shadow(past, self->job.start, &self->next, error);
+    const tl_recorded_course course = {
+        .assembly = self->assembly,
+        .thread = self->fmus,
+        .journal = &self->journal,
+        .heart = self->heart,
+        .start = self->job.start,
+        .run = &self->run,
+        .fetch = fetch_samples,
+        .show = show_recorded,
+        .context = self,
+    };
+    tl_status status = tl_recorded_course_take(&course, &self->next, error);
+    free(self->samples);
+    tl_block_close(self->past);
+    return status;
 }
 
 /* No checkpoint is tried twice: not the one that this happened with, and no other one by this process. */
@@ -312,31 +511,14 @@ static void tell_crash(live_twin *self) {
     }
 }
 
-static tl_status go_on(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+static tl_status go_on(live_twin *self, tl_error *error) {
     tell_crash(self);
     if (self->are_others) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
                          "begins anew: the FMUs are not those of the run before");
         return TL_OK;
     }
-    return tl_live_past_follow(past, &self->resumed, error);
-}
-
-static tl_status lead(live_twin *self, tl_error *error) {
-    const tl_live_past_settings past = {
-        .memory = &self->past,
-        .run = &self->run,
-        .show = show_recorded,
-        .context = self,
-        .assembly = self->assembly,
-        .thread = self->fmus,
-        .outbox = &self->outbox,
-        .journal = &self->journal,
-        .heart = self->heart,
-        .no_checkpoints = self->has_crashed || self->unreadable,
-    };
-    tl_account_take(self->assembly->twin, &self->account);
-    return self->is_shadow ? begin_shadow(self, &past, error) : go_on(self, &past, error);
+    return follow_past(self, error);
 }
 
 /* ---- the cycle's start ---- */
@@ -365,7 +547,8 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
 }
 
 static tl_status start_cycle(live_twin *self, tl_error *error) {
-    tl_status status = lead(self, error);
+    tl_account_take(self->assembly->twin, &self->account);
+    tl_status status = self->is_shadow ? begin_shadow(self, error) : go_on(self, error);
     if (status != TL_OK) {
         return status;
     }
@@ -384,7 +567,11 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
             tell_start(self);
         }
         tell_confinement(self);
-        tell_recording(self);
+        if (self->job.database[0] == '\0') {
+            tl_log(TL_LOG_NOTICE,
+                   "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
+                   "of this program the twin begins anew");
+        }
     }
     if (status == TL_OK && !self->is_shadow) {
         const tl_resumption *beginning = tl_outbox_beginning(&self->outbox);
@@ -395,16 +582,10 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 
 /* ---- while the cycle runs ---- */
 
-/* The number of the run beside which a shadow runs: that with which it will go on. 0: nothing is recorded. */
-static int64_t number_of_run(const live_twin *self) {
-    const tl_live_recorder_pulse *recorder = self->past.recorder;
-    return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
-}
-
 /* A flip may have made it the run's, or the shadow. Nobody waits for the priority. */
 static void look_at_part(live_twin *self, bool is_shadow) {
     if (is_shadow == self->is_shadow) {
-        self->parent = is_shadow ? number_of_run(self) : self->parent;
+        self->parent = is_shadow ? newest_run(self) : self->parent;
         return;
     }
     bool wishes = !is_shadow && self->config->realtime_priority > 0;
@@ -573,13 +754,6 @@ static tl_status build(live_twin *self) {
     return job.status;
 }
 
-static void release(live_twin *self) {
-    if (self->fmus != NULL) {
-        tl_fmu_thread_call(self->fmus, do_free, self->assembly);
-        tl_fmu_thread_end(self->fmus);
-    }
-}
-
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
     static live_twin self; /* one for the process */
     tl_error error;
@@ -606,6 +780,9 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         status = live(&self);
     }
     int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
-    release(&self);
+    if (self.fmus != NULL) {
+        tl_fmu_thread_call(self.fmus, do_free, assembly);
+        tl_fmu_thread_end(self.fmus);
+    }
     return code;
 }

@@ -28,13 +28,15 @@
 enum {
     TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
     TL_LIVE_JOB = 4,            /* live_job.h */
-    TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h), and tl_live_mail_end */
-    TL_LIVE_IO_PULSE = 6,       /* tl_live_io_pulse and its outbox */
+    TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h) */
+    TL_LIVE_IO_BEATS = 6,       /* tl_heartbeats */
     TL_LIVE_RECORDER_PULSE = 8, /* tl_live_recorder_pulse */
-    TL_LIVE_SUPERVISOR,         /* the supervisor's outbox */
-    TL_LIVE_ACTIVATOR_PULSE,    /* tl_live_activator_pulse and its outbox */
-    TL_LIVE_STAGE,              /* tl_live_stage, which the supervisor writes */
-    TL_LIVE_CANDIDATE,          /* tl_live_candidate */
+    TL_LIVE_ACTIVATOR_PULSE,    /* tl_live_activator_pulse */
+    TL_LIVE_IO_EVENTS,          /* outboxes */
+    TL_LIVE_SUPERVISOR_EVENTS,
+    TL_LIVE_ACTIVATOR_EVENTS,
+    TL_LIVE_STAGE,     /* tl_live_stage, which the supervisor writes */
+    TL_LIVE_CANDIDATE, /* tl_live_candidate */
     /* Of place 0; the next number is of place 1. */
     TL_LIVE_TWIN_PULSE,                                   /* tl_live_twin_pulse */
     TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_LIVE_PLACES, /* tl_live_tuning */
@@ -61,11 +63,6 @@ static inline size_t tl_live_outbox_of_place(uint32_t place) {
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
 #define TL_LIVE_PAST_BYTES TL_PAST_MOST
 
-/* Behind the mailboxes in their block. */
-typedef struct tl_live_mail_end {
-    uint32_t opened; /* 1: io has opened all sources */
-} tl_live_mail_end;
-
 /* The end of a run, as the twin tells it: for the summary. */
 typedef struct tl_live_end {
     uint32_t is_there; /* 1: all of this is */
@@ -86,25 +83,21 @@ enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
-    uint32_t number;   /* which twin of this place it is, from 1 on, */
-    uint32_t first;    /* which was the first of its configuration, */
-    uint32_t holds;    /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
-    tl_latest figures; /* tl_run_status; nothing while it holds */
-    int32_t
-        realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
+    uint32_t number;             /* which twin of this place it is, from 1 on, */
+    uint32_t first;              /* which was the first of its configuration, */
+    uint32_t holds;              /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
+    tl_latest figures;           /* tl_run_status; nothing while it holds */
+    int32_t realtime;            /* number of the thread that wants the configured priority; 0: none does */
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
-    uint32_t
-        loads; /* 1: a checkpoint is being loaded, or was, and too few steps were made since to say that it does no harm; kept for a successor */
-    uint64_t
-        unreadable; /* `fmus` of which a saved state has ended the process that loaded it; by the supervisor. 0: none */
-    tl_live_wish
-        past; /* which past it wants: of this start, the first, the next one older, …; of a shadow: which samples, */
-    int64_t past_from;           /* from this tick on; written before `past` */
-    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC), */
-    int64_t started;             /* and UTC, ms; before it is ready. 0: not known yet */
-    uint32_t flipped;            /* number of the newest flip in which it has done its part */
+    uint32_t loads;      /* 1: a checkpoint was loaded, and too few steps prove it harmless; kept for a successor */
+    uint64_t unreadable; /* by the supervisor: `fmus` whose saved state has ended the process that loaded it */
+    tl_live_wish past;   /* which past it wants: the first, the next older one, …; of a shadow: which samples, */
+    int64_t past_from;   /* from this tick on; written before `past` */
+    tl_time start;       /* t_start of its run (CLOCK_MONOTONIC), */
+    int64_t started;     /* and UTC, ms; before it is ready. 0: not known yet */
+    uint32_t flipped;    /* number of the newest flip in which it has done its part */
     tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
@@ -129,28 +122,18 @@ typedef struct tl_live_past_answer {
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
-    uint32_t
-        drained; /* number of the newest flip of which all is written that the twin had to say whose run has ended by it */
+    uint32_t drained; /* the newest flip before which all is written of the twin whose run it has ended */
     tl_recorder_writer_state state;
     tl_live_past_answer answer[TL_LIVE_PLACES]; /* of the twin in each place */
 } tl_live_recorder_pulse;
 
-/* The pulse of io; its outbox, of events, follows. The supervisor's block is such an outbox only. */
-typedef struct tl_live_io_pulse {
-    tl_heartbeats beats;
-} tl_live_io_pulse;
-
-/* The pulse of the activator; its outbox, of events, follows. */
+/* The pulse of the activator. */
 typedef struct tl_live_activator_pulse {
     tl_heartbeats beats;
     uint32_t restart; /* 1: the run is to end, and another one to begin */
     tl_live_order order;
     uint32_t flips; /* the activator's own: number of the newest flip when it ordered one */
 } tl_live_activator_pulse;
-
-static inline size_t tl_live_round(size_t size) {
-    return (size + 63U) & ~(size_t)63U;
-}
 
 /* Events only. */
 static inline tl_outbox_settings tl_live_event_outbox(void) {
@@ -165,32 +148,6 @@ static inline tl_outbox_settings tl_live_outbox_of_shape(const tl_recorder_shape
 static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
     const tl_recorder_shape shape = tl_recorder_shape_of(config);
     return tl_live_outbox_of_shape(&shape, config->step);
-}
-
-static inline size_t tl_live_mail_bytes(const tl_plant_mail_shape *shape) {
-    return tl_live_round(tl_plant_mail_bytes(shape)) + sizeof(tl_live_mail_end);
-}
-
-static inline tl_live_mail_end *tl_live_mail_end_of(const tl_plant_mail_shape *shape, void *mail) {
-    return (tl_live_mail_end *)(void *)((unsigned char *)mail + tl_live_round(tl_plant_mail_bytes(shape)));
-}
-
-static inline size_t tl_live_io_bytes(void) {
-    const tl_outbox_settings outbox = tl_live_event_outbox();
-    return tl_live_round(sizeof(tl_live_io_pulse)) + tl_outbox_bytes(&outbox);
-}
-
-static inline void *tl_live_io_outbox_of(void *pulse) {
-    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_io_pulse));
-}
-
-static inline size_t tl_live_activator_bytes(void) {
-    const tl_outbox_settings outbox = tl_live_event_outbox();
-    return tl_live_round(sizeof(tl_live_activator_pulse)) + tl_outbox_bytes(&outbox);
-}
-
-static inline void *tl_live_activator_outbox_of(void *pulse) {
-    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_activator_pulse));
 }
 
 #endif

@@ -20,9 +20,6 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* Told now and then of a shadow that is over recorded samples: counts, and by match. */
-typedef void tl_recorded_show(void *context, const tl_run_status *status, const tl_metrics *match);
-
 typedef struct tl_recorded_course {
     tl_assembly *assembly; /* its twin is built, and has not begun */
     tl_fmu_thread *thread;
@@ -33,9 +30,9 @@ typedef struct tl_recorded_course {
     /* An image of samples (past_samples.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
      * none (any more). */
     size_t (*fetch)(void *context, int64_t from, const void **image);
-    void *context; /* of `fetch` */
-    tl_recorded_show *show;
-    void *shown_to; /* its context */
+    /* Told now and then: counts, and by match. */
+    void (*show)(void *context, const tl_run_status *status, const tl_metrics *match);
+    void *context; /* of both */
 } tl_recorded_course;
 
 /* Until less than two seconds are left, or nothing more is recorded, or a signal asks to end. *next is the tick that the twin is ready for; if

@@ -109,10 +109,9 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
     const size_t ring = tl_live_outbox_of_place(self->given.job.place);
     tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
-        [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(bytes_of(self, TL_LIVE_IO_PULSE))},
-        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR)},
-        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events,
-                                      tl_live_activator_outbox_of(bytes_of(self, TL_LIVE_ACTIVATOR_PULSE))},
+        [TL_LIVE_OUTBOX_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
+        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, bytes_of(self, TL_LIVE_ACTIVATOR_EVENTS)},
     };
     outboxes[ring] = (tl_recorder_writer_outbox){"twin", tl_live_twin_outbox(&self->given.config),
                                                  bytes_of(self, TL_LIVE_OUTBOX + self->given.job.place)};
@@ -196,35 +195,18 @@ static void answer(recorder *self, tl_live_wish wish) {
     __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
 }
 
-/* Nobody needs it any more: the file is closed, and the memory given back. */
-static void forget_past(recorder *self) {
-    tl_past_history_close(self->history);
-    self->history = NULL;
-    tl_block_forget(self->past, 0, self->past->size);
-}
-
-/* Whoever is in the other place is a shadow, unless the run has gone there. */
-static void look_at_samples(recorder *self) {
-    if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) == self->given.job.place) {
-        tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
-    }
-}
-
 static void look_at_wishes(recorder *self) {
     tl_live_wish wish = __atomic_load_n(&self->twin->past, __ATOMIC_ACQUIRE);
     if (wish != 0 && wish != self->answered) {
         answer(self, wish);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
-        forget_past(self);
+        tl_past_history_close(self->history); /* nobody needs it any more */
+        self->history = NULL;
+        tl_block_forget(self->past, 0, self->past->size);
     }
 }
 
 /* ---- its life ---- */
-
-/* Whether a twin may wish for a past at any moment. */
-static bool is_awaited(const recorder *self) {
-    return __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0;
-}
 
 static struct stat folder_of(const char *path) {
     char copy[PATH_MAX];
@@ -248,13 +230,6 @@ static bool needs_another(const recorder *self) {
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
 }
 
-/* For the supervisor: a process that has destroyed its outbox is to be replaced. */
-static void tell_damage(recorder *self) {
-    for (size_t i = 0; i < TL_LIVE_OUTBOXES; i++) {
-        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
-    }
-}
-
 /* The run has another twin, which puts into another outbox; in that of the job nothing more is put that is ours to read. */
 static bool is_over(const recorder *self) {
     uint32_t flips = __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE);
@@ -274,7 +249,10 @@ static void write_now(recorder *self) {
     }
     look_at_tuning(self);
     tl_recorder_writer_write(self->writer);
-    tell_damage(self);
+    for (size_t i = 0; i < TL_LIVE_OUTBOXES;
+         i++) { /* for the supervisor: who has destroyed its outbox is to be replaced */
+        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
+    }
     if (over && tl_recorder_writer_has_drained(self->writer)) {
         tell_drained(self);
     }
@@ -294,13 +272,16 @@ static void record_until_told(recorder *self) {
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_heart_beat(self->heart);
         look_at_wishes(self);
-        look_at_samples(self);
+        if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
+            self->given.job.place) { /* the other is a shadow */
+            tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
+        }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             write_now(self);
             due = tl_clock_now(NULL) + self->given.config.record_commit;
         }
         tl_time now = tl_clock_now(NULL);
-        tl_time look = now + (is_awaited(self) ? LOOK_SOON : LOOK);
+        tl_time look = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? LOOK_SOON : LOOK);
         due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the other one waits */
         tl_clock_sleep_until(look < due ? look : due);
     }

@@ -33,8 +33,7 @@ typedef struct tl_restarts {
     unsigned tries;    /* retries from safe hold since the twin last lived long enough to be forgiven all */
     bool interrupted;  /* the supervisor before this one did not end in order */
     char reason[TL_RESTARTS_REASON]; /* why the twin starts: "the box was reset by its watchdog" */
-    uint64_t
-        unreadable; /* FMU files, by a number, of which a saved state has ended the process that loaded it; 0: none */
+    uint64_t unreadable; /* number of FMU files whose saved state has ended the process that loaded it; 0: none */
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
     char boot[TL_IDENTITY_TEXT];

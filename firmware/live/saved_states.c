@@ -63,10 +63,6 @@ static void identify(tl_saved_states *states) {
 
 /* ---- what is remembered ---- */
 
-static bool name_file(tl_saved_states *states) {
-    return snprintf(states->path, PATH_MAX, "%s/states.json", states->settings.folder) < PATH_MAX;
-}
-
 /* False: nothing is, of these. */
 static bool remember(tl_saved_states *states) {
     char text[FILE_BYTES];
@@ -119,7 +115,6 @@ static void begin_trial(tl_saved_states *states) {
         .answer = sizeof(tl_trial_states),
         .limit = LIMIT,
         .be = settings->be,
-        .context = settings->context,
     };
     states->is_due = tl_errand_send(&states->errand, &errand, &error) == TL_OK;
     states->begun = tl_clock_now(NULL);
@@ -180,7 +175,8 @@ void tl_saved_states_stop(tl_saved_states *states) {
 
 void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states) {
     *states = (tl_saved_states){.settings = *settings};
-    if (settings->folder == NULL || settings->config->record_resume == 0 || !name_file(states)) {
+    if (settings->folder == NULL || settings->config->record_resume == 0 ||
+        snprintf(states->path, PATH_MAX, "%s/states.json", settings->folder) >= PATH_MAX) {
         return;
     }
     identify(states);

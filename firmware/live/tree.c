@@ -35,10 +35,9 @@
 
 typedef struct tl_tree {
     const tl_tree_settings *settings;
-    tl_config config; /* as the processes have it, with what the command line changes */
-    tl_live_job job;  /* what does not change from start to start */
-    tl_block
-        blocks[TL_LIVE_BLOCKS]; /* by their numbers, but those of places; they outlive each process that writes them */
+    tl_config config;                /* as the processes have it, with what the command line changes */
+    tl_live_job job;                 /* what does not change from start to start */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* but those of places; they outlive each process that writes them */
     tl_live_place places[TL_LIVE_PLACES];
     tl_live_change change;
     uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
@@ -81,13 +80,13 @@ static inline bool tl_tree_records(const tl_tree *self) {
     return self->job.database[0] != '\0';
 }
 
-/* ---- the start of each process ---- */
+/* ---- events ---- */
 
-/* ---- tree.c ---- */
-
-static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text);
-
-/* ---- tree start ---- */
+static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text) {
+    if (tl_tree_records(self)) {
+        tl_outbox_event(&self->outbox, -1, severity, source, text);
+    }
+}
 
 /* ---- what is heard of FMUs ---- */
 
@@ -136,43 +135,30 @@ static void take_back(const int given[TL_ROLE_DESCRIPTORS]) {
     }
 }
 
-/* What main() does for a title; the context is the tree. */
-static int tl_tree_be(const char *title, void *context) {
-    const tl_tree *self = context;
-    return self->settings->be(title, context);
-}
-
 /* One without FMUs: with a job of the configuration in a place, and a pipe for what it prints. */
 static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_error *error) {
     static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_ACTIVATOR};
     char title[TL_ROLE_TITLE];
-    tl_role_settings settings = {.title = title, .fallback = tl_tree_be, .context = self};
+    tl_role_settings settings = {.title = title, .fallback = self->settings->be};
     int *given = settings.descriptors;
     tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
-    int output[2] = {-1, -1};
     (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
     self->job.place = place;
     tl_status status =
         tl_live_job_make(&self->job, self->settings->config->path, self->places[place].text, &job, error);
     give(self, kind, &self->job, given);
     given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
-    if (status == TL_OK && (given[0] < 0 || pipe2(output, O_CLOEXEC) != 0)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "no pipe for \"%s\": %s", title, strerror(errno));
-    }
     if (status == TL_OK) {
-        given[1] = output[1];
-        given[2] = fcntl(output[1], F_DUPFD_CLOEXEC, 0);
+        given[1] = fcntl(tl_voice_pipe(self->voice, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
+        given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
-        status = tl_role_start(&settings, &role, error);
+        status = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0
+                     ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
+                     : tl_role_start(&settings, &role, error);
     }
     take_back(given);
-    if (status == TL_OK) {
-        tl_voice_hear(self->voice, (unsigned)kind, output[0]);
-    } else if (output[0] >= 0) {
-        (void)close(output[0]);
-    }
     tl_block_close(&job);
     return role.pid;
 }
@@ -204,14 +190,6 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
     pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
 }
 
-/* The first one that waits records from the beginning of the wait on, which io's mail still has. */
-static tl_time start_of(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
-    if (start->waits) {
-        return place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
-    }
-    return is_shadow ? place->start : 0;
-}
-
 /* What a twin is told of its start. */
 static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
     tl_live_job job = self->job;
@@ -219,7 +197,11 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.number = place->pulse->number;
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
-    job.start = start_of(self, place, is_shadow, start);
+    job.start = is_shadow ? place->start : 0;
+    if (start
+            ->waits) { /* the first one that waits records from the beginning of the wait on, which io's mail still has */
+        job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+    }
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
     job.how = *start;
@@ -282,16 +264,8 @@ static pid_t begin_shadow(tl_tree *self, const tl_start *start, tl_error *error)
     pid_t pid = start_twin(self, tl_tree_place_of(self, TL_MEMBER_SHADOW), true, start, error);
     if (pid == 0) {
         tl_live_change_note_end_of_shadow(&self->change, error->text);
-    } else {
-        tl_live_change_note_shadow(&self->change, pid);
     }
     return pid;
-}
-
-static pid_t begin_twin(tl_tree *self, const tl_start *start, tl_error *error) {
-    self->urgent = 0;
-    tl_live_change_note_hold(&self->change, start->hold);
-    return start_twin(self, tl_tree_place_of(self, TL_MEMBER_TWIN), false, start, error);
 }
 
 /* As tl_supervisor_settings.begin; the context is the tree. */
@@ -299,7 +273,9 @@ static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start
     tl_tree *self = context;
     switch (which) {
     case TL_MEMBER_TWIN:
-        return begin_twin(self, start, error);
+        self->urgent = 0;
+        tl_live_change_note_hold(&self->change, start->hold);
+        return start_twin(self, tl_tree_place_of(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
         return begin_shadow(self, start, error);
     case TL_MEMBER_IO:
@@ -324,12 +300,14 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
         tl_block_writer writer;
     } made[] = {
         {TL_LIVE_MAIL, "twinlock mail", true, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_IO_PULSE, "twinlock io", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_BEATS, "twinlock io", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_ACTIVATOR_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_STAGE, "twinlock stage", false, false, TL_BLOCK_WE_WRITE},
         {TL_LIVE_CANDIDATE, "twinlock candidate", true, false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_RECORDER_PULSE, "twinlock recorder", false, true, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_SUPERVISOR, "twinlock events", false, true, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", false, true, TL_BLOCK_WE_WRITE},
     };
     const bool records = tl_tree_records(self);
     tl_config begun = *self->settings->config; /* whose text is in force first, */
@@ -353,28 +331,13 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
     }
     if (status == TL_OK && records) {
         const tl_outbox_settings events = tl_live_event_outbox();
-        tl_outbox_open(&events, self->blocks[TL_LIVE_SUPERVISOR].bytes,
+        tl_outbox_open(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
                        &tl_tree_recorder_pulse(self)->state.taken[TL_LIVE_OUTBOX_SUPERVISOR], &self->outbox);
     }
     return status;
 }
 
-/* ---- events ---- */
-
-static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text) {
-    if (tl_tree_records(self)) {
-        tl_outbox_event(&self->outbox, -1, severity, source, text);
-    }
-}
-
 /* ---- ending ---- */
-
-/* Whether that was because of a checkpoint that it had loaded (live_wire.h): the files of its FMUs, or 0. */
-static uint64_t note_unreadable(tl_live_twin_pulse *pulse, bool by_others) {
-    bool is_to_blame = pulse->loads != 0 && !by_others && pulse->fmus != 0;
-    pulse->unreadable = is_to_blame ? pulse->fmus : pulse->unreadable;
-    return is_to_blame ? pulse->fmus : 0;
-}
 
 static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
     char why[TL_TWIN_WARDEN_TEXT];
@@ -386,7 +349,10 @@ static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, ch
     tl_voice_clear(self->voice, place->twin);
     place->twin = NULL;
     place->pid = 0;
-    return note_unreadable(place->pulse, by_others && !was_killed);
+    /* A checkpoint that it had loaded may be to blame (live_wire.h). */
+    bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
+    place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
+    return is_to_blame ? place->pulse->fmus : 0;
 }
 
 /* One that could not go on has said why. It is bounded here, and cleaned by who shows it. */
@@ -465,20 +431,15 @@ static void tell_of_flip(void *context, const char *text) {
     tl_tree_put_event(context, TL_EVENT_INFO, "supervisor", text);
 }
 
-/* The supervisor swaps nothing any more once all end. */
-static void look_at_change(tl_tree *self, bool ends, tl_orders *orders) {
+static void look(void *context, bool ends, tl_orders *orders) {
+    tl_tree *self = context;
     const tl_live_place *before = tl_tree_place_of_run(self);
     tl_live_change_look(&self->change, tl_clock_now(NULL), ends, orders);
-    if (orders->swap) {
+    if (orders->swap) { /* the supervisor swaps nothing any more once all end */
         take_priority_away(self, before);
         tl_voice_watch(self->voice, &tl_tree_place_of_run(self)->pulse->beats);
         self->twins_place = ends ? self->twins_place : tl_tree_stage(self)->place;
     }
-}
-
-static void look(void *context, bool ends, tl_orders *orders) {
-    tl_tree *self = context;
-    look_at_change(self, ends, orders);
     if (ends) {
         tl_saved_states_stop(&self->states);
     }
@@ -536,8 +497,7 @@ static void open_states(tl_tree *self) {
         .folder = self->settings->supervised ? self->settings->state : NULL,
         .unconfined = self->settings->unconfined,
         .memory_limit = self->settings->memory_limit,
-        .be = tl_tree_be,
-        .context = self,
+        .be = self->settings->be,
     };
     tl_saved_states_open(&settings, &self->states);
 }
@@ -555,32 +515,22 @@ static void open_change(tl_tree *self) {
                                       .tell = tell_of_flip}};
 }
 
-/* The plant's twin comes first. */
-static void open_control(tl_tree *self) {
-    const char *path = self->settings->control;
-    tl_error error;
-    if (path != NULL && tl_control_listen(path, &self->listener, &error) != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", error.text);
-    }
-}
-
 static tl_status open_all(tl_tree *self, tl_error *error) {
+    tl_error ignored;
     find_database(self);
     open_states(self);
     tl_status status = make_memory(self, error);
+    if (status == TL_OK && self->settings->control != NULL &&
+        tl_control_listen(self->settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
+        tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
+    }
     if (status == TL_OK) {
-        open_control(self);
         open_change(self);
         const tl_voice_settings settings = {.status = self->settings->status,
                                             .beats = &tl_tree_place_of_run(self)->pulse->beats};
         status = tl_voice_start(&settings, &self->voice, error);
     }
     return status;
-}
-
-/* What the processes read, we read too: sizes of what is shared follow from it. */
-static tl_status read_config(const tl_tree *self, const char *text, tl_config *config, tl_error *error) {
-    return tl_live_job_read(&self->job, self->settings->config->path, text, config, error);
 }
 
 /* Of the run that is the last one. Nothing is left that could be harmed by reading what is not our own. */
@@ -591,7 +541,7 @@ static tl_status read_last_config(tl_tree *self, tl_error *error) {
     }
     tl_config_free(&self->config);
     self->config = (tl_config){.path = NULL};
-    return read_config(self, text, &self->config, error);
+    return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
 }
 
 /* What the twin says of its run, as far as it can be; and whether that is what was wanted of it. */
@@ -633,7 +583,7 @@ static int supervise(tl_tree *self) {
         .watchdog = self->settings->watchdog,
         .watchdog_s = self->settings->watchdog_s,
         .beats = {[TL_MEMBER_RECORDER] = tl_tree_records(self) ? &tl_tree_recorder_pulse(self)->beats : NULL,
-                  [TL_MEMBER_IO] = &((tl_live_io_pulse *)self->blocks[TL_LIVE_IO_PULSE].bytes)->beats,
+                  [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
                   [TL_MEMBER_TWIN] = &self->places[0].pulse->beats,
                   [TL_MEMBER_SHADOW] = &self->places[1].pulse->beats,
                   [TL_MEMBER_ACTIVATOR] = &activator_pulse(self)->beats},
@@ -664,15 +614,6 @@ static void close_all(tl_tree *self) {
     tl_config_free(&self->config);
 }
 
-/* Both outboxes; a place without one has none. */
-static uint64_t count_rest_of_twins(const tl_tree *self, const tl_outbox_taken *taken) {
-    uint64_t count = 0;
-    for (uint32_t i = 0; i < TL_LIVE_PLACES; i++) {
-        count += tl_live_place_count_rest(&self->places[i], &taken[tl_live_outbox_of_place(i)]);
-    }
-    return count;
-}
-
 /* What nobody has recorded, if the last one who could have has not said that itself. */
 static void say_rest(tl_tree *self) {
     const tl_outbox_settings events = tl_live_event_outbox();
@@ -682,10 +623,13 @@ static void say_rest(tl_tree *self) {
         return;
     }
     const tl_outbox_taken *taken = tl_tree_recorder_pulse(self)->state.taken;
-    uint64_t rest = count_rest_of_twins(self, taken);
-    rest += tl_outbox_rest_count(&events, tl_live_io_outbox_of(self->blocks[TL_LIVE_IO_PULSE].bytes),
-                                 &taken[TL_LIVE_OUTBOX_IO]);
-    rest += tl_outbox_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR].bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
+    uint64_t rest = 0;
+    for (uint32_t i = 0; i < TL_LIVE_PLACES; i++) {
+        rest += tl_live_place_count_rest(&self->places[i], &taken[tl_live_outbox_of_place(i)]);
+    }
+    rest += tl_outbox_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_OUTBOX_IO]);
+    rest +=
+        tl_outbox_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
     if (rest > 0) {
         tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: no recorder is left to write what came last", rest,
                rest == 1 ? "sample, step or event is" : "samples, steps and events are");
@@ -731,7 +675,8 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     (void)sigaddset(&asked, SIGINT);
     (void)sigaddset(&asked, SIGHUP);
     (void)pthread_sigmask(SIG_BLOCK, &asked, NULL); /* from now on they wait for the supervisor */
-    tl_status status = read_config(&self, settings->config->text, &self.config, &error);
+    tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
+        tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
     if (status == TL_OK) {
         status = tl_live_plant_check(&self.config, &error);
     }

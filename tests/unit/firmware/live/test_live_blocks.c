@@ -83,13 +83,14 @@ static void give(int number, size_t size) {
 static void give_mail(int number, const tl_config *config, tl_block *block) {
     tl_plant_mail_shape shape;
     tl_plant_mail_shape_of(config, &shape);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("mail", tl_live_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_block_make("mail", tl_plant_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
     put(number, block);
 }
 
 static void give_rest(void) {
     size_t sizes[TL_LIVE_BLOCKS];
-    const int wanted[] = {TL_LIVE_TWIN_PULSE, TL_LIVE_OUTBOX, TL_LIVE_TUNING, TL_LIVE_STAGE};
+    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_PULSE, TL_LIVE_OUTBOX, TL_LIVE_TUNING, TL_LIVE_STAGE};
     tl_live_block_sizes(&own.config, sizes);
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++) {
         give(wanted[i], sizes[wanted[i]]);

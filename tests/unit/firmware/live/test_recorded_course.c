@@ -132,7 +132,6 @@ static tl_status take(int64_t *next) {
         .fetch = fetch,
         .show = show,
         .context = &scratch,
-        .shown_to = &scratch,
     };
     return tl_recorded_course_take(&course, next, &error);
 }
