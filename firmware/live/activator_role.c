@@ -3,7 +3,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/live/live_host.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
 #include "firmware/process/interrupt.h"

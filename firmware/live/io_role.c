@@ -14,7 +14,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/config/drivers.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"

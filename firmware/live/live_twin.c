@@ -89,7 +89,7 @@ static void open_outbox(live_twin *self) {
     const tl_live_recorder_pulse *recorder = self->recorder;
     tl_run_tuning configured = {.number = 0};
     tl_outbox_open(&settings, self->blocks[TL_LIVE_OUTBOX + self->job.place].bytes,
-                   recorder != NULL ? &recorder->state.taken[tl_live_outbox_of_place(self->job.place)] : NULL,
+                   recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_TWIN + self->job.place] : NULL,
                    &self->outbox);
     tl_outbox_hide_unused(&self->outbox);
     tl_live_tuning_hide_text(&self->blocks[TL_LIVE_TUNING + self->job.place]);

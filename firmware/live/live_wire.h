@@ -27,7 +27,7 @@
  * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_wire.h says. */
 enum {
     TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
-    TL_LIVE_JOB = 4,            /* live_job.h */
+    TL_LIVE_JOB = 4,            /* tl_live_job */
     TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h) */
     TL_LIVE_IO_BEATS = 6,       /* tl_heartbeats */
     TL_LIVE_RECORDER_PULSE = 8, /* tl_live_recorder_pulse */
@@ -47,17 +47,12 @@ enum {
 
 /* Which outbox is which, for the recorder. */
 enum {
-    TL_LIVE_OUTBOX_TWIN, /* in place 0 */
-    TL_LIVE_OUTBOX_IO,
+    TL_LIVE_OUTBOX_TWIN, /* in place 0; the next one is of place 1 */
+    TL_LIVE_OUTBOX_IO = TL_LIVE_PLACES,
     TL_LIVE_OUTBOX_SUPERVISOR,
     TL_LIVE_OUTBOX_ACTIVATOR,
-    TL_LIVE_OUTBOX_OTHER_TWIN, /* in place 1 */
     TL_LIVE_OUTBOXES
 };
-
-static inline size_t tl_live_outbox_of_place(uint32_t place) {
-    return place == 0 ? TL_LIVE_OUTBOX_TWIN : TL_LIVE_OUTBOX_OTHER_TWIN;
-}
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)

@@ -138,15 +138,11 @@ static void rest(course_walk *self, tl_time computed) {
     self->course->show(self->course->context, &self->figures, self->match);
 }
 
-static bool is_asked_to_end(void) {
-    return tl_interrupt_requested() != NULL;
-}
-
 /* All of the samples at hand. */
 static tl_status take_samples(course_walk *self) {
     int64_t behind = self->samples.first + (int64_t)self->samples.count;
     tl_status status = TL_OK;
-    while (status == TL_OK && self->next < behind && !is_asked_to_end()) {
+    while (status == TL_OK && self->next < behind && tl_interrupt_requested() == NULL) {
         tl_time before = self->computed;
         tl_fmu_thread_call(self->course->thread, take_piece, self);
         rest(self, self->computed - before);
@@ -199,7 +195,7 @@ tl_status tl_recorded_course_take(const tl_recorded_course *course, int64_t *nex
         self.recorded[i] = find_recorded(course->run, &course->assembly->config.signals[i]);
     }
     while (status == TL_OK && (!self.has_begun || present(&self) - self.next > LEFT / course->assembly->config.step) &&
-           !is_asked_to_end() && fetch(&self) && !is_stale(&self)) {
+           tl_interrupt_requested() == NULL && fetch(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
             begin_at(&self, self.samples.first);
         }

@@ -10,7 +10,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/live/live_blocks.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -107,7 +106,7 @@ static bool is_nobody_else(void *context) {
 
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
-    const size_t ring = tl_live_outbox_of_place(self->given.job.place);
+    const size_t ring = TL_LIVE_OUTBOX_TWIN + self->given.job.place;
     tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
         [TL_LIVE_OUTBOX_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
         [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},

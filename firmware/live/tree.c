@@ -17,7 +17,6 @@
 #include "firmware/base/output.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/live/live_change.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -154,9 +153,9 @@ static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_er
         given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
-        status = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0
-                     ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
-                     : tl_role_start(&settings, &role, error);
+        bool is_short = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0;
+        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
+                        : tl_role_start(&settings, &role, error));
     }
     take_back(given);
     tl_block_close(&job);
@@ -198,19 +197,13 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
     job.start = is_shadow ? place->start : 0;
-    if (start
-            ->waits) { /* the first one that waits records from the beginning of the wait on, which io's mail still has */
+    if (start->waits) { /* the first one records from the beginning of the wait on, which io's mail still has */
         job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
     }
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
     job.how = *start;
     return job;
-}
-
-static const char *kind_of_twin(bool is_shadow, const tl_start *start) {
-    const char *held = start->waits ? "twin, waits" : "twin, safe hold";
-    return start->hold ? held : is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN;
 }
 
 /* A shadow is told the run's configuration: it reads the samples that the run has recorded. */
@@ -253,31 +246,32 @@ static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, con
     const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
     prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* the first number stays */
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
-    (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start), self->config.name,
+    const char *kind = start->waits  ? "twin, waits"
+                       : start->hold ? "twin, safe hold"
+                       : is_shadow   ? TL_LIVE_TWIN_SHADOW
+                                     : TL_LIVE_TWIN;
+    (void)snprintf(title, sizeof title, "%s [%s]%s", kind, self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
     tl_status status = start_with_job(self, place, &job, title, error);
     place->pid = status == TL_OK ? tl_twin_process_id(place->twin) : 0;
     return place->pid;
 }
 
-static pid_t begin_shadow(tl_tree *self, const tl_start *start, tl_error *error) {
-    pid_t pid = start_twin(self, tl_tree_place_of(self, TL_MEMBER_SHADOW), true, start, error);
-    if (pid == 0) {
-        tl_live_change_note_end_of_shadow(&self->change, error->text);
-    }
-    return pid;
-}
-
 /* As tl_supervisor_settings.begin; the context is the tree. */
 static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
     tl_tree *self = context;
+    pid_t pid = 0;
     switch (which) {
     case TL_MEMBER_TWIN:
         self->urgent = 0;
         tl_live_change_note_hold(&self->change, start->hold);
         return start_twin(self, tl_tree_place_of(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
-        return begin_shadow(self, start, error);
+        pid = start_twin(self, tl_tree_place_of(self, which), true, start, error);
+        if (pid == 0) {
+            tl_live_change_note_end_of_shadow(&self->change, error->text);
+        }
+        return pid;
     case TL_MEMBER_IO:
         return start_plain(self, TL_LIVE_IS_IO, tl_tree_stage(self)->place, error);
     case TL_MEMBER_ACTIVATOR:
@@ -389,41 +383,26 @@ static void tell(void *context, const char *text) {
 
 /* ---- looking ---- */
 
-/* Is that one of its threads? Its word alone is worth nothing. */
-static bool is_thread_of(pid_t process, int32_t thread) {
+/* Only a thread of that process: the word of one with FMUs alone is worth nothing. */
+static void schedule(pid_t process, int32_t thread, int priority) {
+    const struct sched_param parameter = {.sched_priority = priority};
     char path[64];
     struct stat about;
     (void)snprintf(path, sizeof path, "/proc/%ld/task/%ld", (long)process, (long)thread);
-    return thread > 0 && stat(path, &about) == 0;
-}
-
-static void schedule(int32_t thread, int priority) {
-    const struct sched_param parameter = {.sched_priority = priority};
-    (void)sched_setscheduler(thread, priority > 0 ? SCHED_FIFO | SCHED_RESET_ON_FORK : SCHED_OTHER, &parameter);
-}
-
-/* The run's twin is another one from now on: a shadow has no priority. */
-static void take_priority_away(tl_tree *self, const tl_live_place *before) {
-    if (before->pid != 0 && is_thread_of(before->pid, self->urgent)) {
-        schedule(self->urgent, 0);
+    if (thread > 0 && stat(path, &about) == 0) {
+        (void)sched_setscheduler(thread, priority > 0 ? SCHED_FIFO | SCHED_RESET_ON_FORK : SCHED_OTHER, &parameter);
     }
-    self->urgent = 0;
 }
 
 /* The twin's cycle wants its priority, or does not any more: no thread beside FMUs can set one itself. */
 static void look_at_priority(tl_tree *self) {
     const tl_live_place *place = tl_tree_place_of_run(self);
     int32_t wished = __atomic_load_n(&place->pulse->realtime, __ATOMIC_ACQUIRE);
-    if (place->pid == 0 || wished == self->urgent) {
-        return;
+    if (place->pid != 0 && wished != self->urgent) {
+        schedule(place->pid, self->urgent, 0);
+        schedule(place->pid, wished, self->config.realtime_priority);
+        self->urgent = wished;
     }
-    if (is_thread_of(place->pid, self->urgent)) {
-        schedule(self->urgent, 0);
-    }
-    if (is_thread_of(place->pid, wished)) {
-        schedule(wished, self->config.realtime_priority);
-    }
-    self->urgent = wished;
 }
 
 static void tell_of_flip(void *context, const char *text) {
@@ -435,8 +414,9 @@ static void look(void *context, bool ends, tl_orders *orders) {
     tl_tree *self = context;
     const tl_live_place *before = tl_tree_place_of_run(self);
     tl_live_change_look(&self->change, tl_clock_now(NULL), ends, orders);
-    if (orders->swap) { /* the supervisor swaps nothing any more once all end */
-        take_priority_away(self, before);
+    if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
+        schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
+        self->urgent = 0;
         tl_voice_watch(self->voice, &tl_tree_place_of_run(self)->pulse->beats);
         self->twins_place = ends ? self->twins_place : tl_tree_stage(self)->place;
     }
@@ -474,61 +454,49 @@ static tl_wait wait_for_states(void *context) {
 /* The recorder's word, of those whose outboxes it reads. */
 static tl_time damaged(void *context, tl_member which) {
     const tl_tree *self = context;
-    size_t outbox = which == TL_MEMBER_IO ? TL_LIVE_OUTBOX_IO : tl_live_outbox_of_place(self->twins_place);
+    size_t outbox = which == TL_MEMBER_IO ? TL_LIVE_OUTBOX_IO : TL_LIVE_OUTBOX_TWIN + self->twins_place;
     bool is_read = tl_tree_records(self) && (which == TL_MEMBER_IO || which == TL_MEMBER_TWIN);
     return is_read ? __atomic_load_n(&tl_tree_recorder_pulse(self)->damaged[outbox], __ATOMIC_RELAXED) : 0;
 }
 
 /* ---- the run ---- */
 
-static void find_database(tl_tree *self) {
-    const tl_config *config = &self->config;
-    if (self->settings->database != NULL) {
-        (void)snprintf(self->job.database, sizeof self->job.database, "%s", self->settings->database);
-    } else if (config->record_file != NULL) {
-        (void)tl_config_file_path(config, config->record_file, self->job.database, sizeof self->job.database);
-    }
-}
-
-/* Without an account nothing would be remembered. */
-static void open_states(tl_tree *self) {
-    const tl_saved_states_settings settings = {
-        .config = self->settings->config,
-        .folder = self->settings->supervised ? self->settings->state : NULL,
-        .unconfined = self->settings->unconfined,
-        .memory_limit = self->settings->memory_limit,
-        .be = self->settings->be,
-    };
-    tl_saved_states_open(&settings, &self->states);
-}
-
-static void open_change(tl_tree *self) {
-    self->change =
-        (tl_live_change){.settings = {.stage = tl_tree_stage(self),
-                                      .places = self->places,
-                                      .orders = activator_pulse(self),
-                                      .candidate = &self->blocks[TL_LIVE_CANDIDATE],
-                                      .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
-                                      .step = self->config.step,
-                                      .unconfined = self->settings->unconfined,
-                                      .context = self,
-                                      .tell = tell_of_flip}};
-}
-
 static tl_status open_all(tl_tree *self, tl_error *error) {
+    const tl_tree_settings *settings = self->settings;
+    const tl_saved_states_settings states = {
+        .config = settings->config,
+        .folder = settings->supervised ? settings->state : NULL, /* without an account nothing would be remembered */
+        .unconfined = settings->unconfined,
+        .memory_limit = settings->memory_limit,
+        .be = settings->be,
+    };
     tl_error ignored;
-    find_database(self);
-    open_states(self);
+    if (settings->database != NULL) {
+        (void)snprintf(self->job.database, sizeof self->job.database, "%s", settings->database);
+    } else if (self->config.record_file != NULL) {
+        (void)tl_config_file_path(&self->config, self->config.record_file, self->job.database,
+                                  sizeof self->job.database);
+    }
+    tl_saved_states_open(&states, &self->states);
     tl_status status = make_memory(self, error);
-    if (status == TL_OK && self->settings->control != NULL &&
-        tl_control_listen(self->settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
+    if (status == TL_OK && settings->control != NULL &&
+        tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
         tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
     }
     if (status == TL_OK) {
-        open_change(self);
-        const tl_voice_settings settings = {.status = self->settings->status,
-                                            .beats = &tl_tree_place_of_run(self)->pulse->beats};
-        status = tl_voice_start(&settings, &self->voice, error);
+        const tl_live_change_settings change = {.stage = tl_tree_stage(self),
+                                                .places = self->places,
+                                                .orders = activator_pulse(self),
+                                                .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+                                                .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
+                                                .step = self->config.step,
+                                                .unconfined = settings->unconfined,
+                                                .context = self,
+                                                .tell = tell_of_flip};
+        const tl_voice_settings voice = {.status = settings->status,
+                                         .beats = &tl_tree_place_of_run(self)->pulse->beats};
+        self->change = (tl_live_change){.settings = change};
+        status = tl_voice_start(&voice, &self->voice, error);
     }
     return status;
 }
@@ -625,7 +593,7 @@ static void say_rest(tl_tree *self) {
     const tl_outbox_taken *taken = tl_tree_recorder_pulse(self)->state.taken;
     uint64_t rest = 0;
     for (uint32_t i = 0; i < TL_LIVE_PLACES; i++) {
-        rest += tl_live_place_count_rest(&self->places[i], &taken[tl_live_outbox_of_place(i)]);
+        rest += tl_live_place_count_rest(&self->places[i], &taken[TL_LIVE_OUTBOX_TWIN + i]);
     }
     rest += tl_outbox_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_OUTBOX_IO]);
     rest +=
