@@ -358,8 +358,8 @@ static void check_sources(advice *given, const tl_config *config) {
         bool is_silent = signal->source != SIZE_MAX && config->sources[signal->source].driver->is_silent;
         if (is_silent && signal->stale_s == 0 && signal->of == k) {
             warn(given, signal->plan.where,
-                 "a sender on a CAN bus that falls silent is noticed by nothing but the age of its values, and it has "
-                 "no stale_s: its last value would be taken for good for ever");
+                 "a sender that falls silent is noticed only by the age of its values, and the signal has no stale_s: "
+                 "its last value would be used for ever");
         }
     }
 }

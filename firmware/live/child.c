@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <signal.h>
+#include <stdarg.h>
 #include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -69,10 +70,6 @@ void tl_child_prepare(tl_child *child) {
     child->asking = 0;
 }
 
-void tl_child_begin(tl_child *child, pid_t pid) {
-    child->pid = pid;
-}
-
 bool tl_child_has_ended(tl_child *child) {
     siginfo_t info = {0};
     int result = waitid(P_PID, (id_t)child->pid, &info, WEXITED | WNOHANG | WNOWAIT);
@@ -85,44 +82,22 @@ bool tl_child_has_ended(tl_child *child) {
     return true;
 }
 
-const char *tl_child_look(tl_child *child, tl_time now, tl_time *silence) {
-    return tl_heartbeats_look(child->beats, &child->seen, now, silence);
-}
-
-/* An FMU call is to blame for it if it has lasted for most of the `time` that was waited. */
-static void end_child(tl_child *child, tl_time time) {
-    child->killed = true;
-    child->blamed = time / 2;
-    (void)kill(child->pid, SIGKILL);
-}
-
-void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence) {
+/* An FMU call is to blame for it if it has lasted for most of the time that was waited. */
+void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) {
+    va_list arguments;
     if (!child->killed) {
-        (void)snprintf(child->fault, sizeof child->fault, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
-                       tl_seconds(silence));
-        end_child(child, silence);
+        va_start(arguments, format);
+        (void)vsnprintf(child->fault, sizeof child->fault, format, arguments);
+        va_end(arguments);
+        child->killed = true;
+        child->blamed = waited / 2;
+        (void)kill(child->pid, SIGKILL);
     }
 }
 
 void tl_child_let_be(tl_child *child) {
     memset(child->seen.silence, 0, sizeof child->seen.silence);
     child->seen.no_heart = 0;
-}
-
-/* Which call it was is not known. */
-void tl_child_kill_damaged(tl_child *child) {
-    if (!child->killed) {
-        (void)snprintf(child->fault, sizeof child->fault,
-                       "it has destroyed its own memory: what it hands to the recorder cannot be read on");
-        end_child(child, INT64_MAX);
-    }
-}
-
-void tl_child_kill_late(tl_child *child) {
-    if (!child->killed) {
-        (void)snprintf(child->fault, sizeof child->fault, "it did not end its run when another twin was to take over");
-        end_child(child, 0);
-    }
 }
 
 void tl_child_ask(tl_child *child, int signal) {
@@ -141,15 +116,9 @@ void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
         return;
     }
     child->asking += tl_child_passed(passed);
-    if (child->asking > grace && !child->killed) {
-        (void)snprintf(child->fault, sizeof child->fault, "it was told to end, and was still there %.0f s later",
-                       tl_seconds(grace));
-        end_child(child, grace);
+    if (child->asking > grace) {
+        tl_child_kill(child, grace, "it was told to end, and was still there %.0f s later", tl_seconds(grace));
     }
-}
-
-bool tl_child_was_killed(const tl_child *child) {
-    return child->killed;
 }
 
 bool tl_child_kept_its_word(const tl_child *child) {
@@ -215,11 +184,6 @@ static const char *find(const char *status, const char *name) {
     return found != NULL ? found + strlen(name) : "";
 }
 
-static bool is_held(const char *status) {
-    char state = *find(status, "\nState:\t");
-    return state == 'T' || state == 't' || strtol(find(status, "\nTracerPid:\t"), NULL, 10) != 0;
-}
-
 /* One that has ended meanwhile is not held. */
 static bool is_thread_held(int tasks, const char *name) {
     char path[64];
@@ -231,7 +195,8 @@ static bool is_thread_held(int tasks, const char *name) {
         (void)close(file);
     }
     status[length > 0 ? length : 0] = '\0';
-    return is_held(status);
+    char state = *find(status, "\nState:\t");
+    return state == 'T' || state == 't' || strtol(find(status, "\nTracerPid:\t"), NULL, 10) != 0;
 }
 
 bool tl_onlooker_holds(pid_t process) {

@@ -66,10 +66,10 @@ typedef struct tl_child {
     pid_t pid;            /* 0: none */
     tl_child_end end;     /* of the last one */
     bool asked;           /* it was asked to end */
-    /* private */
+    bool killed;          /* by us */
     tl_heartbeats_seen seen;
+    /* private */
     tl_reaper reaper;
-    bool killed; /* by us, and why; */
     char fault[TL_RESTARTS_REASON];
     tl_time blamed; /* the FMU call that is to blame has lasted for so long */
     tl_time asking; /* what has passed since it was asked to end the last time, of its life */
@@ -78,26 +78,14 @@ typedef struct tl_child {
 /* Before it is started: nothing was heard of it. */
 void tl_child_prepare(tl_child *child);
 
-/* It was started. */
-void tl_child_begin(tl_child *child, pid_t pid);
-
 /* True: it has ended, and child->end says how. It is not reaped. */
 bool tl_child_has_ended(tl_child *child);
 
-/* NULL: everybody in it is alive. Else who is silent, and for how long. */
-const char *tl_child_look(tl_child *child, tl_time now, tl_time *silence);
-
-/* Kills it, if that was not done: a thread of it has been silent for so long. */
-void tl_child_kill_silent(tl_child *child, const char *silent, tl_time silence);
+/* Kills it, if that was not done, after so long a wait (INT64_MAX: no FMU call is to blame). The text says why, as a sentence that begins with "it". */
+void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
 /* It may be silent for as long again. */
 void tl_child_let_be(tl_child *child);
-
-/* The same: it has destroyed what it writes for others. */
-void tl_child_kill_damaged(tl_child *child);
-
-/* The same: it has not handed over what another one is to go on with. */
-void tl_child_kill_late(tl_child *child);
 
 /* Asks it to end, each time anew, and gives it as much time again. */
 void tl_child_ask(tl_child *child, int signal);
@@ -111,9 +99,8 @@ void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
 /* After its end: why, as a sentence that begins with "it". */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
-/* The same: it said that it would end, and then did as it had said; it was killed by us. */
+/* The same: it said that it would end, and then did as it had said. */
 bool tl_child_kept_its_word(const tl_child *child);
-bool tl_child_was_killed(const tl_child *child);
 
 /* Has it reaped; its number is nobody's any more. */
 void tl_child_bury(tl_child *child);

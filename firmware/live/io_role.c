@@ -14,7 +14,6 @@
 
 #include "firmware/base/log.h"
 #include "firmware/config/drivers.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -34,13 +33,7 @@ typedef struct reader {
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
-    tl_block job_block;
-    tl_live_job job;
-    tl_config config;
-    tl_block mail;
-    tl_block pulse;
-    tl_block recorder;
-    tl_plant_mail_shape shape;
+    tl_live_given given;
     tl_heartbeats *beats;
     tl_outbox outbox;
     tl_journal journal;
@@ -57,34 +50,21 @@ static void on_link(void *context, const char *source, bool up, const char *text
 }
 
 /* Without a recorder nobody takes the events; they are logged all the same. */
-static tl_status take_memory(io *self, tl_error *error) {
+static void open_outbox(io *self) {
     const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_live_recorder_pulse *recorder = NULL;
-    tl_status status = tl_live_job_take(TL_LIVE_JOB, &self->job_block, &self->job, &self->config, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    tl_plant_mail_shape_of(&self->config, &self->shape);
-    status = tl_block_take(TL_LIVE_MAIL, tl_live_mail_bytes(&self->shape), TL_BLOCK_THEY_WRITE, &self->mail, error);
-    if (status == TL_OK) {
-        status = tl_block_take(TL_LIVE_OWN_PULSE, tl_live_io_bytes(), TL_BLOCK_THEY_WRITE, &self->pulse, error);
-    }
-    if (status == TL_OK && self->job.database[0] != '\0') {
-        status = tl_block_take(TL_LIVE_RECORDER_PULSE, sizeof *recorder, TL_BLOCK_WE_WRITE, &self->recorder, error);
-        recorder = self->recorder.bytes;
-    }
-    if (status == TL_OK) {
-        self->beats = &((tl_live_io_pulse *)self->pulse.bytes)->beats;
-        tl_outbox_open(&events, tl_live_io_outbox_of(self->pulse.bytes),
-                       recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL, &self->outbox);
-    }
-    return status;
+    const tl_live_recorder_pulse *recorder = self->given.blocks[TL_LIVE_RECORDER_PULSE].bytes;
+    self->beats = self->given.blocks[TL_LIVE_IO_BEATS].bytes;
+    tl_outbox_open(&events, self->given.blocks[TL_LIVE_IO_EVENTS].bytes,
+                   recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL, &self->outbox);
+    tl_live_role_open_journal(&self->journal, &self->outbox);
 }
 
 static tl_status open_plant(io *self, tl_error *error) {
     tl_mailbox mailboxes[TL_MAX_SIGNALS];
-    tl_plant_mail_open(&self->shape, self->mail.bytes, mailboxes);
-    const tl_live_plant_settings settings = {.config = &self->config,
+    tl_plant_mail_shape shape;
+    tl_plant_mail_shape_of(&self->given.config, &shape);
+    tl_plant_mail_open(&shape, self->given.blocks[TL_LIVE_MAIL].bytes, mailboxes);
+    const tl_live_plant_settings settings = {.config = &self->given.config,
                                              .kinds = self->kinds,
                                              .mailboxes = mailboxes,
                                              .beats = self->beats,
@@ -137,8 +117,8 @@ static tl_status start_reader(io *self, unsigned kind, tl_error *error) {
 static tl_status start_readers(io *self, tl_error *error) {
     tl_status status = TL_OK;
     self->first = -1;
-    for (size_t i = 0; i < self->config.source_count; i++) {
-        self->kinds |= tl_driver_bit(self->config.sources[i].driver);
+    for (size_t i = 0; i < self->given.config.source_count; i++) {
+        self->kinds |= tl_driver_bit(self->given.config.sources[i].driver);
     }
     for (unsigned kind = 1; self->first < 0 && kind < self->kinds && status == TL_OK; kind <<= 1) {
         if ((self->kinds & kind) != 0) {
@@ -195,8 +175,6 @@ static tl_status announce(io *self, tl_error *error) {
     }
     tl_status status = await_readers(self, error);
     if (status == TL_OK) {
-        tl_live_mail_end *end = tl_live_mail_end_of(&self->shape, self->mail.bytes);
-        __atomic_store_n(&end->opened, 1, __ATOMIC_RELEASE);
         tl_heartbeats_set_ready(self->beats);
     }
     return status;
@@ -231,17 +209,15 @@ static tl_status read_until_told(io *self, tl_heart *heart, tl_error *error) {
 int tl_io_role_run(void) {
     static io self; /* one for the process */
     tl_error error;
-    tl_live_role_begin();
-    tl_status status = take_memory(&self, &error);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_IO, &self.given);
     if (status != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
+    open_outbox(&self);
     status = start_readers(&self, &error);
     tl_heart *heart = tl_heart_begin(self.beats, "io", PATIENCE);
-    tl_live_role_open_journal(&self.journal, &self.outbox);
     if (status == TL_OK) {
-        status = tl_live_places_confine_io(&self.config, self.kinds, &error);
+        status = tl_live_places_confine_io(&self.given.config, self.kinds, &error);
     }
     bool is_open = false;
     if (status == TL_OK) {
@@ -253,7 +229,7 @@ int tl_io_role_run(void) {
     }
     const bool was_ready = status == TL_OK;
     if (status == TL_OK) {
-        tl_heart_be_patient(heart, self.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
+        tl_heart_be_patient(heart, self.given.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
         status = read_until_told(&self, heart, &error);
         tl_heart_be_patient(heart, PATIENCE);
     }

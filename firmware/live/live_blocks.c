@@ -1,13 +1,169 @@
-/* Memory that the processes of a live run share: see live_blocks.h. */
+/* What the processes of a live run have from their supervisor: see live_blocks.h. A job is its fields, then path and text of the configuration. */
 #include "firmware/live/live_blocks.h"
 
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
+#include "firmware/config/problems.h"
+#include "firmware/plant/live_plant.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/past_samples.h"
 
-/* ---- live blocks ---- */
+/* ---- jobs ---- */
+
+static unsigned char *join(const tl_live_job *job, const char *first, size_t first_size, const char *second,
+                           size_t second_size) {
+    unsigned char *bytes = malloc(sizeof *job + first_size + second_size);
+    if (bytes != NULL) {
+        memcpy(bytes, job, sizeof *job);
+        memcpy(bytes + sizeof *job, first, first_size);
+        memcpy(bytes + sizeof *job + first_size, second, second_size);
+    }
+    return bytes;
+}
+
+tl_status tl_live_job_make(const tl_live_job *job, const char *path, const char *text, tl_block *block,
+                           tl_error *error) {
+    const size_t path_size = strlen(path) + 1;
+    const size_t text_size = strlen(text) + 1;
+    unsigned char *bytes = join(job, path, path_size, text, text_size);
+    tl_status status = bytes == NULL
+                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration")
+                           : tl_block_make_of("twinlock job", bytes, sizeof *job + path_size + text_size, block, error);
+    free(bytes);
+    return status;
+}
+
+/* NULL: it does not end in the block. */
+static const char *text_at(const tl_block *block, size_t at) {
+    const char *bytes = block->bytes;
+    return at < block->size && memchr(bytes + at, '\0', block->size - at) != NULL ? bytes + at : NULL;
+}
+
+void tl_live_job_apply(const tl_live_job *job, tl_config *config) {
+    if (job->duration > 0) {
+        config->duration = job->duration;
+    }
+    tl_config_use_lookups(config);
+}
+
+tl_status tl_live_job_read(const tl_live_job *job, const char *path, const char *text, tl_config *config,
+                           tl_error *error) {
+    tl_problems problems;
+    tl_problems_init(&problems, path);
+    tl_status status = tl_config_read_text(path, text, strlen(text), config, &problems.report);
+    if (status != TL_OK) {
+        return tl_fail(error, status, "%s was read differently by a process of the run", path);
+    }
+    tl_live_job_apply(job, config);
+    return TL_OK;
+}
+
+tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl_config *config, tl_error *error) {
+    tl_status status = tl_block_take(descriptor, 0, TL_BLOCK_IS_WRITTEN, block, error);
+    const char *path = status == TL_OK && block->size > sizeof *job ? text_at(block, sizeof *job) : NULL;
+    const char *text = path == NULL ? NULL : text_at(block, sizeof *job + strlen(path) + 1);
+    if (status != TL_OK || text == NULL) {
+        return status != TL_OK ? status : tl_fail(error, TL_BAD_DATA, "the job of a process is none");
+    }
+    memcpy(job, block->bytes, sizeof *job);
+    return tl_live_job_read(job, path, text, config, error);
+}
+
+unsigned char *tl_live_job_pack(const tl_live_job *job, const char *of_run, size_t *size) {
+    *size = sizeof *job + strlen(of_run) + 1;
+    return join(job, of_run, strlen(of_run) + 1, "", 0);
+}
+
+tl_status tl_live_job_unpack(const unsigned char *bytes, size_t size, tl_live_job *job, const char **of_run,
+                             tl_error *error) {
+    if (size <= sizeof *job || bytes[size - 1] != '\0') {
+        return tl_fail(error, TL_BAD_DATA, "the job of the twin is none");
+    }
+    memcpy(job, bytes, sizeof *job);
+    *of_run = (const char *)bytes + sizeof *job;
+    return TL_OK;
+}
+
+/* ---- who has which ---- */
+
+#define ONE(number) (1U << (number))
+#define BOTH(number) (3U << (number))
+
+tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
+    const unsigned place = job->place;
+    const uint32_t recorded = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST);
+    const tl_live_access accesses[] = {
+        [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
+                           .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_EVENTS) | ONE(TL_LIVE_SUPERVISOR_EVENTS) |
+                                          ONE(TL_LIVE_ACTIVATOR_EVENTS) | ONE(TL_LIVE_STAGE) |
+                                          BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + place) |
+                                          ONE(TL_LIVE_OUTBOX + place),
+                                 .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST)},
+        [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_LIVE_STAGE),
+                                  .writes = ONE(TL_LIVE_ACTIVATOR_PULSE) | ONE(TL_LIVE_ACTIVATOR_EVENTS) |
+                                            BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
+        [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
+                                      ONE(TL_LIVE_STAGE) | ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
+                             .writes = ONE(TL_LIVE_TWIN_PULSE + place) | ONE(TL_LIVE_OUTBOX + place)},
+    };
+    tl_live_access access = accesses[kind];
+    if (job->database[0] == '\0') {
+        access.reads &= ~recorded;
+    }
+    return access;
+}
+
+void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) {
+    const tl_outbox_settings events = tl_live_event_outbox();
+    const tl_outbox_settings twin = tl_live_twin_outbox(config);
+    tl_plant_mail_shape mail;
+    tl_plant_mail_shape_of(config, &mail);
+    memset(sizes, 0, TL_LIVE_BLOCKS * sizeof sizes[0]);
+    sizes[TL_LIVE_MAIL] = tl_plant_mail_bytes(&mail);
+    sizes[TL_LIVE_IO_BEATS] = sizeof(tl_heartbeats);
+    sizes[TL_LIVE_RECORDER_PULSE] = sizeof(tl_live_recorder_pulse);
+    sizes[TL_LIVE_IO_EVENTS] = tl_outbox_bytes(&events);
+    sizes[TL_LIVE_SUPERVISOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
+    sizes[TL_LIVE_ACTIVATOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
+    sizes[TL_LIVE_ACTIVATOR_PULSE] = sizeof(tl_live_activator_pulse);
+    sizes[TL_LIVE_STAGE] = sizeof(tl_live_stage);
+    sizes[TL_LIVE_CANDIDATE] = sizeof(tl_live_candidate);
+    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+        sizes[TL_LIVE_TWIN_PULSE + i] = sizeof(tl_live_twin_pulse);
+        sizes[TL_LIVE_TUNING + i] = sizeof(tl_live_tuning);
+        sizes[TL_LIVE_PAST + i] = TL_LIVE_PAST_BYTES;
+        sizes[TL_LIVE_OUTBOX + i] = tl_outbox_bytes(&twin);
+    }
+}
+
+tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const tl_config *config,
+                              tl_block blocks[TL_LIVE_BLOCKS], tl_error *error) {
+    const tl_live_access access = tl_live_access_of(kind, job);
+    size_t sizes[TL_LIVE_BLOCKS];
+    tl_status status = TL_OK;
+    tl_live_block_sizes(config, sizes);
+    for (int i = 0; i < TL_LIVE_BLOCKS && status == TL_OK; i++) {
+        bool writes = (access.writes & ONE(i)) != 0;
+        if (writes || (access.reads & ONE(i)) != 0) {
+            status = tl_block_take(i, sizes[i], writes ? TL_BLOCK_THEY_WRITE : TL_BLOCK_WE_WRITE, &blocks[i], error);
+        }
+    }
+    return status;
+}
+
+tl_status tl_live_input_open(const tl_config *config, const tl_block *mail, tl_plant_input *input, tl_error *error) {
+    tl_plant_mail_shape shape;
+    tl_plant_mail_shape_of(config, &shape);
+    tl_live_plant_set_limits(input, config);
+    tl_plant_mail_open(&shape, mail->bytes, input->mailboxes);
+    return tl_plant_input_open(input) ? TL_OK
+                                      : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
+}
+
+/* ---- memory ---- */
 
 static size_t outbox_with(const tl_config *config, size_t checkpoint) {
     tl_outbox_settings settings = tl_live_twin_outbox(config);
@@ -16,15 +172,14 @@ static size_t outbox_with(const tl_config *config, size_t checkpoint) {
 }
 
 void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_blocks *blocks) {
-    const tl_outbox_settings events = tl_live_event_outbox();
     const tl_recorder_shape ticks = tl_recorder_shape_of(config);
     size_t room = tl_checkpointer_room(checkpoint);
-    tl_plant_mail_shape mail;
-    tl_plant_mail_shape_of(config, &mail);
+    size_t sizes[TL_LIVE_BLOCKS];
+    tl_live_block_sizes(config, sizes);
     *blocks = (tl_live_blocks){
-        .mail = tl_live_mail_bytes(&mail),
-        .outbox = outbox_with(config, 0) + tl_live_io_bytes() + tl_outbox_bytes(&events) + sizeof(tl_live_twin_pulse) +
-                  sizeof(tl_live_recorder_pulse),
+        .mail = sizes[TL_LIVE_MAIL],
+        .outbox = outbox_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
+                  sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
     };
     if (room <= TL_LIVE_CHECKPOINT_BYTES) {
         blocks->checkpoints = outbox_with(config, room) - outbox_with(config, 0);
@@ -32,7 +187,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     if (config->record_resume != 0) {
         blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint, 0);
     }
-    blocks->shadow = outbox_with(config, 0) + sizeof(tl_live_twin_pulse) + blocks->checkpoints + blocks->past;
+    blocks->shadow = outbox_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->past;
 }
 
 /* ---- live samples ---- */
@@ -62,47 +217,4 @@ void tl_live_samples_look(tl_live_samples *self, const char *path) {
         tl_block_forget(self->past, 0, self->past->size);
         self->is_filled = false;
     }
-}
-
-/* ---- live shown ---- */
-
-static void publish(const tl_live_shown *shown, tl_run_status *figures, const tl_metrics *match) {
-    figures->outputs = (uint32_t)shown->config->match_count;
-    for (size_t i = 0; i < shown->config->match_count; i++) {
-        tl_run_output *output = &figures->output[i];
-        (void)snprintf(output->name, sizeof output->name, "%s", shown->config->match[i].variable);
-        (void)snprintf(output->unit, sizeof output->unit, "%s", shown->account->match[i].unit);
-        output->pairs = match[i].pairs;
-        output->sum_of_squares = match[i].sum_of_squares;
-        output->tolerance = shown->config->match[i].weight > 0.0 ? shown->config->match[i].tolerance : 0.0;
-    }
-    tl_latest_publish(shown->figures, figures, sizeof *figures);
-}
-
-void tl_live_shown_recorded(const tl_live_shown *shown, const tl_run_status *recorded, const tl_metrics *match) {
-    tl_run_status figures = *recorded;
-    figures.phase = TL_RUN_RECORDED;
-    figures.ticks = (uint64_t)recorded->tick;
-    publish(shown, &figures, match);
-}
-
-void tl_live_shown_live(const tl_live_shown *shown, const tl_cycle_status *status) {
-    tl_run_status figures = {
-        .phase = status->is_live ? TL_RUN_LIVE : TL_RUN_RECORDED,
-        .tick = status->tick,
-        .last = status->tick,
-        .ticks = status->ticks,
-        .steps = status->steps,
-        .skipped = status->skipped,
-        .gaps = status->gaps,
-        .deadline_misses = status->deadline_misses,
-        .evaluations = status->evaluations,
-        .executions = status->executions,
-        .timed_out = status->timed_out,
-        .used = status->used,
-        .plant_is_shut = __atomic_load_n(&shown->mail->opened, __ATOMIC_ACQUIRE) == 0,
-        .lock = status->lock,
-        .lock_before = status->lock_before,
-    };
-    publish(shown, &figures, status->match);
 }

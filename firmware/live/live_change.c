@@ -21,10 +21,6 @@ static tl_live_place *place_of_shadow(const tl_live_change *self) {
     return &self->settings.places[other(self->settings.stage->place)];
 }
 
-static bool is_under_way(const tl_live_change *self) {
-    return self->settings.stage->flips != self->done;
-}
-
 static bool is_recorder_behind(const tl_live_change *self) {
     return self->settings.recorder != NULL && self->recorder_flips != self->settings.stage->flips;
 }
@@ -45,12 +41,6 @@ static void show_shadow(tl_live_change *self, tl_live_shadow shadow, const char 
     tl_live_stage *stage = self->settings.stage;
     (void)snprintf(stage->why, sizeof stage->why, "%.*s", TL_LIVE_STAGE_WHY - 1, why);
     __atomic_store_n(&stage->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
-}
-
-/* What there was of a shadow stays. */
-static void refuse_flip(tl_live_change *self, uint32_t number, const char *why) {
-    show_shadow(self, (tl_live_shadow)self->settings.stage->shadow, why);
-    obey(self, number);
 }
 
 static void refuse_shadow(tl_live_change *self, uint32_t number, const char *why) {
@@ -83,10 +73,9 @@ static bool has_lost_patience(tl_live_change *self, uint32_t number, tl_time now
 static void let_in(tl_live_change *self, uint32_t number, const tl_live_needs *needs) {
     const tl_live_place *run = place_of_run(self);
     tl_live_place *place = place_of_shadow(self);
-    const tl_live_arrival arrival = {
-        .candidate = self->settings.candidate, .needs = *needs, .step = self->settings.step};
     tl_error error = {0};
-    tl_status status = tl_live_place_move_in_candidate(place, &arrival, &error);
+    tl_status status =
+        tl_live_place_move_in_candidate(place, self->settings.candidate, needs, self->settings.step, &error);
     if (status != TL_OK) {
         refuse_shadow(self, number, error.text);
         return;
@@ -95,7 +84,6 @@ static void let_in(tl_live_change *self, uint32_t number, const tl_live_needs *n
     place->start = run->pulse->start;
     place->started = run->pulse->started;
     self->wants_shadow = true;
-    self->settings.stage->shadow_pid = 0;
     show_shadow(self, TL_LIVE_SHADOW_LIVES, "");
     obey(self, number);
 }
@@ -169,7 +157,9 @@ static void flip(tl_live_change *self, uint32_t number, tl_time now) {
     const char *refusal = find_refusal(self);
     int64_t tick = refusal == NULL ? tick_of_flip(self, place_of_shadow(self)->start, now) : -1;
     if (tick < 0) {
-        refuse_flip(self, number, refusal != NULL ? refusal : "the run's ticks are not to be believed");
+        show_shadow(self, (tl_live_shadow)self->settings.stage->shadow, /* what there was of a shadow stays */
+                    refusal != NULL ? refusal : "the run's ticks are not to be believed");
+        obey(self, number);
         return;
     }
     announce(self, tick, now);
@@ -185,7 +175,6 @@ static void swap(tl_live_change *self, tl_orders *orders) {
     before->started = place_of_shadow(self)->started;
     self->done = stage->flips;
     self->wants_shadow = !is_dead;
-    stage->shadow_pid = (uint32_t)before->pid;
     show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
                 is_dead ? "it had died before another twin took over" : "");
     __atomic_store_n(&stage->place, other(stage->place), __ATOMIC_RELEASE);
@@ -229,7 +218,7 @@ static void look_at_order(tl_live_change *self, tl_time now) {
 }
 
 void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orders *orders) {
-    if (is_under_way(change)) {
+    if (change->settings.stage->flips != change->done) {
         look_at_flip(change, now, ends, orders);
     } else if (!ends) {
         look_at_order(change, now);
@@ -240,10 +229,6 @@ void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orde
 
 void tl_live_change_note_hold(tl_live_change *change, bool holds) {
     change->holds = holds;
-}
-
-void tl_live_change_note_shadow(tl_live_change *change, pid_t pid) {
-    __atomic_store_n(&change->settings.stage->shadow_pid, (uint32_t)pid, __ATOMIC_RELAXED);
 }
 
 void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason) {

@@ -54,8 +54,7 @@ void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orde
 /* The run's twin is begun, in safe hold or not. */
 void tl_live_change_note_hold(tl_live_change *change, bool holds);
 
-/* The shadow was begun; has ended, or could not be begun. */
-void tl_live_change_note_shadow(tl_live_change *change, pid_t pid);
+/* The shadow has ended, or could not be begun. */
 void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason);
 
 /* A recorder is to be begun: it has `recorder_place` and `recorder_flips` then. */

@@ -52,22 +52,18 @@ static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
                          tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE;
 }
 
-/* It came before the number of the twin that follows, by which failures are counted. */
-static void copy_failure(const tl_live_host *self, char failure[TL_RUN_FAILURE]) {
-    char said[TL_LIVE_STAGE_WHY] = "";
-    (void)tl_latest_read(&self->stage->failure, said, sizeof said);
-    (void)tl_clean_text(said, strnlen(said, sizeof said), failure, TL_RUN_FAILURE);
-}
-
 static void look(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
     const tl_live_twin_pulse *twin = twin_of_run(self);
+    char said[TL_LIVE_STAGE_WHY] = "";
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
     view->holds = twin->holds != 0;
     view->waits = twin->holds == TL_LIVE_WAITS;
     read_status(twin, &view->figures);
-    copy_failure(self, view->figures.failure);
+    /* It came before the number of the twin that follows, by which failures are counted. */
+    (void)tl_latest_read(&self->stage->failure, said, sizeof said);
+    (void)tl_clean_text(said, strnlen(said, sizeof said), view->figures.failure, TL_RUN_FAILURE);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
 }

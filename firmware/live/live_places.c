@@ -98,16 +98,8 @@ static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
                           (unsigned)needs->signals);
 }
 
-/* Its number goes on: by that answers are told apart. */
-static void clear_pulse(tl_live_place *place) {
-    uint32_t number = place->pulse->number;
-    memset(place->pulse, 0, sizeof *place->pulse);
-    place->pulse->number = number;
-    place->pulse->first = number + 1;
-}
-
-tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error) {
-    const tl_live_needs *needs = &arrival->needs;
+tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *candidate, const tl_live_needs *needs,
+                                          tl_time step, tl_error *error) {
     const tl_recorder_shape shape = {.plant = needs->signals,
                                      .match = needs->match,
                                      .adjust = needs->adjust,
@@ -115,10 +107,10 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
     move_out(place);
     tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
-        status = copy_text(place, arrival->candidate, error);
+        status = copy_text(place, candidate, error);
     }
     if (status == TL_OK) {
-        const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, arrival->step);
+        const tl_outbox_settings settings = tl_live_outbox_of_shape(&shape, step);
         status = make_outbox(place, &settings, error);
     }
     if (status != TL_OK) {
@@ -127,7 +119,10 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_ar
     }
     place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
     place->unconfined = needs->unconfined != 0;
-    clear_pulse(place);
+    uint32_t number = place->pulse->number; /* goes on: by that answers are told apart */
+    memset(place->pulse, 0, sizeof *place->pulse);
+    place->pulse->number = number;
+    place->pulse->first = number + 1;
     return TL_OK;
 }
 
@@ -165,9 +160,7 @@ static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
                                      "/run/connman",
                                      "/run/nscd"};
 
-enum { DOMAIN_PORT = 53 };
-
-enum { COMMON = sizeof common / sizeof common[0], PER_FILE = 2, PER_SOURCE = PER_FILE + 1 };
+enum { DOMAIN_PORT = 53, COMMON = sizeof common / sizeof common[0] };
 
 /* Texts of ours. */
 typedef struct places {
@@ -182,23 +175,22 @@ static void free_places(places *list) {
     free(list->path);
 }
 
-/* Room for all that add() is called with. */
-static tl_status make_places(places *list, size_t most, tl_error *error) {
-    list->count = 0;
-    list->path = calloc(most, sizeof *list->path);
-    return list->path != NULL ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "not enough memory");
-}
-
-static void add(places *list, const char *path) {
+/* False: it is not there, or memory is out; then it is out of reach. */
+static bool add(places *list, const char *path) {
     char *found = realpath(path, NULL);
-    if (found != NULL) {
-        list->path[list->count++] = found;
+    char **grown = found == NULL ? NULL : realloc(list->path, (list->count + 1) * sizeof *grown);
+    if (grown == NULL) {
+        free(found);
+        return false;
     }
+    list->path = grown;
+    list->path[list->count++] = found;
+    return true;
 }
 
 static void add_common(places *list, bool with_names) {
     for (size_t i = 0; i < (with_names ? COMMON : 1); i++) {
-        add(list, common[i]);
+        (void)add(list, common[i]);
     }
 }
 
@@ -206,12 +198,9 @@ static void add_common(places *list, bool with_names) {
 static void add_folder(places *list, const char *file) {
     char path[PATH_MAX];
     (void)snprintf(path, sizeof path, "%s", file);
-    size_t before = list->count;
     char *folder = dirname(path);
-    add(list, folder);
-    while (list->count == before && strcmp(folder, "/") != 0 && strcmp(folder, ".") != 0) {
+    while (!add(list, folder) && strcmp(folder, "/") != 0 && strcmp(folder, ".") != 0) {
         folder = dirname(folder);
-        add(list, folder);
     }
 }
 
@@ -225,8 +214,8 @@ static void add_folders(places *list, const char *file) {
     free(found);
 }
 
-/* `settings`: what differs. */
-static tl_status confine(tl_confine_settings settings, const places *read, const places *write, tl_error *error) {
+/* `settings`: what differs. Frees both lists. */
+static tl_status confine(tl_confine_settings settings, places *read, places *write, tl_error *error) {
     tl_confine_facts facts;
     settings.read = (const char *const *)read->path;
     settings.read_count = read->count;
@@ -235,7 +224,10 @@ static tl_status confine(tl_confine_settings settings, const places *read, const
     settings.start_socket = -1;
     settings.whole_process = true;
     settings.lives_on = true;
-    return tl_confine(&settings, &facts, NULL, error);
+    tl_status status = tl_confine(&settings, &facts, NULL, error);
+    free_places(read);
+    free_places(write);
+    return status;
 }
 
 /* The files, devices and ports of one source, and what its driver needs. */
@@ -254,10 +246,10 @@ static void add_source(tl_confine_settings *settings, uint16_t *ports, places *r
         add_folders(write, path);
     }
     if (access->read != NULL) {
-        add(read, access->read);
+        (void)add(read, access->read);
     }
     if (access->write != NULL) {
-        add(write, access->write);
+        (void)add(write, access->write);
     }
     if (reach.port != 0) {
         ports[settings->port_count++] = reach.port;
@@ -271,49 +263,33 @@ tl_status tl_live_places_confine_io(const tl_config *config, unsigned kind, tl_e
     places write = {.path = NULL};
     uint16_t *ports = calloc(config->source_count + 1, sizeof *ports);
     tl_confine_settings settings = {.ports = ports};
-    tl_status status = make_places(&read, COMMON + config->source_count * PER_SOURCE, error);
-    if (status == TL_OK) {
-        status = make_places(&write, 1 + config->source_count * PER_SOURCE, error);
-    }
     if (ports == NULL) {
-        status = tl_fail(error, TL_TRY_AGAIN, "not enough memory");
-    } else if (status == TL_OK) {
-        for (size_t i = 0; i < config->source_count; i++) {
-            if (kind == tl_driver_bit(config->sources[i].driver)) {
-                add_source(&settings, ports, &read, &write, config, &config->sources[i]);
-            }
-        }
-        add_common(&read, settings.names);
-        if (settings.names) { /* an answer that is too long for a datagram */
-            ports[settings.port_count++] = DOMAIN_PORT;
-        }
-        status = confine(settings, &read, &write, error);
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
+    for (size_t i = 0; i < config->source_count; i++) {
+        if (kind == tl_driver_bit(config->sources[i].driver)) {
+            add_source(&settings, ports, &read, &write, config, &config->sources[i]);
+        }
+    }
+    add_common(&read, settings.names);
+    if (settings.names) { /* an answer that is too long for a datagram */
+        ports[settings.port_count++] = DOMAIN_PORT;
+    }
+    tl_status status = confine(settings, &read, &write, error);
     free(ports);
-    free_places(&read);
-    free_places(&write);
     return status;
 }
 
 tl_status tl_live_places_confine_recorder(const tl_config *config, const char *database, tl_error *error) {
     places read = {.path = NULL};
     places write = {.path = NULL};
-    tl_status status = make_places(&read, COMMON + config->component_count, error);
-    if (status == TL_OK) {
-        status = make_places(&write, PER_FILE, error);
-    }
-    if (status == TL_OK) {
-        add_common(&read, true);
-        add_folders(&write, database);
-        for (size_t i = 0; i < config->component_count; i++) {
-            char path[PATH_MAX];
-            if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path)) {
-                add(&read, path);
-            }
+    add_common(&read, true);
+    add_folders(&write, database);
+    for (size_t i = 0; i < config->component_count; i++) {
+        char path[PATH_MAX];
+        if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path)) {
+            (void)add(&read, path);
         }
-        status = confine((tl_confine_settings){.keeps_files = true}, &read, &write, error);
     }
-    free_places(&read);
-    free_places(&write);
-    return status;
+    return confine((tl_confine_settings){.keeps_files = true}, &read, &write, error);
 }

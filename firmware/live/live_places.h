@@ -47,16 +47,10 @@ tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error
 /* The run's own configuration, which was read here and stays. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error);
 
-/* Who moves in beside the run. */
-typedef struct tl_live_arrival {
-    const tl_block *candidate; /* tl_live_candidate */
-    tl_live_needs needs;
-    tl_time step; /* of the run, which does not change */
-} tl_live_arrival;
-
-/* A candidate, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the one before is left in the pulse but its
+/* A candidate (tl_live_candidate) beside the run of this step, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the one before is left in the pulse but its
  * number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the place is empty. */
-tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_live_arrival *arrival, tl_error *error);
+tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *candidate, const tl_live_needs *needs,
+                                          tl_time step, tl_error *error);
 
 /* Samples, steps and events in the outbox that nobody has taken. Its twin is dead. */
 uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_taken *taken);

@@ -6,11 +6,20 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
 
-void tl_live_role_begin(void) {
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
+    tl_error error;
     tl_log_use_levels();
     tl_role_enter();
     tl_locale_use();
     tl_interrupt_install();
+    tl_status status = tl_live_job_take(TL_LIVE_JOB, &given->job_block, &given->job, &given->config, &error);
+    if (status == TL_OK) {
+        status = tl_live_blocks_take(kind, &given->job, &given->config, given->blocks, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return status;
 }
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {

@@ -7,6 +7,7 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
 #define TL_FIRMWARE_LIVE_LIVE_ROLE_H
 
+#include "firmware/live/live_blocks.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/store/outbox.h"
 #include "firmware/twin/journal.h"
@@ -28,8 +29,16 @@ int tl_recorder_role_run(void);
 /* Answers at the control socket, and changes the configuration (activator.h), until nothing is to be done. */
 int tl_activator_role_run(void);
 
-/* First in each of them: the log is for who reads the pipe, and the process ends with its parent. */
-void tl_live_role_begin(void);
+/* What each of them has from its supervisor. */
+typedef struct tl_live_given {
+    tl_block job_block;
+    tl_live_job job;
+    tl_config config;
+    tl_block blocks[TL_LIVE_BLOCKS]; /* by their numbers; those that it does not have are zeroed */
+} tl_live_given;
+
+/* First in each of them: the log is for who reads the pipe, the process ends with its parent, and takes what it was given. What goes wrong is logged. */
+tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given);
 
 /* Events go to the log and into the outbox, which outlives the journal. */
 void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox);

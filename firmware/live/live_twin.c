@@ -4,6 +4,7 @@
 #include <inttypes.h>
 #include <sched.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -13,96 +14,17 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/live/live_role.h"
-#include "firmware/plant/live_plant.h"
+#include "firmware/live/recorded_course.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
+#include "firmware/twin/past.h"
+#include "firmware/twin/past_outbox.h"
 #include "firmware/twin/safe_hold.h"
 #include "firmware/twin/status_line.h"
 #include "firmware/twin/twin_recorder.h"
-
-/* ---- live twin memory ---- */
-
-/* ---- the plant ---- */
-
-static tl_status take_mail(tl_live_twin_memory *self, const tl_config *config, tl_error *error) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(config, &shape);
-    tl_status status = tl_block_take(TL_LIVE_MAIL, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
-    if (status == TL_OK) {
-        tl_live_plant_set_limits(&self->input, config);
-        tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
-        self->mail_end = tl_live_mail_end_of(&shape, self->mail.bytes);
-        if (!tl_plant_input_open(&self->input)) {
-            status = tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
-        }
-    }
-    return status;
-}
-
-/* ---- its own ---- */
-
-static tl_status take_own(tl_live_twin_memory *self, const tl_config *config, tl_error *error) {
-    const tl_outbox_settings settings = tl_live_twin_outbox(config);
-    const tl_outbox_taken *taken = NULL;
-    tl_status status =
-        tl_block_take(TL_LIVE_OWN_PULSE, sizeof *self->pulse, TL_BLOCK_THEY_WRITE, &self->pulse_block, error);
-    if (status == TL_OK) {
-        status = tl_block_take(TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&settings), TL_BLOCK_THEY_WRITE,
-                               &self->outbox_block, error);
-    }
-    if (status == TL_OK && self->job.database[0] != '\0') {
-        self->past.place = self->job.place;
-        status = tl_live_memory_take(&self->past, &taken, error);
-    }
-    if (status == TL_OK) {
-        self->pulse = self->pulse_block.bytes;
-        self->past.pulse = self->pulse;
-        self->past.twin = self->job.number;
-        tl_outbox_open(&settings, self->outbox_block.bytes, taken, &self->outbox);
-        tl_outbox_hide_unused(&self->outbox);
-    }
-    return status;
-}
-
-/* What it is built with, and where it is told of another tuning. The text is the recorder's affair. */
-static tl_status take_tuning(tl_live_twin_memory *self, const tl_config *config, tl_error *error) {
-    tl_run_tuning configured = {.number = 0};
-    tl_status status =
-        tl_block_take(TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning_block, error);
-    if (status == TL_OK) {
-        tl_live_tuning_hide_text(&self->tuning_block);
-        memcpy(configured.hash, config->hash, sizeof configured.hash);
-        tl_config_tuning(config, &configured.values);
-        tl_outbox_name_configuration(&self->outbox, &configured);
-    }
-    return status;
-}
-
-tl_status tl_live_twin_memory_take(tl_live_twin_memory *memory, const tl_twin_job *job, tl_config *config,
-                                   tl_error *error) {
-    const char *of_run = "";
-    tl_status status = tl_live_job_unpack(job->live, job->live_size, &memory->job, &of_run, error);
-    if (status == TL_OK) {
-        tl_live_job_apply(&memory->job, config);
-        status =
-            memory->job.is_shadow ? tl_live_job_read(&memory->job, config->path, of_run, &memory->run, error) : TL_OK;
-    }
-    if (status == TL_OK) {
-        status = take_mail(memory, config, error);
-    }
-    if (status == TL_OK) {
-        status = take_own(memory, config, error);
-    }
-    if (status == TL_OK) {
-        status = tl_block_take(TL_LIVE_STAGE, sizeof(tl_live_stage), TL_BLOCK_WE_WRITE, &memory->stage_block, error);
-    }
-    return status == TL_OK ? take_tuning(memory, config, error) : status;
-}
-
-/* ---- live twin ---- */
 
 /* How long the start waits for a first reading of every signal, and for its priority. */
 static const tl_time FIRST_READING = 2 * TL_SECOND;
@@ -121,12 +43,26 @@ enum { MISSED_PART = 10 };
 static const tl_time LOOK = TL_SECOND / 20;
 static const tl_time LOOK_SOON = TL_SECOND / 1000;
 
+/* How long the recorder's answer is waited for: the plant's lock comes first. */
+static const tl_time PATIENCE_FOR_PAST = 10 * TL_SECOND;
+
+/* Ticks that a twin has followed with a state that it was given as bytes: what is wrong with those shows in a step. */
+enum { SOUND_AFTER = 3 };
+
 /* All that this process has. */
 typedef struct live_twin {
     tl_assembly *assembly;
     const tl_config *config;
     const tl_confine_facts *facts;
-    tl_live_twin_memory shared;
+    tl_live_job job;
+    tl_block blocks[TL_LIVE_BLOCKS]; /* that it has of the run */
+    tl_block *past;                  /* what the recorder has found (past.h), which is copied before it is looked at */
+    const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
+    tl_live_twin_pulse *pulse;
+    tl_time ended; /* of a run before that is not gone on with: when its last tick was; 0: not known */
+    tl_plant_input input;
+    tl_outbox outbox;
+    tl_config run; /* of a shadow: the configuration of the run beside which it is, whose recorded samples it reads */
     tl_heart *heart;
     tl_journal journal;
     tl_fmu_thread *fmus; /* NULL if it holds */
@@ -135,6 +71,8 @@ typedef struct live_twin {
     tl_account account; /* for the units of what is matched */
     bool is_shadow;     /* now */
     int64_t next;       /* of a shadow: the first tick of the cycle, */
+    uint32_t asked;     /* for recorded samples so often, */
+    void *samples;      /* and a copy of the last ones, */
     int64_t parent;     /* and the run with which it goes on if it becomes the run's */
     bool are_others;    /* the FMUs' files, than those of the twin before in this run */
     bool has_crashed;   /* the twin before: it had loaded a checkpoint, and made no step with it */
@@ -142,6 +80,46 @@ typedef struct live_twin {
     bool was_ready;
     bool has_run; /* a run has begun in the outbox, and has not ended */
 } live_twin;
+
+/* ---- what it shares with the others of the run ---- */
+
+/* The outbox names what the twin is built with: another tuning is told by its block, whose text is the recorder's affair. */
+static void open_outbox(live_twin *self) {
+    const tl_outbox_settings settings = tl_live_twin_outbox(self->config);
+    const tl_live_recorder_pulse *recorder = self->recorder;
+    tl_run_tuning configured = {.number = 0};
+    tl_outbox_open(&settings, self->blocks[TL_LIVE_OUTBOX + self->job.place].bytes,
+                   recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_TWIN + self->job.place] : NULL,
+                   &self->outbox);
+    tl_outbox_hide_unused(&self->outbox);
+    tl_live_tuning_hide_text(&self->blocks[TL_LIVE_TUNING + self->job.place]);
+    memcpy(configured.hash, self->config->hash, sizeof configured.hash);
+    tl_config_tuning(self->config, &configured.values);
+    tl_outbox_name_configuration(&self->outbox, &configured);
+}
+
+/* `config` gets what the job changes. */
+static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config *config, tl_error *error) {
+    const char *of_run = "";
+    tl_status status = tl_live_job_unpack(job->live, job->live_size, &self->job, &of_run, error);
+    if (status == TL_OK) {
+        tl_live_job_apply(&self->job, config);
+        status = self->job.is_shadow ? tl_live_job_read(&self->job, config->path, of_run, &self->run, error) : TL_OK;
+    }
+    if (status == TL_OK) {
+        status = tl_live_blocks_take(TL_LIVE_IS_TWIN, &self->job, config, self->blocks, error);
+    }
+    if (status == TL_OK) {
+        status = tl_live_input_open(config, &self->blocks[TL_LIVE_MAIL], &self->input, error);
+    }
+    if (status == TL_OK) {
+        self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.place].bytes;
+        self->past = &self->blocks[TL_LIVE_PAST + self->job.place];
+        self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+        open_outbox(self);
+    }
+    return status;
+}
 
 /* ---- the FMUs' files ---- */
 
@@ -157,42 +135,42 @@ static size_t take_descriptors(const tl_assembly *assembly, int descriptors[TL_I
 
 /* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
 static void identify_files(live_twin *self) {
-    tl_live_twin_pulse *pulse = self->shared.pulse;
+    tl_live_twin_pulse *pulse = self->pulse;
     int descriptors[TL_IDENTITY_FILES] = {0};
     const size_t count = take_descriptors(self->assembly, descriptors);
     uint64_t number =
         tl_identity_number_of_open_files(descriptors, count); /* a checkpoint is of no use to another FMU */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
     self->are_others = pulse->fmus != 0 && pulse->fmus != number;
-    if (!is_known && self->shared.job.database[0] != '\0') {
+    if (!is_known && self->job.database[0] != '\0') {
         tl_identity_open_files(descriptors, count, pulse->digest);
     }
     pulse->fmus = number;
     self->has_crashed = pulse->loads != 0 && !self->are_others;
     self->unreadable = pulse->unreadable == number;
     pulse->loads = 0;
-    tl_outbox_name_fmus(&self->shared.outbox, pulse->digest);
+    tl_outbox_name_fmus(&self->outbox, pulse->digest);
 }
 
 /* ---- telling ---- */
 
 /* Which start this is, and why: the box's memory of its own troubles. */
 static void tell_start(live_twin *self) {
-    if (!self->shared.job.alone) {
-        tl_journal_event(&self->journal, -1, self->shared.job.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
+    if (!self->job.alone) {
+        tl_journal_event(&self->journal, -1, self->job.how.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
                          "start %llu, %llu of them after a failure; reason: %s",
-                         (unsigned long long)self->shared.job.starts, (unsigned long long)self->shared.job.restarts,
-                         self->shared.job.reason);
+                         (unsigned long long)self->job.how.starts, (unsigned long long)self->job.how.restarts,
+                         self->job.how.reason);
     }
 }
 
 /* What the FMUs are held by, if that is not all there is. */
 static void tell_confinement(live_twin *self) {
     char text[TL_CONFINE_TEXT];
-    if (self->shared.job.holds) {
+    if (self->job.how.hold) {
         return;
     }
-    if (self->shared.job.unconfined) {
+    if (self->job.unconfined) {
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "twin", "unconfined: FMUs can do what this user can");
         return;
     }
@@ -202,41 +180,34 @@ static void tell_confinement(live_twin *self) {
     }
 }
 
-static void tell_recording(const live_twin *self) {
-    if (self->shared.job.database[0] == '\0') {
-        tl_log(TL_LOG_NOTICE,
-               "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
-               "of this program the twin begins anew");
-    }
-}
-
 /* The process ends while an FMU has not returned. Whoever takes it out of the outbox lives on. */
 static void keep(void *context, const char *why) {
     live_twin *self = context;
     if (!tl_journal_is_apart(&self->journal)) {
-        tl_outbox_event(&self->shared.outbox, -1, TL_EVENT_ERROR, "twin", why);
+        tl_outbox_event(&self->outbox, -1, TL_EVENT_ERROR, "twin", why);
     }
 }
 
 /* ---- the cycle ---- */
 
-static bool is_complete(const live_twin *self) {
-    return __atomic_load_n(&self->shared.mail_end->opened, __ATOMIC_ACQUIRE) != 0 &&
-           tl_plant_input_is_complete(&self->shared.input);
+/* io has opened all sources. */
+static bool is_plant_open(const live_twin *self) {
+    return tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
 }
 
 /* A sample without unknown values is a better start; a dead device must not prevent one. */
 static void wait_for_readings(const live_twin *self) {
     tl_time until = tl_clock_now(NULL) + FIRST_READING;
-    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL && !is_complete(self)) {
+    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
+           !(is_plant_open(self) && tl_plant_input_is_complete(&self->input))) {
         tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
     }
 }
 
 /* A change by a restart, for example, leaves a gap between two runs. */
 static void tell_gap(live_twin *self) {
-    const tl_time gap = tl_clock_now(NULL) - self->shared.past.ended;
-    if (self->shared.past.ended != 0 && gap > 0) {
+    const tl_time gap = tl_clock_now(NULL) - self->ended;
+    if (self->ended != 0 && gap > 0) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
                          tl_seconds(gap), (long long)(gap / self->config->step));
     }
@@ -250,7 +221,7 @@ static void wish_realtime(live_twin *self, bool wished) {
     if (self->config->realtime_priority <= 0) {
         return;
     }
-    __atomic_store_n(&self->shared.pulse->realtime, wished ? (int32_t)thread : 0, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->realtime, wished ? (int32_t)thread : 0, __ATOMIC_RELEASE);
     while (sched_getscheduler(thread) % SCHED_RESET_ON_FORK != wanted && tl_clock_now(NULL) < until) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
     }
@@ -261,48 +232,273 @@ static void wish_realtime(live_twin *self, bool wished) {
 
 /* ---- figures ---- */
 
-static tl_live_shown shown_by(live_twin *self) {
-    return (tl_live_shown){.config = self->config,
-                           .account = &self->account,
-                           .mail = self->shared.mail_end,
-                           .figures = &self->shared.pulse->figures};
+/* For whoever shows and compares them. */
+static void publish(live_twin *self, tl_run_status *figures, const tl_metrics *match) {
+    figures->outputs = (uint32_t)self->config->match_count;
+    for (size_t i = 0; i < self->config->match_count; i++) {
+        tl_run_output *output = &figures->output[i];
+        (void)snprintf(output->name, sizeof output->name, "%s", self->config->match[i].variable);
+        (void)snprintf(output->unit, sizeof output->unit, "%s", self->account.match[i].unit);
+        output->pairs = match[i].pairs;
+        output->sum_of_squares = match[i].sum_of_squares;
+        output->tolerance = self->config->match[i].weight > 0.0 ? self->config->match[i].tolerance : 0.0;
+    }
+    tl_latest_publish(&self->pulse->figures, figures, sizeof *figures);
 }
 
+/* A shadow over recorded samples. */
 static void show_recorded(void *context, const tl_run_status *status, const tl_metrics *match) {
-    const tl_live_shown shown = shown_by(context);
-    tl_live_shown_recorded(&shown, status, match);
+    tl_run_status figures = *status;
+    figures.phase = TL_RUN_RECORDED;
+    figures.ticks = (uint64_t)status->tick;
+    publish(context, &figures, match);
 }
 
+/* At the plant's ticks, or making up what was missed before. */
 static void show_status(live_twin *self, const tl_cycle_status *status) {
     char line[TL_STATUS_LINE];
-    const tl_live_shown shown = shown_by(self);
+    tl_run_status figures = {
+        .phase = status->is_live ? TL_RUN_LIVE : TL_RUN_RECORDED,
+        .tick = status->tick,
+        .last = status->tick,
+        .ticks = status->ticks,
+        .steps = status->steps,
+        .skipped = status->skipped,
+        .gaps = status->gaps,
+        .deadline_misses = status->deadline_misses,
+        .evaluations = status->evaluations,
+        .executions = status->executions,
+        .timed_out = status->timed_out,
+        .used = status->used,
+        .plant_is_shut = !is_plant_open(self),
+        .lock = status->lock,
+        .lock_before = status->lock_before,
+    };
     tl_status_line_write(self->config, status, line);
-    tl_heartbeats_set_status(&self->shared.pulse->beats, line);
-    tl_live_shown_live(&shown, status);
+    tl_heartbeats_set_status(&self->pulse->beats, line);
+    publish(self, &figures, status->match);
 }
 
 /* ---- where it begins ---- */
 
 /* t_start of the run, for a twin that may come beside this one. */
 static void tell_beginning(live_twin *self, tl_time start, int64_t started) {
-    __atomic_store_n(&self->shared.pulse->started, started, __ATOMIC_RELAXED);
-    __atomic_store_n(&self->shared.pulse->start, start, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->started, started, __ATOMIC_RELAXED);
+    __atomic_store_n(&self->pulse->start, start, __ATOMIC_RELEASE);
 }
 
 static void be_ready(live_twin *self) {
-    tl_heartbeats_set_ready(&self->shared.pulse->beats);
+    tl_heartbeats_set_ready(&self->pulse->beats);
     self->was_ready = true;
 }
 
+/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
+static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
+    tl_live_wish wish = tl_live_wish_of(self->job.number, number);
+    tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_PAST;
+    __atomic_store_n(&self->pulse->past, wish, __ATOMIC_RELEASE);
+    const tl_live_past_answer *given = &self->recorder->answer[self->job.place];
+    while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
+        if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
+            return false;
+        }
+        tl_heart_beat(self->heart);
+        tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
+    }
+    *answer = *given;
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
+        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+    }
+    return true;
+}
+
+/* ---- following, in the thread of the FMUs ---- */
+
+/* A job of the FMUs' thread, and what came of it. */
+typedef struct follow_job {
+    const tl_past_follow_settings *settings;
+    const tl_past *past;
+    tl_summary *summary;
+    tl_past_outcome outcome;
+    tl_error *error;
+    tl_status status;
+} follow_job;
+
+static void do_follow(void *context) {
+    follow_job *job = context;
+    job->status = tl_past_follow(job->settings, job->past, job->summary, &job->outcome, job->error);
+}
+
+static void tell_past(void *context, tl_severity severity, const char *text) {
+    tl_journal_event(context, -1, severity, "resume", "%s", text);
+}
+
+/* The number of the newest run in the database: of a shadow, that with which it will go on. 0: nothing is recorded. */
+static int64_t newest_run(const live_twin *self) {
+    return self->recorder == NULL ? 0 : tl_recorder_state_get(&self->recorder->state).run;
+}
+
+/* What is noted here outlives this process: the FMUs are given bytes that another one has made. */
+static void note_load(const live_twin *self, bool loads) {
+    __atomic_store_n(&self->pulse->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
+}
+
+/* *refused: it is of no use, and an older one may be. */
+static tl_status follow(live_twin *self, const tl_past *past, bool *refused, tl_error *error) {
+    const int64_t last = newest_run(self); /* before this one begins */
+    const tl_past_follow_settings following = {
+        .assembly = self->assembly, .outbox = &self->outbox, .tell = tell_past, .context = &self->journal};
+    follow_job job = {.settings = &following, .past = past, .summary = &self->resumed, .error = error};
+    *refused = (self->has_crashed || self->unreadable) && past->checkpoint != NULL;
+    if (*refused) {
+        return TL_OK;
+    }
+    note_load(self, past->checkpoint != NULL);
+    tl_fmu_thread_call(self->fmus, do_follow, &job);
+    /* Before it was followed only its own steps can show whether the state that was loaded does harm. */
+    if (job.status != TL_FMU_FATAL &&
+        (job.outcome != TL_PAST_FOLLOWED || past->last - past->first + 1 >= SOUND_AFTER)) {
+        note_load(self, false);
+    }
+    *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
+    if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
+        (void)tl_outbox_put_end(&self->outbox, "could not go on with an earlier run");
+    }
+    if (self->resumed.resumption.from != TL_RESUMED_NOT && self->resumed.resumption.run < 0) {
+        self->resumed.resumption.run = last;
+    }
+    return job.status;
+}
+
+/* ---- what a predecessor has left ---- */
+
+/* *any: somebody has begun a run in it. */
+static tl_status follow_outbox(live_twin *self, bool *any, tl_error *error) {
+    tl_past_outbox *left = tl_past_outbox_open(&self->outbox, self->assembly, tell_past, &self->journal);
+    tl_past past;
+    bool refused = true;
+    tl_status status = TL_OK;
+    *any = left != NULL;
+    while (status == TL_OK && refused && tl_past_outbox_next(left, &past)) {
+        status = follow(self, &past, &refused, error);
+    }
+    tl_past_outbox_close(left);
+    return status;
+}
+
+/* ---- what the recorder finds ---- */
+
+static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
+    for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
+        const tl_live_past_word *word = &answer->words[i];
+        bool is_known = word->severity >= TL_EVENT_INFO && word->severity <= TL_EVENT_ERROR;
+        tell_past(&self->journal, is_known ? (tl_severity)word->severity : TL_EVENT_WARNING, word->text);
+    }
+}
+
+/* Follows the image, of which nobody else has a copy. */
+static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_error *error) {
+    tl_past past;
+    void *image = malloc(size);
+    if (image == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
+    }
+    memcpy(image, self->past->bytes, size);
+    tl_status status = tl_past_read(image, size, self->config, tl_clock_now(NULL), &past, error);
+    if (status == TL_OK) {
+        status = follow(self, &past, refused, error);
+    } else {
+        tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.180s", error->text);
+        status = TL_OK;
+        *refused = false;
+    }
+    free(image);
+    return status;
+}
+
+static tl_status follow_recorder(live_twin *self, tl_error *error) {
+    tl_live_past_answer answer;
+    bool refused = true;
+    tl_status status = TL_OK;
+    for (uint32_t number = 1; status == TL_OK && refused; number++) {
+        if (!ask(self, number, &answer)) {
+            if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
+                return TL_OK;
+            }
+            tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
+                             "begins anew: the recorder does not say what was recorded before");
+            return TL_OK;
+        }
+        tell_answer(self, &answer);
+        self->ended = answer.ended;
+        refused = answer.size > 0 && answer.size <= TL_LIVE_PAST_BYTES;
+        if (refused) {
+            status = follow_image(self, (size_t)answer.size, &refused, error);
+        }
+    }
+    return status;
+}
+
+/* Leads the twin to where an earlier one was ended; `resumed` says what was done. A twin whose predecessor has died in the same run finds checkpoint and entries
+ * in the outbox. Any other asks the recorder; if what that has found is of no use, for something older. */
+static tl_status follow_past(live_twin *self, tl_error *error) {
+    bool any = false;
+    if (self->config->record_resume == 0) {
+        return TL_OK;
+    }
+    tl_status status = follow_outbox(self, &any, error);
+    if (status == TL_OK && !any && self->recorder != NULL) {
+        status = follow_recorder(self, error);
+    }
+    tl_block_close(self->past);
+    return status;
+}
+
+/* ---- a shadow ---- */
+
+static size_t fetch_samples(void *context, int64_t from, const void **image) {
+    live_twin *self = context;
+    tl_live_past_answer answer = {.size = 0};
+    if (self->recorder == NULL) {
+        return 0;
+    }
+    __atomic_store_n(&self->pulse->past_from, from, __ATOMIC_RELAXED);
+    if (!ask(self, ++self->asked, &answer) || answer.size > TL_LIVE_PAST_BYTES) {
+        return 0;
+    }
+    tell_answer(self, &answer);
+    free(self->samples);
+    self->samples = malloc((size_t)answer.size + 1);
+    if (self->samples == NULL) {
+        return 0;
+    }
+    memcpy(self->samples, self->past->bytes, (size_t)answer.size);
+    *image = self->samples;
+    return (size_t)answer.size;
+}
+
 /* A shadow is ready before its recorded part, which may take a minute. */
-static tl_status begin_shadow(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
-    const tl_live_past_show show = {.show = show_recorded, .context = self};
+static tl_status begin_shadow(live_twin *self, tl_error *error) {
     static const tl_run_status none = {.ticks = 0};
     static const tl_metrics no_match[TL_MAX_MATCH];
-    tell_beginning(self, self->shared.job.start, self->shared.job.started);
+    tell_beginning(self, self->job.start, self->job.started);
     be_ready(self);
     show_recorded(self, &none, no_match);
-    return tl_live_past_begin_shadow(past, &show, self->shared.job.start, &self->next, error);
+    const tl_recorded_course course = {
+        .assembly = self->assembly,
+        .thread = self->fmus,
+        .journal = &self->journal,
+        .heart = self->heart,
+        .start = self->job.start,
+        .run = &self->run,
+        .fetch = fetch_samples,
+        .show = show_recorded,
+        .context = self,
+    };
+    tl_status status = tl_recorded_course_take(&course, &self->next, error);
+    free(self->samples);
+    tl_block_close(self->past);
+    return status;
 }
 
 /* No checkpoint is tried twice: not the one that this happened with, and no other one by this process. */
@@ -315,29 +511,14 @@ static void tell_crash(live_twin *self) {
     }
 }
 
-static tl_status go_on(live_twin *self, const tl_live_past_settings *past, tl_error *error) {
+static tl_status go_on(live_twin *self, tl_error *error) {
     tell_crash(self);
     if (self->are_others) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
                          "begins anew: the FMUs are not those of the run before");
         return TL_OK;
     }
-    return tl_live_past_follow(past, &self->resumed, error);
-}
-
-static tl_status lead(live_twin *self, tl_error *error) {
-    const tl_live_past_settings past = {
-        .memory = &self->shared.past,
-        .run = &self->shared.run,
-        .assembly = self->assembly,
-        .thread = self->fmus,
-        .outbox = &self->shared.outbox,
-        .journal = &self->journal,
-        .heart = self->heart,
-        .no_checkpoints = self->has_crashed || self->unreadable,
-    };
-    tl_account_take(self->assembly->twin, &self->account);
-    return self->is_shadow ? begin_shadow(self, &past, error) : go_on(self, &past, error);
+    return follow_past(self, error);
 }
 
 /* ---- the cycle's start ---- */
@@ -346,27 +527,28 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
     return (tl_cycle_settings){
         .assembly = self->assembly,
         .thread = self->fmus,
-        .input = &self->shared.input,
-        .outbox = &self->shared.outbox,
+        .input = &self->input,
+        .outbox = &self->outbox,
         .journal = &self->journal,
-        .beats = &self->shared.pulse->beats,
-        .tuning = self->shared.tuning_block.bytes,
-        .answer = &self->shared.pulse->tuned,
+        .beats = &self->pulse->beats,
+        .tuning = self->blocks[TL_LIVE_TUNING + self->job.place].bytes,
+        .answer = &self->pulse->tuned,
         .resumed = self->resumed,
         .unreadable = self->unreadable,
-        .place = {.stage = self->shared.stage_block.bytes,
-                  .place = self->shared.job.place,
-                  .flips = self->shared.job.flips,
-                  .flipped = &self->shared.pulse->flipped,
+        .place = {.stage = self->blocks[TL_LIVE_STAGE].bytes,
+                  .place = self->job.place,
+                  .flips = self->job.flips,
+                  .flipped = &self->pulse->flipped,
                   .is_shadow = self->is_shadow,
                   .tick = self->next,
-                  .start = self->shared.job.start,
-                  .started = self->shared.job.started},
+                  .start = self->job.start,
+                  .started = self->job.started},
     };
 }
 
 static tl_status start_cycle(live_twin *self, tl_error *error) {
-    tl_status status = lead(self, error);
+    tl_account_take(self->assembly->twin, &self->account);
+    tl_status status = self->is_shadow ? begin_shadow(self, error) : go_on(self, error);
     if (status != TL_OK) {
         return status;
     }
@@ -385,10 +567,14 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
             tell_start(self);
         }
         tell_confinement(self);
-        tell_recording(self);
+        if (self->job.database[0] == '\0') {
+            tl_log(TL_LOG_NOTICE,
+                   "nothing is recorded: the configuration has no \"record\", and no --db was given; after a restart "
+                   "of this program the twin begins anew");
+        }
     }
     if (status == TL_OK && !self->is_shadow) {
-        const tl_resumption *beginning = tl_outbox_beginning(&self->shared.outbox);
+        const tl_resumption *beginning = tl_outbox_beginning(&self->outbox);
         tell_beginning(self, beginning->start, beginning->started);
     }
     return status;
@@ -396,16 +582,10 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 
 /* ---- while the cycle runs ---- */
 
-/* The number of the run beside which a shadow runs: that with which it will go on. 0: nothing is recorded. */
-static int64_t number_of_run(const live_twin *self) {
-    const tl_live_recorder_pulse *recorder = self->shared.past.recorder.bytes;
-    return recorder == NULL ? 0 : tl_recorder_state_get(&recorder->state).run;
-}
-
 /* A flip may have made it the run's, or the shadow. Nobody waits for the priority. */
 static void look_at_part(live_twin *self, bool is_shadow) {
     if (is_shadow == self->is_shadow) {
-        self->parent = is_shadow ? number_of_run(self) : self->parent;
+        self->parent = is_shadow ? newest_run(self) : self->parent;
         return;
     }
     bool wishes = !is_shadow && self->config->realtime_priority > 0;
@@ -413,8 +593,7 @@ static void look_at_part(live_twin *self, bool is_shadow) {
     self->is_shadow = is_shadow;
     (void)snprintf(title, sizeof title, "%s [%s]", is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN, self->config->name);
     tl_role_entitle(title);
-    __atomic_store_n(&self->shared.pulse->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0,
-                     __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0, __ATOMIC_RELEASE);
 }
 
 /* A shadow that cannot keep pace tells nothing, and takes time from the run's twin. */
@@ -449,7 +628,7 @@ static tl_status look_on(live_twin *self, tl_error *error) {
         }
         judged = judge_pace(self, &status, since, error);
         if (status.steps != 0) {
-            __atomic_store_n(&self->shared.pulse->loads, 0, __ATOMIC_RELAXED);
+            __atomic_store_n(&self->pulse->loads, 0, __ATOMIC_RELAXED);
             show_status(self, &status);
             look_at_part(self, status.is_shadow);
         }
@@ -460,17 +639,17 @@ static tl_status look_on(live_twin *self, tl_error *error) {
 static void hold(live_twin *self) {
     const tl_safe_hold_settings settings = {
         .config = self->config,
-        .input = &self->shared.input,
-        .outbox = &self->shared.outbox,
+        .input = &self->input,
+        .outbox = &self->outbox,
         .journal = &self->journal,
-        .beats = &self->shared.pulse->beats,
+        .beats = &self->pulse->beats,
         .heart = self->heart,
-        .failures = self->shared.job.failures + self->shared.job.tries,
-        .missing = self->shared.job.missing,
-        .time = self->shared.job.hold_time,
-        .reason = self->shared.job.reason,
-        .records = self->shared.job.database[0] != '\0',
-        .since = self->shared.job.start,
+        .failures = self->job.how.failures + self->job.how.tries,
+        .missing = self->job.how.missing,
+        .time = self->job.how.hold_time,
+        .reason = self->job.how.reason,
+        .records = self->job.database[0] != '\0',
+        .since = self->job.start,
     };
     if (settings.since == 0) {
         tell_start(self);
@@ -485,7 +664,7 @@ static void warn(void *context, const char *text) {
 }
 
 static tl_status close_cycle(live_twin *self, tl_error *error) {
-    tl_live_end *end = &self->shared.pulse->end;
+    tl_live_end *end = &self->pulse->end;
     tl_status status = tl_cycle_stop(self->cycle, &end->summary, &self->has_run, error);
     if (end->summary.resumption.run < 0) {
         end->summary.resumption.run = self->parent;
@@ -501,23 +680,23 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
 }
 
 static void put_end(live_twin *self, tl_status status, const tl_error *error) {
-    const tl_live_stage *stage = self->shared.stage_block.bytes;
+    const tl_live_stage *stage = self->blocks[TL_LIVE_STAGE].bytes;
     bool again = stage != NULL && __atomic_load_n(&stage->again, __ATOMIC_ACQUIRE) != 0;
     const char *signal = again ? TL_LIVE_BEGUN_ANEW : tl_interrupt_requested();
     const char *reason = status != TL_OK ? error->text : signal != NULL ? signal : "end of duration";
-    (void)tl_outbox_put_end(&self->shared.outbox, reason);
+    (void)tl_outbox_put_end(&self->outbox, reason);
 }
 
 /* What it is there for, until it is told to end. */
 static tl_status live(live_twin *self) {
     tl_error error = {0};
-    tl_status status = self->shared.job.holds ? TL_OK : start_cycle(self, &error);
+    tl_status status = self->job.how.hold ? TL_OK : start_cycle(self, &error);
     bool begun = status == TL_OK;
     tl_heart_be_patient(self->heart, PATIENCE);
-    __atomic_store_n(&self->shared.pulse->begun, 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->begun, 1, __ATOMIC_RELEASE);
     if (begun) {
         be_ready(self);
-        if (self->shared.job.holds) {
+        if (self->job.how.hold) {
             hold(self);
         } else {
             status = look_on(self, &error);
@@ -530,14 +709,14 @@ static tl_status live(live_twin *self) {
         status = status == TL_OK ? closed : status;
     }
     tl_process_keep(NULL, NULL);
-    if (begun && (self->shared.job.holds || self->has_run)) {
+    if (begun && (self->job.how.hold || self->has_run)) {
         put_end(self, status, &error);
     }
     tl_journal_drain(&self->journal);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         if (self->is_shadow) {
-            tl_heartbeats_set_status(&self->shared.pulse->beats, error.text); /* for who tells why it has ended */
+            tl_heartbeats_set_status(&self->pulse->beats, error.text); /* for who tells why it has ended */
         }
     }
     return status;
@@ -565,7 +744,7 @@ static void do_free(void *context) {
 /* The FMUs' thread, and the twin built in it. */
 static tl_status build(live_twin *self) {
     tl_error error;
-    build_job job = {.assembly = self->assembly, .has_failed = self->shared.job.failures > 0};
+    build_job job = {.assembly = self->assembly, .has_failed = self->job.how.failures > 0};
     tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
@@ -575,39 +754,35 @@ static tl_status build(live_twin *self) {
     return job.status;
 }
 
-static void release(live_twin *self) {
-    if (self->fmus != NULL) {
-        tl_fmu_thread_call(self->fmus, do_free, self->assembly);
-        tl_fmu_thread_end(self->fmus);
-    }
-}
-
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
     static live_twin self; /* one for the process */
     tl_error error;
     self.assembly = assembly;
     self.config = &assembly->config;
     self.facts = facts;
-    tl_status status = tl_live_twin_memory_take(&self.shared, job, &assembly->config, &error);
+    tl_status status = open_memory(&self, job, &assembly->config, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
     tl_interrupt_install();
-    tl_fmu_calls_use(tl_heartbeats_calls(&self.shared.pulse->beats));
-    self.heart = tl_heart_begin(&self.shared.pulse->beats, "main", PATIENCE_AT_START);
-    tl_live_role_open_journal(&self.journal, &self.shared.outbox);
-    self.is_shadow = self.shared.job.is_shadow;
+    tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
+    self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
+    tl_live_role_open_journal(&self.journal, &self.outbox);
+    self.is_shadow = self.job.is_shadow;
     tl_journal_set_apart(&self.journal, self.is_shadow);
     tl_process_keep(keep, &self);
-    if (!self.shared.job.holds) {
+    if (!self.job.how.hold) {
         identify_files(&self);
         status = build(&self);
     }
     if (status == TL_OK) {
         status = live(&self);
     }
-    int code = tl_live_role_end(&self.shared.pulse->beats, self.was_ready, tl_exit_code(status));
-    release(&self);
+    int code = tl_live_role_end(&self.pulse->beats, self.was_ready, tl_exit_code(status));
+    if (self.fmus != NULL) {
+        tl_fmu_thread_call(self.fmus, do_free, assembly);
+        tl_fmu_thread_end(self.fmus);
+    }
     return code;
 }

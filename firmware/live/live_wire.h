@@ -23,53 +23,40 @@
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
-/* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Every process with FMUs has its job and its start socket where twin_wire.h says. */
+/* Blocks of shared memory, by the number of their descriptor, which is the same in every process of the run that has the block (live_blocks.h). Descriptor 0
+ * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_wire.h says. */
 enum {
-    TL_LIVE_MAIL = 3,            /* io writes; the twin reads */
-    TL_LIVE_TWIN_PULSE_READ = 3, /* of the recorder */
-    TL_LIVE_JOB = 4,             /* live_job.h */
-    TL_LIVE_RECORDER_PULSE = 5,  /* io and the twin read; */
-    TL_LIVE_IO_PULSE_READ = 5,   /* of the recorder */
-    TL_LIVE_OWN_PULSE = 6,       /* each writes its own */
-    TL_LIVE_SUPERVISOR_READ = 7, /* of the recorder: the supervisor's outbox */
-    TL_LIVE_TWIN_OUTBOX = 8,     /* the twin writes; the recorder reads */
-    TL_LIVE_PAST = 9,            /* the recorder writes; the twin reads */
-    TL_LIVE_KNOCKER = 3,         /* of the activator: the control socket */
-    TL_LIVE_ACTIVATOR_TWIN = 9,  /* of the activator: the twin's pulse, to read */
-    TL_LIVE_ACTIVATOR_READ = 11, /* of the recorder: the activator's pulse */
-    TL_LIVE_TUNING =
-        10, /* the activator writes; the twin and the recorder read: of its place, as all below that has places */
-    TL_LIVE_STAGE = 12, /* the supervisor writes; all but io read */
-    TL_LIVE_OTHER_PULSE =
-        13, /* of the recorder and the activator: of the twin in the other place than that of their job, to read */
-    TL_LIVE_OTHER_PAST = 14,   /* of the recorder, which writes it: for that twin */
-    TL_LIVE_OTHER_TUNING = 14, /* of the activator, which writes it */
-    TL_LIVE_CANDIDATE = 15,    /* of the activator, which writes it: tl_live_candidate */
-    TL_LIVE_MAIL_READ = 15     /* of the recorder: the mail */
+    TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
+    TL_LIVE_JOB = 4,            /* tl_live_job */
+    TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h) */
+    TL_LIVE_IO_BEATS = 6,       /* tl_heartbeats */
+    TL_LIVE_RECORDER_PULSE = 8, /* tl_live_recorder_pulse */
+    TL_LIVE_ACTIVATOR_PULSE,    /* tl_live_activator_pulse */
+    TL_LIVE_IO_EVENTS,          /* outboxes */
+    TL_LIVE_SUPERVISOR_EVENTS,
+    TL_LIVE_ACTIVATOR_EVENTS,
+    TL_LIVE_STAGE,     /* tl_live_stage, which the supervisor writes */
+    TL_LIVE_CANDIDATE, /* tl_live_candidate */
+    /* Of place 0; the next number is of place 1. */
+    TL_LIVE_TWIN_PULSE,                                   /* tl_live_twin_pulse */
+    TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_LIVE_PLACES, /* tl_live_tuning */
+    TL_LIVE_PAST = TL_LIVE_TUNING + TL_LIVE_PLACES,       /* what a new twin goes on from (past.h) */
+    TL_LIVE_OUTBOX = TL_LIVE_PAST + TL_LIVE_PLACES,       /* the twin's */
+    TL_LIVE_BLOCKS = TL_LIVE_OUTBOX + TL_LIVE_PLACES
 };
 
 /* Which outbox is which, for the recorder. */
 enum {
-    TL_LIVE_OUTBOX_TWIN, /* in place 0 */
-    TL_LIVE_OUTBOX_IO,
+    TL_LIVE_OUTBOX_TWIN, /* in place 0; the next one is of place 1 */
+    TL_LIVE_OUTBOX_IO = TL_LIVE_PLACES,
     TL_LIVE_OUTBOX_SUPERVISOR,
     TL_LIVE_OUTBOX_ACTIVATOR,
-    TL_LIVE_OUTBOX_OTHER_TWIN, /* in place 1 */
     TL_LIVE_OUTBOXES
 };
-
-static inline size_t tl_live_outbox_of_place(uint32_t place) {
-    return place == 0 ? TL_LIVE_OUTBOX_TWIN : TL_LIVE_OUTBOX_OTHER_TWIN;
-}
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
 #define TL_LIVE_PAST_BYTES TL_PAST_MOST
-
-/* Behind the mailboxes in their block. */
-typedef struct tl_live_mail_end {
-    uint32_t opened; /* 1: io has opened all sources */
-} tl_live_mail_end;
 
 /* The end of a run, as the twin tells it: for the summary. */
 typedef struct tl_live_end {
@@ -91,25 +78,21 @@ enum { TL_LIVE_HOLDS = 1, TL_LIVE_WAITS = 2 };
 /* The pulse of the twin. Heartbeats come first in every pulse. */
 typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
-    uint32_t number;   /* which twin of this place it is, from 1 on, */
-    uint32_t first;    /* which was the first of its configuration, */
-    uint32_t holds;    /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
-    tl_latest figures; /* tl_run_status; nothing while it holds */
-    int32_t
-        realtime; /* the number of the thread that shall have the configured priority; 0: none shall have it any more */
+    uint32_t number;             /* which twin of this place it is, from 1 on, */
+    uint32_t first;              /* which was the first of its configuration, */
+    uint32_t holds;              /* and whether it holds: 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; all by the supervisor */
+    tl_latest figures;           /* tl_run_status; nothing while it holds */
+    int32_t realtime;            /* number of the thread that wants the configured priority; 0: none does */
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
-    uint32_t
-        loads; /* 1: a checkpoint is being loaded, or was, and too few steps were made since to say that it does no harm; kept for a successor */
-    uint64_t
-        unreadable; /* `fmus` of which a saved state has ended the process that loaded it; by the supervisor. 0: none */
-    tl_live_wish
-        past; /* which past it wants: of this start, the first, the next one older, …; of a shadow: which samples, */
-    int64_t past_from;           /* from this tick on; written before `past` */
-    tl_time start;               /* t_start of its run (CLOCK_MONOTONIC), */
-    int64_t started;             /* and UTC, ms; before it is ready. 0: not known yet */
-    uint32_t flipped;            /* number of the newest flip in which it has done its part */
+    uint32_t loads;      /* 1: a checkpoint was loaded, and too few steps prove it harmless; kept for a successor */
+    uint64_t unreadable; /* by the supervisor: `fmus` whose saved state has ended the process that loaded it */
+    tl_live_wish past;   /* which past it wants: the first, the next older one, …; of a shadow: which samples, */
+    int64_t past_from;   /* from this tick on; written before `past` */
+    tl_time start;       /* t_start of its run (CLOCK_MONOTONIC), */
+    int64_t started;     /* and UTC, ms; before it is ready. 0: not known yet */
+    uint32_t flipped;    /* number of the newest flip in which it has done its part */
     tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
@@ -134,28 +117,18 @@ typedef struct tl_live_past_answer {
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
     tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
-    uint32_t
-        drained; /* number of the newest flip of which all is written that the twin had to say whose run has ended by it */
+    uint32_t drained; /* the newest flip before which all is written of the twin whose run it has ended */
     tl_recorder_writer_state state;
     tl_live_past_answer answer[TL_LIVE_PLACES]; /* of the twin in each place */
 } tl_live_recorder_pulse;
 
-/* The pulse of io; its outbox, of events, follows. The supervisor's block is such an outbox only. */
-typedef struct tl_live_io_pulse {
-    tl_heartbeats beats;
-} tl_live_io_pulse;
-
-/* The pulse of the activator; its outbox, of events, follows. */
+/* The pulse of the activator. */
 typedef struct tl_live_activator_pulse {
     tl_heartbeats beats;
     uint32_t restart; /* 1: the run is to end, and another one to begin */
     tl_live_order order;
     uint32_t flips; /* the activator's own: number of the newest flip when it ordered one */
 } tl_live_activator_pulse;
-
-static inline size_t tl_live_round(size_t size) {
-    return (size + 63U) & ~(size_t)63U;
-}
 
 /* Events only. */
 static inline tl_outbox_settings tl_live_event_outbox(void) {
@@ -170,32 +143,6 @@ static inline tl_outbox_settings tl_live_outbox_of_shape(const tl_recorder_shape
 static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
     const tl_recorder_shape shape = tl_recorder_shape_of(config);
     return tl_live_outbox_of_shape(&shape, config->step);
-}
-
-static inline size_t tl_live_mail_bytes(const tl_plant_mail_shape *shape) {
-    return tl_live_round(tl_plant_mail_bytes(shape)) + sizeof(tl_live_mail_end);
-}
-
-static inline tl_live_mail_end *tl_live_mail_end_of(const tl_plant_mail_shape *shape, void *mail) {
-    return (tl_live_mail_end *)(void *)((unsigned char *)mail + tl_live_round(tl_plant_mail_bytes(shape)));
-}
-
-static inline size_t tl_live_io_bytes(void) {
-    const tl_outbox_settings outbox = tl_live_event_outbox();
-    return tl_live_round(sizeof(tl_live_io_pulse)) + tl_outbox_bytes(&outbox);
-}
-
-static inline void *tl_live_io_outbox_of(void *pulse) {
-    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_io_pulse));
-}
-
-static inline size_t tl_live_activator_bytes(void) {
-    const tl_outbox_settings outbox = tl_live_event_outbox();
-    return tl_live_round(sizeof(tl_live_activator_pulse)) + tl_outbox_bytes(&outbox);
-}
-
-static inline void *tl_live_activator_outbox_of(void *pulse) {
-    return (unsigned char *)pulse + tl_live_round(sizeof(tl_live_activator_pulse));
 }
 
 #endif

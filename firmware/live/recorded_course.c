@@ -97,11 +97,6 @@ static void take_tick(course_walk *self, const tl_sample *sample) {
     }
 }
 
-/* The first piece is the tick at which FMUs begin: nobody is as patient with the later ones. */
-static bool is_enough(const course_walk *self, tl_time spent) {
-    return spent >= PIECE || (self->computed == 0 && self->figures.tick > 0);
-}
-
 static void take_piece(void *context) {
     course_walk *self = context;
     tl_time step = self->course->assembly->config.step;
@@ -109,7 +104,9 @@ static void take_piece(void *context) {
     tl_time now = begun;
     tl_sample recorded;
     tl_sample sample;
-    while (self->status == TL_OK && !is_enough(self, now - begun) &&
+    const int64_t most =
+        self->computed == 0 ? 1 : INT64_MAX; /* at the first tick FMUs begin: that takes more patience */
+    while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
            tl_past_samples_at(&self->samples, self->next, step, &recorded)) {
         sample_of(self, &recorded, &sample);
         take_tick(self, &sample);
@@ -121,13 +118,9 @@ static void take_piece(void *context) {
 
 /* ---- in the main thread ---- */
 
-static tl_time plant_time(const course_walk *self) {
-    return tl_time_of_step(0, self->course->assembly->config.step, self->figures.tick);
-}
-
 static tl_status judge_pace(const course_walk *self, tl_error *error) {
     double taken = tl_seconds(self->computed + self->slept);
-    double pace = tl_seconds(plant_time(self)) / taken;
+    double pace = tl_seconds(tl_time_of_step(0, self->course->assembly->config.step, self->figures.tick)) / taken;
     if (self->computed + self->slept < FIRST_PACE || pace >= PACE) {
         return TL_OK;
     }
@@ -145,15 +138,11 @@ static void rest(course_walk *self, tl_time computed) {
     self->course->show(self->course->context, &self->figures, self->match);
 }
 
-static bool is_asked_to_end(void) {
-    return tl_interrupt_requested() != NULL;
-}
-
 /* All of the samples at hand. */
 static tl_status take_samples(course_walk *self) {
     int64_t behind = self->samples.first + (int64_t)self->samples.count;
     tl_status status = TL_OK;
-    while (status == TL_OK && self->next < behind && !is_asked_to_end()) {
+    while (status == TL_OK && self->next < behind && tl_interrupt_requested() == NULL) {
         tl_time before = self->computed;
         tl_fmu_thread_call(self->course->thread, take_piece, self);
         rest(self, self->computed - before);
@@ -188,11 +177,6 @@ static void begin_at(course_walk *self, int64_t tick) {
     self->has_begun = true;
 }
 
-static bool is_far(const course_walk *self) {
-    int64_t left = present(self) - self->next;
-    return !self->has_begun || left > LEFT / self->course->assembly->config.step;
-}
-
 /* A disk that takes nothing any more: what it has ends long ago, and nobody knows what the plant has done since. */
 static bool is_stale(const course_walk *self) {
     tl_time step = self->course->assembly->config.step;
@@ -210,7 +194,8 @@ tl_status tl_recorded_course_take(const tl_recorded_course *course, int64_t *nex
     for (size_t i = 0; i < course->assembly->config.signal_count; i++) {
         self.recorded[i] = find_recorded(course->run, &course->assembly->config.signals[i]);
     }
-    while (status == TL_OK && is_far(&self) && !is_asked_to_end() && fetch(&self) && !is_stale(&self)) {
+    while (status == TL_OK && (!self.has_begun || present(&self) - self.next > LEFT / course->assembly->config.step) &&
+           tl_interrupt_requested() == NULL && fetch(&self) && !is_stale(&self)) {
         if (!self.has_begun) {
             begin_at(&self, self.samples.first);
         }

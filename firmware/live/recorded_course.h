@@ -30,9 +30,9 @@ typedef struct tl_recorded_course {
     /* An image of samples (past_samples.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
      * none (any more). */
     size_t (*fetch)(void *context, int64_t from, const void **image);
-    void (*show)(void *context, const tl_run_status *status,
-                 const tl_metrics *match); /* now and then: counts, and by match */
-    void *context;                         /* of both */
+    /* Told now and then: counts, and by match. */
+    void (*show)(void *context, const tl_run_status *status, const tl_metrics *match);
+    void *context; /* of both */
 } tl_recorded_course;
 
 /* Until less than two seconds are left, or nothing more is recorded, or a signal asks to end. *next is the tick that the twin is ready for; if

@@ -10,7 +10,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/live/live_blocks.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -33,26 +32,14 @@ static const tl_time PATIENCE_AT_END = 2 * TL_SECOND;
 /* With a file that cannot be written, before it is asked whether its folder is another one by now. */
 static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
 
+/* The twin that it follows is in the place of the job. */
 typedef struct recorder {
-    tl_block job_block;
-    tl_live_job job;
-    tl_config config;
-    tl_block pulse;
-    tl_block past; /* of the place of the job, as all of the twin's that follows; */
-    tl_block twin_pulse;
-    tl_block twin_outbox;
-    tl_block other_past; /* and of the other place */
-    tl_block other_pulse;
-    tl_block stage_block;
-    tl_block io_pulse;
-    tl_block supervisor;
-    tl_block activator;
-    tl_block tuning;
-    tl_block mail;
+    tl_live_given given;
     tl_plant_input input; /* over the mail */
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
-    const tl_live_twin_pulse *other;
+    const tl_live_twin_pulse *other; /* in the other place */
+    tl_block *past;
     const tl_live_stage *stage;
     tl_heart *heart;
     tl_twin_record record; /* what the run is, but for its twin */
@@ -68,70 +55,31 @@ typedef struct recorder {
     struct stat folder;                 /* that may be written into, since the process began; 0: there was none */
 } recorder;
 
-/* ---- shared memory ---- */
-
-/* What io posts, for samples that the twin does not hand over. */
-static tl_status take_mail(recorder *self, tl_error *error) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(&self->config, &shape);
-    tl_status status =
-        tl_block_take(TL_LIVE_MAIL_READ, tl_live_mail_bytes(&shape), TL_BLOCK_WE_WRITE, &self->mail, error);
-    if (status == TL_OK) {
-        tl_live_plant_set_limits(&self->input, &self->config);
-        tl_plant_mail_open(&shape, self->mail.bytes, self->input.mailboxes);
-        status = tl_plant_input_open(&self->input)
-                     ? TL_OK
-                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
-    }
-    return status;
-}
-
 static void take_sample(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
     const recorder *self = context;
     tl_plant_input_take(&self->input, tick, instant, sample);
 }
 
-static tl_status take_memory(recorder *self, tl_error *error) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    tl_status status = tl_live_job_take(TL_LIVE_JOB, &self->job_block, &self->job, &self->config, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    const tl_outbox_settings twin = tl_live_twin_outbox(&self->config);
-    const struct {
-        int descriptor;
-        size_t size;
-        tl_block_writer writer;
-        tl_block *block;
-    } wanted[] = {
-        {TL_LIVE_OWN_PULSE, sizeof *self->own, TL_BLOCK_THEY_WRITE, &self->pulse},
-        {TL_LIVE_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_THEY_WRITE, &self->past},
-        {TL_LIVE_TWIN_PULSE_READ, sizeof *self->twin, TL_BLOCK_WE_WRITE, &self->twin_pulse},
-        {TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&twin), TL_BLOCK_WE_WRITE, &self->twin_outbox},
-        {TL_LIVE_IO_PULSE_READ, tl_live_io_bytes(), TL_BLOCK_WE_WRITE, &self->io_pulse},
-        {TL_LIVE_SUPERVISOR_READ, tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &self->supervisor},
-        {TL_LIVE_ACTIVATOR_READ, tl_live_activator_bytes(), TL_BLOCK_WE_WRITE, &self->activator},
-        {TL_LIVE_TUNING, sizeof(tl_live_tuning), TL_BLOCK_WE_WRITE, &self->tuning},
-        {TL_LIVE_STAGE, sizeof *self->stage, TL_BLOCK_WE_WRITE, &self->stage_block},
-        {TL_LIVE_OTHER_PULSE, sizeof *self->other, TL_BLOCK_WE_WRITE, &self->other_pulse},
-        {TL_LIVE_OTHER_PAST, TL_LIVE_PAST_BYTES, TL_BLOCK_THEY_WRITE, &self->other_past},
-    };
-    for (size_t i = 0; i < sizeof wanted / sizeof wanted[0] && status == TL_OK; i++) {
-        status = tl_block_take(wanted[i].descriptor, wanted[i].size, wanted[i].writer, wanted[i].block, error);
-    }
-    status = status == TL_OK ? take_mail(self, error) : status;
-    self->own = self->pulse.bytes;
-    self->twin = self->twin_pulse.bytes;
-    self->other = self->other_pulse.bytes;
-    self->stage = self->stage_block.bytes;
-    return status;
+static void *bytes_of(const recorder *self, size_t block) {
+    return self->given.blocks[block].bytes;
+}
+
+/* What io posts is for samples that the twin does not hand over. */
+static tl_status open_memory(recorder *self, tl_error *error) {
+    const uint32_t place = self->given.job.place;
+    self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
+    self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + place);
+    self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - place);
+    self->past = &self->given.blocks[TL_LIVE_PAST + place];
+    self->stage = bytes_of(self, TL_LIVE_STAGE);
+    return tl_live_input_open(&self->given.config, &self->given.blocks[TL_LIVE_MAIL], &self->input, error);
 }
 
 /* ---- the writer ---- */
 
 /* What whoever retunes has written since: before entries that may be of it are. What cannot be is passed over, since no twin takes it either. */
 static void look_at_tuning(recorder *self) {
-    const tl_live_tuning *block = self->tuning.bytes;
+    const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->given.job.place);
     uint32_t number = tl_live_tuning_number(block);
     tl_error error;
     if (number == self->looked || number % 2 != 0) {
@@ -153,23 +101,24 @@ static void look_at_tuning(recorder *self) {
 /* No other twin can have taken over: none was to, since this process was begun. */
 static bool is_nobody_else(void *context) {
     const recorder *self = context;
-    return __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE) == self->job.flips;
+    return __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE) == self->given.job.flips;
 }
 
 static tl_status open_writer(recorder *self, tl_error *error) {
     const tl_outbox_settings events = tl_live_event_outbox();
-    const size_t ring = tl_live_outbox_of_place(self->job.place);
+    const size_t ring = TL_LIVE_OUTBOX_TWIN + self->given.job.place;
     tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
-        [TL_LIVE_OUTBOX_IO] = {"io", events, tl_live_io_outbox_of(self->io_pulse.bytes)},
-        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, self->supervisor.bytes},
-        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, tl_live_activator_outbox_of(self->activator.bytes)},
+        [TL_LIVE_OUTBOX_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
+        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, bytes_of(self, TL_LIVE_ACTIVATOR_EVENTS)},
     };
-    outboxes[ring] = (tl_recorder_writer_outbox){"twin", tl_live_twin_outbox(&self->config), self->twin_outbox.bytes};
-    tl_twin_recorder_describe(&self->config, self->job.database, &self->record);
+    outboxes[ring] = (tl_recorder_writer_outbox){"twin", tl_live_twin_outbox(&self->given.config),
+                                                 bytes_of(self, TL_LIVE_OUTBOX + self->given.job.place)};
+    tl_twin_recorder_describe(&self->given.config, self->given.job.database, &self->record);
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
     self->record.settings.known_count = 1;
-    self->record.settings.insistence = self->job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
+    self->record.settings.insistence = self->given.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
         .outboxes = outboxes,
@@ -180,12 +129,12 @@ static tl_status open_writer(recorder *self, tl_error *error) {
         .context = self,
         .state = &self->own->state,
         .heart = self->heart,
-        .plant = {.take = take_sample, .context = self, .kept = tl_plant_mail_kept(&self->config)},
+        .plant = {.take = take_sample, .context = self, .kept = tl_plant_mail_kept(&self->given.config)},
         .is_last = true,
     };
     self->samples = (tl_live_samples){.pulse = self->other,
-                                      .answer = &self->own->answer[1 - self->job.place],
-                                      .past = &self->other_past,
+                                      .answer = &self->own->answer[1 - self->given.job.place],
+                                      .past = &self->given.blocks[TL_LIVE_PAST + 1 - self->given.job.place],
                                       .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
@@ -214,21 +163,21 @@ static const char *fmus_of_twin(recorder *self) {
 
 static void open_history(recorder *self) {
     const tl_past_history_settings settings = {
-        .config = &self->config,
+        .config = &self->given.config,
         .path = tl_recorder_writer_path(self->writer),
         .before = INT64_MAX,
         .fmus = fmus_of_twin(self),
         .boot = self->record.boot,
-        .components = self->config.component_count + 1,
+        .components = self->given.config.component_count + 1,
         .tell = note_words,
-        .context = &self->own->answer[self->job.place],
+        .context = &self->own->answer[self->given.job.place],
     };
     self->history = tl_past_history_open(&settings);
 }
 
 /* The next older one, into its block. */
 static void answer(recorder *self, tl_live_wish wish) {
-    tl_live_past_answer *given = &self->own->answer[self->job.place];
+    tl_live_past_answer *given = &self->own->answer[self->given.job.place];
     size_t size = 0;
     memset(given->words, 0, sizeof given->words);
     if ((uint32_t)wish == 1) {
@@ -237,7 +186,7 @@ static void answer(recorder *self, tl_live_wish wish) {
     }
     bool found = tl_past_history_next(self->history, &size) && size <= TL_LIVE_PAST_BYTES;
     if (found) {
-        tl_past_history_write(self->history, self->past.bytes);
+        tl_past_history_write(self->history, self->past->bytes);
     }
     given->size = found ? size : 0;
     given->ended = tl_past_history_ended(self->history);
@@ -245,35 +194,18 @@ static void answer(recorder *self, tl_live_wish wish) {
     __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
 }
 
-/* Nobody needs it any more: the file is closed, and the memory given back. */
-static void forget_past(recorder *self) {
-    tl_past_history_close(self->history);
-    self->history = NULL;
-    tl_block_forget(&self->past, 0, self->past.size);
-}
-
-/* Whoever is in the other place is a shadow, unless the run has gone there. */
-static void look_at_samples(recorder *self) {
-    if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) == self->job.place) {
-        tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
-    }
-}
-
 static void look_at_wishes(recorder *self) {
     tl_live_wish wish = __atomic_load_n(&self->twin->past, __ATOMIC_ACQUIRE);
     if (wish != 0 && wish != self->answered) {
         answer(self, wish);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
-        forget_past(self);
+        tl_past_history_close(self->history); /* nobody needs it any more */
+        self->history = NULL;
+        tl_block_forget(self->past, 0, self->past->size);
     }
 }
 
 /* ---- its life ---- */
-
-/* Whether a twin may wish for a past at any moment. */
-static bool is_awaited(const recorder *self) {
-    return __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0;
-}
 
 static struct stat folder_of(const char *path) {
     char copy[PATH_MAX];
@@ -292,28 +224,21 @@ static bool needs_another(const recorder *self) {
     if (since == 0 || tl_clock_now(NULL) - since < PATIENCE_WITH_FOLDER) {
         return false;
     }
-    struct stat folder = folder_of(self->job.database);
+    struct stat folder = folder_of(self->given.job.database);
     return self->folder.st_ino != 0 && folder.st_ino != 0 &&
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
-}
-
-/* For the supervisor: a process that has destroyed its outbox is to be replaced. */
-static void tell_damage(recorder *self) {
-    for (size_t i = 0; i < TL_LIVE_OUTBOXES; i++) {
-        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
-    }
 }
 
 /* The run has another twin, which puts into another outbox; in that of the job nothing more is put that is ours to read. */
 static bool is_over(const recorder *self) {
     uint32_t flips = __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE);
     uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
-    return flips != self->job.flips && (flips != self->job.flips + 1 || place != self->job.place);
+    return flips != self->given.job.flips && (flips != self->given.job.flips + 1 || place != self->given.job.place);
 }
 
 /* For the supervisor: another recorder can go on with the other outbox. */
 static void tell_drained(recorder *self) {
-    __atomic_store_n(&self->own->drained, self->job.flips + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->own->drained, self->given.job.flips + 1, __ATOMIC_RELEASE);
 }
 
 static void write_now(recorder *self) {
@@ -323,7 +248,10 @@ static void write_now(recorder *self) {
     }
     look_at_tuning(self);
     tl_recorder_writer_write(self->writer);
-    tell_damage(self);
+    for (size_t i = 0; i < TL_LIVE_OUTBOXES;
+         i++) { /* for the supervisor: who has destroyed its outbox is to be replaced */
+        __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
+    }
     if (over && tl_recorder_writer_has_drained(self->writer)) {
         tell_drained(self);
     }
@@ -343,13 +271,16 @@ static void record_until_told(recorder *self) {
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
         tl_heart_beat(self->heart);
         look_at_wishes(self);
-        look_at_samples(self);
+        if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
+            self->given.job.place) { /* the other is a shadow */
+            tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
+        }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
             write_now(self);
-            due = tl_clock_now(NULL) + self->config.record_commit;
+            due = tl_clock_now(NULL) + self->given.config.record_commit;
         }
         tl_time now = tl_clock_now(NULL);
-        tl_time look = now + (is_awaited(self) ? LOOK_SOON : LOOK);
+        tl_time look = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? LOOK_SOON : LOOK);
         due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the other one waits */
         tl_clock_sleep_until(look < due ? look : due);
     }
@@ -358,16 +289,17 @@ static void record_until_told(recorder *self) {
 int tl_recorder_role_run(void) {
     static recorder self; /* one for the process */
     tl_error error;
-    tl_live_role_begin();
-    (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
-    tl_status status = take_memory(&self, &error);
+    tl_status status = tl_live_role_begin(TL_LIVE_IS_RECORDER, &self.given);
     if (status != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
+    (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
+    status = open_memory(&self, &error);
     self.heart = tl_heart_begin(&self.own->beats, "recorder", PATIENCE);
-    self.folder = folder_of(self.job.database);
-    status = tl_live_places_confine_recorder(&self.config, self.job.database, &error);
+    self.folder = folder_of(self.given.job.database);
+    if (status == TL_OK) {
+        status = tl_live_places_confine_recorder(&self.given.config, self.given.job.database, &error);
+    }
     if (status == TL_OK) {
         status = open_writer(&self, &error);
     }
@@ -377,7 +309,7 @@ int tl_recorder_role_run(void) {
         record_until_told(&self);
         status = tl_interrupt_requested() != NULL
                      ? close_writer(&self, &error)
-                     : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder is another one now", self.job.database);
+                     : tl_fail(&error, TL_TRY_AGAIN, "%s: its folder is another one now", self.given.job.database);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

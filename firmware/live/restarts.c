@@ -22,24 +22,10 @@ enum { FILE_BYTES = 4096, TRIES_COUNTED = 1000 };
 /* What the supervisor before this one left. */
 typedef struct kept {
     uint64_t starts, restarts, failures;
-    bool running;        /* it did not end in order */
-    uint64_t unreadable; /* 0 in a file of before that was kept, as is the next one */
-    uint64_t tries;
+    bool running; /* it did not end in order */
+    uint64_t unreadable, tries;
     char boot[TL_IDENTITY_TEXT];
 } kept;
-
-/* More than a number of JSON's holds. */
-static uint64_t read_unreadable(const tl_json_reader *reader) {
-    tl_json_reader optional = *reader;
-    const char *digits = tl_json_text(&optional, "unreadable");
-    return optional.right ? strtoull(digits, NULL, 16) : 0;
-}
-
-static uint64_t read_tries(const tl_json_reader *reader) {
-    tl_json_reader optional = *reader;
-    uint64_t tries = tl_json_count(&optional, "tries");
-    return optional.right ? tries : 0;
-}
 
 static bool understand(const char *text, size_t size, kept *before) {
     tl_json_reader reader = tl_json_reader_of(text, size);
@@ -48,8 +34,9 @@ static bool understand(const char *text, size_t size, kept *before) {
     before->failures = tl_json_count(&reader, "failures");
     before->running = tl_json_truth(&reader, "running");
     (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
-    before->unreadable = read_unreadable(&reader);
-    before->tries = read_tries(&reader);
+    before->unreadable =
+        strtoull(tl_json_text(&reader, "unreadable"), NULL, 16); /* more than a number of JSON's holds */
+    before->tries = tl_json_count(&reader, "tries");
     bool right = reader.right;
     tl_json_reader_free(&reader);
     return right;

@@ -33,8 +33,7 @@ typedef struct tl_restarts {
     unsigned tries;    /* retries from safe hold since the twin last lived long enough to be forgiven all */
     bool interrupted;  /* the supervisor before this one did not end in order */
     char reason[TL_RESTARTS_REASON]; /* why the twin starts: "the box was reset by its watchdog" */
-    uint64_t
-        unreadable; /* FMU files, by a number, of which a saved state has ended the process that loaded it; 0: none */
+    uint64_t unreadable; /* number of FMU files whose saved state has ended the process that loaded it; 0: none */
     /* private */
     char path[PATH_MAX]; /* "": nowhere */
     char boot[TL_IDENTITY_TEXT];
@@ -42,6 +41,20 @@ typedef struct tl_restarts {
     tl_time healthy; /* since one was forgiven */
     bool unwritten;  /* said so */
 } tl_restarts;
+
+/* What a twin is told at its start. */
+typedef struct tl_start {
+    uint64_t starts, restarts; /* of tl_restarts, as the next three */
+    uint64_t unreadable;
+    unsigned tries;
+    char reason[TL_RESTARTS_REASON];
+    unsigned failures; /* of the twin, */
+    unsigned missing;  /* and starts in a row that got no process */
+    bool again;        /* after a failure */
+    bool hold;         /* safe hold, */
+    tl_time hold_time; /* and for how long, until the twin is tried again */
+    bool waits;        /* or only until the run's twin may begin: then this is no start of the account */
+} tl_start;
 
 /* Reads what is kept, and finds out why there is a start: at best an orderly end before. `watchdog`: the box was reset by its
  * watchdog. A file that is damaged is told on the log, and counting begins anew; so is a folder that can only be read, in which nothing is kept. Errors: TL_BAD_DATA where the folder cannot be

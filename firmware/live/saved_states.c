@@ -60,10 +60,6 @@ static void identify(tl_saved_states *states) {
 
 /* ---- what is remembered ---- */
 
-static bool name_file(tl_saved_states *states) {
-    return snprintf(states->path, PATH_MAX, "%s/states.json", states->settings.folder) < PATH_MAX;
-}
-
 /* False: nothing is, of these. */
 static bool remember(tl_saved_states *states) {
     tl_json_reader reader = tl_json_file_read(states->path);
@@ -98,7 +94,6 @@ static void begin_trial(tl_saved_states *states) {
                 .unconfined = settings->unconfined},
         .limit = LIMIT,
         .be = settings->be,
-        .context = settings->context,
     };
     states->is_due = tl_worker_start(&states->worker, &worker, &error) == TL_OK;
     states->begun = tl_clock_now(NULL);
@@ -159,7 +154,8 @@ void tl_saved_states_stop(tl_saved_states *states) {
 
 void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states) {
     *states = (tl_saved_states){.settings = *settings};
-    if (settings->folder == NULL || settings->config->record_resume == 0 || !name_file(states)) {
+    if (settings->folder == NULL || settings->config->record_resume == 0 ||
+        snprintf(states->path, PATH_MAX, "%s/states.json", settings->folder) >= PATH_MAX) {
         return;
     }
     identify(states);

@@ -28,12 +28,10 @@ typedef struct tl_saved_states_settings {
     bool unconfined;
     uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
     int (*be)(const char *title, void *context); /* where there is no exec (role.h) */
-    void *context;                               /* of `be` */
 } tl_saved_states_settings;
 
 typedef struct tl_saved_states {
-    uint64_t
-        files; /* these FMU files' (tl_identity_number_of_open_files()) are of no use; 0: nothing is known against them */
+    uint64_t files; /* number of the FMU files whose saved states are of no use; 0: nothing is known against them */
     char why[TL_TWIN_CHECK_WHY]; /* then: why */
     /* private */
     tl_saved_states_settings settings;

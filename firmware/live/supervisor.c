@@ -30,6 +30,9 @@ static const tl_time REAPING = 30 * TL_SECOND;
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
+/* The same before an activator for which a client waits. */
+static const tl_time PAUSE_OF_CLIENT = TL_SECOND;
+
 /* The longest pause before a recorder that is to write the rest. */
 static const tl_time PAUSE_IN_END = TL_SECOND;
 
@@ -125,10 +128,17 @@ typedef struct supervisor {
 static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
                                                 [TL_MEMBER_IO] = "the reading of the plant",
                                                 [TL_MEMBER_TWIN] = "the twin",
-                                                [TL_MEMBER_SHADOW] = "the shadow"};
+                                                [TL_MEMBER_SHADOW] = "the shadow",
+                                                [TL_MEMBER_ACTIVATOR] = "the activator"};
 
 /* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
-static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_TWIN, TL_MEMBER_IO, TL_MEMBER_RECORDER};
+static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
+                                                TL_MEMBER_RECORDER};
+
+/* Members that are begun when they are ordered; the run does not depend on them. */
+static bool is_ordered(tl_member which) {
+    return which == TL_MEMBER_SHADOW || which == TL_MEMBER_ACTIVATOR;
+}
 
 static member *twin_of(supervisor *self) {
     return self->members[TL_MEMBER_TWIN];
@@ -244,7 +254,8 @@ static tl_wait wait_of(const supervisor *self) {
 /* The start that a new twin receives; the account counts it from now on. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
-    tl_start start = {.restarts = &self->restarts,
+    tl_start start = {.unreadable = self->restarts.unreadable,
+                      .tries = self->restarts.tries,
                       .again = self->restarts.failures > 0 || self->is_excused,
                       .failures = self->restarts.failures,
                       .missing = twin_of(self)->failures};
@@ -261,6 +272,9 @@ static tl_start start_of_twin(supervisor *self) {
         self->is_excused = false;
         tl_restarts_begin(&self->restarts, start.again);
     }
+    start.starts = self->restarts.starts;
+    start.restarts = self->restarts.restarts;
+    memcpy(start.reason, self->restarts.reason, sizeof start.reason);
     return start;
 }
 
@@ -288,7 +302,7 @@ static void note_no_process(supervisor *self, tl_member which, tl_time now, bool
 
 static void begin(supervisor *self, tl_member which, tl_time now) {
     member *begun = self->members[which];
-    tl_start start = {.restarts = &self->restarts};
+    tl_start start = {.unreadable = self->restarts.unreadable};
     tl_error error = {0};
     tl_child_prepare(&begun->child);
     begun->lived = 0;
@@ -304,7 +318,7 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
         note_no_process(self, which, now, start.again, &error);
         return;
     }
-    tl_child_begin(&begun->child, pid);
+    begun->child.pid = pid;
     begun->state = LIVING;
     begun->hold_time = start.hold_time;
     begun->failures = which == TL_MEMBER_TWIN ? 0 : begun->failures;
@@ -343,9 +357,9 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
         end_all(self, 0);
         return;
     }
-    if (tl_child_was_killed(child) || child->end.farewell == TL_FAREWELL_NONE) {
+    if (child->killed || child->end.farewell == TL_FAREWELL_NONE) {
         say_failure(self, which, reason, false);
-        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !tl_child_was_killed(child) ? FMU_FAILED : TRY_AGAIN);
+        end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
     }
     if (!tl_child_kept_its_word(child)) {
@@ -362,7 +376,7 @@ static bool is_worth_another(supervisor *self, tl_member which) {
         child->end.farewell != TL_FAREWELL_NONE) {
         return false;
     }
-    self->tries += tl_child_was_killed(child) ? 2 : 1;
+    self->tries += child->killed ? 2 : 1;
     return self->tries < LAST_TRIES;
 }
 
@@ -388,7 +402,7 @@ static void end_alone(supervisor *self, const char *reason) {
 
 /* By somebody beside this run, or by the kernel for want of memory: nothing that it did itself. */
 static bool was_killed_by_others(const tl_child *child) {
-    return child->end.by_signal && child->end.number == SIGKILL && !tl_child_was_killed(child);
+    return child->end.by_signal && child->end.number == SIGKILL && !child->killed;
 }
 
 /* Of a shadow: what follows from it is not decided here. */
@@ -401,29 +415,35 @@ static void note_end_of_shadow(supervisor *self) {
     ended->state = ABSENT;
 }
 
-/* It has done all that it was there for, and makes room for another one. */
-static bool is_changed(const member *ended) {
-    return ended->is_changed && tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
-}
-
-/* What the twin announces is in memory that its FMUs can write, too. */
-static void doubt_farewell(supervisor *self, tl_member which) {
-    tl_child_end *end = &self->members[which]->child.end;
-    if (which == TL_MEMBER_TWIN && end->farewell == TL_FAREWELL_OVER && !self->settings->has_duration) {
-        end->farewell = TL_FAREWELL_NONE;
+/* What it did not finish, another one does. */
+static void note_end_of_activator(supervisor *self, tl_time now) {
+    member *ended = self->members[TL_MEMBER_ACTIVATOR];
+    char reason[TL_RESTARTS_REASON];
+    bool is_orderly = tl_child_kept_its_word(&ended->child) && ended->child.end.code == 0;
+    tl_child_describe(&ended->child, reason);
+    tl_child_bury(&ended->child);
+    ended->state = ABSENT;
+    ended->failures = is_orderly ? 0 : ended->failures + 1;
+    if (!is_orderly && !self->is_ending) {
+        rest(ended, now, pause_after(ended->failures + 1));
+        count_failure(self, TL_MEMBER_ACTIVATOR, now, reason);
     }
 }
 
 static void note_end(supervisor *self, tl_member which, tl_time now) {
     member *ended = self->members[which];
-    doubt_farewell(self, which);
+    tl_child_end *end = &ended->child.end;
     char reason[TL_RESTARTS_REASON];
+    if (which == TL_MEMBER_TWIN && end->farewell == TL_FAREWELL_OVER && !self->settings->has_duration) {
+        end->farewell = TL_FAREWELL_NONE; /* it is announced in memory that FMUs can write */
+    }
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
     tl_child_describe(&ended->child, reason);
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
-    if (is_changed(ended)) {
+    if (ended->is_changed && tl_child_kept_its_word(&ended->child) &&
+        end->code == 0) { /* it makes room for another one */
         tl_child_bury(&ended->child);
         rest(ended, now, 0);
         return;
@@ -514,14 +534,6 @@ static void note_life(supervisor *self, tl_time now, tl_time passed) {
     tell_status(self, now);
 }
 
-/* What was found before it was ready is what the one before has left: it has mended that. */
-static bool is_damaged(const supervisor *self, tl_member which) {
-    const member *living = self->members[which];
-    bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
-    return is_believed && living->ready != 0 && !living->child.asked &&
-           self->settings->damaged(self->settings->context, which) > living->ready;
-}
-
 /* True: it is no more. */
 static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
@@ -529,16 +541,20 @@ static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_t
     if (living->ready == 0 && tl_heartbeats_is_ready(living->child.beats)) {
         living->ready = now;
     }
-    bool damaged = is_damaged(self, which);
+    bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
+    /* What was found before it was ready is what the one before has left: it has mended that. */
+    bool damaged = is_believed && living->ready != 0 && !living->child.asked &&
+                   self->settings->damaged(self->settings->context, which) > living->ready;
     if (damaged) {
         living->was_damaged = true;
-        tl_child_kill_damaged(&living->child);
+        tl_child_kill(&living->child, INT64_MAX,
+                      "it has destroyed its own memory: what it hands to the recorder cannot be read on");
     }
     return damaged;
 }
 
 static tl_time grace_of(supervisor *self, tl_member which) {
-    if (self->hurries || (which == TL_MEMBER_SHADOW && self->is_ending)) {
+    if (self->hurries || (is_ordered(which) && self->is_ending)) {
         return GRACE_AGAIN;
     }
     if (which == TL_MEMBER_IO) {
@@ -565,22 +581,14 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     return !is_held;
 }
 
-/* The first twin may begin. One that is not ready would die of it. */
-static void end_wait(supervisor *self) {
-    member *twin = twin_of(self);
-    if (self->waits && !twin->child.asked && wait_of(self) == TL_WAIT_OVER) {
-        twin->is_changed = true;
-        tl_child_ask(&twin->child, SIGTERM);
-    }
-}
-
 static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     bool is_twin = which == TL_MEMBER_TWIN;
     tl_time silence = 0;
-    const char *silent = tl_child_look(&living->child, now, &silence);
+    const char *silent = tl_heartbeats_look(living->child.beats, &living->child.seen, now, &silence);
     if (is_to_be_killed(self, which, silent, silence)) {
-        tl_child_kill_silent(&living->child, silent, silence);
+        tl_child_kill(&living->child, silence, "it hung: \"%.40s\" gave no sign of life for %.1f s", silent,
+                      tl_seconds(silence));
         return;
     }
     if (look_for_damage(self, which, now, passed)) {
@@ -594,7 +602,10 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     stroke(self, now);
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
-        end_wait(self);
+        if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may begin */
+            living->is_changed = true;
+            tl_child_ask(&living->child, SIGTERM);
+        }
     }
 }
 
@@ -630,6 +641,8 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
             look_at_living(self, which, now, passed);
         } else if (which == TL_MEMBER_SHADOW) {
             note_end_of_shadow(self);
+        } else if (which == TL_MEMBER_ACTIVATOR) {
+            note_end_of_activator(self, now);
         } else {
             self->ran = self->ran || (which == TL_MEMBER_TWIN && tl_heartbeats_is_ready(member_->child.beats));
             note_end(self, which, now);
@@ -645,17 +658,18 @@ static bool can_be_asked(const supervisor *self, tl_member which) {
            living->lived >= GRACE_AGAIN;
 }
 
-/* Asks the next one to end. True: nobody is left. */
+/* Asks the next one to end. True: nobody is left. A dead disk may keep an activator that was killed from dying. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
         member *next = self->members[end_order[i]];
-        if (next->state == ABSENT) {
+        if (next->state == ABSENT ||
+            (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == LIVING && next->child.killed)) {
             continue;
         }
         if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (end_order[i] != TL_MEMBER_TWIN && end_order[i] != TL_MEMBER_SHADOW) {
+        if (end_order[i] == TL_MEMBER_IO || end_order[i] == TL_MEMBER_RECORDER) {
             stroke(self, now);
         }
         return false;
@@ -665,13 +679,17 @@ static bool go_on_ending(supervisor *self, tl_time now) {
 
 /* ---- orders ---- */
 
-static void see_to_shadow(supervisor *self, bool wanted, tl_time now) {
-    member *shadow = shadow_of(self);
+/* The activator ends by itself, and begins again after a failure: sooner if a client waits. */
+static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
+    member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;
-    if (shadow->state == LIVING && !shall_be && !shadow->child.asked) {
-        tl_child_ask(&shadow->child, SIGTERM);
-    } else if (shadow->state == ABSENT && shall_be && tl_child_is_buried(&shadow->child)) {
-        begin(self, TL_MEMBER_SHADOW, now);
+    if (which == TL_MEMBER_SHADOW && ordered->state == LIVING && !shall_be && !ordered->child.asked) {
+        tl_child_ask(&ordered->child, SIGTERM);
+        return;
+    }
+    bool is_due = ordered->state == ABSENT || (ordered->state == RESTING && now - ordered->ended >= PAUSE_OF_CLIENT);
+    if (is_due && shall_be && tl_child_is_buried(&ordered->child)) {
+        begin(self, which, now);
     }
 }
 
@@ -712,12 +730,13 @@ static void look_for_orders(supervisor *self, tl_time now) {
         end_all(self, 0);
     }
     if (orders.kill_twin && twin_of(self)->state == LIVING) {
-        tl_child_kill_late(&twin_of(self)->child);
+        tl_child_kill(&twin_of(self)->child, 0, "it did not end its run when another twin was to take over");
     }
     if (orders.swap && !self->is_ending) {
         swap(self, now);
     }
-    see_to_shadow(self, orders.shadow, now);
+    see_to_ordered(self, TL_MEMBER_SHADOW, orders.shadow, now);
+    see_to_ordered(self, TL_MEMBER_ACTIVATOR, orders.activator, now);
     if (orders.recorder) {
         change_recorder(self, now);
     }
@@ -725,7 +744,7 @@ static void look_for_orders(supervisor *self, tl_time now) {
 
 /* ---- the run ---- */
 
-/* A shadow needs nothing of us at once. */
+/* Members that are ordered need nothing of us at once. */
 static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
@@ -742,7 +761,7 @@ static int supervise(supervisor *self) {
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         if (which == TL_MEMBER_TWIN && wait_of(self) != TL_WAIT_OVER) {
             rest(twin_of(self), looked, 0);
-        } else if (self->settings->beats[which] != NULL && which != TL_MEMBER_SHADOW) {
+        } else if (self->settings->beats[which] != NULL && !is_ordered(which)) {
             begin(self, which, looked);
         }
     }

@@ -31,6 +31,8 @@
  * Shadow:  there on order, and asked to end once it is not ordered any more. Watched as the others are; but it is not begun again by itself, and its end,
  *          of which who orders it is told, is nobody's failure: no stroke, account, exit code or safe hold depends on it. When all end it is the first, and is
  *          killed after 2 s: nothing of it is kept.
+ * Activator: begun on order, and ends by itself when it has nothing to do. One that failed is begun again after a pause that doubles from 0.25 s to 8 s, or after 1 s if it is ordered. It ends
+ *          before the twin, and is killed after 2 s. The run does not depend on it, nor do exit code and account.
  * Swap:    twin and shadow change places on order, with all that belongs to their processes: from then on the other one is the twin, and strokes, account and
  *          status are its. One that is dead by then is begun at once; its death is not in the account, which says whether a *run's* twin can live: whoever
  *          died as a shadow has done no run any harm, and if it cannot live as the twin either, that is soon in there. The old twin goes on as the shadow; if it
@@ -50,18 +52,14 @@
 #include "firmware/process/heartbeat.h"
 
 /* In the order in which they begin. */
-typedef enum tl_member { TL_MEMBER_RECORDER, TL_MEMBER_IO, TL_MEMBER_TWIN, TL_MEMBER_SHADOW, TL_MEMBERS } tl_member;
-
-/* What a twin is told at its start. */
-typedef struct tl_start {
-    const tl_restarts *restarts; /* which start this is, and why */
-    unsigned failures;           /* of the twin, */
-    unsigned missing;            /* and starts in a row that got no process */
-    bool again;                  /* after a failure */
-    bool hold;                   /* safe hold, */
-    tl_time hold_time;           /* and for how long, until the twin is tried again */
-    bool waits;                  /* or only until the run's twin may begin: then this is no start of the account */
-} tl_start;
+typedef enum tl_member {
+    TL_MEMBER_RECORDER,
+    TL_MEMBER_IO,
+    TL_MEMBER_TWIN,
+    TL_MEMBER_SHADOW,
+    TL_MEMBER_ACTIVATOR,
+    TL_MEMBERS
+} tl_member;
 
 /* Whether the first twin has to wait. */
 typedef enum tl_wait {
@@ -74,6 +72,7 @@ typedef enum tl_wait {
 typedef struct tl_orders {
     bool end;       /* all shall */
     bool shadow;    /* there shall be one; if it has ended, it is begun again for as long as this is ordered */
+    bool activator; /* there shall be one; begun if there is none */
     bool kill_twin; /* it does not do its part in a swap, and shall not be waited for */
     bool swap;      /* not once all end */
     bool recorder;  /* another one shall be begun */

@@ -15,9 +15,8 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
-#include "firmware/live/live_activator.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/live/live_change.h"
-#include "firmware/live/live_job.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/live_wire.h"
@@ -27,30 +26,22 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/role.h"
 #include "firmware/report/summary.h"
+#include "firmware/retune/control.h"
 #include "firmware/store/outbox.h"
 #include "firmware/twin/twin_process.h"
 
 /* ---- the data: used by the supervisor's thread, but for tl_tree_put_event() ---- */
 
-/* All shared memory of the run. It outlives each process that writes it. */
-typedef struct tl_tree_memory {
-    tl_block mail; /* in which io posts what it reads of the plant (mailbox.h) */
-    tl_block io_pulse;
-    tl_block recorder_pulse;
-    tl_block supervisor; /* an outbox of ours */
-    tl_block stage;
-    tl_block candidate; /* of the activator */
-} tl_tree_memory;
-
 typedef struct tl_tree {
     const tl_tree_settings *settings;
-    tl_config config; /* as the processes have it, with what the command line changes */
-    tl_live_job job;  /* what does not change from start to start */
-    tl_tree_memory memory;
+    tl_config config;                /* as the processes have it, with what the command line changes */
+    tl_live_job job;                 /* what does not change from start to start */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* but those of places; they outlive each process that writes them */
     tl_live_place places[TL_LIVE_PLACES];
     tl_live_change change;
-    uint32_t twins_place; /* the place of the supervisor's twin; that of the run is on the stage */
-    tl_live_activator activator;
+    uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
+    int listener;           /* the control socket; -1: there is none, and never an activator */
+    bool was_activated;     /* one was begun: the first sees to what was not finished before */
     tl_saved_states states; /* of the FMUs with which the run begins, */
     bool told_states;       /* and that they are of no use */
     bool again;             /* the run is to begin anew */
@@ -63,7 +54,7 @@ typedef struct tl_tree {
 } tl_tree;
 
 static inline tl_live_stage *tl_tree_stage(const tl_tree *self) {
-    return self->memory.stage.bytes;
+    return self->blocks[TL_LIVE_STAGE].bytes;
 }
 
 /* That of the run. */
@@ -77,20 +68,24 @@ static inline tl_live_place *tl_tree_place_of(tl_tree *self, tl_member which) {
 }
 
 static inline tl_live_recorder_pulse *tl_tree_recorder_pulse(const tl_tree *self) {
-    return self->memory.recorder_pulse.bytes;
+    return self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+}
+
+static inline tl_live_activator_pulse *activator_pulse(const tl_tree *self) {
+    return self->blocks[TL_LIVE_ACTIVATOR_PULSE].bytes;
 }
 
 static inline bool tl_tree_records(const tl_tree *self) {
     return self->job.database[0] != '\0';
 }
 
-/* ---- the start of each process ---- */
+/* ---- events ---- */
 
-/* ---- tree.c ---- */
-
-static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text);
-
-/* ---- tree start ---- */
+static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text) {
+    if (tl_tree_records(self)) {
+        tl_outbox_event(&self->outbox, -1, severity, source, text);
+    }
+}
 
 /* ---- what is heard of FMUs ---- */
 
@@ -111,134 +106,74 @@ static void hear_refusal_of_other(void *context, const char *text) {
 
 /* ---- descriptors ---- */
 
-/* Descriptors for a process: closed here once it has them. */
-typedef struct gift {
-    int given[TL_ROLE_DESCRIPTORS];
-} gift;
+static const tl_block *find_block(const tl_tree *self, int number) {
+    const unsigned of_place = (unsigned)(number - TL_LIVE_TWIN_PULSE);
+    const tl_live_place *place = &self->places[of_place % TL_LIVE_PLACES];
+    const tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past, &place->outbox};
+    return number < TL_LIVE_TWIN_PULSE ? &self->blocks[number] : blocks[of_place / TL_LIVE_PLACES];
+}
 
-static gift no_gift(void) {
-    gift made;
+/* Descriptors for a process of the job: to be closed here once it has them. */
+static void give(const tl_tree *self, tl_live_kind kind, const tl_live_job *job, int given[TL_ROLE_DESCRIPTORS]) {
+    const tl_live_access access = tl_live_access_of(kind, job);
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        made.given[i] = -1;
-    }
-    return made;
-}
-
-static void give(gift *made, int number, const tl_block *block) {
-    made->given[number] = block->descriptor < 0 || block->size == 0 ? -1 : fcntl(block->descriptor, F_DUPFD_CLOEXEC, 0);
-}
-
-static void give_to_read(gift *made, int number, const tl_block *block) {
-    made->given[number] = block->descriptor < 0 || block->size == 0 ? -1 : tl_block_reader(block);
-}
-
-static void take_back(gift *made) {
-    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        if (made->given[i] >= 0) {
-            (void)close(made->given[i]);
+        given[i] = -1;
+        if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
+            given[i] = fcntl(find_block(self, i)->descriptor, F_DUPFD_CLOEXEC, 0);
+        } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
+            given[i] = tl_block_reader(find_block(self, i));
         }
     }
 }
 
-/* What main() does for a title; the context is the tree. */
-static int tl_tree_be(const char *title, void *context) {
-    const tl_tree *self = context;
-    return self->settings->be(title, context);
+static void take_back(const int given[TL_ROLE_DESCRIPTORS]) {
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        if (given[i] >= 0) {
+            (void)close(given[i]);
+        }
+    }
 }
 
 /* One without FMUs: with a job of the configuration in a place, and a pipe for what it prints. */
-static pid_t start_plain(tl_tree *self, const char *kind, unsigned ear, uint32_t place, gift *made, tl_error *error) {
+static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_error *error) {
+    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_ACTIVATOR};
     char title[TL_ROLE_TITLE];
+    tl_role_settings settings = {.title = title, .fallback = self->settings->be};
+    int *given = settings.descriptors;
     tl_block job = {.descriptor = -1};
     tl_role role = {.pid = 0};
-    int output[2] = {-1, -1};
-    (void)snprintf(title, sizeof title, "%s [%s]", kind, self->config.name);
+    (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
     self->job.place = place;
     tl_status status =
         tl_live_job_make(&self->job, self->settings->config->path, self->places[place].text, &job, error);
-    made->given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
-    if (status == TL_OK && (made->given[0] < 0 || pipe2(output, O_CLOEXEC) != 0)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "no pipe for \"%s\": %s", title, strerror(errno));
-    }
+    give(self, kind, &self->job, given);
+    given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
-        tl_role_settings settings = {.title = title, .fallback = tl_tree_be, .context = self};
-        memcpy(settings.descriptors, made->given, sizeof settings.descriptors);
-        settings.descriptors[1] = output[1];
-        settings.descriptors[2] = output[1];
-        settings.descriptors[TL_LIVE_JOB] = job.descriptor;
-        status = tl_role_start(&settings, &role, error);
+        given[1] = fcntl(tl_voice_pipe(self->voice, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
+        given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
+        given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
+        given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
+        bool is_short = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0;
+        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
+                        : tl_role_start(&settings, &role, error));
     }
-    if (output[1] >= 0) {
-        (void)close(output[1]);
-    }
-    if (status == TL_OK) {
-        tl_voice_hear(self->voice, ear, output[0]);
-    } else if (output[0] >= 0) {
-        (void)close(output[0]);
-    }
+    take_back(given);
     tl_block_close(&job);
     return role.pid;
 }
 
-static pid_t start_io(tl_tree *self, tl_error *error) {
-    gift made = no_gift();
-    give(&made, TL_LIVE_MAIL, &self->memory.mail);
-    give(&made, TL_LIVE_OWN_PULSE, &self->memory.io_pulse);
-    give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
-    pid_t pid = start_plain(self, TL_LIVE_IO, 0, tl_tree_stage(self)->place, &made, error);
-    take_back(&made);
-    return pid;
-}
-
 static pid_t start_recorder(tl_tree *self, tl_error *error) {
-    gift made = no_gift();
     tl_live_change_begin_recorder(&self->change);
-    const uint32_t number = self->change.recorder_place;
-    const tl_live_place *place = &self->places[number];
-    const tl_live_place *other = &self->places[1 - number];
     self->job.flips = self->change.recorder_flips;
-    give(&made, TL_LIVE_OWN_PULSE, &self->memory.recorder_pulse);
-    give(&made, TL_LIVE_PAST, &place->past);
-    give(&made, TL_LIVE_OTHER_PAST, &other->past);
-    give_to_read(&made, TL_LIVE_TWIN_PULSE_READ, &place->pulse_block);
-    give_to_read(&made, TL_LIVE_OTHER_PULSE, &other->pulse_block);
-    give_to_read(&made, TL_LIVE_TWIN_OUTBOX, &place->outbox);
-    give_to_read(&made, TL_LIVE_STAGE, &self->memory.stage);
-    give_to_read(&made, TL_LIVE_IO_PULSE_READ, &self->memory.io_pulse);
-    give_to_read(&made, TL_LIVE_SUPERVISOR_READ, &self->memory.supervisor);
-    give_to_read(&made, TL_LIVE_ACTIVATOR_READ, &self->activator.pulse);
-    give_to_read(&made, TL_LIVE_TUNING, &place->tuning);
-    give_to_read(&made, TL_LIVE_MAIL_READ, &self->memory.mail);
-    pid_t pid = start_plain(self, TL_LIVE_RECORDER, 1, number, &made, error);
-    take_back(&made);
-    return pid;
+    return start_plain(self, TL_LIVE_IS_RECORDER, self->change.recorder_place, error);
 }
 
-static pid_t tl_tree_begin_activator(void *context) {
-    tl_tree *self = context;
-    tl_error error = {0};
-    gift made = no_gift();
-    const uint32_t number = tl_tree_stage(self)->place;
-    const tl_live_place *place = &self->places[number];
-    const tl_live_place *other = &self->places[1 - number];
+static pid_t start_activator(tl_tree *self, tl_error *error) {
+    self->was_activated = true;
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         memcpy(self->job.hash[i], self->places[i].hash, sizeof self->job.hash[i]);
     }
-    made.given[TL_LIVE_KNOCKER] = fcntl(self->activator.listener, F_DUPFD_CLOEXEC, 0);
-    give(&made, TL_LIVE_OWN_PULSE, &self->activator.pulse);
-    give(&made, TL_LIVE_TUNING, &place->tuning);
-    give(&made, TL_LIVE_OTHER_TUNING, &other->tuning);
-    give(&made, TL_LIVE_CANDIDATE, &self->memory.candidate);
-    give_to_read(&made, TL_LIVE_ACTIVATOR_TWIN, &place->pulse_block);
-    give_to_read(&made, TL_LIVE_OTHER_PULSE, &other->pulse_block);
-    give_to_read(&made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
-    give_to_read(&made, TL_LIVE_STAGE, &self->memory.stage);
-    pid_t pid = start_plain(self, TL_LIVE_ACTIVATOR, 2, number, &made, &error);
-    take_back(&made);
-    if (pid == 0) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-    }
-    return pid;
+    return start_plain(self, TL_LIVE_IS_ACTIVATOR, tl_tree_stage(self)->place, error);
 }
 
 /* Nothing of the one before is left but what its successor goes on with. */
@@ -254,14 +189,6 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
     pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
 }
 
-/* The first one that waits records from the beginning of the wait on, which io's mail still has. */
-static tl_time start_of(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
-    if (start->waits) {
-        return place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
-    }
-    return is_shadow ? place->start : 0;
-}
-
 /* What a twin is told of its start. */
 static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, bool is_shadow, const tl_start *start) {
     tl_live_job job = self->job;
@@ -269,55 +196,32 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
     job.number = place->pulse->number;
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
-    job.start = start_of(self, place, is_shadow, start);
+    job.start = is_shadow ? place->start : 0;
+    if (start->waits) { /* the first one records from the beginning of the wait on, which io's mail still has */
+        job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+    }
     job.started = is_shadow ? place->started : 0;
     job.flips = tl_tree_stage(self)->flips;
-    job.again = start->again;
-    job.holds = start->hold;
-    job.hold_time = start->hold_time;
-    job.starts = start->restarts->starts;
-    job.restarts = start->restarts->restarts;
-    job.failures = start->failures;
-    job.missing = start->missing;
-    job.tries = start->restarts->tries;
-    memcpy(job.reason, start->restarts->reason, sizeof job.reason);
+    job.how = *start;
     return job;
-}
-
-static void give_to_twin(const tl_tree *self, const tl_live_place *place, gift *made) {
-    give_to_read(made, TL_LIVE_MAIL, &self->memory.mail);
-    give_to_read(made, TL_LIVE_RECORDER_PULSE, &self->memory.recorder_pulse);
-    give_to_read(made, TL_LIVE_STAGE, &self->memory.stage);
-    give_to_read(made, TL_LIVE_PAST, &place->past);
-    give_to_read(made, TL_LIVE_TUNING, &place->tuning);
-    give(made, TL_LIVE_OWN_PULSE, &place->pulse_block);
-    give(made, TL_LIVE_TWIN_OUTBOX, &place->outbox);
-}
-
-static const char *kind_of_twin(bool is_shadow, const tl_start *start) {
-    const char *held = start->waits ? "twin, waits" : "twin, safe hold";
-    return start->hold ? held : is_shadow ? TL_LIVE_TWIN_SHADOW : TL_LIVE_TWIN;
 }
 
 /* A shadow is told the run's configuration: it reads the samples that the run has recorded. */
 static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_live_job *job, const char *title,
                                 tl_error *error) {
-    gift made = no_gift();
-    tl_live_job_bytes live = {.bytes = NULL};
-    const char *of_run = job->is_shadow ? self->places[1 - job->place].text : "";
-    tl_status status = tl_live_job_pack(job, of_run, &live, error);
-    if (status != TL_OK) {
-        return status;
+    size_t live_size = 0;
+    unsigned char *live = tl_live_job_pack(job, job->is_shadow ? self->places[1 - job->place].text : "", &live_size);
+    if (live == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
     }
-    give_to_twin(self, place, &made);
     const tl_twin_job twin_job = {
         .task = TL_TASK_LIVE,
-        .holds = job->holds,
+        .holds = job->how.hold,
         .path = self->settings->config->path,
         .text = place->text,
         .unconfined = place->unconfined,
-        .live = live.bytes,
-        .live_size = live.size,
+        .live = live,
+        .live_size = live_size,
     };
     tl_twin_process_settings settings = {
         .job = &twin_job,
@@ -330,52 +234,48 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
         .hear = job->place == 0 ? hear_refusal : hear_refusal_of_other,
         .context = self,
     };
-    memcpy(settings.given, made.given, sizeof made.given);
-    status = tl_twin_process_start(&settings, &place->twin, error);
-    take_back(&made);
-    free(live.bytes);
+    give(self, TL_LIVE_IS_TWIN, job, settings.given);
+    tl_status status = tl_twin_process_start(&settings, &place->twin, error);
+    take_back(settings.given);
+    free(live);
     return status;
 }
 
 static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, const tl_start *start, tl_error *error) {
     char title[TL_ROLE_TITLE];
-    const uint64_t known = self->states.files != 0 ? self->states.files : start->restarts->unreadable;
+    const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
     prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* the first number stays */
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
-    (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start), self->config.name,
+    const char *kind = start->waits  ? "twin, waits"
+                       : start->hold ? "twin, safe hold"
+                       : is_shadow   ? TL_LIVE_TWIN_SHADOW
+                                     : TL_LIVE_TWIN;
+    (void)snprintf(title, sizeof title, "%s [%s]%s", kind, self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
     tl_status status = start_with_job(self, place, &job, title, error);
     place->pid = status == TL_OK ? tl_twin_process_id(place->twin) : 0;
     return place->pid;
 }
 
-static pid_t begin_shadow(tl_tree *self, const tl_start *start, tl_error *error) {
-    const tl_start plain = {.restarts = start->restarts};
-    pid_t pid = start_twin(self, tl_tree_place_of(self, TL_MEMBER_SHADOW), true, &plain, error);
-    if (pid == 0) {
-        tl_live_change_note_end_of_shadow(&self->change, error->text);
-    } else {
-        tl_live_change_note_shadow(&self->change, pid);
-    }
-    return pid;
-}
-
-static pid_t begin_twin(tl_tree *self, const tl_start *start, tl_error *error) {
-    self->urgent = 0;
-    tl_live_change_note_hold(&self->change, start->hold);
-    return start_twin(self, tl_tree_place_of(self, TL_MEMBER_TWIN), false, start, error);
-}
-
-/* As tl_supervisor_settings.begin, and tl_live_activator_host.begin; the context is the tree. */
+/* As tl_supervisor_settings.begin; the context is the tree. */
 static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
     tl_tree *self = context;
+    pid_t pid = 0;
     switch (which) {
     case TL_MEMBER_TWIN:
-        return begin_twin(self, start, error);
+        self->urgent = 0;
+        tl_live_change_note_hold(&self->change, start->hold);
+        return start_twin(self, tl_tree_place_of(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
-        return begin_shadow(self, start, error);
+        pid = start_twin(self, tl_tree_place_of(self, which), true, start, error);
+        if (pid == 0) {
+            tl_live_change_note_end_of_shadow(&self->change, error->text);
+        }
+        return pid;
     case TL_MEMBER_IO:
-        return start_io(self, error);
+        return start_plain(self, TL_LIVE_IS_IO, tl_tree_stage(self)->place, error);
+    case TL_MEMBER_ACTIVATOR:
+        return start_activator(self, error);
     default:
         return start_recorder(self, error);
     }
@@ -385,74 +285,53 @@ static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start
 
 /* ---- shared memory ---- */
 
-static tl_status make_recorder_memory(tl_tree *self, tl_error *error) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    tl_tree_memory *made = &self->memory;
-    if (!tl_tree_records(self)) {
-        return TL_OK;
+static tl_status make_memory(tl_tree *self, tl_error *error) {
+    static const struct {
+        int number;
+        const char *name;
+        bool is_sparse;
+        bool of_recorder; /* there only if something is recorded */
+        tl_block_writer writer;
+    } made[] = {
+        {TL_LIVE_MAIL, "twinlock mail", true, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_BEATS, "twinlock io", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_ACTIVATOR_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_STAGE, "twinlock stage", false, false, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_CANDIDATE, "twinlock candidate", true, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_RECORDER_PULSE, "twinlock recorder", false, true, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", false, true, TL_BLOCK_WE_WRITE},
+    };
+    const bool records = tl_tree_records(self);
+    tl_config begun = *self->settings->config; /* whose text is in force first, */
+    size_t sizes[TL_LIVE_BLOCKS];
+    tl_status status = TL_OK;
+    tl_config_use_lookups(&begun); /* and of which the twin has all signals */
+    tl_live_block_sizes(&self->config, sizes);
+    for (size_t i = 0; i < sizeof made / sizeof made[0] && status == TL_OK; i++) {
+        tl_block *block = &self->blocks[made[i].number];
+        const size_t size = sizes[made[i].number];
+        if (records || !made[i].of_recorder) {
+            status = made[i].is_sparse ? tl_block_make_sparse(made[i].name, size, block, error)
+                                       : tl_block_make(made[i].name, size, made[i].writer, block, error);
+        }
     }
-    tl_status status = tl_block_make("twinlock recorder", sizeof(tl_live_recorder_pulse), TL_BLOCK_THEY_WRITE,
-                                     &made->recorder_pulse, error);
-    if (status == TL_OK) {
-        status =
-            tl_block_make("twinlock events", tl_outbox_bytes(&events), TL_BLOCK_WE_WRITE, &made->supervisor, error);
+    for (size_t i = 0; i < TL_LIVE_PLACES && status == TL_OK; i++) {
+        status = tl_live_place_make(records, &self->places[i], error);
     }
     if (status == TL_OK) {
-        tl_outbox_open(&events, made->supervisor.bytes,
+        status = tl_live_place_move_in(&self->places[0], &begun, self->settings->unconfined, error);
+    }
+    if (status == TL_OK && records) {
+        const tl_outbox_settings events = tl_live_event_outbox();
+        tl_outbox_open(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
                        &tl_tree_recorder_pulse(self)->state.taken[TL_LIVE_OUTBOX_SUPERVISOR], &self->outbox);
     }
     return status;
 }
 
-static tl_status make_memory(tl_tree *self, tl_error *error) {
-    tl_config begun = *self->settings->config; /* whose text is in force first, */
-    tl_plant_mail_shape shape;
-    tl_tree_memory *made = &self->memory;
-    tl_config_use_lookups(&begun); /* and of which the twin has all signals */
-    tl_plant_mail_shape_of(&self->config, &shape);
-    tl_status status = tl_block_make_sparse("twinlock mail", tl_live_mail_bytes(&shape), &made->mail, error);
-    if (status == TL_OK) {
-        status = tl_block_make("twinlock io", tl_live_io_bytes(), TL_BLOCK_THEY_WRITE, &made->io_pulse, error);
-    }
-    if (status == TL_OK) {
-        status = tl_block_make("twinlock stage", sizeof(tl_live_stage), TL_BLOCK_WE_WRITE, &made->stage, error);
-    }
-    if (status == TL_OK) {
-        status = tl_block_make_sparse("twinlock candidate", sizeof(tl_live_candidate), &made->candidate, error);
-    }
-    for (size_t i = 0; i < TL_LIVE_PLACES && status == TL_OK; i++) {
-        status = tl_live_place_make(tl_tree_records(self), &self->places[i], error);
-    }
-    if (status == TL_OK) {
-        status = tl_live_place_move_in(&self->places[0], &begun, self->settings->unconfined, error);
-    }
-    return status == TL_OK ? make_recorder_memory(self, error) : status;
-}
-
-static void free_memory(tl_tree_memory *made) {
-    tl_block *const blocks[] = {&made->mail,       &made->io_pulse, &made->recorder_pulse,
-                                &made->supervisor, &made->stage,    &made->candidate};
-    for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
-        tl_block_close(blocks[i]);
-    }
-}
-
-/* ---- events ---- */
-
-static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *source, const char *text) {
-    if (tl_tree_records(self)) {
-        tl_outbox_event(&self->outbox, -1, severity, source, text);
-    }
-}
-
 /* ---- ending ---- */
-
-/* Whether that was because of a checkpoint that it had loaded (live_wire.h): the files of its FMUs, or 0. */
-static uint64_t note_unreadable(tl_live_twin_pulse *pulse, bool by_others) {
-    bool is_to_blame = pulse->loads != 0 && !by_others && pulse->fmus != 0;
-    pulse->unreadable = is_to_blame ? pulse->fmus : pulse->unreadable;
-    return is_to_blame ? pulse->fmus : 0;
-}
 
 static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
     char why[TL_TWIN_WARDEN_TEXT];
@@ -464,7 +343,10 @@ static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, ch
     tl_voice_clear(self->voice, place->twin);
     place->twin = NULL;
     place->pid = 0;
-    return note_unreadable(place->pulse, by_others && !was_killed);
+    /* A checkpoint that it had loaded may be to blame (live_wire.h). */
+    bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
+    place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
+    return is_to_blame ? place->pulse->fmus : 0;
 }
 
 /* One that could not go on has said why. It is bounded here, and cleaned by who shows it. */
@@ -501,52 +383,26 @@ static void tell(void *context, const char *text) {
 
 /* ---- looking ---- */
 
-/* Is that one of its threads? Its word alone is worth nothing. */
-static bool is_thread_of(pid_t process, int32_t thread) {
+/* Only a thread of that process: the word of one with FMUs alone is worth nothing. */
+static void schedule(pid_t process, int32_t thread, int priority) {
+    const struct sched_param parameter = {.sched_priority = priority};
     char path[64];
     struct stat about;
     (void)snprintf(path, sizeof path, "/proc/%ld/task/%ld", (long)process, (long)thread);
-    return thread > 0 && stat(path, &about) == 0;
-}
-
-static void schedule(int32_t thread, int priority) {
-    const struct sched_param parameter = {.sched_priority = priority};
-    (void)sched_setscheduler(thread, priority > 0 ? SCHED_FIFO | SCHED_RESET_ON_FORK : SCHED_OTHER, &parameter);
-}
-
-/* The run's twin is another one from now on: a shadow has no priority. */
-static void take_priority_away(tl_tree *self, const tl_live_place *before) {
-    if (before->pid != 0 && is_thread_of(before->pid, self->urgent)) {
-        schedule(self->urgent, 0);
+    if (thread > 0 && stat(path, &about) == 0) {
+        (void)sched_setscheduler(thread, priority > 0 ? SCHED_FIFO | SCHED_RESET_ON_FORK : SCHED_OTHER, &parameter);
     }
-    self->urgent = 0;
 }
 
 /* The twin's cycle wants its priority, or does not any more: no thread beside FMUs can set one itself. */
 static void look_at_priority(tl_tree *self) {
     const tl_live_place *place = tl_tree_place_of_run(self);
     int32_t wished = __atomic_load_n(&place->pulse->realtime, __ATOMIC_ACQUIRE);
-    if (place->pid == 0 || wished == self->urgent) {
-        return;
+    if (place->pid != 0 && wished != self->urgent) {
+        schedule(place->pid, self->urgent, 0);
+        schedule(place->pid, wished, self->config.realtime_priority);
+        self->urgent = wished;
     }
-    if (is_thread_of(place->pid, self->urgent)) {
-        schedule(self->urgent, 0);
-    }
-    if (is_thread_of(place->pid, wished)) {
-        schedule(wished, self->config.realtime_priority);
-    }
-    self->urgent = wished;
-}
-
-static void tell_of_activator(void *context, unsigned times, const char *reason) {
-    char text[TL_RESTARTS_REASON + 192];
-    char more[48] = "";
-    if (times > 1) {
-        (void)snprintf(more, sizeof more, " %u times, the last time", times);
-    }
-    (void)snprintf(text, sizeof text, "the activator failed%s: %s; another one is begun", more, reason);
-    tl_log(TL_LOG_ERROR, "%s", text);
-    tl_tree_put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }
 
 static void tell_of_flip(void *context, const char *text) {
@@ -554,31 +410,26 @@ static void tell_of_flip(void *context, const char *text) {
     tl_tree_put_event(context, TL_EVENT_INFO, "supervisor", text);
 }
 
-/* The supervisor swaps nothing any more once all end. */
-static void look_at_change(tl_tree *self, bool ends, tl_orders *orders) {
+static void look(void *context, bool ends, tl_orders *orders) {
+    tl_tree *self = context;
     const tl_live_place *before = tl_tree_place_of_run(self);
     tl_live_change_look(&self->change, tl_clock_now(NULL), ends, orders);
-    if (orders->swap) {
-        take_priority_away(self, before);
+    if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
+        schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
+        self->urgent = 0;
         tl_voice_watch(self->voice, &tl_tree_place_of_run(self)->pulse->beats);
         self->twins_place = ends ? self->twins_place : tl_tree_stage(self)->place;
     }
-}
-
-static void look(void *context, bool ends, tl_orders *orders) {
-    tl_tree *self = context;
-    look_at_change(self, ends, orders);
     if (ends) {
         tl_saved_states_stop(&self->states);
     }
-    const tl_live_activator_host host = {.context = self, .begin = tl_tree_begin_activator, .tell = tell_of_activator};
     look_at_priority(self);
-    bool again = tl_live_activator_look(&self->activator, &host, ends);
-    if (again && !ends) {
+    orders->end = __atomic_load_n(&activator_pulse(self)->restart, __ATOMIC_ACQUIRE) != 0;
+    orders->activator = self->listener >= 0 && (!self->was_activated || tl_control_is_knocked_at(self->listener));
+    if (orders->end && !ends) {
         self->again = true;
         __atomic_store_n(&tl_tree_stage(self)->again, 1, __ATOMIC_RELEASE);
     }
-    orders->end = again;
 }
 
 /* An event has room for less. */
@@ -603,67 +454,51 @@ static tl_wait wait_for_states(void *context) {
 /* The recorder's word, of those whose outboxes it reads. */
 static tl_time damaged(void *context, tl_member which) {
     const tl_tree *self = context;
-    size_t outbox = which == TL_MEMBER_IO ? TL_LIVE_OUTBOX_IO : tl_live_outbox_of_place(self->twins_place);
+    size_t outbox = which == TL_MEMBER_IO ? TL_LIVE_OUTBOX_IO : TL_LIVE_OUTBOX_TWIN + self->twins_place;
     bool is_read = tl_tree_records(self) && (which == TL_MEMBER_IO || which == TL_MEMBER_TWIN);
     return is_read ? __atomic_load_n(&tl_tree_recorder_pulse(self)->damaged[outbox], __ATOMIC_RELAXED) : 0;
 }
 
 /* ---- the run ---- */
 
-static void find_database(tl_tree *self) {
-    const tl_config *config = &self->config;
-    if (self->settings->database != NULL) {
-        (void)snprintf(self->job.database, sizeof self->job.database, "%s", self->settings->database);
-    } else if (config->record_file != NULL) {
-        (void)tl_config_file_path(config, config->record_file, self->job.database, sizeof self->job.database);
-    }
-}
-
-/* Without an account nothing would be remembered. */
-static void open_states(tl_tree *self) {
-    const tl_saved_states_settings settings = {
-        .config = self->settings->config,
-        .folder = self->settings->supervised ? self->settings->state : NULL,
-        .unconfined = self->settings->unconfined,
-        .memory_limit = self->settings->memory_limit,
-        .be = tl_tree_be,
-        .context = self,
-    };
-    tl_saved_states_open(&settings, &self->states);
-}
-
-static void open_change(tl_tree *self) {
-    self->change =
-        (tl_live_change){.settings = {.stage = tl_tree_stage(self),
-                                      .places = self->places,
-                                      .orders = self->activator.pulse.bytes,
-                                      .candidate = &self->memory.candidate,
-                                      .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
-                                      .step = self->config.step,
-                                      .unconfined = self->settings->unconfined,
-                                      .context = self,
-                                      .tell = tell_of_flip}};
-}
-
 static tl_status open_all(tl_tree *self, tl_error *error) {
-    find_database(self);
-    open_states(self);
+    const tl_tree_settings *settings = self->settings;
+    const tl_saved_states_settings states = {
+        .config = settings->config,
+        .folder = settings->supervised ? settings->state : NULL, /* without an account nothing would be remembered */
+        .unconfined = settings->unconfined,
+        .memory_limit = settings->memory_limit,
+        .be = settings->be,
+    };
+    tl_error ignored;
+    if (settings->database != NULL) {
+        (void)snprintf(self->job.database, sizeof self->job.database, "%s", settings->database);
+    } else if (self->config.record_file != NULL) {
+        (void)tl_config_file_path(&self->config, self->config.record_file, self->job.database,
+                                  sizeof self->job.database);
+    }
+    tl_saved_states_open(&states, &self->states);
     tl_status status = make_memory(self, error);
-    if (status == TL_OK) {
-        status = tl_live_activator_open(&self->activator, self->settings->control, error);
+    if (status == TL_OK && settings->control != NULL &&
+        tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
+        tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
     }
     if (status == TL_OK) {
-        open_change(self);
-        const tl_voice_settings settings = {.status = self->settings->status,
-                                            .beats = &tl_tree_place_of_run(self)->pulse->beats};
-        status = tl_voice_start(&settings, &self->voice, error);
+        const tl_live_change_settings change = {.stage = tl_tree_stage(self),
+                                                .places = self->places,
+                                                .orders = activator_pulse(self),
+                                                .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+                                                .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
+                                                .step = self->config.step,
+                                                .unconfined = settings->unconfined,
+                                                .context = self,
+                                                .tell = tell_of_flip};
+        const tl_voice_settings voice = {.status = settings->status,
+                                         .beats = &tl_tree_place_of_run(self)->pulse->beats};
+        self->change = (tl_live_change){.settings = change};
+        status = tl_voice_start(&voice, &self->voice, error);
     }
     return status;
-}
-
-/* What the processes read, we read too: sizes of what is shared follow from it. */
-static tl_status read_config(const tl_tree *self, const char *text, tl_config *config, tl_error *error) {
-    return tl_live_job_read(&self->job, self->settings->config->path, text, config, error);
 }
 
 /* Of the run that is the last one. Nothing is left that could be harmed by reading what is not our own. */
@@ -674,7 +509,7 @@ static tl_status read_last_config(tl_tree *self, tl_error *error) {
     }
     tl_config_free(&self->config);
     self->config = (tl_config){.path = NULL};
-    return read_config(self, text, &self->config, error);
+    return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
 }
 
 /* What the twin says of its run, as far as it can be; and whether that is what was wanted of it. */
@@ -716,9 +551,10 @@ static int supervise(tl_tree *self) {
         .watchdog = self->settings->watchdog,
         .watchdog_s = self->settings->watchdog_s,
         .beats = {[TL_MEMBER_RECORDER] = tl_tree_records(self) ? &tl_tree_recorder_pulse(self)->beats : NULL,
-                  [TL_MEMBER_IO] = &((tl_live_io_pulse *)self->memory.io_pulse.bytes)->beats,
+                  [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
                   [TL_MEMBER_TWIN] = &self->places[0].pulse->beats,
-                  [TL_MEMBER_SHADOW] = &self->places[1].pulse->beats},
+                  [TL_MEMBER_SHADOW] = &self->places[1].pulse->beats,
+                  [TL_MEMBER_ACTIVATOR] = &activator_pulse(self)->beats},
         .context = self,
         .begin = tl_tree_begin,
         .ended = ended,
@@ -733,21 +569,17 @@ static int supervise(tl_tree *self) {
 static void close_all(tl_tree *self) {
     tl_voice_stop(self->voice);
     tl_saved_states_stop(&self->states);
-    tl_live_activator_close(&self->activator, self->settings->control);
+    if (self->listener >= 0) {
+        (void)close(self->listener);
+        (void)unlink(self->settings->control);
+    }
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         tl_live_place_close(&self->places[i]);
     }
-    free_memory(&self->memory);
-    tl_config_free(&self->config);
-}
-
-/* Both outboxes; a place without one has none. */
-static uint64_t count_rest_of_twins(const tl_tree *self, const tl_outbox_taken *taken) {
-    uint64_t count = 0;
-    for (uint32_t i = 0; i < TL_LIVE_PLACES; i++) {
-        count += tl_live_place_count_rest(&self->places[i], &taken[tl_live_outbox_of_place(i)]);
+    for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
+        tl_block_close(&self->blocks[i]);
     }
-    return count;
+    tl_config_free(&self->config);
 }
 
 /* What nobody has recorded, if the last one who could have has not said that itself. */
@@ -759,9 +591,13 @@ static void say_rest(tl_tree *self) {
         return;
     }
     const tl_outbox_taken *taken = tl_tree_recorder_pulse(self)->state.taken;
-    uint64_t rest = count_rest_of_twins(self, taken);
-    rest += tl_outbox_rest_count(&events, tl_live_io_outbox_of(self->memory.io_pulse.bytes), &taken[TL_LIVE_OUTBOX_IO]);
-    rest += tl_outbox_rest_count(&events, self->memory.supervisor.bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
+    uint64_t rest = 0;
+    for (uint32_t i = 0; i < TL_LIVE_PLACES; i++) {
+        rest += tl_live_place_count_rest(&self->places[i], &taken[TL_LIVE_OUTBOX_TWIN + i]);
+    }
+    rest += tl_outbox_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_OUTBOX_IO]);
+    rest +=
+        tl_outbox_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes, &taken[TL_LIVE_OUTBOX_SUPERVISOR]);
     if (rest > 0) {
         tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: no recorder is left to write what came last", rest,
                rest == 1 ? "sample, step or event is" : "samples, steps and events are");
@@ -795,7 +631,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     self.job.unconfined = settings->unconfined;
     self.job.duration = settings->duration;
     self.job.memory_limit = settings->memory_limit;
-    self.activator = (tl_live_activator){.listener = -1, .pulse = {.descriptor = -1}};
+    self.listener = -1;
     *end = (tl_tree_end){.again = false};
     if (settings->control != NULL) {
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
@@ -807,7 +643,8 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
     (void)sigaddset(&asked, SIGINT);
     (void)sigaddset(&asked, SIGHUP);
     (void)pthread_sigmask(SIG_BLOCK, &asked, NULL); /* from now on they wait for the supervisor */
-    tl_status status = read_config(&self, settings->config->text, &self.config, &error);
+    tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
+        tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
     if (status == TL_OK) {
         status = tl_live_plant_check(&self.config, &error);
     }

@@ -1,6 +1,8 @@
-/* The voice of a run: see voice.h. New pipes and dead processes are left in places that the thread empties. */
+/* The voice of a run: see voice.h. Dead processes are left in places that the thread empties. */
 #include "firmware/live/voice.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <poll.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -13,7 +15,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/relay.h"
 
-enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, NONE = -1, LINES = 16 };
+enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, LINES = 16 };
 
 /* A line that a later process repeats is logged again after this time. */
 static const tl_time QUIET = 60 * TL_SECOND;
@@ -27,11 +29,10 @@ typedef struct logged_line {
     tl_time time;
 } logged_line;
 
-/* What one process prints. */
+/* What processes of one kind print, one after the other. */
 typedef struct ear {
     tl_relay relay;
-    bool is_open;
-    int next;         /* the pipe that follows; NONE: there is none */
+    int pipe;         /* the end into which they print; 0: there is none */
     unsigned process; /* number of the process that prints */
     logged_line lines[LINES];
 } ear;
@@ -66,15 +67,16 @@ static logged_line *find_line(ear *listening, uint64_t hash) {
         }
         oldest = line->time < oldest->time ? line : oldest;
     }
-    *oldest = (logged_line){.hash = hash, .process = listening->process};
+    *oldest = (logged_line){.hash = hash};
     return oldest;
 }
 
 /* A process may repeat itself, and so may its first successor. What further ones repeat is counted instead. */
 static bool is_to_be_counted(ear *listening, logged_line *line, tl_time now) {
-    bool is_repeated = line->process != listening->process && line->time != 0 && now - line->time < QUIET;
+    const unsigned process = __atomic_load_n(&listening->process, __ATOMIC_RELAXED);
+    bool is_repeated = line->process != process && line->time != 0 && now - line->time < QUIET;
     bool was_loop = line->is_loop;
-    line->process = listening->process;
+    line->process = process;
     line->is_loop = is_repeated || (was_loop && line->repeats > 0);
     return is_repeated && was_loop;
 }
@@ -103,22 +105,6 @@ static void pass(void *context, const char *line) {
 }
 
 /* ---- the thread ---- */
-
-/* Opens what was handed over, once the one before has ended. */
-static void listen(ear *listening) {
-    if (listening->is_open && !tl_relay_drain(&listening->relay)) {
-        tl_relay_close(&listening->relay);
-        listening->is_open = false;
-    }
-    if (!listening->is_open) {
-        int pipe = __atomic_exchange_n(&listening->next, NONE, __ATOMIC_ACQ_REL);
-        if (pipe != NONE) {
-            tl_relay_open(&listening->relay, pipe, pass, listening);
-            listening->process++;
-            listening->is_open = true;
-        }
-    }
-}
 
 static void clear_dead(tl_voice *voice) {
     for (int i = 0; i < PLACES; i++) {
@@ -155,16 +141,14 @@ static void *speak(void *context) {
     while (!stop) {
         struct pollfd watched[1 + TL_VOICE_PIPES] = {{.fd = voice->wake, .events = POLLIN}};
         for (int i = 0; i < TL_VOICE_PIPES; i++) {
-            const ear *listening = &voice->ears[i];
-            watched[1 + i] =
-                (struct pollfd){.fd = listening->is_open ? listening->relay.descriptor : NONE, .events = POLLIN};
+            watched[1 + i] = (struct pollfd){.fd = voice->ears[i].relay.descriptor, .events = POLLIN};
         }
         (void)poll(watched, 1 + TL_VOICE_PIPES, TERMINAL_MS);
         uint64_t count = 0;
         (void)!read(voice->wake, &count, sizeof count);
         stop = __atomic_load_n(&voice->stop, __ATOMIC_ACQUIRE);
         for (int i = 0; i < TL_VOICE_PIPES; i++) {
-            listen(&voice->ears[i]);
+            (void)tl_relay_drain(&voice->ears[i].relay);
         }
         clear_dead(voice);
         draw(voice);
@@ -179,35 +163,57 @@ static void wake(const tl_voice *voice) {
     (void)!write(voice->wake, &one, sizeof one);
 }
 
+static void free_voice(tl_voice *voice) {
+    for (int i = 0; i < TL_VOICE_PIPES; i++) {
+        ear *listening = &voice->ears[i];
+        if (listening->pipe != 0) {
+            (void)close(listening->pipe);
+            (void)tl_relay_drain(
+                &listening->relay); /* of processes that are gone: all that they have printed is there */
+            tl_relay_close(&listening->relay);
+        }
+    }
+    if (voice->wake >= 0) {
+        (void)close(voice->wake);
+    }
+    free(voice);
+}
+
+static bool open_pipes(tl_voice *voice) {
+    int ends[2];
+    voice->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    bool is_open = voice->wake >= 0;
+    for (int i = 0; i < TL_VOICE_PIPES && is_open; i++) {
+        is_open = pipe2(ends, O_CLOEXEC) == 0;
+        if (is_open) {
+            voice->ears[i].pipe = ends[1];
+            tl_relay_open(&voice->ears[i].relay, ends[0], pass, &voice->ears[i]);
+        }
+    }
+    return is_open;
+}
+
 tl_status tl_voice_start(const tl_voice_settings *settings, tl_voice **voice, tl_error *error) {
     tl_voice *made = calloc(1, sizeof *made);
-    int wake_by = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    if (made == NULL || wake_by < 0) {
-        free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory or descriptors to hear the processes of the run");
+    int failure = ENOMEM;
+    if (made != NULL) {
+        made->settings = *settings;
+        made->terminal = isatty(STDERR_FILENO) == 1;
+        failure = open_pipes(made) ? tl_side_thread_start(&made->thread, STACK, speak, made) : errno;
     }
-    made->settings = *settings;
-    made->terminal = isatty(STDERR_FILENO) == 1;
-    made->wake = wake_by;
-    for (int i = 0; i < TL_VOICE_PIPES; i++) {
-        made->ears[i].next = NONE;
-    }
-    int failure = tl_side_thread_start(&made->thread, STACK, speak, made);
     if (failure != 0) {
-        (void)close(wake_by);
-        free(made);
-        return tl_fail(error, TL_TRY_AGAIN, "no thread to hear the processes of the run: %s", strerror(failure));
+        if (made != NULL) {
+            free_voice(made);
+        }
+        return tl_fail(error, TL_TRY_AGAIN, "the processes of the run cannot be heard: %s", strerror(failure));
     }
     *voice = made;
     return TL_OK;
 }
 
-void tl_voice_hear(tl_voice *voice, unsigned which, int pipe) {
-    int before = __atomic_exchange_n(&voice->ears[which].next, pipe, __ATOMIC_ACQ_REL);
-    if (before != NONE) {
-        (void)close(before); /* the process died before anybody listened */
-    }
-    wake(voice);
+int tl_voice_pipe(tl_voice *voice, unsigned which) {
+    (void)__atomic_add_fetch(&voice->ears[which].process, 1, __ATOMIC_RELAXED);
+    return voice->ears[which].pipe;
 }
 
 void tl_voice_watch(tl_voice *voice, const tl_heartbeats *beats) {
@@ -233,15 +239,7 @@ void tl_voice_stop(tl_voice *voice) {
     __atomic_store_n(&voice->stop, true, __ATOMIC_RELEASE);
     wake(voice);
     (void)pthread_join(voice->thread, NULL);
-    for (int i = 0; i < TL_VOICE_PIPES; i++) {
-        listen(&voice->ears[i]); /* of a process that is gone: all that it has printed is in the pipe */
-        listen(&voice->ears[i]);
-        if (voice->ears[i].is_open) {
-            tl_relay_close(&voice->ears[i].relay);
-        }
-    }
     clear_dead(voice);
     tl_log_status(NULL);
-    (void)close(voice->wake);
-    free(voice);
+    free_voice(voice);
 }

@@ -27,8 +27,8 @@ typedef struct tl_voice_settings {
 /* Errors: TL_TRY_AGAIN. */
 tl_status tl_voice_start(const tl_voice_settings *settings, tl_voice **voice, tl_error *error);
 
-/* From now on it listens to this pipe, its own from now on; `which` is below TL_VOICE_PIPES. The one before is read to its end first. */
-void tl_voice_hear(tl_voice *voice, unsigned which, int pipe);
+/* The pipe for a process of a kind that is about to begin, below TL_VOICE_PIPES: what it prints there is logged. It stays the voice's. */
+int tl_voice_pipe(tl_voice *voice, unsigned which);
 
 /* From now on the status is that of another twin. */
 void tl_voice_watch(tl_voice *voice, const tl_heartbeats *beats);

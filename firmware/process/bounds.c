@@ -187,20 +187,15 @@ static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_T
 
 /* ---- the process ---- */
 
-/* What /proc/PID/status says of a process. */
-typedef struct usage {
-    uint64_t threads;
-    uint64_t memory; /* bytes: in memory, moved out of it to the disk, and the tables by which the kernel finds them */
-} usage;
-
 /* A number in the text, behind a name that begins a line. A newline in the process's own name is shown in another way. 0 if there is none. */
 static uint64_t number_behind(const char *text, const char *name) {
     const char *found = strstr(text, name);
     return found != NULL ? strtoull(found + strlen(name), NULL, 10) : 0;
 }
 
-/* Everybody may read it. False: it is gone. */
-static bool read_process(pid_t process, usage *found) {
+/* By /proc/PID/status, which everybody may read. Memory is what lies in memory, was moved out of it to the disk, and the tables by which the kernel finds
+ * both. */
+static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     enum { KILOBYTE = 1024 };
     char path[64];
     char status[STATUS_TEXT];
@@ -211,23 +206,15 @@ static bool read_process(pid_t process, usage *found) {
         (void)close(file);
     }
     status[length > 0 ? length : 0] = '\0';
-    found->threads = number_behind(status, "\nThreads:");
-    found->memory = KILOBYTE * (number_behind(status, "\nVmRSS:") + number_behind(status, "\nVmPTE:") +
-                                number_behind(status, "\nVmSwap:"));
-    return length > 0;
-}
-
-static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
-    usage found;
-    if (!read_process(process, &found)) {
-        return true;
-    }
-    if (is_beyond(found.threads, bounds->threads)) {
-        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads, of which %" PRIu64 " are allowed", found.threads,
+    const uint64_t threads = number_behind(status, "\nThreads:");
+    const uint64_t memory = KILOBYTE * (number_behind(status, "\nVmRSS:") + number_behind(status, "\nVmPTE:") +
+                                        number_behind(status, "\nVmSwap:"));
+    if (is_beyond(threads, bounds->threads)) {
+        (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " threads, of which %" PRIu64 " are allowed", threads,
                        bounds->threads);
-    } else if (is_beyond(found.memory, bounds->memory)) {
+    } else if (is_beyond(memory, bounds->memory)) {
         (void)snprintf(text, TL_BOUNDS_TEXT, "%" PRIu64 " MB of memory, of which %" PRIu64 " are allowed",
-                       found.memory / 1000000, bounds->memory / 1000000);
+                       memory / 1000000, bounds->memory / 1000000);
     }
     return text[0] == '\0';
 }

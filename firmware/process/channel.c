@@ -42,32 +42,20 @@ static const struct rule {
 static const char *const side_names[TL_SIDES] = {"the program", "the process of the FMUs"};
 static const char *const phase_names[] = {"starting", "building", "stepping", "ending"};
 
-static tl_status refuse(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender, uint32_t type,
-                        uint32_t length, tl_error *error) {
+tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender,
+                            uint32_t type, uint32_t length, tl_error *error) {
     const char *who = side_names[sender];
+    const tl_phase phase = phases->of[sender];
     if (type >= TL_MESSAGES) {
         return tl_fail(error, TL_FMU_FAILED, "%s sent a message of no kind there is, %u", who, type);
     }
     const struct rule *rule = &rules[type];
-    if (rule->sender != sender) {
-        return tl_fail(error, TL_FMU_FAILED, "%s sent the message \"%s\", which only %s may send", who, rule->name,
-                       side_names[rule->sender]);
-    }
-    if ((rule->phases & 1U << phases->of[sender]) == 0) {
-        return tl_fail(error, TL_FMU_FAILED, "%s sent the message \"%s\" while %s, when it is not allowed", who,
-                       rule->name, phase_names[phases->of[sender]]);
-    }
-    return tl_fail(error, TL_FMU_FAILED, "%s sent the message \"%s\" with %u bytes instead of %u", who, rule->name,
-                   length, sizes->bytes[type]);
-}
-
-tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_phases *phases, tl_side sender,
-                            uint32_t type, uint32_t length, tl_error *error) {
-    if (type < TL_MESSAGES && rules[type].sender == sender && (rules[type].phases & 1U << phases->of[sender]) != 0 &&
-        length == sizes->bytes[type]) {
+    if (rule->sender == sender && (rule->phases & 1U << phase) != 0 && length == sizes->bytes[type]) {
         return TL_OK;
     }
-    return refuse(sizes, phases, sender, type, length, error);
+    return tl_fail(error, TL_FMU_FAILED,
+                   "%s sent the message \"%s\" while %s, with %u bytes: not allowed (expected %u bytes of %s)", who,
+                   rule->name, phase_names[phase], length, sizes->bytes[type], side_names[rule->sender]);
 }
 
 void tl_protocol_go_on(tl_protocol_phases *phases, tl_message type) {

@@ -8,16 +8,9 @@
 #include <sys/prctl.h>
 #include <unistd.h>
 
-#include "firmware/process/filter.h"
-#include "firmware/process/landlock.h"
 #include "firmware/process/privileges.h"
 
 /* ---- what there is ---- */
-
-static int usable_landlock(int newest) {
-    int version = newest < 0 ? 0 : tl_landlock_version();
-    return newest > 0 && newest < version ? newest : version;
-}
 
 void tl_confine_probe(tl_confine_facts *facts) {
     *facts = (tl_confine_facts){
@@ -54,62 +47,41 @@ static tl_status give_up_privileges(const tl_confine_settings *settings, tl_erro
     return settings->plant != NULL || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
 }
 
-static tl_status restrict_files(const tl_confine_settings *settings, int version, tl_error *error) {
-    const tl_landlock_places places = {.folder = settings->folder,
-                                       .read = settings->read,
-                                       .read_count = settings->read_count,
-                                       .write = settings->write,
-                                       .write_count = settings->write_count,
-                                       .ports = settings->ports,
-                                       .port_count = settings->port_count};
+static tl_status restrict_files(const tl_confine_settings *settings, tl_error *error) {
     if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
         return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
     }
-    return version > 0 ? tl_landlock_restrict(&places, version, error) : TL_OK;
+    return settings->landlock > 0 ? tl_landlock_restrict(settings, error) : TL_OK;
 }
 
-static tl_status restrict_calls(const tl_confine_settings *settings, int version, int *listener, tl_error *error) {
-    const tl_filter_settings filter = {.start_socket = settings->start_socket,
-                                       .whole_process = settings->whole_process,
-                                       .plant = settings->plant,
-                                       .names = settings->names,
-                                       .keeps_files = settings->keeps_files,
-                                       .may_answer = settings->may_answer,
-                                       .lives_on = settings->lives_on,
-                                       .removal_holds = version > 0,
-                                       .truncation_holds = version >= TL_LANDLOCK_TRUNCATION};
-    return tl_filter_load(&filter, listener, error);
-}
-
-static tl_status confine_calls(const tl_confine_settings *settings, int version, tl_confine_facts *facts, int *listener,
-                               tl_error *error) {
+static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
+                                tl_error *error) {
     const bool filters = tl_filter_is_offered(); /* afterwards asking is refused */
-    int told = -1;
-    tl_status status = filters ? restrict_calls(settings, version, listener == NULL ? NULL : &told, error) : TL_OK;
+    tl_status status = filters ? tl_filter_load(settings, listener, error) : TL_OK;
     if (status == TL_OK) {
         *facts = (tl_confine_facts){.filter = filters,
-                                    .notifies = told >= 0,
-                                    .landlock = version,
+                                    .notifies = listener != NULL && *listener >= 0,
+                                    .landlock = settings->landlock,
                                     .memory = settings->memory != 0 && tl_process_limits_hold_memory(),
                                     .user = settings->user != 0};
-    }
-    if (listener != NULL) {
-        *listener = told;
     }
     return status;
 }
 
 tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener, tl_error *error) {
-    const int version = usable_landlock(settings->landlock_newest);
+    tl_confine_settings own = *settings;
+    own.landlock = settings->landlock_newest < 0 ? 0 : tl_landlock_version();
+    own.landlock = settings->landlock_newest > 0 && settings->landlock_newest < own.landlock ? settings->landlock_newest
+                                                                                             : own.landlock;
     *facts = (tl_confine_facts){0};
     if (listener != NULL) {
         *listener = -1;
     }
-    tl_status status = enter(settings->folder, error);
-    status = status != TL_OK ? status : give_up_privileges(settings, error);
-    status = status != TL_OK ? status : tl_process_limits_set(settings->memory, settings->file_bytes, error);
-    status = status != TL_OK ? status : restrict_files(settings, version, error);
-    return status == TL_OK ? confine_calls(settings, version, facts, listener, error) : status;
+    tl_status status = enter(own.folder, error);
+    status = status != TL_OK ? status : give_up_privileges(&own, error);
+    status = status != TL_OK ? status : tl_process_limits_set(own.memory, own.file_bytes, error);
+    status = status != TL_OK ? status : restrict_files(&own, error);
+    return status == TL_OK ? restrict_calls(&own, facts, listener, error) : status;
 }
 
 /* ---- describe ---- */

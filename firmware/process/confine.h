@@ -3,7 +3,7 @@
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
  *          FMU in it does. There is no way back.
- * Means:   a list of the system calls that are allowed (filter.h), Landlock for the places of files (landlock.h), limits (privileges.h), a
+ * Means:   a list of the system calls that are allowed (filter.c), Landlock for the places of files (landlock.c), limits (privileges.h), a
  *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.
@@ -26,7 +26,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/process/filter.h"
+#include "board/io/plant_access.h"
 #include "master/base/status.h"
 
 enum { TL_CONFINE_TEXT = 768, TL_CONFINE_MEMORY_MIB = 4096 };
@@ -40,9 +40,9 @@ typedef struct tl_confine_settings {
     size_t read_count;
     const char *const *write; /* further ones that may be written: a database's folder, devices */
     size_t write_count;
-    uint64_t
-        memory; /* bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is
-                                 only reserved does not count. With a sanitizer, whose own memory is larger, there is none */
+    /* Bytes that the process may make its own, stacks of threads included; 0: no limit. Address space that is only reserved does not count. With a sanitizer,
+     * whose own memory is larger, there is none. */
+    uint64_t memory;
     uint32_t user; /* its number, and of its group; needs root, and `folder` must be that user's. 0: stay who we are */
     int start_socket;             /* sendmsg() is allowed on this number only, to hand the listener over; -1: on none */
     bool whole_process;           /* the list of system calls for all threads; else for the one that calls */
@@ -50,9 +50,10 @@ typedef struct tl_confine_settings {
     bool names;                   /* and it looks up names of hosts */
     const uint16_t *ports;        /* that TCP may connect to, with Landlock 4 and later; without: any */
     size_t port_count;
-    bool keeps_files;    /* see above, */
-    bool may_answer;     /* and this */
-    bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
+    bool keeps_files; /* see above, */
+    bool may_answer;  /* and this */
+    bool lives_on;    /* who reaches for another process is refused that, as all else; else his process is ended */
+    int landlock;     /* private: its version that is in use; 0: none */
     int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
 } tl_confine_settings;
 
@@ -79,5 +80,42 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
 
 /* A sentence of what is not held, for people; "" where all is. */
 void tl_confine_describe(const tl_confine_facts *facts, char text[TL_CONFINE_TEXT]);
+
+/* ---- The list of system calls that a confined process may make, and its loading into the kernel.
+ *
+ * Purpose: what is not on the list is refused: EPERM, and told to a listener if there is one (refusal.h). The list has one line
+ *          for a group and its reason; behind it are the calls of which the arguments decide.
+ * Machine: that of this program; a call of another one (32-bit or x32 calls on x86-64, AArch32) ends the process.
+ * Thread:  any.
+ */
+
+/* Whether the kernel has filters; whether it can tell of refused calls. */
+bool tl_filter_is_offered(void);
+bool tl_filter_can_notify(void);
+
+/* Loads. `listener` may be NULL: nobody is to be told; else a descriptor, or -1 where the kernel cannot, or where somebody else is told
+ * already. TL_TRY_AGAIN: it could not be loaded. */
+tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error);
+
+/* ---- Landlock: which files a process may read, below which folder it may write, and to which TCP ports it may connect.
+ *
+ * Purpose: whatever the user who started us could open, an FMU opens only what programs are made of, what the settings add, and its own folder.
+ * Version: the kernel's ("ABI"), 1 … 7, is used as far as it goes. Renaming between folders from 2 on, emptying from 3 (before, the
+ *          filter refuses what Landlock does not see), TCP ports from 4 (none is taken, and only `ports` are connected to), commands to devices from 5, abstract sockets and signals from 6.
+ * Itself:  of /proc/self single files are read. Their places, a dozen descriptors, stay open for the rest of the process: rules depend on them.
+ * Unseen:  Landlock does not hold looking (stat, access, readlink), changing the folder, and modes, owners, times and attributes; the filter
+ *          refuses all changes of these.
+ * Thread:  holds for the thread that calls and those that it starts.
+ */
+
+/* The version from which on a file cannot be emptied by who may not write it. */
+enum { TL_LANDLOCK_TRUNCATION = 3 };
+
+/* 0: the kernel has none, or it is switched off. */
+int tl_landlock_version(void);
+
+/* The places and ports of the settings, by `settings->landlock` > 0: the kernel's version, or an older one. Places that are missing are passed over. Needs
+ * PR_SET_NO_NEW_PRIVS. TL_TRY_AGAIN: it failed. */
+tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error);
 
 #endif

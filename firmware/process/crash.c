@@ -77,10 +77,6 @@ static bool is_overflow(int number, const siginfo_t *info) {
            address < stack_end + stack_guard;
 }
 
-static bool is_loading(const tl_fmu_call *call) {
-    return strcmp(call->function, "fmi2DeSerializeFMUstate") == 0;
-}
-
 static void add_blame(told *line, const char *signal, bool overflow) {
     tl_fmu_call call;
     const char *how = overflow ? "it needs more stack than its thread has (8 MiB)" : signal;
@@ -91,7 +87,7 @@ static void add_blame(told *line, const char *signal, bool overflow) {
         add(line, call.function);
         add(line, ": ");
         add(line, how);
-        add(line, is_loading(&call)
+        add(line, strcmp(call.function, "fmi2DeSerializeFMUstate") == 0
                       ? "; a state that another process has saved is nothing to it: with \"record.resume_s\": 0 "
                         "none is loaded, and --supervise --state DIR finds it out before"
                       : "; export it again, or ask who made it");
@@ -129,33 +125,24 @@ static bool is_handler(const struct sigaction *action) {
     return (action->sa_flags & SA_SIGINFO) != 0 || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
 }
 
-static bool is_pending(int number) {
-    sigset_t pending;
-    return sigpending(&pending) == 0 && sigismember(&pending, number) == 1;
-}
-
-static void unblock(int number) {
-    sigset_t set;
-    (void)sigemptyset(&set);
-    (void)sigaddset(&set, number);
-    (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
-}
-
 /* True: an FMU's handler has dealt with it. False: there is none, or it has passed the signal on: raised it within itself, or left it to
  * be delivered once this returns. A frame that it has jumped away from was at least as high as this one. */
 static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *context) {
     uintptr_t frame = (uintptr_t)__builtin_frame_address(0);
+    sigset_t set;
     bool passed_on = info->si_code <= 0 && in_foreign != 0 && frame < in_foreign;
     if (!__atomic_load_n(&signal->has_foreign, __ATOMIC_ACQUIRE) || passed_on) {
         return false;
     }
     in_foreign = frame;
     if ((signal->foreign.sa_flags & SA_NODEFER) != 0) {
-        unblock(signal->number);
+        (void)sigemptyset(&set);
+        (void)sigaddset(&set, signal->number);
+        (void)pthread_sigmask(SIG_UNBLOCK, &set, NULL);
     }
     call(&signal->foreign, signal->number, info, context);
     in_foreign = 0;
-    return !is_pending(signal->number);
+    return sigpending(&set) != 0 || sigismember(&set, signal->number) != 1;
 }
 
 /* One thread tells; others that crash wait until the process is gone. */

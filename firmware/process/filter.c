@@ -1,10 +1,10 @@
-/* The list of system calls, loaded: see filter.h.
+/* The list of system calls, loaded: see confine.h.
  *
- * Each part adds rules to a filter that refuses by default. These functions return 0, or what libseccomp returned (negative, as errno).
+ * Each part adds rules to a filter that refuses by default. After the first failure nothing more is added.
  * The kernel takes most arguments as 32 bits, but a filter sees 64 bits, of which the upper ones may be anything. So an
  * allowed value is compared by its lower half (IS), and a number of our own by all of it.
  */
-#include "firmware/process/filter.h"
+#include "firmware/process/confine.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -53,39 +53,40 @@ bool tl_filter_can_notify(void) {
 
 /* ---- rules ---- */
 
+typedef struct rules {
+    scmp_filter_ctx context;
+    int failure; /* what libseccomp returned first that was not 0: negative, as errno */
+} rules;
+
 /* A name that this machine or this libseccomp does not know is skipped: there is no such call to allow. */
-static int add_rule(scmp_filter_ctx context, uint32_t action, const char *call, const struct scmp_arg_cmp *conditions,
-                    unsigned count) {
+static void add_rule(rules *list, uint32_t action, const char *call, const struct scmp_arg_cmp *conditions,
+                     unsigned count) {
     int number = seccomp_syscall_resolve_name(call);
-    return number < 0 ? 0 : seccomp_rule_add_array(context, action, number, count, conditions);
+    if (number >= 0 && list->failure == 0) {
+        list->failure = seccomp_rule_add_array(list->context, action, number, count, conditions);
+    }
 }
 
 /* Allows the calls with these names, with blanks between them, whatever their arguments. */
-static int allow_all(scmp_filter_ctx context, const char *calls) {
-    int failure = 0;
-    while (*calls != '\0' && failure == 0) {
+static void allow_all(rules *list, const char *calls) {
+    while (*calls != '\0') {
         char name[NAME] = "";
         size_t length = strcspn(calls, " ");
         memcpy(name, calls, length < NAME ? length : NAME - 1);
-        failure = add_rule(context, SCMP_ACT_ALLOW, name, NULL, 0);
+        add_rule(list, SCMP_ACT_ALLOW, name, NULL, 0);
         calls += length;
         calls += strspn(calls, " ");
     }
-    return failure;
 }
 
-static int allow_one(scmp_filter_ctx context, const char *call, struct scmp_arg_cmp condition) {
-    return add_rule(context, SCMP_ACT_ALLOW, call, &condition, 1);
+static void allow_one(rules *list, const char *call, struct scmp_arg_cmp condition) {
+    add_rule(list, SCMP_ACT_ALLOW, call, &condition, 1);
 }
 
-static int allow_values(scmp_filter_ctx context, const char *call, unsigned argument, const uint32_t *values,
-                        size_t count) {
-    int failure = 0;
-    for (size_t i = 0; i < count && failure == 0; i++) {
-        const struct scmp_arg_cmp condition = IS(argument, values[i]);
-        failure = add_rule(context, SCMP_ACT_ALLOW, call, &condition, 1);
+static void allow_values(rules *list, const char *call, unsigned argument, const uint32_t *values, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        allow_one(list, call, IS(argument, values[i]));
     }
-    return failure;
 }
 
 /* ---- calls that are allowed whatever their arguments ---- */
@@ -133,33 +134,30 @@ static const char *const absent[] = {"clone3", "openat2"};
  * runtime that tries a newer one expects ENOSYS of a kernel that has it not. */
 enum { FIRST_UNKNOWN = 451, LAST_UNKNOWN = 511 };
 
-static int add_absent(scmp_filter_ctx context) {
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(absent) && failure == 0; i++) {
-        failure = add_rule(context, SCMP_ACT_ERRNO(ENOSYS), absent[i], NULL, 0);
+static void add_absent(rules *list) {
+    for (size_t i = 0; i < COUNT(absent); i++) {
+        add_rule(list, SCMP_ACT_ERRNO(ENOSYS), absent[i], NULL, 0);
     }
-    for (int number = FIRST_UNKNOWN; number <= LAST_UNKNOWN && failure == 0; number++) {
-        failure = seccomp_rule_add(context, SCMP_ACT_ERRNO(ENOSYS), number, 0);
+    for (int number = FIRST_UNKNOWN; number <= LAST_UNKNOWN && list->failure == 0; number++) {
+        list->failure = seccomp_rule_add(list->context, SCMP_ACT_ERRNO(ENOSYS), number, 0);
     }
-    return failure;
 }
 
-static int add_calls(scmp_filter_ctx context, const tl_filter_settings *settings) {
-    int failure = add_absent(context);
-    for (size_t i = 0; i < COUNT(allowed) && failure == 0; i++) {
-        failure = allow_all(context, allowed[i].calls);
+static void add_calls(rules *list, const tl_confine_settings *settings) {
+    add_absent(list);
+    for (size_t i = 0; i < COUNT(allowed); i++) {
+        allow_all(list, allowed[i].calls);
     }
-    failure = failure != 0 ? failure : allow_all(context, "creat");
-    if (settings->removal_holds || settings->keeps_files) {
-        failure = failure != 0 ? failure : allow_all(context, "rmdir unlink unlinkat rename renameat renameat2");
+    allow_all(list, "creat");
+    if (settings->landlock > 0 || settings->keeps_files) {
+        allow_all(list, "rmdir unlink unlinkat rename renameat renameat2");
     }
     if (settings->keeps_files) { /* SQLite gives the files beside a database the mode and owner of that */
-        failure = failure != 0 ? failure : allow_all(context, "fchmod fchown fchown32");
+        allow_all(list, "fchmod fchown fchown32");
     }
-    if (settings->truncation_holds) {
-        failure = failure != 0 ? failure : allow_all(context, "truncate truncate64");
+    if (settings->landlock >= TL_LANDLOCK_TRUNCATION) {
+        allow_all(list, "truncate truncate64");
     }
-    return failure;
 }
 
 /* ---- calls of which the arguments decide ---- */
@@ -191,45 +189,41 @@ static const uint32_t process_commands[] = {
     PR_GET_THP_DISABLE, PR_SET_NO_NEW_PRIVS, PR_GET_TID_ADDRESS,  PR_GET_SPECULATION_CTRL,
     PR_SET_VMA};
 
-static int allow_commands(scmp_filter_ctx context) {
-    int failure = allow_values(context, "fcntl", 1, file_commands, COUNT(file_commands));
-    failure = failure != 0 ? failure : allow_values(context, "fcntl64", 1, file_commands, COUNT(file_commands));
-    failure = failure != 0 ? failure : allow_values(context, "ioctl", 1, device_commands, COUNT(device_commands));
-    failure = failure != 0 ? failure : allow_values(context, "ioctl", 1, page_commands, COUNT(page_commands));
-    failure = failure != 0 ? failure : allow_values(context, "prctl", 0, process_commands, COUNT(process_commands));
-    return failure != 0 ? failure : allow_one(context, "personality", IS(0, QUERY));
+static void allow_commands(rules *list) {
+    allow_values(list, "fcntl", 1, file_commands, COUNT(file_commands));
+    allow_values(list, "fcntl64", 1, file_commands, COUNT(file_commands));
+    allow_values(list, "ioctl", 1, device_commands, COUNT(device_commands));
+    allow_values(list, "ioctl", 1, page_commands, COUNT(page_commands));
+    allow_values(list, "prctl", 0, process_commands, COUNT(process_commands));
+    allow_one(list, "personality", IS(0, QUERY));
 }
 
 /* A thread, and nothing else: no process, no namespace. It shares descriptors with all others, as those of every C library do: with a table of its
  * own it would have the limit of descriptors once more, and as much memory of the kernel's in pipes. */
-static int allow_threads(scmp_filter_ctx context) {
+static void allow_threads(rules *list) {
     const uint32_t apart =
         CLONE_NEWNS | CLONE_NEW_CGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER | CLONE_NEWPID | CLONE_NEWNET;
     const uint32_t shared = CLONE_THREAD | CLONE_FILES | CLONE_FS;
-    int failure = allow_one(context, "clone", MASKED(0, shared | apart, shared));
-    return failure != 0 ? failure : allow_one(context, "close_range", MASKED(2, CLOSE_APART, 0));
+    allow_one(list, "clone", MASKED(0, shared | apart, shared));
+    allow_one(list, "close_range", MASKED(2, CLOSE_APART, 0));
 }
 
 /* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit.
  * The C library from 2.41 on tries droppable memory for getrandom(). Like an older kernel, the filter refuses it silently. */
-static int allow_memory(scmp_filter_ctx context) {
+static void allow_memory(rules *list) {
     const struct scmp_arg_cmp droppable = MASKED(3, MAP_ANONYMOUS | MAP_KINDS, MAP_ANONYMOUS | MAP_DROPPABLE_KIND);
     static const char *const calls[] = {"mmap", "mmap2"};
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
-        failure = allow_one(context, calls[i], MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN, 0));
-        failure = failure != 0
-                      ? failure
-                      : allow_one(context, calls[i],
-                                  MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN | MAP_KINDS, MAP_ANONYMOUS | MAP_PRIVATE));
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ERRNO(EINVAL), calls[i], &droppable, 1);
+    for (size_t i = 0; i < COUNT(calls); i++) {
+        allow_one(list, calls[i], MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN, 0));
+        allow_one(list, calls[i], MASKED(3, MAP_ANONYMOUS | MAP_GROWSDOWN | MAP_KINDS, MAP_ANONYMOUS | MAP_PRIVATE));
+        add_rule(list, SCMP_ACT_ERRNO(EINVAL), calls[i], &droppable, 1);
     }
-    return failure != 0 ? failure : allow_all(context, "mprotect pkey_mprotect");
+    allow_all(list, "mprotect pkey_mprotect");
 }
 
 /* Opening a file by a call whose flags are the argument `flags`. Before ABI 3 Landlock does not look when a file is emptied that is opened for
  * reading, or (access mode 3) for neither. A file without a name counts in no folder: as on a file system that has none. */
-static int add_opening(scmp_filter_ctx context, const char *call, unsigned flags, const tl_filter_settings *settings) {
+static void add_opening(rules *list, const char *call, unsigned flags, const tl_confine_settings *settings) {
     const uint32_t nameless = settings->keeps_files ? 0 : NO_NAME;
     const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
     const struct scmp_arg_cmp ways[] = {
@@ -237,85 +231,79 @@ static int add_opening(scmp_filter_ctx context, const char *call, unsigned flags
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_WRONLY),
         MASKED(flags, O_TRUNC | ACCESS_MODES | nameless, O_TRUNC | O_RDWR),
     };
-    if (settings->truncation_holds) {
-        return add_rule(context, SCMP_ACT_ALLOW, call, &named, nameless != 0 ? 1 : 0);
+    if (settings->landlock >= TL_LANDLOCK_TRUNCATION) {
+        add_rule(list, SCMP_ACT_ALLOW, call, &named, nameless != 0 ? 1 : 0);
+        return;
     }
-    int failure = 0;
-    for (size_t way = 0; way < COUNT(ways) && failure == 0; way++) {
-        failure = allow_one(context, call, ways[way]);
+    for (size_t way = 0; way < COUNT(ways); way++) {
+        allow_one(list, call, ways[way]);
     }
-    return failure;
 }
 
-static int add_files(scmp_filter_ctx context, const tl_filter_settings *settings) {
+static void add_files(rules *list, const tl_confine_settings *settings) {
     const struct scmp_arg_cmp nameless[] = {MASKED(1, NO_NAME, NO_NAME), MASKED(2, NO_NAME, NO_NAME)};
-    int failure = add_opening(context, "open", 1, settings);
-    failure = failure != 0 ? failure : add_opening(context, "openat", 2, settings);
+    add_opening(list, "open", 1, settings);
+    add_opening(list, "openat", 2, settings);
     if (!settings->keeps_files) {
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "open", &nameless[0], 1);
-        failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ERRNO(EOPNOTSUPP), "openat", &nameless[1], 1);
+        add_rule(list, SCMP_ACT_ERRNO(EOPNOTSUPP), "open", &nameless[0], 1);
+        add_rule(list, SCMP_ACT_ERRNO(EOPNOTSUPP), "openat", &nameless[1], 1);
     }
-    return failure;
 }
 
 /* Signals to its own process; an attempt on another one ends it, but for `lives_on`. Whether another one is there may be asked, in vain. */
-static int add_signals(scmp_filter_ctx context, bool lives_on) {
+static void add_signals(rules *list, bool lives_on) {
     static const struct {
         const char *call;
         unsigned signal; /* which argument */
     } calls[] = {{"kill", 1}, {"tkill", 1}, {"tgkill", 2}, {"rt_sigqueueinfo", 1}, {"rt_tgsigqueueinfo", 2}};
     const uint64_t own = (uint64_t)getpid();
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
+    for (size_t i = 0; i < COUNT(calls); i++) {
         const struct scmp_arg_cmp other[] = {{0, SCMP_CMP_NE, own, 0}, {calls[i].signal, SCMP_CMP_NE, 0, 0}};
-        failure = allow_one(context, calls[i].call, (struct scmp_arg_cmp){0, SCMP_CMP_EQ, own, 0});
-        if (!lives_on && failure == 0) {
-            failure = add_rule(context, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
+        allow_one(list, calls[i].call, (struct scmp_arg_cmp){0, SCMP_CMP_EQ, own, 0});
+        if (!lives_on) {
+            add_rule(list, SCMP_ACT_KILL_PROCESS, calls[i].call, other, COUNT(other));
         }
     }
-    return failure;
 }
 
 /* Of the thread that calls, or of this process: 0. */
-static int allow_own(scmp_filter_ctx context) {
+static void allow_own(rules *list) {
     static const char *const calls[] = {"sched_setscheduler", "sched_setparam", "sched_setattr", "sched_setaffinity",
                                         "prlimit64"};
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(calls) && failure == 0; i++) {
-        failure = allow_one(context, calls[i], IS(0, 0));
+    for (size_t i = 0; i < COUNT(calls); i++) {
+        allow_one(list, calls[i], IS(0, 0));
     }
-    return failure;
 }
 
 #if TL_HAS_SANITIZER
 /* The search for leaks stops all threads from a process that shares our memory, which traces us, and dies with us. */
-static int add_tracing(scmp_filter_ctx context, bool lives_on) {
+static void add_tracing(rules *list, bool lives_on) {
     static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
-    int failure = allow_all(context, "ptrace");
     (void)lives_on;
-    failure = failure != 0 ? failure : allow_one(context, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
-    return failure != 0 ? failure : allow_values(context, "prctl", 0, commands, COUNT(commands));
+    allow_all(list, "ptrace");
+    allow_one(list, "clone", MASKED(0, CLONE_VM | CLONE_THREAD, CLONE_VM));
+    allow_values(list, "prctl", 0, commands, COUNT(commands));
 }
 #else
-static int add_tracing(scmp_filter_ctx context, bool lives_on) {
+static void add_tracing(rules *list, bool lives_on) {
     const struct scmp_arg_cmp other = {0, SCMP_CMP_NE, PTRACE_TRACEME, 0};
-    return lives_on ? 0 : add_rule(context, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
+    if (!lives_on) {
+        add_rule(list, SCMP_ACT_KILL_PROCESS, "ptrace", &other, 1);
+    }
 }
 #endif
 
-static int add_arguments(scmp_filter_ctx context, const tl_filter_settings *settings) {
-    int (*const parts[])(scmp_filter_ctx) = {allow_commands, allow_threads, allow_memory, allow_own};
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(parts) && failure == 0; i++) {
-        failure = parts[i](context);
-    }
-    failure = failure != 0 ? failure : add_signals(context, settings->lives_on);
-    failure = failure != 0 ? failure : add_tracing(context, settings->lives_on);
-    failure = failure != 0 ? failure : add_files(context, settings);
+static void add_arguments(rules *list, const tl_confine_settings *settings) {
+    allow_commands(list);
+    allow_threads(list);
+    allow_memory(list);
+    allow_own(list);
+    add_signals(list, settings->lives_on);
+    add_tracing(list, settings->lives_on);
+    add_files(list, settings);
     if (settings->start_socket >= 0) {
-        failure = failure != 0 ? failure : allow_one(context, "sendmsg", IS(0, settings->start_socket));
+        allow_one(list, "sendmsg", IS(0, settings->start_socket));
     }
-    return failure;
 }
 
 /* ---- what a driver of a plant needs besides, to connect again ---- */
@@ -356,67 +344,60 @@ static const tl_plant_access tcp_access = {
     .calls = tcp_calls, .sockets = tcp_sockets, .socket_count = COUNT(tcp_sockets)};
 
 /* Sending on a connection has no address; looking names up gives one, but for TCP. */
-static int add_sending(scmp_filter_ctx context, bool names) {
+static void add_sending(rules *list, bool names) {
     const struct scmp_arg_cmp connected[] = {MASKED(3, MSG_FASTOPEN, 0), {4, SCMP_CMP_EQ, 0, 0}};
-    const struct scmp_arg_cmp flags_2 = MASKED(2, MSG_FASTOPEN, 0);
-    const struct scmp_arg_cmp flags_3 = MASKED(3, MSG_FASTOPEN, 0);
-    int failure = add_rule(context, SCMP_ACT_ALLOW, "send", &flags_3, 1);
-    if (!names) {
-        return failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendto", connected, COUNT(connected));
+    allow_one(list, "send", MASKED(3, MSG_FASTOPEN, 0));
+    add_rule(list, SCMP_ACT_ALLOW, "sendto", connected, names ? 1 : COUNT(connected));
+    if (names) {
+        allow_one(list, "sendmsg", MASKED(2, MSG_FASTOPEN, 0));
+        allow_one(list, "sendmmsg", MASKED(3, MSG_FASTOPEN, 0));
     }
-    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendto", &flags_3, 1);
-    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmsg", &flags_2, 1);
-    return failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "sendmmsg", &flags_3, 1);
 }
 
 /* All of `access` but TCP. Nobody can listen, so bind() to an address of that length does no harm elsewhere. */
-static int add_access(scmp_filter_ctx context, const tl_plant_access *access) {
-    const struct scmp_arg_cmp size = IS(2, access->address_bytes);
-    int failure = access->calls != NULL ? allow_all(context, access->calls) : 0;
-    if (failure == 0 && access->address_bytes != 0) {
-        failure = add_rule(context, SCMP_ACT_ALLOW, "bind", &size, 1);
+static void add_access(rules *list, const tl_plant_access *access) {
+    if (access->calls != NULL) {
+        allow_all(list, access->calls);
     }
-    for (size_t i = 0; i < access->socket_count && failure == 0; i++) {
+    if (access->address_bytes != 0) {
+        allow_one(list, "bind", IS(2, access->address_bytes));
+    }
+    for (size_t i = 0; i < access->socket_count; i++) {
         const tl_plant_socket *one = &access->sockets[i];
         const struct scmp_arg_cmp conditions[] = {IS(0, one->family), MASKED(1, SOCKET_KINDS, (uint32_t)one->type),
                                                   IS(2, one->protocol)};
-        failure = add_rule(context, SCMP_ACT_ALLOW, "socket", conditions, COUNT(conditions));
+        add_rule(list, SCMP_ACT_ALLOW, "socket", conditions, COUNT(conditions));
     }
-    for (size_t i = 0; i < access->command_count && failure == 0; i++) {
-        const struct scmp_arg_cmp command = IS(1, access->commands[i]);
-        failure = add_rule(context, SCMP_ACT_ALLOW, "ioctl", &command, 1);
-    }
-    return failure;
+    allow_values(list, "ioctl", 1, access->commands, access->command_count);
 }
 
-static int add_driver(scmp_filter_ctx context, const tl_plant_access *plant, bool names) {
-    /* A thread of a source is an ordinary one, whoever starts it (os.h). */
-    const struct scmp_arg_cmp ordinary = IS(1, SCHED_OTHER);
-    int failure = add_rule(context, SCMP_ACT_ALLOW, "sched_setscheduler", &ordinary, 1);
-    failure = failure != 0 ? failure : add_access(context, plant);
-    if (failure == 0 && (plant->tcp || names)) {
-        failure = add_access(context, &tcp_access);
-        failure = failure != 0 ? failure : add_sending(context, names);
+static void add_driver(rules *list, const tl_plant_access *plant, bool names) {
+    allow_one(list, "sched_setscheduler",
+              IS(1, SCHED_OTHER)); /* a source's thread is ordinary, whoever starts it (os.h) */
+    add_access(list, plant);
+    if (plant->tcp || names) {
+        add_access(list, &tcp_access);
+        add_sending(list, names);
     }
-    return failure == 0 && names ? add_access(context, &names_access) : failure;
+    if (names) {
+        add_access(list, &names_access);
+    }
 }
 
 /* ---- what a server on the network needs besides, which listens already ---- */
 
 /* It accepts, and connects to local sockets: a new socket is a local one, so that it reaches nobody else. It makes memory that it hands over. */
-static int add_server(scmp_filter_ctx context) {
-    const struct scmp_arg_cmp local = IS(0, AF_UNIX);
-    const struct scmp_arg_cmp seal = IS(1, F_ADD_SEALS);
-    int failure = allow_all(context, "accept accept4 connect shutdown getsockname getpeername getsockopt "
-                                     "setsockopt send sendto sendmsg recv recvfrom recvmsg memfd_create");
-    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "socket", &local, 1);
-    failure = failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "fcntl", &seal, 1);
-    return failure != 0 ? failure : add_rule(context, SCMP_ACT_ALLOW, "fcntl64", &seal, 1);
+static void add_server(rules *list) {
+    allow_all(list, "accept accept4 connect shutdown getsockname getpeername getsockopt "
+                    "setsockopt send sendto sendmsg recv recvfrom recvmsg memfd_create");
+    allow_one(list, "socket", IS(0, AF_UNIX));
+    allow_one(list, "fcntl", IS(1, F_ADD_SEALS));
+    allow_one(list, "fcntl64", IS(1, F_ADD_SEALS));
 }
 
 /* ---- load ---- */
 
-static int set_attributes(scmp_filter_ctx context, const tl_filter_settings *settings) {
+static void set_attributes(rules *list, const tl_confine_settings *settings) {
     const struct {
         enum scmp_filter_attr attribute;
         uint32_t value;
@@ -428,37 +409,35 @@ static int set_attributes(scmp_filter_ctx context, const tl_filter_settings *set
         {SCMP_FLTATR_CTL_OPTIMIZE, 2}, /* a binary tree by the numbers of calls */
         {SCMP_FLTATR_API_SYSRAWRC, 1}, /* what the kernel says, not "it failed" */
     };
-    int failure = 0;
-    for (size_t i = 0; i < COUNT(attributes) && failure == 0; i++) {
-        failure = seccomp_attr_set(context, attributes[i].attribute, attributes[i].value);
+    for (size_t i = 0; i < COUNT(attributes) && list->failure == 0; i++) {
+        list->failure = seccomp_attr_set(list->context, attributes[i].attribute, attributes[i].value);
     }
-    return failure;
 }
 
 /* 0, or a negative number as errno. */
-static int load(const tl_filter_settings *settings, uint32_t refuse, int *listener) {
-    scmp_filter_ctx context = seccomp_init(refuse);
-    if (context == NULL) {
+static int load(const tl_confine_settings *settings, uint32_t refuse, int *listener) {
+    rules list = {.context = seccomp_init(refuse)};
+    if (list.context == NULL) {
         return -ENOMEM;
     }
-    int failure = set_attributes(context, settings);
-    failure = failure != 0 ? failure : add_calls(context, settings);
-    failure = failure != 0 ? failure : add_arguments(context, settings);
+    set_attributes(&list, settings);
+    add_calls(&list, settings);
+    add_arguments(&list, settings);
     if (settings->plant != NULL) {
-        failure = failure != 0 ? failure : add_driver(context, settings->plant, settings->names);
+        add_driver(&list, settings->plant, settings->names);
     }
     if (settings->may_answer) {
-        failure = failure != 0 ? failure : add_server(context);
+        add_server(&list);
     }
-    failure = failure != 0 ? failure : seccomp_load(context);
-    if (failure == 0 && refuse == SCMP_ACT_NOTIFY) {
-        *listener = seccomp_notify_fd(context);
+    list.failure = list.failure != 0 ? list.failure : seccomp_load(list.context);
+    if (list.failure == 0 && refuse == SCMP_ACT_NOTIFY) {
+        *listener = seccomp_notify_fd(list.context);
     }
-    seccomp_release(context);
-    return failure;
+    seccomp_release(list.context);
+    return list.failure;
 }
 
-tl_status tl_filter_load(const tl_filter_settings *settings, int *listener, tl_error *error) {
+tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error) {
     int failure = -EBUSY; /* the kernel's word for a second listener, as one of a container's may be there */
     if (listener != NULL) {
         *listener = -1;

@@ -46,72 +46,51 @@ void tl_heart_end(tl_heart *heart) {
 }
 
 void tl_heartbeats_set_ready(tl_heartbeats *beats) {
-    if (beats != NULL) {
-        __atomic_store_n(&beats->ready, true, __ATOMIC_RELAXED);
-    }
+    __atomic_store_n(&beats->ready, true, __ATOMIC_RELAXED);
 }
 
 void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
     char line[TL_HEARTBEAT_STATUS] = "";
-    if (beats != NULL) {
-        (void)snprintf(line, sizeof line, "%s", text);
-        tl_latest_publish(&beats->status, line, sizeof line);
-    }
+    (void)snprintf(line, sizeof line, "%s", text);
+    tl_latest_publish(&beats->status, line, sizeof line);
 }
 
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code) {
-    if (beats != NULL) {
-        __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
-    }
+    __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
 }
 
 tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats) {
-    return beats == NULL ? NULL : &beats->calls;
+    return &beats->calls;
 }
 
 /* ---- in the supervisor ---- */
 
-/* How long this heart has been silent, as seen until now. One that has not begun, or has ended, is not silent. */
-static tl_time listen(const tl_heart *heart, bool lives, tl_heartbeats_seen *seen, size_t place, tl_time passed) {
-    uint64_t beats = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
-    seen->silence[place] = lives && beats == seen->beats[place] ? seen->silence[place] + passed : 0;
-    seen->beats[place] = beats;
-    return seen->silence[place];
-}
-
-/* How long the FMU call that is under way has been so, as seen until now. */
-static void follow_call(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time passed) {
+const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
+    tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
     tl_fmu_call call;
+    const char *silent = NULL;
+    bool has = false;
+    passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
+    seen->looked = now;
     bool same = tl_fmu_calls_look(&beats->calls, &call) && call.begun == seen->call;
     seen->lasted = same ? seen->lasted + passed : 0;
     seen->call = call.begun;
-}
-
-/* False: it had one, and has none for too long. */
-static bool note_hearts(tl_heartbeats_seen *seen, bool has, tl_time passed) {
-    seen->had = seen->had || has;
-    seen->no_heart = seen->had && !has ? seen->no_heart + passed : 0;
-    return seen->no_heart <= TL_HEARTBEAT_NONE;
-}
-
-const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *seen, tl_time now, tl_time *silence) {
-    tl_time passed = seen->looked == 0 ? 0 : now - seen->looked;
-    passed = passed > TL_HEARTBEAT_LOOK ? TL_HEARTBEAT_LOOK : passed;
-    seen->looked = now;
-    follow_call(beats, seen, passed);
-    const char *silent = NULL;
-    bool has = false;
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
         const tl_heart *heart = &beats->hearts[i];
         tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
-        tl_time since = listen(heart, patience > 0, seen, i, passed);
-        has = has || patience > 0;
-        if (patience > 0 && since > patience && silent == NULL) {
+        uint64_t count = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
+        bool lives = patience > 0; /* one that has not begun, or has ended, is not silent */
+        seen->silence[i] = lives && count == seen->beats[i] ? seen->silence[i] + passed : 0;
+        seen->beats[i] = count;
+        has = has || lives;
+        if (lives && seen->silence[i] > patience && silent == NULL) {
             silent = heart->name;
-            *silence = since;
+            *silence = seen->silence[i];
         }
     }
-    if (!note_hearts(seen, has, passed)) {
+    seen->had = seen->had || has;
+    seen->no_heart = seen->had && !has ? seen->no_heart + passed : 0;
+    if (seen->no_heart > TL_HEARTBEAT_NONE) {
         silent = "every thread";
         *silence = seen->no_heart;
     }

@@ -62,7 +62,7 @@ typedef enum tl_farewell {
 /* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
 void tl_heartbeats_clear(tl_heartbeats *beats);
 
-/* ---- in the process that beats; everything takes NULL, and does nothing then: nobody listens ---- */
+/* ---- in the process that beats; tl_heart_… take NULL, and do nothing then: nobody listens ---- */
 
 /* A heart of that name ("cycle", "plant.gateway"; cut to what fits), watched from now on with `patience` (ns, > 0). NULL where there
  * is no place left. */

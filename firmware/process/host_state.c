@@ -139,16 +139,14 @@ static unsigned put_back_mask(void) {
     return 0;
 }
 
-static bool is_same_handler(const struct sigaction *one, const struct sigaction *other) {
-    return (one->sa_flags & SA_SIGINFO) == (other->sa_flags & SA_SIGINFO) && one->sa_handler == other->sa_handler;
-}
-
 static unsigned put_back_handlers(void) {
     unsigned changed = 0;
     for (size_t i = 0; i < host.handler_count; i++) {
         struct sigaction now;
         const handled *own = &host.handlers[i];
-        if (sigaction(own->signal, NULL, &now) == 0 && !is_same_handler(&now, &own->action)) {
+        if (sigaction(own->signal, NULL, &now) == 0 &&
+            ((now.sa_flags & SA_SIGINFO) != (own->action.sa_flags & SA_SIGINFO) ||
+             now.sa_handler != own->action.sa_handler)) {
             (void)sigaction(own->signal, &own->action, NULL);
             if (own->displaced != NULL) {
                 own->displaced(own->signal, &now);
@@ -167,10 +165,6 @@ static unsigned put_back_folder(void) {
     return fchdir(host.folder) == 0 ? TL_HOST_FOLDER : 0;
 }
 
-static unsigned put_back_umask(void) {
-    return umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK;
-}
-
 static unsigned put_back_scheduling(void) {
     const scheduling now = read_scheduling();
     if (memcmp(&now, &host.scheduling, sizeof now) == 0) {
@@ -184,7 +178,7 @@ unsigned tl_host_state_put_back(void) {
         return 0;
     }
     return put_back_rounding() | put_back_locale() | put_back_mask() | put_back_handlers() | put_back_folder() |
-           put_back_umask() | put_back_scheduling();
+           (umask(host.umask) == host.umask ? 0 : TL_HOST_UMASK) | put_back_scheduling();
 }
 
 /* ---- describe ---- */

@@ -1,5 +1,5 @@
-/* Landlock, by its system calls, for which the C library has no functions: see landlock.h. */
-#include "firmware/process/landlock.h"
+/* Landlock, by its system calls, for which the C library has no functions: see confine.h. */
+#include "firmware/process/confine.h"
 
 #include <dirent.h>
 #include <errno.h>
@@ -108,7 +108,7 @@ static const char *const own[] = {
 };
 
 /* Settings of the loader, of the C library's locales, and of interpreters and virtual machines: what begins so in /etc. */
-static const char *const settings[] = {"ld.so.", "locale", "python", "java", "mono", "dotnet"};
+static const char *const etc_names[] = {"ld.so.", "locale", "python", "java", "mono", "dotnet"};
 
 static const char *const writable[] = {"/dev/null"};
 
@@ -116,92 +116,83 @@ static const char *const writable[] = {"/dev/null"};
 
 /* ---- rules ---- */
 
-static long add_rule(int rules, int place, uint64_t rights) {
-    const struct landlock_path_beneath_attr rule = {.allowed_access = rights, .parent_fd = place};
-    return syscall(SYS_landlock_add_rule, rules, LANDLOCK_RULE_PATH_BENEATH, &rule, 0);
-}
+typedef struct rules {
+    int set;
+    bool failed; /* with errno; nothing is added any more */
+} rules;
 
-/* The place, which the caller closes. False, with errno: it failed. What is missing, or out of reach, needs no rule, and is -1. */
-static bool allow_open(int rules, const char *path, uint64_t rights, int *place) {
-    struct stat what;
-    *place = open(path, O_PATH | O_CLOEXEC);
-    if (*place < 0) {
-        return errno == ENOENT || errno == ENOTDIR || errno == EACCES;
+/* The place, which the caller closes. What is missing, or out of reach, needs no rule, and is -1. */
+static int allow_open(rules *list, const char *path, uint64_t rights) {
+    struct stat what = {.st_mode = 0};
+    int place = open(path, O_PATH | O_CLOEXEC);
+    if (place < 0) {
+        list->failed = errno != ENOENT && errno != ENOTDIR && errno != EACCES;
+        return place;
     }
-    return fstat(*place, &what) == 0 &&
-           add_rule(rules, *place, S_ISDIR(what.st_mode) ? rights : rights & OF_FILES) == 0;
+    list->failed = fstat(place, &what) != 0;
+    const struct landlock_path_beneath_attr rule = {
+        .allowed_access = S_ISDIR(what.st_mode) ? rights : rights & OF_FILES, .parent_fd = place};
+    list->failed = list->failed || syscall(SYS_landlock_add_rule, list->set, LANDLOCK_RULE_PATH_BENEATH, &rule, 0) != 0;
+    return place;
 }
 
-static bool allow(int rules, const char *path, uint64_t rights) {
-    int place = -1;
-    bool done = allow_open(rules, path, rights, &place);
+static void allow(rules *list, const char *path, uint64_t rights) {
+    int place = allow_open(list, path, rights);
     int cause = errno;
     if (place >= 0) {
         (void)close(place);
     }
     errno = cause;
-    return done;
 }
 
-static bool allow_own(int rules, uint64_t rights) {
-    bool done = true;
-    for (size_t i = 0; i < COUNT(own) && done; i++) {
-        int stays = -1;
-        done = allow_open(rules, own[i], rights, &stays);
+static void allow_all(rules *list, const char *const *paths, size_t count, uint64_t rights) {
+    for (size_t i = 0; i < count && !list->failed; i++) {
+        allow(list, paths[i], rights);
     }
-    return done;
-}
-
-static bool allow_all(int rules, const char *const *paths, size_t count, uint64_t rights) {
-    bool done = true;
-    for (size_t i = 0; i < count && done; i++) {
-        done = allow(rules, paths[i], rights);
-    }
-    return done;
 }
 
 static bool is_setting(const char *name) {
     bool is = false;
-    for (size_t i = 0; i < COUNT(settings) && !is; i++) {
-        is = strncmp(name, settings[i], strlen(settings[i])) == 0;
+    for (size_t i = 0; i < COUNT(etc_names) && !is; i++) {
+        is = strncmp(name, etc_names[i], strlen(etc_names[i])) == 0;
     }
     return is;
 }
 
-static bool allow_settings(int rules, uint64_t rights) {
+static void allow_settings(rules *list, uint64_t rights) {
     char path[PLACE];
-    bool done = true;
     DIR *folder = opendir("/etc");
     const struct dirent *entry = NULL;
-    while (done && folder != NULL && (entry = readdir(folder)) != NULL) {
+    while (!list->failed && folder != NULL && (entry = readdir(folder)) != NULL) {
         if (is_setting(entry->d_name)) {
             (void)snprintf(path, sizeof path, "/etc/%s", entry->d_name);
-            done = allow(rules, path, rights);
+            allow(list, path, rights);
         }
     }
     if (folder != NULL) {
         (void)closedir(folder);
     }
-    return done;
 }
 
-static bool allow_places(int rules, const tl_landlock_places *places, uint64_t all) {
+static void allow_places(rules *list, const tl_confine_settings *places, uint64_t all) {
     const uint64_t look = all & LOOK;
     const uint64_t change = all & (LOOK | CHANGE);
-    return allow_all(rules, readable, COUNT(readable), look) && allow_own(rules, look) && allow_settings(rules, look) &&
-           allow_all(rules, writable, COUNT(writable), change) &&
-           allow_all(rules, places->read, places->read_count, look) &&
-           allow_all(rules, places->write, places->write_count, change | (all & COMMAND_DEVICE)) &&
-           (places->folder == NULL || allow(rules, places->folder, change));
+    allow_all(list, readable, COUNT(readable), look);
+    for (size_t i = 0; i < COUNT(own) && !list->failed; i++) {
+        (void)allow_open(list, own[i], look); /* and stays open */
+    }
+    allow_settings(list, look);
+    allow_all(list, writable, COUNT(writable), change);
+    allow_all(list, places->read, places->read_count, look);
+    allow_all(list, places->write, places->write_count, change | (all & COMMAND_DEVICE));
+    allow_all(list, &places->folder, places->folder != NULL ? 1 : 0, change);
 }
 
-static bool allow_ports(int rules, const tl_landlock_places *places) {
-    bool done = true;
-    for (size_t i = 0; i < places->port_count && done; i++) {
+static void allow_ports(rules *list, const tl_confine_settings *places) {
+    for (size_t i = 0; i < places->port_count && !list->failed; i++) {
         const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
-        done = syscall(SYS_landlock_add_rule, rules, RULE_TCP_PORT, &rule, 0) == 0;
+        list->failed = syscall(SYS_landlock_add_rule, list->set, RULE_TCP_PORT, &rule, 0) != 0;
     }
-    return done;
 }
 
 /* ---- the whole ---- */
@@ -221,14 +212,19 @@ static int make_rules(int version) {
     return (int)syscall(SYS_landlock_create_ruleset, &set, size, 0);
 }
 
-tl_status tl_landlock_restrict(const tl_landlock_places *places, int version, tl_error *error) {
-    int rules = make_rules(version);
-    bool done = rules >= 0 && allow_places(rules, places, known(version)) &&
-                (version < WITH_PORTS || allow_ports(rules, places)) &&
-                syscall(SYS_landlock_restrict_self, rules, 0) == 0;
-    int cause = errno;
-    if (rules >= 0) {
-        (void)close(rules);
+tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error) {
+    rules list = {.set = make_rules(settings->landlock)};
+    list.failed = list.set < 0;
+    if (!list.failed) {
+        allow_places(&list, settings, known(settings->landlock));
     }
-    return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "Landlock could not be switched on: %s", strerror(cause));
+    if (settings->landlock >= WITH_PORTS && !list.failed) {
+        allow_ports(&list, settings);
+    }
+    list.failed = list.failed || syscall(SYS_landlock_restrict_self, list.set, 0) != 0;
+    int cause = errno;
+    if (list.set >= 0) {
+        (void)close(list.set);
+    }
+    return list.failed ? tl_fail(error, TL_TRY_AGAIN, "Landlock could not be switched on: %s", strerror(cause)) : TL_OK;
 }

@@ -7,7 +7,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <pthread.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -18,7 +17,6 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/process/process_end.h"
 
 #define PREFIX "twinlock-"
 
@@ -125,48 +123,6 @@ static void remove_tree(int root, const char *path) {
     }
 }
 
-/* Those with a folder, of this process: one that was forked from it and goes on in its image has its memory, but not its folders, and what
- * were their descriptors may be others by now. */
-static tl_private_folder *in_use;
-static pid_t in_use_by;
-static pthread_mutex_t in_use_lock = PTHREAD_MUTEX_INITIALIZER;
-
-static void forget_parents(void) {
-    if (in_use_by != getpid()) {
-        in_use = NULL;
-        in_use_by = getpid();
-    }
-}
-
-static void remove_all(void) {
-    (void)pthread_mutex_lock(&in_use_lock);
-    forget_parents();
-    for (const tl_private_folder *folder = in_use; folder != NULL; folder = folder->next) {
-        remove_tree(dup(folder->descriptor), folder->path);
-    }
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-static void enlist(tl_private_folder *folder) {
-    tl_process_remove_by(remove_all);
-    (void)pthread_mutex_lock(&in_use_lock);
-    forget_parents();
-    folder->next = in_use;
-    in_use = folder;
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
-static void strike_off(const tl_private_folder *folder) {
-    (void)pthread_mutex_lock(&in_use_lock);
-    for (tl_private_folder **place = &in_use; *place != NULL; place = &(*place)->next) {
-        if (*place == folder) {
-            *place = folder->next;
-            break;
-        }
-    }
-    (void)pthread_mutex_unlock(&in_use_lock);
-}
-
 /* Another process removes what is made. */
 static bool leaves;
 
@@ -178,7 +134,6 @@ void tl_private_folder_remove(tl_private_folder *folder) {
     if (folder->path[0] != '\0' && folder->is_left) {
         (void)close(folder->descriptor);
     } else if (folder->path[0] != '\0') {
-        strike_off(folder);
         remove_tree(folder->descriptor, folder->path);
     }
     folder->path[0] = '\0';
@@ -302,9 +257,6 @@ tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_fol
         folder->path[0] = '\0';
         return tl_fail(error, TL_TRY_AGAIN, "no folder can be made in %s: %s; free space or set TMPDIR", parent,
                        strerror(code));
-    }
-    if (!leaves) {
-        enlist(folder);
     }
     tl_status status = claim(user, folder, error);
     if (status != TL_OK) {

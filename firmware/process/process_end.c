@@ -31,7 +31,6 @@ static volatile sig_atomic_t ending;
 static volatile sig_atomic_t end_code;
 static tl_process_keeper *kept_by;
 static void *kept_for;
-static tl_process_remover *remover;
 static bool runs_exit_handlers;
 
 static void end_late(int number) {
@@ -119,10 +118,6 @@ void tl_process_give_up(const char *why) {
     if (keeper != NULL) {
         keeper(kept_for, why);
     }
-    tl_process_remover *remove_all = __atomic_load_n(&remover, __ATOMIC_ACQUIRE);
-    if (remove_all != NULL) {
-        remove_all();
-    }
     flush_and_end();
 }
 
@@ -130,10 +125,6 @@ void tl_process_keep(tl_process_keeper *keeper, void *context) {
     __atomic_store_n(&kept_by, NULL, __ATOMIC_RELEASE);
     kept_for = context;
     __atomic_store_n(&kept_by, keeper, __ATOMIC_RELEASE);
-}
-
-void tl_process_remove_by(tl_process_remover *remove_all) {
-    __atomic_store_n(&remover, remove_all, __ATOMIC_RELEASE);
 }
 
 void tl_process_run_exit_handlers(void) {

@@ -19,17 +19,13 @@ void tl_process_begin(void);
 /* Ends the process with this exit code. Sanitizers look for leaks first, unless an interpreter is open. */
 void tl_process_end(int code) __attribute__((noreturn));
 
-/* Ends the process, with exit code 70, while an FMU has not returned, or at its will. Says `why` on the log, keeps what can be kept, and removes
- * what must not stay. */
+/* Ends the process, with exit code 70, while an FMU has not returned, or at its will. Says `why` on the log, and keeps what can be
+ * kept; its parent removes the folders of its FMUs. */
 void tl_process_give_up(const char *why) __attribute__((noreturn));
 
 /* Who keeps what can be kept of unfinished work, told why. It must not wait for the thread of the FMUs. NULL: nobody. */
 typedef void tl_process_keeper(void *context, const char *why);
 void tl_process_keep(tl_process_keeper *keeper, void *context);
-
-/* Who removes what must not outlive a process that gives up: the folders of unpacked FMUs. */
-typedef void tl_process_remover(void);
-void tl_process_remove_by(tl_process_remover *remove_all);
 
 /* From now on tl_process_end() runs exit handlers: an interpreter has been opened. */
 void tl_process_run_exit_handlers(void);

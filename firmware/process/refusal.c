@@ -17,34 +17,25 @@ enum { NAMES = 512 };
 static char names[NAMES][TL_REFUSAL_NAME];
 static bool named;
 
-static void find_names(void) {
-    for (int number = 0; number < NAMES; number++) {
+/* Whoever comes second meanwhile writes the same. */
+static void prepare(void) {
+    for (int number = 0; number < NAMES && !__atomic_load_n(&named, __ATOMIC_ACQUIRE); number++) {
         char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, number);
         if (name != NULL) {
             (void)snprintf(names[number], sizeof names[number], "%s", name);
         }
         free(name);
     }
-}
-
-/* Whoever comes second meanwhile writes the same. */
-static void prepare(void) {
-    if (!__atomic_load_n(&named, __ATOMIC_ACQUIRE)) {
-        find_names();
-        __atomic_store_n(&named, true, __ATOMIC_RELEASE);
-    }
+    __atomic_store_n(&named, true, __ATOMIC_RELEASE);
 }
 
 static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
     const int number = asked->data.nr;
-    *refusal = (tl_refusal){.id = asked->id, .number = number, .thread = (pid_t)asked->pid};
+    *refusal = (tl_refusal){.id = asked->id};
     if (number >= 0 && number < NAMES && names[number][0] != '\0') {
         (void)snprintf(refusal->name, sizeof refusal->name, "%s", names[number]);
     } else {
         (void)snprintf(refusal->name, sizeof refusal->name, "call %d", number);
-    }
-    for (int i = 0; i < TL_REFUSAL_ARGUMENTS; i++) {
-        refusal->arguments[i] = asked->data.args[i];
     }
 }
 

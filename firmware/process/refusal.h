@@ -8,7 +8,6 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <sys/types.h>
 
 #include "firmware/process/fmu_call.h"
 
@@ -21,15 +20,11 @@
  * Thread:  any one.
  */
 
-enum { TL_REFUSAL_NAME = 32, TL_REFUSAL_ARGUMENTS = 6 };
+enum { TL_REFUSAL_NAME = 32 };
 
 typedef struct tl_refusal {
     uint64_t id;                /* private: of what is to be answered */
     char name[TL_REFUSAL_NAME]; /* "socket"; "call 999" where nobody has a name for it */
-    int number;                 /* on this machine */
-    pid_t thread;               /* who called */
-    uint64_t arguments
-        [TL_REFUSAL_ARGUMENTS]; /* as they were passed: what they point at is the other process's, and may change */
 } tl_refusal;
 
 /* Takes one, which must be answered. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */

@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
-#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -109,69 +108,6 @@ static void reset_signals(void) {
     (void)sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* As the kernel has them: struct linux_dirent64. */
-typedef struct entry {
-    uint64_t inode;
-    int64_t offset;
-    uint16_t size;
-    uint8_t type;
-    char name[];
-} entry;
-
-static int number_of(const char *name) {
-    int number = 0;
-    for (; *name >= '0' && *name <= '9'; name++) {
-        number = number * 10 + (*name - '0');
-    }
-    return *name == '\0' ? number : -1;
-}
-
-/* Closes those in one part of the list. True: there were some. */
-static bool close_listed(int list, const char *entries, long size) {
-    bool any = false;
-    for (long at = 0; at < size;) {
-        const entry *one = (const entry *)(const void *)(entries + at);
-        int number = number_of(one->name);
-        if (number >= FIRST_TO_CLOSE && number != list) {
-            any = close(number) == 0 || any;
-        }
-        at += one->size;
-    }
-    return any;
-}
-
-/* Without close_range(), which Linux has since 5.9. */
-static void close_one_by_one(void) {
-    int list = open("/proc/self/fd", O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    bool any = list >= 0;
-    while (any) { /* until none is left: closing one changes the list */
-        char entries[4096] __attribute__((aligned(8)));
-        long size = 0;
-        any = false;
-        (void)lseek(list, 0, SEEK_SET);
-        do {
-            size = syscall(SYS_getdents64, list, entries, sizeof entries);
-            any = (size > 0 && close_listed(list, entries, size)) || any;
-        } while (size > 0);
-    }
-    if (list >= 0) {
-        (void)close(list);
-        return;
-    }
-    for (int number = FIRST_TO_CLOSE; number < 65536; number++) {
-        (void)close(number);
-    }
-}
-
-static void close_others(void) {
-#if defined(SYS_close_range)
-    if (syscall(SYS_close_range, (unsigned)FIRST_TO_CLOSE, ~0U, 0U) == 0) {
-        return;
-    }
-#endif
-    close_one_by_one();
-}
-
 /* A descriptor where none of the child's will be; −1 stays. */
 static int gather(int descriptor) {
     return descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
@@ -203,7 +139,7 @@ static bool place_all(const launch *start) {
         is_placed = place(gathered[i], i);
     }
     is_placed = is_placed && place(own_program, PROGRAM) && place(news, NEWS);
-    close_others();
+    closefrom(FIRST_TO_CLOSE);
     (void)fcntl(PROGRAM, F_SETFD, FD_CLOEXEC);
     (void)fcntl(NEWS, F_SETFD, FD_CLOEXEC);
     return is_placed;
@@ -262,29 +198,21 @@ static void be_child(const launch *start) {
 
 /* ---- Starting ---- */
 
-static size_t name_length(const char *variable) {
-    return strcspn(variable, "=");
-}
-
 static bool is_replaced(const tl_role_settings *settings, const char *variable) {
-    size_t length = name_length(variable);
+    size_t length = strcspn(variable, "=");
     for (size_t i = 0; i < settings->variable_count; i++) {
-        if (name_length(settings->variables[i]) == length && strncmp(settings->variables[i], variable, length) == 0) {
+        if (strcspn(settings->variables[i], "=") == length && strncmp(settings->variables[i], variable, length) == 0) {
             return true;
         }
     }
     return false;
 }
 
-static bool is_named(const char *name, const char *variable) {
-    size_t length = strcspn(name, "*");
-    return strncmp(name, variable, length) == 0 && (name[length] == '*' || variable[length] == '=');
-}
-
 static bool is_inherited(const tl_role_settings *settings, const char *variable) {
     bool found = settings->inherits == NULL;
     for (const char *const *name = settings->inherits; !found && *name != NULL; name++) {
-        found = is_named(*name, variable);
+        size_t length = strcspn(*name, "*");
+        found = strncmp(*name, variable, length) == 0 && ((*name)[length] == '*' || variable[length] == '=');
     }
     return found && !is_replaced(settings, variable);
 }

@@ -17,16 +17,14 @@
 
 #include "master/base/status.h"
 
-enum { TL_ROLE_DESCRIPTORS = 16, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
+enum { TL_ROLE_DESCRIPTORS = 24, TL_ROLE_TITLE = 96, TL_ROLE_VARIABLES = 8 };
 
 typedef struct tl_role_settings {
-    const char *title; /* "twin [motor]"; cut to TL_ROLE_TITLE bytes */
-    int descriptors
-        [TL_ROLE_DESCRIPTORS];    /* of ours, which become 0 … 15 in the child; −1: closed there. They stay ours */
+    const char *title;                    /* "twin [motor]"; cut to TL_ROLE_TITLE bytes */
+    int descriptors[TL_ROLE_DESCRIPTORS]; /* ours, which become 0 … 23 in the child; −1: closed there */
     const char *const *variables; /* "TMPDIR=…", which are added to the environment or replace one of that name */
     size_t variable_count;        /* at most TL_ROLE_VARIABLES */
-    const char *const
-        *inherits; /* names of variables that it gets of ours, "LC_*": all that begin so; ends with NULL. NULL: all */
+    const char *const *inherits;  /* names of our variables that it gets; "LC_*": all that begin so. NULL: all */
     int (*fallback)(const char *title, void *context); /* what main() does for such a title: the child's exit code */
     void *context;                                     /* of `fallback` */
 } tl_role_settings;

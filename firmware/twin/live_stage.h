@@ -39,7 +39,6 @@ typedef struct tl_live_stage {
     uint32_t place;              /* whose twin is the run's */
     uint32_t order;              /* number of the newest order that was looked at, */
     uint32_t shadow;             /* and what came of it: tl_live_shadow, of the twin in the other place */
-    uint32_t shadow_pid;         /* changes with each that is begun; 0: none was */
     char why[TL_LIVE_STAGE_WHY]; /* it has ended, or could not be begun; written before `shadow` */
     uint32_t flips;              /* number of the newest flip that was announced: written last; 0: none. */
     uint32_t to;                 /* The place whose twin is the run's by it, */

@@ -47,7 +47,7 @@ OWNERS = {
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/os.c", "firmware/base/os.h", "firmware/base/relay.h", "firmware/cli/plant_server.c",
                   "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/voice.c",
-                  "firmware/plant/plant_reader.c", "firmware/process/crash.c", "firmware/process/private_folder.c",
+                  "firmware/plant/plant_reader.c", "firmware/process/crash.c",
                   "firmware/rollback/fmu_heap.c", "firmware/store/database_file.c", "firmware/store/recorder.c",
                   "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
 }

@@ -186,9 +186,9 @@ static int play_twin(tl_stage_part *played, const tl_start *start, char what) {
     stage->hold[which] = start->hold;
     stage->again[which] = start->again;
     stage->failures[which] = start->failures;
-    stage->unreadable[which] = start->restarts->unreadable;
+    stage->unreadable[which] = start->unreadable;
     stage->processes[which] = tl_stage_processes_of(getppid());
-    (void)snprintf(stage->reason[which], TL_RESTARTS_REASON, "%s", start->restarts->reason);
+    (void)snprintf(stage->reason[which], TL_RESTARTS_REASON, "%s", start->reason);
     return play(what, tl_heart_begin(&played->beats, "cycle", TL_SECOND), &played->beats);
 }
 

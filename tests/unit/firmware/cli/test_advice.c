@@ -177,9 +177,9 @@ static void test_a_source_that_nothing_uses(void) {
 static void test_a_signal_by_can_that_never_goes_stale(void) {
     load(BUS, "\"min\": -20, \"max\": 20, \"stale_s\": 0.2", "\"min\": -20, \"max\": 20");
     expect_advice(1, "warnings\n"
-                     "  plant.torque: a sender on a CAN bus that falls silent is noticed by nothing\n"
-                     "    but the age of its values, and it has no stale_s: its last value would be\n"
-                     "    taken for good for ever\n");
+                     "  plant.torque: a sender that falls silent is noticed only by the age of its\n"
+                     "    values, and the signal has no stale_s: its last value would be used for\n"
+                     "    ever\n");
 }
 
 static void test_a_median_of_polls(void) {

@@ -115,7 +115,6 @@ static void begin_shadow(pid_t pid) {
     TEST_ASSERT_TRUE(orders.shadow);
     expect_obeyed(true);
     tl_live_place *place = &places[1 - stage.place];
-    tl_live_change_note_shadow(&change, pid);
     play_ready(place, pid, place->start);
     look();
 }
@@ -143,7 +142,6 @@ static void test_a_candidate_moves_in(void) {
     TEST_ASSERT_EQUAL_UINT32(7, places[1].pulse->first);
     TEST_ASSERT_EQUAL_UINT32(0, places[1].pulse->flipped);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
-    TEST_ASSERT_EQUAL_UINT32(SHADOW, stage.shadow_pid);
     TEST_ASSERT_EQUAL_UINT32(0, stage.place);
 }
 
@@ -303,7 +301,6 @@ static void test_a_flip(void) {
     TEST_ASSERT_TRUE(orders.shadow); /* the old one */
     TEST_ASSERT_EQUAL_UINT32(1, stage.place);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
-    TEST_ASSERT_EQUAL_UINT32(RUN, stage.shadow_pid);
     look();
     TEST_ASSERT_FALSE(orders.swap);
     TEST_ASSERT_FALSE(orders.soon);
@@ -324,7 +321,6 @@ static void test_a_flip_back(void) {
     TEST_ASSERT_EQUAL_UINT32(0, stage.place);
     TEST_ASSERT_EQUAL_UINT32(2, stage.flips);
     TEST_ASSERT_EQUAL_UINT32(0, stage.to);
-    TEST_ASSERT_EQUAL_UINT32(SHADOW, stage.shadow_pid);
     TEST_ASSERT_EQUAL_STRING(config.text, places[stage.place].text);
 }
 

@@ -62,13 +62,6 @@ static void test_files_whose_states_are_not_loaded(void) {
     TEST_ASSERT_EQUAL_UINT64(0xfedcba9876543210, restarts.unreadable);
 }
 
-static void test_a_file_of_before_they_were_kept(void) {
-    write_account("{\"starts\": 3, \"restarts\": 1, \"failures\": 0, \"running\": false, \"boot\": \"\"}");
-    open_here(false);
-    TEST_ASSERT_EQUAL_UINT64(3, restarts.starts);
-    TEST_ASSERT_EQUAL_UINT64(0, restarts.unreadable);
-}
-
 static void test_a_loop(void) {
     open_here(false);
     tl_restarts_begin(&restarts, false);
@@ -125,7 +118,8 @@ static void test_the_supervisor_was_killed(void) {
 
 /* Only the twin's own ends count; those before the reset are kept. */
 static void test_the_box_was_reset(void) {
-    write_account("{\"starts\": 9, \"restarts\": 4, \"failures\": 4, \"running\": true, \"boot\": \"another\"}");
+    write_account(
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 4, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}");
     open_here(true);
     TEST_ASSERT_EQUAL_STRING("the box was reset by its watchdog", restarts.reason);
     TEST_ASSERT_EQUAL_UINT(4, restarts.failures);
@@ -142,7 +136,8 @@ static void test_the_box_was_reset(void) {
 }
 
 static void test_a_reset_after_an_orderly_end_is_none(void) {
-    write_account("{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": false, \"boot\": \"another\"}");
+    write_account(
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": false, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}");
     open_here(true);
     TEST_ASSERT_EQUAL_STRING("it was told to", restarts.reason);
     TEST_ASSERT_FALSE(restarts.interrupted);
@@ -195,11 +190,11 @@ static void test_a_damaged_account(void) {
         "",
         "{\"starts\": 9, \"restarts\": 4, \"failures\"",
         "[]",
-        "{\"starts\": -1, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\"}",
-        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": 1, \"boot\": \"another\"}",
-        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": 3}",
-        "{\"starts\": 1e300, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\"}",
-        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\"} {}",
+        "{\"starts\": -1, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}",
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": 1, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}",
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": 3, \"unreadable\": \"0\", \"tries\": 0}",
+        "{\"starts\": 1e300, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}",
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 0, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0} {}",
     };
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         write_account(texts[i]);
@@ -215,7 +210,7 @@ static void test_a_damaged_account(void) {
 
 static void test_more_failures_than_make_a_loop(void) {
     write_account(
-        "{\"starts\": 9, \"restarts\": 4, \"failures\": 4294967297, \"running\": true, \"boot\": \"another\"}");
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 4294967297, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}");
     open_here(false);
     TEST_ASSERT_TRUE(tl_restarts_is_loop(&restarts));
 }
@@ -272,7 +267,6 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_restarts");
     RUN_TEST(test_an_orderly_life);
     RUN_TEST(test_files_whose_states_are_not_loaded);
-    RUN_TEST(test_a_file_of_before_they_were_kept);
     RUN_TEST(test_a_loop);
     RUN_TEST(test_forgiven);
     RUN_TEST(test_forgiven_by_life_since_the_start);

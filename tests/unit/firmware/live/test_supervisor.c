@@ -176,7 +176,9 @@ static void test_a_start_is_a_try(void) {
     stage->settings.state = stage->scratch.folder;
     FILE *file = fopen(tl_scratch_path(&stage->scratch, "supervisor.json"), "w");
     TEST_ASSERT_NOT_NULL(file);
-    (void)fputs("{\"starts\": 9, \"restarts\": 4, \"failures\": 5, \"running\": true, \"boot\": \"another\"}", file);
+    (void)fputs(
+        "{\"starts\": 9, \"restarts\": 4, \"failures\": 5, \"running\": true, \"boot\": \"another\", \"unreadable\": \"0\", \"tries\": 0}",
+        file);
     TEST_ASSERT_EQUAL_INT(0, fclose(file));
     tl_stage_expect_code("k0", 0);
     TEST_ASSERT_FALSE(stage->hold[0]);

@@ -162,6 +162,24 @@ static void test_told_to_end_before_there_is_a_twin(void) {
     tl_stage_expect_code("", 0);
 }
 
+/* ---- the activator ---- */
+
+static void order_the_activator(bool ends, tl_orders *orders) {
+    const tl_stage_part *activator = &stage->parts[TL_MEMBER_ACTIVATOR];
+    orders->activator = activator->starts == 0;
+    orders->end = !ends && activator->starts == 2 && activator->order > 0;
+}
+
+/* It is begun again until it has done its work, and the run does not end with it. */
+static void test_an_activator_that_fails_and_one_that_does_its_work(void) {
+    tl_stage_cast(TL_MEMBER_ACTIVATOR, "k0");
+    stage->play_on = order_the_activator;
+    tl_stage_expect_code("w", 0);
+    TEST_ASSERT_EQUAL_INT(2, stage->parts[TL_MEMBER_ACTIVATOR].starts);
+    TEST_ASSERT_EQUAL_INT(1, stage->parts[TL_MEMBER_ACTIVATOR].order);
+    tl_stage_expect_told("the activator failed: it was ended by signal 11, Segmentation fault; another one is begun");
+}
+
 int main(void) {
     UNITY_BEGIN();
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_members");
@@ -177,5 +195,6 @@ int main(void) {
     RUN_TEST(test_the_others_are_begun_before);
     RUN_TEST(test_a_twin_holds_until_the_first_may_begin);
     RUN_TEST(test_told_to_end_before_there_is_a_twin);
+    RUN_TEST(test_an_activator_that_fails_and_one_that_does_its_work);
     return tl_stage_close(UNITY_END());
 }

@@ -26,7 +26,6 @@
 #include "board/modbus/modbus.h"
 #include "firmware/base/os.h"
 #include "firmware/config/drivers.h"
-#include "firmware/process/landlock.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 

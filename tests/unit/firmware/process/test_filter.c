@@ -1,5 +1,5 @@
 /* The list of system calls, by making them: what is refused, what ends the process, what works. */
-#include "firmware/process/filter.h"
+#include "firmware/process/confine.h"
 
 #include <errno.h>
 #include <fcntl.h>

@@ -1,5 +1,4 @@
 /* Which files a confined process reaches, with each version of Landlock that this kernel can play, and without. */
-#include "firmware/process/landlock.h"
 
 #include <errno.h>
 #include <fcntl.h>
@@ -14,7 +13,7 @@
 
 #include <unity.h>
 
-#include "firmware/process/filter.h"
+#include "firmware/process/confine.h"
 #include "firmware/process/sanitizer.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"

@@ -248,26 +248,6 @@ static void test_no_folder_for_it(void) {
     refuse("/proc", "no folder can be made in /proc");
 }
 
-/* One that goes on in our image, as a role does if it cannot be executed: it gives up with its own folders, not with ours. */
-static void test_a_forked_image_leaves_ours_alone(void) {
-    int status = 0;
-    make();
-    write_file(folder.descriptor, "ours");
-    pid_t child = fork();
-    TEST_ASSERT_NOT_EQUAL_INT(-1, child);
-    if (child == 0) {
-        tl_private_folder own = {.descriptor = -1};
-        tl_log_set_level(TL_LOG_ERROR - 1);
-        tl_process_begin();
-        (void)tl_private_folder_make("test", 0, &own, NULL);
-        tl_process_give_up("test");
-    }
-    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
-    TEST_ASSERT_TRUE(WIFEXITED(status));
-    TEST_ASSERT_EQUAL_INT(0, faccessat(folder.descriptor, "ours", F_OK, 0));
-    TEST_ASSERT_TRUE(is_there(folder.path)); /* and tearDown() finds that its own is gone */
-}
-
 int main(void) {
     tl_log_set_level(TL_LOG_WARNING);
     UNITY_BEGIN();
@@ -280,6 +260,5 @@ int main(void) {
     RUN_TEST(test_a_folder_for_another_user);
     RUN_TEST(test_what_another_process_removes);
     RUN_TEST(test_no_folder_for_it);
-    RUN_TEST(test_a_forked_image_leaves_ours_alone);
     return UNITY_END();
 }

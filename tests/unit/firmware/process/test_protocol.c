@@ -84,13 +84,17 @@ static void test_what_is_said(void) {
     refuse(TL_CHILD, TL_MESSAGES, 0, "the process of the FMUs sent a message of no kind there is, 9");
     refuse(TL_CHILD, UINT32_MAX, 0, "the process of the FMUs sent a message of no kind there is, 4294967295");
     refuse(TL_CHILD, TL_MESSAGE_TICK, 100,
-           "the process of the FMUs sent the message \"tick\", which only the program may send");
+           "the process of the FMUs sent the message \"tick\" while starting, with 100 bytes: not allowed "
+           "(expected 100 bytes of the program)");
     refuse(TL_PARENT, TL_MESSAGE_TICK, 100,
-           "the program sent the message \"tick\" while starting, when it is not allowed");
+           "the program sent the message \"tick\" while starting, with 100 bytes: not allowed (expected 100 bytes "
+           "of the program)");
     refuse(TL_CHILD, TL_MESSAGE_READY, 9,
-           "the process of the FMUs sent the message \"ready\" with 9 bytes instead of 8");
+           "the process of the FMUs sent the message \"ready\" while starting, with 9 bytes: not allowed "
+           "(expected 8 bytes of the process of the FMUs)");
     refuse(TL_CHILD, TL_MESSAGE_READY, 7,
-           "the process of the FMUs sent the message \"ready\" with 7 bytes instead of 8");
+           "the process of the FMUs sent the message \"ready\" while starting, with 7 bytes: not allowed "
+           "(expected 8 bytes of the process of the FMUs)");
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tl_protocol_check(&sizes, &phases, TL_PARENT, TL_MESSAGE_END, 1, NULL));
 }
 

@@ -117,12 +117,12 @@ void tearDown(void) {
 static void start(const char *title) {
     static const char *const variables[] = {"TMPDIR=/nowhere", "TL_TEST_A=new"};
     /* In a wrong order on purpose: each number is another's target. */
-    const tl_role_settings settings = {
-        .title = title,
-        .descriptors = {0, 1, 2, report[1], gate[0], -1, -1, 1, -1, 2, -1, 0, -1, -1, -1, 1},
-        .variables = variables,
-        .variable_count = 2,
-        .fallback = be_role};
+    const tl_role_settings settings = {.title = title,
+                                       .descriptors = {0,  1,  2,  report[1], gate[0], -1, -1, 1,  -1, 2,  -1, 0,
+                                                       -1, -1, -1, 1,         -1,      -1, -1, -1, -1, -1, -1, -1},
+                                       .variables = variables,
+                                       .variable_count = 2,
+                                       .fallback = be_role};
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_role_start(&settings, &role, &error), error.text);
     TEST_ASSERT_GREATER_THAN_INT(0, role.pid);
 }
@@ -267,7 +267,9 @@ static void test_it_dies_with_its_parent(void) {
 /* Who has a parent no more is not begun. */
 static void test_a_descriptor_that_is_none(void) {
     const tl_role_settings settings = {
-        .title = "twin", .descriptors = {0, 1, 2, 999, -1, -1, -1, -1, -1, -1, -1, -1}, .fallback = be_role};
+        .title = "twin",
+        .descriptors = {0, 1, 2, 999, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1, -1},
+        .fallback = be_role};
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_role_start(&settings, &role, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the process \"twin\" cannot be started"), error.text);
     TEST_ASSERT_EQUAL_INT(0, role.pid);

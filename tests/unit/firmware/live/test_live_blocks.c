@@ -1,4 +1,4 @@
-/* What a twin takes at its start: the mail of the run. The supervisor is played: blocks are put where a process
+/* What a twin takes at its start: the blocks of the run, above all the mail. The supervisor is played: blocks are put where a process
  * finds them. */
 #include <fcntl.h>
 #include <stdlib.h>
@@ -7,8 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/live/live_twin.h"
-#include "firmware/live/live_wire.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/process/role.h"
 #include "tests/support/config_text.h"
 
@@ -23,7 +22,8 @@ static const char *const base =
 enum { U, W };
 
 static tl_test_verdict run, own;
-static tl_live_twin_memory *memory;
+static tl_block blocks[TL_LIVE_BLOCKS];
+static tl_plant_input input;
 static tl_live_job job;
 static tl_block mail;
 static tl_error error;
@@ -39,24 +39,20 @@ void setUp(void) {
     memset(&run, 0, sizeof run);
     memset(&own, 0, sizeof own);
     memset(&job, 0, sizeof job);
-    job.is_shadow = true;
-    memory = calloc(1, sizeof *memory);
-    TEST_ASSERT_NOT_NULL(memory);
+    memset(blocks, 0, sizeof blocks);
+    memset(&input, 0, sizeof input);
     error.text[0] = '\0';
 }
 
 /* All that was taken goes with the process; of a test, here. */
 void tearDown(void) {
-    tl_block *const taken[] = {&memory->mail, &memory->pulse_block, &memory->outbox_block, &memory->tuning_block,
-                               &memory->stage_block};
-    for (size_t i = 0; i < sizeof taken / sizeof taken[0]; i++) {
-        tl_block_close(taken[i]);
+    for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
+        tl_block_close(&blocks[i]);
     }
     tl_block_close(&mail);
-    tl_config_free(&memory->run);
     tl_config_free(&run.config);
     tl_config_free(&own.config);
-    free(memory);
+    tl_plant_input_close(&input);
 }
 
 static void read_config(const char *text, tl_test_verdict *verdict) {
@@ -87,25 +83,24 @@ static void give(int number, size_t size) {
 static void give_mail(int number, const tl_config *config, tl_block *block) {
     tl_plant_mail_shape shape;
     tl_plant_mail_shape_of(config, &shape);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("mail", tl_live_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_block_make("mail", tl_plant_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
     put(number, block);
 }
 
 static void give_rest(void) {
-    const tl_outbox_settings settings = tl_live_twin_outbox(&own.config);
-    give(TL_LIVE_OWN_PULSE, sizeof(tl_live_twin_pulse));
-    give(TL_LIVE_TWIN_OUTBOX, tl_outbox_bytes(&settings));
-    give(TL_LIVE_TUNING, sizeof(tl_live_tuning));
-    give(TL_LIVE_STAGE, sizeof(tl_live_stage));
+    size_t sizes[TL_LIVE_BLOCKS];
+    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_PULSE, TL_LIVE_OUTBOX, TL_LIVE_TUNING, TL_LIVE_STAGE};
+    tl_live_block_sizes(&own.config, sizes);
+    for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++) {
+        give(wanted[i], sizes[wanted[i]]);
+    }
 }
 
-static tl_status take_with(const char *of_run) {
-    tl_live_job_bytes live;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_pack(&job, of_run, &live, &error));
-    const tl_twin_job twin_job = {.live = live.bytes, .live_size = live.size};
-    tl_status status = tl_live_twin_memory_take(memory, &twin_job, &own.config, &error);
-    free(live.bytes);
-    return status;
+static tl_status take(void) {
+    tl_live_job_apply(&job, &own.config);
+    tl_status status = tl_live_blocks_take(TL_LIVE_IS_TWIN, &job, &own.config, blocks, &error);
+    return status == TL_OK ? tl_live_input_open(&own.config, &blocks[TL_LIVE_MAIL], &input, &error) : status;
 }
 
 /* As io would. */
@@ -120,7 +115,7 @@ static void post(tl_block *block, const tl_config *config, size_t signal, double
 
 static void expect(size_t signal, double value, tl_quality quality) {
     tl_sample sample;
-    tl_plant_input_take(&memory->input, 0, 2000, &sample);
+    tl_plant_input_take(&input, 0, 2000, &sample);
     TEST_ASSERT_EQUAL_DOUBLE(value, sample.values[signal]);
     TEST_ASSERT_EQUAL_INT(quality, sample.quality[signal]);
 }
@@ -129,7 +124,7 @@ static void test_the_plant_of_the_run(void) {
     edit("\"name\": \"motor\"", "\"name\": \"motor\", \"$schema\": \"x\"");
     give_mail(TL_LIVE_MAIL, &run.config, &mail);
     give_rest();
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(base), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
     post(&mail, &run.config, W, 1.0);
     expect(W, 1.0, TL_GOOD);
 }
@@ -142,27 +137,16 @@ static void test_other_look_ups_than_the_run(void) {
          " \"condition\": {\"low_pass_s\": 1}}}}");
     give_mail(TL_LIVE_MAIL, &run.config, &mail);
     give_rest();
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(base), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
     TEST_ASSERT_TRUE(own.config.signal_count > run.config.signal_count);
     post(&mail, &run.config, W, 1.0);
-    expect(W, 1.0, TL_GOOD);
-}
-
-/* It is the run's, and was begun again: nobody tells it of another one. */
-static void test_no_shadow(void) {
-    edit("10.0.0.9", "10.0.0.8");
-    job.is_shadow = false;
-    give_mail(TL_LIVE_MAIL, &own.config, &mail);
-    give_rest();
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take_with(""), error.text);
-    post(&mail, &own.config, W, 1.0);
     expect(W, 1.0, TL_GOOD);
 }
 
 static void test_a_mail_of_another_size(void) {
     edit("10.0.0.9\"", "10.0.0.8\", \"period_s\": 0.001");
     give_mail(TL_LIVE_MAIL, &run.config, &mail);
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with(base));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take());
 }
 
 static void test_jobs_that_are_none(void) {
@@ -176,15 +160,13 @@ static void test_jobs_that_are_none(void) {
     bytes[sizeof job + 1] = '\0';
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_unpack(bytes, sizeof bytes, &job, &text, &error));
     TEST_ASSERT_EQUAL_STRING("x", text);
-    edit("10.0.0.9", "10.0.0.8");
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take_with("{ no configuration"));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_read(&job, "x.json", "{ no configuration", &own.config, &error));
 }
 
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_plant_of_the_run);
     RUN_TEST(test_other_look_ups_than_the_run);
-    RUN_TEST(test_no_shadow);
     RUN_TEST(test_a_mail_of_another_size);
     RUN_TEST(test_jobs_that_are_none);
     return UNITY_END();
