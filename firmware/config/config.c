@@ -12,7 +12,6 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
-#include "firmware/config/config_parts.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
 
@@ -42,8 +41,6 @@ static bool is_whole_nanoseconds(double seconds) {
 static void read_times(tl_config_object *root, tl_config *config) {
     static const tl_config_number step_rule = {
         .need = TL_CONFIG_REQUIRED, .minimum = 1e-5, .maximum = 3600, .example = "0.01"};
-    static const tl_config_number duration_rule = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "14"};
     double seconds = 0;
     if (tl_config_get_number(root, "step_s", &step_rule, &seconds)) {
         config->step = tl_time_of_seconds(seconds);
@@ -51,9 +48,7 @@ static void read_times(tl_config_object *root, tl_config *config) {
             tl_config_wrong(root, "step_s", NULL, "a whole number of nanoseconds", step_rule.example);
         }
     }
-    if (tl_config_get_number(root, "duration_s", &duration_rule, &seconds)) {
-        config->duration = tl_config_duration(seconds);
-    }
+    (void)tl_config_get_duration(root, "duration_s", TL_CONFIG_OPTIONAL, "14", &config->duration);
 }
 
 /* Editors look for the schema there. */

@@ -7,7 +7,7 @@
 
 #include "board/can/can.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 enum { EXPECTED = 160 };
@@ -219,22 +219,8 @@ static tl_status open_can(const tl_config_source *source, const char *path, cons
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.can", TL_RULE_COMMISSION, NULL},
-    {"sources.*.can.interface", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.id", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.extended", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.bytes", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.fd", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.start", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.length", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.order", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.type", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.scale", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.offset", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.multiplex", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.multiplex.**", TL_RULE_COMMISSION, NULL},
+    {"sources.*.can.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -235,8 +235,9 @@ static void judge_stale(const tl_json_value *before, const tl_json_value *after,
 #define RESTART TL_RULE_RETUNE
 #define RESTART_COMMISSIONED TL_RULE_COMMISSION
 
-/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
-static const tl_change_rule rules[] = {
+/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. "**" decides a part
+ * as a whole: what is added to it later follows. */
+const tl_change_rule tl_change_rules[] = {
     /* what is about the whole */
     {"$schema", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
@@ -279,13 +280,8 @@ static const tl_change_rule rules[] = {
     {"recording.file", RESTART_COMMISSIONED, NULL},
     {"recording.time_column", RESTART, NULL},
     /* the twin */
-    {"connect", NEW_TWIN, NULL},
-    {"connect[]", NEW_TWIN, NULL},
-    {"connect[][]", NEW_TWIN, NULL},
-    {"compare", NEW_TWIN, NULL},
-    {"compare.*", NEW_TWIN, NULL},
-    {"compare.*.to", NEW_TWIN, NULL},
-    {"compare.*.between", NEW_TWIN, NULL},
+    {"connect.**", NEW_TWIN, NULL},
+    {"compare.**", NEW_TWIN, NULL},
     {"synchronise", NEW_TWIN, NULL},
     {"synchronise.adjust", NEW_TWIN, NULL},
     {"synchronise.adjust.*", NEW_TWIN, NULL},
@@ -304,85 +300,32 @@ static const tl_change_rule rules[] = {
     {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
     {"synchronise.match.*.weight", IN_PLACE, judge_weight},
     {"synchronise.match.*.huber", IN_PLACE, judge_huber},
-    {"synchronise.match.*.condition", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
-    {"synchronise.match.*.condition.median", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.match.*.condition.low_pass_s", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.match.*.condition.gate", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.match.*.condition.**", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
     {"synchronise.epsilon", NEW_TWIN, NULL},
-    {"synchronise.horizon", NEW_TWIN, NULL},
-    {"synchronise.horizon.prediction", NEW_TWIN, NULL},
-    {"synchronise.horizon.shape", NEW_TWIN, NULL},
-    {"synchronise.horizon.measurements", NEW_TWIN, NULL},
-    {"synchronise.horizon.event", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.start", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.end", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.window_s", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.longest_s", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.**", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.**", NEW_TWIN, NULL},
     {"synchronise.algorithm", NEW_TWIN, NULL},
     {"synchronise.fallback", NEW_TWIN, NULL},
     {"synchronise.stagnation", NEW_TWIN, NULL},
     {"synchronise.noise_floor", IN_PLACE, NULL},
     {"synchronise.verify_every", NEW_TWIN_COMMISSIONED, NULL},
     {"synchronise.free_twin", NEW_TWIN, NULL},
-    {"synchronise.saving", NEW_TWIN, NULL},
-    {"synchronise.saving.structure", NEW_TWIN, NULL},
-    {"synchronise.saving.sequences", NEW_TWIN, NULL},
-    {"synchronise.saving.nodes", NEW_TWIN, NULL},
-    {"synchronise.saving.memory_mb", NEW_TWIN, NULL},
+    {"synchronise.saving.**", NEW_TWIN, NULL},
     {"synchronise.margin", IN_PLACE, NULL},
     {"synchronise.budget", IN_PLACE, NULL},
     {"synchronise.budget.evaluations", IN_PLACE, judge_evaluations},
     {"synchronise.budget.time_s", IN_PLACE, NULL},
-    /* delays */
-    {"delays", NEW_TWIN, NULL},
-    {"delays.measure", NEW_TWIN, NULL},
-    {"delays.measure.range_s", NEW_TWIN, NULL},
-    {"delays.participants", NEW_TWIN, NULL},
-    {"delays.participants.*", NEW_TWIN, NULL},
-    {"delays.participants.*.dead_s", NEW_TWIN, NULL},
-    {"delays.participants.*.cycle_s", NEW_TWIN, NULL},
-    {"delays.synchronous", NEW_TWIN, NULL},
-    {"delays.synchronous[]", NEW_TWIN, NULL},
-    {"delays.synchronous[][]", NEW_TWIN, NULL},
-    {"delays.take", NEW_TWIN, NULL},
-    {"delays.input", NEW_TWIN, NULL},
-    {"delays.input.plant", NEW_TWIN, NULL},
-    {"delays.input.plant[]", NEW_TWIN, NULL},
-    {"delays.input.simulation", NEW_TWIN, NULL},
-    {"delays.input.simulation[]", NEW_TWIN, NULL},
-    {"delays.output", NEW_TWIN, NULL},
-    {"delays.output.plant", NEW_TWIN, NULL},
-    {"delays.output.plant[]", NEW_TWIN, NULL},
-    {"delays.output.simulation", NEW_TWIN, NULL},
-    {"delays.output.simulation[]", NEW_TWIN, NULL},
+    {"delays.**", NEW_TWIN, NULL},
     /* the database, the process, the emulated plant */
     {"record", RESTART_COMMISSIONED, NULL},
     {"record.file", RESTART_ON_THE_BOX, NULL},
     {"record.max_mb", RESTART_COMMISSIONED, NULL},
     {"record.commit_s", RESTART, NULL},
     {"record.resume_s", RESTART, NULL},
-    {"realtime", RESTART_COMMISSIONED, NULL},
-    {"realtime.priority", RESTART_COMMISSIONED, NULL},
-    {"realtime.lock_memory", RESTART_COMMISSIONED, NULL},
-    {"realtime.hang_s", RESTART_COMMISSIONED, NULL},
-    {"emulate", RESTART, NULL},
-    {"emulate.columns", RESTART, NULL},
-    {"emulate.columns.*", RESTART, NULL},
-    {"emulate.columns.*.from", RESTART, NULL},
-    {"emulate.columns.*.noise", RESTART, NULL},
-    {"emulate.message_s", RESTART, NULL},
-    {"emulate.message_s[]", RESTART, NULL},
+    {"realtime.**", RESTART_COMMISSIONED, NULL},
+    {"emulate.**", RESTART, NULL},
     {NULL, RESTART_COMMISSIONED, NULL},
 };
-
-const tl_change_rule *tl_change_rules(size_t list) {
-    for (size_t i = 0; i + 1 < list; i++) {
-        if (tl_drivers[i] == NULL) {
-            return NULL;
-        }
-    }
-    return list == 0 ? rules : tl_drivers[list - 1] != NULL ? tl_drivers[list - 1]->rules : NULL;
-}
 
 /* ---- looking up ---- */
 
@@ -399,10 +342,7 @@ static bool fits(const char *part, size_t length, const tl_json_step *step) {
 }
 
 static bool matches(const char *pattern, const tl_json_step *way, size_t depth) {
-    for (size_t i = 0; i < depth; i++) {
-        if (strcmp(pattern, "**") == 0) {
-            return true;
-        }
+    for (size_t i = 0; i < depth && strcmp(pattern, "**") != 0; i++) {
         size_t length = part_length(pattern);
         if (length == 0 || !fits(pattern, length, &way[i])) {
             return false;
@@ -410,19 +350,22 @@ static bool matches(const char *pattern, const tl_json_step *way, size_t depth) 
         pattern += length;
         pattern += pattern[0] == '.' ? 1 : 0;
     }
-    return depth > 0 && pattern[0] == '\0';
+    return depth > 0 && (pattern[0] == '\0' || strcmp(pattern, "**") == 0);
+}
+
+static const tl_change_rule *find_rule(const tl_change_rule *rule, const tl_json_step *way, size_t depth) {
+    while (rule->pattern != NULL && !matches(rule->pattern, way, depth)) {
+        rule++;
+    }
+    return rule->pattern != NULL ? rule : NULL;
 }
 
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
-    const tl_change_rule *list = NULL;
-    for (size_t i = 0; (list = tl_change_rules(i)) != NULL; i++) {
-        for (const tl_change_rule *rule = list; rule->pattern != NULL; rule++) {
-            if (matches(rule->pattern, way, depth)) {
-                return rule;
-            }
-        }
+    const tl_change_rule *rule = find_rule(tl_change_rules, way, depth);
+    for (const tl_driver *const *row = tl_drivers; rule == NULL && *row != NULL; row++) {
+        rule = find_rule((*row)->rules, way, depth);
     }
-    return NULL;
+    return rule;
 }
 
 /* A tuning tells numbers by the places of what they are of, a mail signals. */
@@ -570,20 +513,4 @@ tl_status tl_config_change_find(const char *in_force, size_t in_force_size, cons
         *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     }
     return status;
-}
-
-void tl_config_edit_write(const tl_config_edit *edit, char text[TL_CONFIG_EDIT_TEXT]) {
-    char what[3 * TL_CONFIG_EDIT_SHOWN];
-    if (edit->before[0] == '\0') {
-        (void)snprintf(what, sizeof what, "%s is added", edit->after);
-    } else if (edit->after[0] == '\0') {
-        (void)snprintf(what, sizeof what, "%s is removed", edit->before);
-    } else {
-        (void)snprintf(what, sizeof what, "%s → %s", edit->before, edit->after);
-    }
-    (void)snprintf(text, TL_CONFIG_EDIT_TEXT, "%s: %s (%s%s)", edit->path[0] != '\0' ? edit->path : "all of it", what,
-                   tl_change_kinds[edit->needs.kind],
-                   edit->needs.right == TL_RIGHT_BOX          ? ", on the box only"
-                   : edit->needs.right == TL_RIGHT_COMMISSION ? ", needs the right to commission"
-                                                              : "");
 }

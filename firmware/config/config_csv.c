@@ -1,7 +1,7 @@
 /* `sources.NAME.csv` and `plant.NAME.csv`: the row of the driver board/csv. */
 #include "board/csv/csv.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 /* Its path is as written. */
@@ -39,10 +39,9 @@ static tl_status open_csv(const tl_config_source *source, const char *path, cons
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.csv", TL_RULE_COMMISSION, NULL},         {"sources.*.csv.file", TL_RULE_FILE, NULL},
-    {"sources.*.csv.time_column", TL_RULE_RETUNE, NULL}, {"sources.*.csv.period_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.csv", TL_RULE_COMMISSION, NULL},           {"plant.*.csv.column", TL_RULE_COMMISSION, NULL},
-    {"plant.*.csv.source", TL_RULE_COMMISSION, NULL},    {NULL, TL_RULE_COMMISSION, NULL},
+    {"sources.*.csv.file", TL_RULE_FILE, NULL},       {"sources.*.csv.time_column", TL_RULE_RETUNE, NULL},
+    {"sources.*.csv.period_s", TL_RULE_RETUNE, NULL}, {"sources.*.csv.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.csv.**", TL_RULE_COMMISSION, NULL},     {NULL, TL_RULE_COMMISSION, NULL},
 };
 
 const tl_driver tl_driver_csv = {

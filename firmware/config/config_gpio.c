@@ -4,7 +4,7 @@
 
 #include "board/gpio/gpio.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
@@ -95,16 +95,9 @@ static tl_status open_gpio(const tl_config_source *source, const char *path, con
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.gpio", TL_RULE_COMMISSION, NULL},
-    {"sources.*.gpio.chip", TL_RULE_COMMISSION, NULL},
     {"sources.*.gpio.period_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.gpio", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.line", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.offset", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.bias", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.active_low", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.debounce_s", TL_RULE_COMMISSION, NULL},
+    {"sources.*.gpio.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -6,7 +6,7 @@
 
 #include "board/modbus/modbus.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 /* ---- sources.NAME ---- */
@@ -212,34 +212,18 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
 }
 
 static const tl_change_rule TCP_RULES[] = {
-    {"sources.*.modbus_tcp", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_tcp.host", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_tcp.port", TL_RULE_COMMISSION, NULL},
     {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.timeout_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.modbus", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.unit_id", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.table", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.address", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.type", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.words", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.bytes", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.scale", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.offset", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_tcp.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 
 static const tl_change_rule RTU_RULES[] = {
-    {"sources.*.modbus_rtu", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.device", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.baud", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.parity", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.stop_bits", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.rs485", TL_RULE_COMMISSION, NULL},
     {"sources.*.modbus_rtu.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.timeout_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_rtu.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -1,5 +1,4 @@
 /* `sources` and `plant`: where the plant's values come from, and what they are. */
-#include "firmware/config/config_parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -217,17 +216,12 @@ static void read_limits(tl_config_object *entry, tl_config_signal *signal) {
 static void read_between(tl_config_object *entry, tl_config_signal *signal) {
     static const char *const choices[] = {
         [TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", [TL_BETWEEN_MEAN] = "mean", NULL};
-    static const tl_config_number every = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.04"};
     size_t between = TL_BETWEEN_LAST;
-    double every_s = 0;
     (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
     signal->as_input = (tl_between)between;
     bool is_given = tl_config_get(entry, "every_s", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    bool is_right = tl_config_get_number(entry, "every_s", &every, &every_s);
-    signal->every = is_right   ? tl_config_duration(every_s)
-                    : is_given ? 1
-                               : 0; /* what is wrong is not missing as well */
+    signal->every = is_given ? 1 : 0; /* what is wrong is not missing as well */
+    (void)tl_config_get_duration(entry, "every_s", TL_CONFIG_OPTIONAL, "0.04", &signal->every);
 }
 
 static void read_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {

@@ -77,7 +77,7 @@ tl_status tl_steady_open(const double *values, size_t count, tl_plant_io **io, t
 
 #include "board/steady/steady.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 typedef struct settings {
