@@ -15,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
 #include "master/base/utf8.h"
 
 /* To the beginning of the line, and what stands there is gone. */
@@ -165,19 +166,6 @@ static const char *wipe(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
 }
 
-/* False: there is nowhere to write it to. */
-static bool write_all(const char *bytes, size_t size) {
-    size_t written = 0;
-    while (written < size) {
-        ssize_t now = write(STDERR_FILENO, bytes + written, size - written);
-        if (now < 0 && errno != EINTR) {
-            return false;
-        }
-        written += now > 0 ? (size_t)now : 0;
-    }
-    return true;
-}
-
 /* false where `wait` is not wanted and stderr takes nothing now. */
 static bool write_line(tl_log_level level, const char *text, bool wait) {
     char prefix[TL_LOG_PREFIX];
@@ -190,7 +178,7 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
             return false;
         }
     }
-    return length > 0 && write_all(line, (size_t)length);
+    return length > 0 && tl_file_bytes_write(STDERR_FILENO, line, (size_t)length);
 }
 
 static bool error_said;
@@ -228,7 +216,7 @@ void tl_log_plain(const char *line) {
     int saved = errno;
     char whole[sizeof WIPE + TL_LOG_PLAIN + 1];
     int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
-    (void)write_all(whole, length > 0 ? (size_t)length : 0);
+    (void)tl_file_bytes_write(STDERR_FILENO, whole, length > 0 ? (size_t)length : 0);
     errno = saved;
 }
 
@@ -237,7 +225,8 @@ static bool write_patiently(const char *bytes, size_t size, int patience) {
     for (size_t written = 0; written < size;) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
         size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
-        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 || !write_all(bytes + written, part)) {
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
+            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
             return false;
         }
         written += part;
@@ -300,14 +289,14 @@ static void draw(const char *line) {
     make_harmless(text);
     __atomic_store_n(&has_status, true, __ATOMIC_SEQ_CST);
     length = snprintf(drawn, sizeof drawn, WIPE "%.*s", (int)fitting(text), text);
-    (void)write_all(drawn, (size_t)length);
+    (void)tl_file_bytes_write(STDERR_FILENO, drawn, (size_t)length);
 }
 
 void tl_log_status(const char *line) {
     int saved = errno;
     if (line == NULL) {
         if (__atomic_load_n(&has_status, __ATOMIC_SEQ_CST)) {
-            (void)write_all(WIPE, sizeof WIPE - 1);
+            (void)tl_file_bytes_write(STDERR_FILENO, WIPE, sizeof WIPE - 1);
         }
         __atomic_store_n(&has_status, false, __ATOMIC_SEQ_CST);
     } else if (isatty(STDERR_FILENO) == 1) {

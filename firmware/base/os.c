@@ -95,6 +95,19 @@ ssize_t tl_file_bytes_read(int file, char *bytes, size_t room) {
     return (ssize_t)size;
 }
 
+bool tl_file_bytes_write(int file, const void *bytes, size_t size) {
+    const char *rest = bytes;
+    while (size > 0) {
+        ssize_t written = write(file, rest, size);
+        if (written < 0 && errno != EINTR) {
+            return false;
+        }
+        rest += written > 0 ? written : 0;
+        size -= written > 0 ? (size_t)written : 0;
+    }
+    return true;
+}
+
 /* ---- new file ---- */
 
 bool tl_new_file_is(const char *path, const char *other) {

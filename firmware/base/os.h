@@ -72,6 +72,9 @@ bool tl_shortage_is_told(const char *sentence);
 /* Reads until `bytes` has so many, or the file has no more. Returns how many there are; −1 with errno where reading failed. */
 ssize_t tl_file_bytes_read(int file, char *bytes, size_t room);
 
+/* Writes all of them. False, with errno: it cannot. */
+bool tl_file_bytes_write(int file, const void *bytes, size_t size);
+
 /* ---- A file that appears whole or not at all.
  *
  * Purpose: it is written as FILE.new- and numbers, and takes its name at the end. What had the name stays until then, and

@@ -15,8 +15,6 @@
 
 #include "firmware/base/os.h"
 
-#define KIND "fmu" /* of folder */
-
 enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
 
 /* One unpacking. */
@@ -29,18 +27,6 @@ typedef struct unpacking {
     char *buffer;     /* of BUFFER bytes */
     tl_error *error;
 } unpacking;
-
-/* ---- The folder ---------------------------------------------------------------------------------------- */
-
-static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_error *error) {
-    tl_error cause;
-    tl_status status = tl_private_folder_make(KIND, 0, &archive->folder, &cause);
-    return status == TL_OK ? TL_OK : tl_fail(error, status, "%s: %s", label, cause.text);
-}
-
-void tl_fmu_archive_remove(tl_fmu_archive *archive) {
-    tl_private_folder_remove(&archive->folder);
-}
 
 /* ---- Paths --------------------------------------------------------------------------------------------- */
 
@@ -172,18 +158,6 @@ static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, 
     return TL_OK;
 }
 
-static tl_status write_all(const unpacking *work, const char *path, int file, size_t size) {
-    size_t done = 0;
-    while (done < size) {
-        ssize_t now = write(file, work->buffer + done, size - done);
-        if (now < 0 && errno != EINTR) {
-            return fail_system(work, path, "written", errno);
-        }
-        done += now > 0 ? (size_t)now : 0;
-    }
-    return TL_OK;
-}
-
 /* libzip's ways to say that it is not the archive's fault; it opens the file a second time. */
 static tl_status zip_status(int code) {
     return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
@@ -208,8 +182,8 @@ static tl_status copy_entry(unpacking *work, zip_uint64_t index, const char *pat
         if (got > 0) {
             bytes += (uint64_t)got;
             status = count_bytes(work, path, bytes, (uint64_t)got);
-            if (status == TL_OK) {
-                status = write_all(work, path, file, (size_t)got);
+            if (status == TL_OK && !tl_file_bytes_write(file, work->buffer, (size_t)got)) {
+                status = fail_system(work, path, "written", errno);
             }
         } else if (got < 0) {
             status = fail_zip(work, path, zip_file_get_error(entry));
@@ -367,22 +341,25 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
     return TL_OK; /* the descriptor is libzip's now */
 }
 
-tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
+tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error) {
     unpacking work = {.label = label, .error = error};
-    *archive = (tl_fmu_archive){.folder = {.descriptor = -1}};
+    *folder = (tl_private_folder){.descriptor = -1};
     tl_status status = open_zip(path, opened, &work);
     if (status != TL_OK) {
         return status;
     }
-    status = make_folder(label, archive, error);
+    tl_error cause;
+    status = tl_private_folder_make("fmu", 0, folder, &cause);
     if (status == TL_OK) {
-        work.root = archive->folder.descriptor;
+        work.root = folder->descriptor;
         status = unpack_all(&work);
+    } else {
+        (void)tl_fail(error, status, "%s: %s", label, cause.text);
     }
     zip_discard(work.zip);
     if (status != TL_OK) {
-        tl_fmu_archive_remove(archive);
+        tl_private_folder_remove(folder);
     }
     return status;
 }

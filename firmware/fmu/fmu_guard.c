@@ -354,12 +354,56 @@ static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
     }
 }
 
-/* ---- the ladder: which way is next if one is wrong ---- */
+/* ---- what stands in the table ---- */
 
-static void roll_back_by_states(tl_fmu_guard *guard);
-static void roll_back_by_memory(tl_fmu_guard *guard);
-static void roll_back_by_replay(tl_fmu_guard *guard);
-static void give_all_again(tl_fmu_guard *guard);
+/* Functions that are not in a row are none. */
+static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
+                                  .get_fmu_state = save_memory,
+                                  .set_fmu_state = restore_memory,
+                                  .free_fmu_state = forget_memory,
+                                  .state_size = memory_size,
+                                  .reserve_states = reserve_memory};
+static const tl_fmi2 GIVEN_AGAIN = {
+    .get_fmu_state = keep_given, .set_fmu_state = give_again, .free_fmu_state = forget_given};
+static const tl_fmi2 BY_REPLAY = {.is_unaware = true,
+                                  .get_fmu_state = keep_position,
+                                  .set_fmu_state = go_to_position,
+                                  .free_fmu_state = forget_position};
+
+static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *way) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = way == &BY_MEMORY;
+    guard->memory.has_flags = guard->by_memory;
+    functions->is_unaware = way->is_unaware;
+    functions->get_fmu_state = way->get_fmu_state;
+    functions->set_fmu_state = way->set_fmu_state;
+    functions->free_fmu_state = way->free_fmu_state;
+    functions->state_size = way->state_size;
+    functions->reserve_states = way->reserve_states;
+    functions->serialized_fmu_state_size = way->serialized_fmu_state_size;
+    functions->serialize_fmu_state = way->serialize_fmu_state;
+    functions->deserialize_fmu_state = way->deserialize_fmu_state;
+}
+
+/* Its own functions are used only to make bytes, if they are exact: a copy is made its own state for it. */
+static void roll_back_by_memory(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    roll_back_by(guard, &BY_MEMORY);
+    tl_fmu_memory_measure_anew(&guard->memory);
+    if (guard->is_by_choice && guard->by_states.serialize_fmu_state != NULL) {
+        functions->serialized_fmu_state_size = tl_fmu_bytes_size;
+        functions->serialize_fmu_state = tl_fmu_bytes_write;
+        functions->deserialize_fmu_state = tl_fmu_bytes_read;
+    }
+}
+
+static void roll_back_by_replay(tl_fmu_guard *guard) {
+    roll_back_by(guard, &BY_REPLAY);
+    guard->by_replay = true;
+    guard->functions.replay.most = guard->most;
+}
+
+/* ---- the ladder: which way is next if one is wrong ---- */
 
 /* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
 static fmi2Status keep_aside(fmi2Component component) {
@@ -461,7 +505,8 @@ static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     }
     if (self->given != NULL && !self->by_replay && !guard->gives_again) {
         drop_copy(guard);
-        give_all_again(guard);
+        guard->gives_again = true;
+        roll_back_by(guard, &GIVEN_AGAIN);
         return come_back(self);
     }
     guard->gives_again = false;
@@ -484,7 +529,8 @@ static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
         return status;
     }
     forget_beginning(self);
-    roll_back_by_states(guard);
+    guard->is_by_choice = false;
+    roll_back_by(guard, &guard->by_states);
     return descend(self, "by its memory", why, "it is rolled back by its own states, which are slower");
 }
 
@@ -525,86 +571,6 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     guard->times = *times;
     roll_back_by_memory(guard);
     return fmi2OK;
-}
-
-/* ---- what stands in the table ---- */
-
-static void roll_back_by_states(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->is_by_choice = false;
-    guard->memory.has_flags = false;
-    functions->is_unaware = false;
-    functions->get_fmu_state = guard->by_states.get_fmu_state;
-    functions->set_fmu_state = guard->by_states.set_fmu_state;
-    functions->free_fmu_state = guard->by_states.free_fmu_state;
-    functions->state_size = guard->by_states.state_size;
-    functions->reserve_states = guard->by_states.reserve_states;
-    functions->serialized_fmu_state_size = guard->by_states.serialized_fmu_state_size;
-    functions->serialize_fmu_state = guard->by_states.serialize_fmu_state;
-    functions->deserialize_fmu_state = guard->by_states.deserialize_fmu_state;
-}
-
-/* A copy is made its own state for it. */
-static void own_bytes_of_copies(tl_fmu_guard *guard) {
-    if (guard->by_states.serialize_fmu_state != NULL) {
-        guard->functions.serialized_fmu_state_size = tl_fmu_bytes_size;
-        guard->functions.serialize_fmu_state = tl_fmu_bytes_write;
-        guard->functions.deserialize_fmu_state = tl_fmu_bytes_read;
-    }
-}
-
-static void own_no_bytes(tl_fmi2 *functions) {
-    functions->serialized_fmu_state_size = NULL;
-    functions->serialize_fmu_state = NULL;
-    functions->deserialize_fmu_state = NULL;
-}
-
-/* Its own functions are used only to make bytes, if they are exact. */
-static void roll_back_by_memory(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = true;
-    guard->memory.has_flags = true;
-    functions->is_unaware = true;
-    tl_fmu_memory_measure_anew(&guard->memory);
-    functions->get_fmu_state = save_memory;
-    functions->set_fmu_state = restore_memory;
-    functions->free_fmu_state = forget_memory;
-    functions->state_size = memory_size;
-    functions->reserve_states = reserve_memory;
-    own_no_bytes(functions);
-    if (guard->is_by_choice) {
-        own_bytes_of_copies(guard);
-    }
-}
-
-static void give_all_again(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->gives_again = true;
-    guard->memory.has_flags = false;
-    functions->is_unaware = false;
-    functions->get_fmu_state = keep_given;
-    functions->set_fmu_state = give_again;
-    functions->free_fmu_state = forget_given;
-    functions->state_size = NULL;
-    functions->reserve_states = NULL;
-    own_no_bytes(functions);
-}
-
-static void roll_back_by_replay(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->by_replay = true;
-    guard->memory.has_flags = false;
-    functions->is_unaware = true;
-    functions->get_fmu_state = keep_position;
-    functions->set_fmu_state = go_to_position;
-    functions->free_fmu_state = forget_position;
-    functions->state_size = NULL;
-    functions->reserve_states = NULL;
-    functions->replay.most = guard->most;
-    own_no_bytes(functions);
 }
 
 /* ---- the first of them ---- */

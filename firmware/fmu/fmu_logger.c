@@ -132,19 +132,6 @@ static conversion read_conversion(const char *format, va_list *arguments) {
     return found;
 }
 
-/* No message of an FMU has a %n: one that seems to is a text with a percent sign in it. */
-static bool has_write_back(const char *format) {
-    for (const char *c = strchr(format, '%'); c != NULL; c = strchr(c, '%')) {
-        c++;
-        c += strspn(c, "0123456789 #+-'.*$hlLqjzt");
-        if (*c == 'n') {
-            return true;
-        }
-        c += *c == '\0' ? 0 : 1;
-    }
-    return false;
-}
-
 /* Passes over the integer that was printed from a copy of the arguments. */
 static void skip_integer(const conversion *found, va_list *arguments) {
     bool wide = strcmp(found->size, "ll") == 0 || strcmp(found->size, "q") == 0 || strcmp(found->size, "j") == 0;
@@ -242,10 +229,6 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
     (void)copy(untrusted, SIZE_MAX, format, sizeof format);
     errno = saved; /* %m is about it */
     text[0] = '\0';
-    if (has_write_back(format)) {
-        append(&to, format, strlen(format));
-        return;
-    }
     for (const char *c = format; *c != '\0' && to.used < size;) {
         size_t plain = strcspn(c, "%");
         append(&to, c, plain);

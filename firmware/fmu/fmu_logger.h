@@ -24,8 +24,8 @@
 /* A text of the FMU's as text of ours, cut to what fits; "" if it is NULL, and a word that says so if it cannot be read. */
 void tl_fmu_message_copy(const char *untrusted, char *text, size_t size);
 
-/* The message with its arguments put in, cut to what fits. A conversion that printf does not know ends the formatting: the rest is copied
- * as it is. Wide characters show as "?". A message with a %n is taken for a text. */
+/* The message with its arguments put in, cut to what fits. A conversion that printf does not know, and %n, end the formatting: the rest is
+ * copied as it is. Wide characters show as "?". */
 void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text, size_t size);
 
 /* ---- The logger that FMUs are given: their messages in the log, limited per second.

@@ -15,7 +15,6 @@
 #include "firmware/fmu/model_description.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
-#include "firmware/rollback/fmu_heap.h"
 #include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */
@@ -23,7 +22,7 @@ enum { LABEL = 120 };
 
 typedef struct tl_fmu_files {
     tl_arena arena;
-    tl_fmu_archive archive;
+    tl_private_folder folder; /* unpacked */
 } tl_fmu_files;
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
@@ -51,7 +50,7 @@ static const char *file_uri(tl_arena *arena, const char *path) {
 static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources"];
     struct stat status;
-    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder.path);
+    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->folder.path);
     if (mkdir(path, 0700) != 0 && errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
                        label, strerror(errno));
@@ -70,7 +69,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
 /* PythonFMU's binary imports the module that the first line of this file names. */
 static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
-    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder.path);
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->folder.path);
     FILE *file = fopen(path, "re");
     if (file == NULL) {
         return tl_shortage_is(errno)
@@ -96,8 +95,7 @@ static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error)
     if (is_auto || wanted == TL_ROLLBACK_REPLAY) {
         tl_fmu_guard_use_replay(&fmu->guard, TL_REPLAY_STEPS, !fmu->has_state && !by_memory);
     }
-    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->archive.folder.path, !fmu->has_state, error)
-                     : TL_OK;
+    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->folder.path, !fmu->has_state, error) : TL_OK;
 }
 
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
@@ -109,10 +107,6 @@ void tl_fmu_prepare(void) {
     if (tl_fmu_memory_serves()) {
         tl_fmu_memory_prepare();
     }
-}
-
-size_t tl_fmu_used(void) {
-    return tl_fmu_allocation_used();
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
@@ -151,7 +145,7 @@ static tl_status open_elsewhere(tl_fmu *fmu, const char *label, tl_error *error)
     functions.is_unaware = true;
     tl_fmu_guard_use_fork(&fmu->guard, fmu->line);
     tl_fmu_guard_enter(&fmu->guard, TL_FMU_LOADING);
-    tl_status status = tl_forked_load(fmu->line, fmu->files->archive.folder.path, label, fmu->model.name, error);
+    tl_status status = tl_forked_load(fmu->line, fmu->files->folder.path, label, fmu->model.name, error);
     tl_fmu_guard_leave(&fmu->guard);
     tl_fmu_guard_front(&fmu->guard, &functions);
     return status;
@@ -165,11 +159,11 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
     if (fmu->path == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
-    tl_status status = tl_fmu_archive_unpack(path, opened, label, &files->archive, error);
+    tl_status status = tl_fmu_archive_unpack(path, opened, label, &files->folder, error);
     if (status != TL_OK) {
         return status;
     }
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder.path);
+    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->folder.path);
     status = tl_model_description_read(description, label, &files->arena, &fmu->model, error);
     if (status != TL_OK) {
         return status;
@@ -186,8 +180,7 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
         return open_elsewhere(fmu, label, error);
     }
     status = open_rollback(fmu, wanted, error);
-    return status != TL_OK ? status
-                           : tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
+    return status != TL_OK ? status : tl_fmu_binary_open(files->folder.path, &fmu->model, label, &fmu->guard, error);
 }
 
 tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu *fmu, tl_error *error) {
@@ -217,7 +210,7 @@ void tl_fmu_unload(tl_fmu *fmu) {
         if (fmu->line != NULL) {
             tl_forked_line_close(fmu->line);
         }
-        tl_fmu_archive_remove(&files->archive);
+        tl_private_folder_remove(&files->folder);
         tl_arena_release(&files->arena);
         free(files);
     }

@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 
 /* ---- A shared library in memory: Every number of the file goes through read_word(), every place through locate(), and both know the
  * file's size. */
@@ -883,17 +884,6 @@ static tl_status change_library(const making *work, own_library *library) {
     return TL_OK;
 }
 
-static int write_all(int file, const uint8_t *bytes, size_t size) {
-    for (size_t done = 0; done < size;) {
-        ssize_t now = write(file, bytes + done, size - done);
-        if (now < 0 && errno != EINTR) {
-            return errno;
-        }
-        done += now > 0 ? (size_t)now : 0;
-    }
-    return 0;
-}
-
 /* Beside it, by its new name. */
 static tl_status write_copy(const making *work, const own_library *library, const char *name) {
     char path[PATH_MAX];
@@ -901,11 +891,13 @@ static tl_status write_copy(const making *work, const own_library *library, cons
     int file = length < (int)sizeof path
                    ? open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, S_IRUSR | S_IWUSR | S_IXUSR)
                    : -1;
-    int code = file < 0 ? errno : write_all(file, library->bytes, library->size);
-    if (file >= 0 && close(file) != 0 && code == 0) {
+    bool done = file >= 0 && tl_file_bytes_write(file, library->bytes, library->size);
+    int code = errno;
+    if (file >= 0 && close(file) != 0 && done) {
+        done = false;
         code = errno;
     }
-    return code == 0 ? TL_OK : fail_system(work, library->path, "copied", code);
+    return done ? TL_OK : fail_system(work, library->path, "copied", code);
 }
 
 static tl_status change_all(making *work) {
