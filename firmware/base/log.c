@@ -80,19 +80,12 @@ int tl_log_level_of(const char *line, const char **text) {
 }
 
 static const char *level_name(tl_log_level level) {
-    switch (level) {
-    case TL_LOG_ERROR:
-        return "error";
-    case TL_LOG_WARNING:
-        return "warning";
-    case TL_LOG_NOTICE:
-        return "notice";
-    case TL_LOG_INFO:
-        return "info";
-    case TL_LOG_DEBUG:
-        return "debug";
-    }
-    return "notice";
+    static const char *const names[] = {[TL_LOG_ERROR] = "error",
+                                        [TL_LOG_WARNING] = "warning",
+                                        [TL_LOG_NOTICE] = "notice",
+                                        [TL_LOG_INFO] = "info",
+                                        [TL_LOG_DEBUG] = "debug"};
+    return names[level];
 }
 
 /* Cuts before the first byte of a UTF-8 character that would not be whole. */
@@ -144,22 +137,15 @@ static void format_text(char *text, const char *format, va_list arguments) {
 }
 
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
-    switch (current_style()) {
-    case STYLE_JOURNAL:
+    style now = current_style();
+    const char *colour = level <= TL_LOG_ERROR ? "1;31" : level == TL_LOG_WARNING ? "1;33" : "1";
+    if (now == STYLE_JOURNAL) {
         (void)snprintf(prefix, size, "<%d>", (int)level);
-        return;
-    case STYLE_COLOUR:
-        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ",
-                       level <= TL_LOG_ERROR     ? "1;31"
-                       : level == TL_LOG_WARNING ? "1;33"
-                                                 : "1",
-                       level_name(level));
-        return;
-    case STYLE_PLAIN:
-    case STYLE_UNKNOWN:
-        break;
+    } else if (now == STYLE_COLOUR) {
+        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ", colour, level_name(level));
+    } else {
+        (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
     }
-    (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
 }
 
 static const char *wipe(void) {
