@@ -122,22 +122,16 @@ static bool read_field(tl_config_object *object, size_t most, size_t length, siz
 }
 
 static void read_type(tl_config_object *object, tl_can_channel *channel) {
-    static const char *const types[] = {"unsigned", "signed", "float32", "float64", NULL};
-    static const tl_can_type type_of[] = {TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64};
-    static const size_t length_of[] = {0, 0, 32, 64};
-    size_t index = 0;
+    static const char *const types[] = {[TL_CAN_UNSIGNED] = "unsigned",
+                                        [TL_CAN_SIGNED] = "signed",
+                                        [TL_CAN_FLOAT32] = "float32",
+                                        [TL_CAN_FLOAT64] = "float64",
+                                        NULL};
+    static const size_t length_of[] = {[TL_CAN_FLOAT32] = 32, [TL_CAN_FLOAT64] = 64};
+    size_t index = TL_CAN_UNSIGNED;
     (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, types, &index);
-    channel->type = type_of[index];
+    channel->type = (tl_can_type)index;
     (void)read_field(object, 64, length_of[index], channel->bytes, &channel->field);
-}
-
-static void read_scale(tl_config_object *object, tl_can_channel *channel) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
-    channel->scale = 1;
-    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
-        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
-    }
-    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
 }
 
 /* ---- multiplexors ---- */
@@ -203,7 +197,7 @@ static void read_signal(tl_config_object *object, const cJSON *named, tl_config_
     read_id(object, channel);
     read_frame(object, channel);
     read_type(object, channel);
-    read_scale(object, channel);
+    tl_config_get_scale(object, &channel->scale, &channel->offset);
     read_multiplex(object, channel);
 }
 

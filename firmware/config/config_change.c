@@ -21,19 +21,14 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
     if (allowed->count == allowed->room) {
         size_t room = allowed->room == 0 ? 16 : 2 * allowed->room;
         struct tl_allowed_name *names = realloc(allowed->names, room * sizeof *names);
-        if (names == NULL) {
-            return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
-        }
-        allowed->names = names;
-        allowed->room = room;
+        allowed->names = names != NULL ? names : allowed->names;
+        allowed->room = names != NULL ? room : allowed->room;
     }
-    struct tl_allowed_name *name = &allowed->names[allowed->count];
-    name->kind = kind;
-    name->text = strndup(text, length);
-    if (name->text == NULL) {
+    char *copy = allowed->count < allowed->room ? strndup(text, length) : NULL;
+    if (copy == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
     }
-    allowed->count++;
+    allowed->names[allowed->count++] = (struct tl_allowed_name){kind, copy};
     return TL_OK;
 }
 
@@ -93,8 +88,8 @@ typedef struct name_search {
 static void collect(const tl_json_difference *difference, void *context) {
     name_search *c = context;
     tl_change_needs needs = tl_change_needs_of(difference);
-    if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT) {
-        const char *text = difference->after.text;
+    if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && cJSON_IsString(difference->after)) {
+        const char *text = difference->after->valuestring;
         c->status = add(c->allowed, needs.names, text, strlen(text), &c->error);
     }
 }
@@ -130,31 +125,31 @@ void tl_allowed_names_free(tl_allowed_names *allowed) {
 
 /* ---- values ---- */
 
-static bool is_path(const tl_json_value *value) {
-    return value->type == TL_JSON_TEXT && strchr(value->text, '/') != NULL;
+static bool is_path(const cJSON *value) {
+    return cJSON_IsString(value) && strchr(value->valuestring, '/') != NULL;
 }
 
-static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
+static void name(const cJSON *after, tl_change_named what, tl_change_needs *needs) {
     needs->right = TL_RIGHT_COMMISSION; /* if it is gone */
     needs->names = TL_NAMES_NOTHING;
-    if (after->type != TL_JSON_ABSENT) {
+    if (after != NULL) {
         needs->right = TL_RIGHT_BOX;
         needs->names = what;
     }
 }
 
 /* A value of `set` that is a text may name a file, which the FMU may read then. */
-static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after)) {
         name(after, TL_NAMES_FILE, needs);
-    } else if (after->type == TL_JSON_TEXT) {
+    } else if (cJSON_IsString(after)) {
         needs->right = TL_RIGHT_COMMISSION;
     }
 }
 
 /* A name is looked up among the FMUs that are installed, and its hash says which file is meant; a path is any file. */
-static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
         name(after, TL_NAMES_FMU, needs);
@@ -162,21 +157,21 @@ static void judge_fmu(const tl_json_value *before, const tl_json_value *after, t
 }
 
 /* What stands in place of a key that is left out, only a new twin finds in the FMU. */
-static void judge_given(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    if (before->type == TL_JSON_ABSENT || after->type == TL_JSON_ABSENT) {
+static void judge_given(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+    if (before == NULL || after == NULL) {
         needs->kind = TL_CHANGE_NEW_TWIN;
     }
 }
 
-static double number_of(const tl_json_value *value, double otherwise) {
-    if (value->type == TL_JSON_ABSENT) {
+static double number_of(const cJSON *value, double otherwise) {
+    if (value == NULL) {
         return otherwise;
     }
-    return value->type == TL_JSON_NUMBER ? value->number : (double)NAN;
+    return cJSON_IsNumber(value) ? value->valuedouble : (double)NAN;
 }
 
 /* Whether an output is matched at all decides how far a horizon has to reach. */
-static void judge_weight(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_weight(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = 1.0;
     if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
         needs->kind = TL_CHANGE_NEW_TWIN;
@@ -184,7 +179,7 @@ static void judge_weight(const tl_json_value *before, const tl_json_value *after
 }
 
 /* From 1 tolerance on J is below 1 for the same differences as without it; a smaller one makes larger differences pass for within tolerance. */
-static void judge_huber(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double least = 1.0;
     (void)before;
     if (!(number_of(after, least) >= least)) {
@@ -193,7 +188,7 @@ static void judge_huber(const tl_json_value *before, const tl_json_value *after,
 }
 
 /* A twin has room for so many as it began with, and for as many as are usual. */
-static void judge_evaluations(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_evaluations(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = TL_TUNING_ROOM;
     double most = fmax(usual, number_of(before, usual));
     if (!(number_of(after, usual) <= most)) {
@@ -201,12 +196,12 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     }
 }
 
-static bool has_sibling(const tl_json_value *before, const tl_json_value *after, const char *key) {
+static bool has_sibling(const cJSON *before, const cJSON *after, const char *key) {
     return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
 }
 
 /* Which polls repeat a reading is decided where they are read: tl_config_repeats(). */
-static void judge_polls(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_polls(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if ((*row)->is_polled && has_sibling(before, after, (*row)->signal_key)) {
             needs->kind = TL_CHANGE_RESTART;
@@ -214,7 +209,7 @@ static void judge_polls(const tl_json_value *before, const tl_json_value *after,
     }
 }
 
-static void judge_stale(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_stale(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     if (has_sibling(before, after, "every_s")) {
         judge_polls(before, after, needs);
     }
@@ -392,10 +387,10 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
     if (rule != NULL) {
         needs = rule->needs;
         if (needs.names != TL_NAMES_NOTHING) {
-            name(&difference->after, rule->needs.names, &needs);
+            name(difference->after, rule->needs.names, &needs);
         }
         if (rule->judge != NULL) {
-            rule->judge(&difference->before, &difference->after, &needs);
+            rule->judge(difference->before, difference->after, &needs);
         }
     }
     return needs;
@@ -452,11 +447,11 @@ static void bar(tl_config_change *change, const tl_json_difference *difference, 
     size_t number = change->barred++;
     if (number < TL_CONFIG_BARRED) {
         tl_config_barred *barred = &change->bar[number];
-        const tl_json_value *after = &difference->after;
         *barred = (tl_config_barred){.names = names};
-        barred->is_installed = names == TL_NAMES_FMU && after->type == TL_JSON_TEXT && strchr(after->text, '/') == NULL;
+        barred->is_installed =
+            names == TL_NAMES_FMU && cJSON_IsString(difference->after) && !is_path(difference->after);
         tl_json_way_path(barred->path, difference->way, difference->depth);
-        tl_json_show(after, barred->found, sizeof barred->found);
+        tl_json_show(difference->after, barred->found, sizeof barred->found);
     }
 }
 
@@ -465,8 +460,8 @@ static tl_change_needs needs_of(collection *c, const tl_json_difference *differe
     if (needs.right != TL_RIGHT_BOX) {
         return needs;
     }
-    bool is_allowed = needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT &&
-                      tl_allowed_names_have(c->allowed, needs.names, difference->after.text);
+    bool is_allowed = needs.names != TL_NAMES_NOTHING && cJSON_IsString(difference->after) &&
+                      tl_allowed_names_have(c->allowed, needs.names, difference->after->valuestring);
     if (is_allowed) {
         needs.right = TL_RIGHT_COMMISSION;
     } else {
@@ -494,8 +489,8 @@ static void collect_change(const tl_json_difference *difference, void *context) 
         (void)snprintf(c->edit.before, sizeof c->edit.before, "entries");
         (void)snprintf(c->edit.after, sizeof c->edit.after, "entries in another order");
     } else {
-        tl_json_show(&difference->before, c->edit.before, sizeof c->edit.before);
-        tl_json_show(&difference->after, c->edit.after, sizeof c->edit.after);
+        tl_json_show(difference->before, c->edit.before, sizeof c->edit.before);
+        tl_json_show(difference->after, c->edit.after, sizeof c->edit.after);
     }
 }
 

@@ -40,7 +40,7 @@ typedef struct tl_change_rule {
     const char *pattern;
     tl_change_needs needs;
     /* Values that need more than the key does; NULL: none do. */
-    void (*judge)(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs);
+    void (*judge)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
 } tl_change_rule;
 
 /* What keys of a driver need: a restart, and the right to retune or to commission; or the value names a file. */

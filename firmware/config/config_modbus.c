@@ -1,6 +1,5 @@
 /* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the driver board/modbus. */
 #include <arpa/inet.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -157,7 +156,6 @@ static bool is_little(tl_config_object *object, const char *key) {
 
 static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
                         const tl_config *config) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
     tl_modbus_channel *channel = signal->channel;
     (void)config;
     read_unit_id(object, named, channel);
@@ -165,11 +163,7 @@ static void read_signal(tl_config_object *object, const cJSON *named, tl_config_
     read_address(object, channel);
     channel->words_little = is_little(object, "words");
     channel->bytes_little = is_little(object, "bytes");
-    channel->scale = 1;
-    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
-        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
-    }
-    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
+    tl_config_get_scale(object, &channel->scale, &channel->offset);
 }
 
 /* ---- the rows ---- */

@@ -431,6 +431,15 @@ bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config
     return right;
 }
 
+void tl_config_get_scale(tl_config_object *object, double *scale, double *offset) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
+    *scale = 1;
+    if (tl_config_get_number(object, "scale", &any, scale) && *scale == 0) {
+        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
+    }
+    (void)tl_config_get_number(object, "offset", &any, offset);
+}
+
 bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value) {
     const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, "true or false", NULL);
     if (item == NULL) {

@@ -110,6 +110,9 @@ bool tl_config_get_count(tl_config_object *object, const char *key, const tl_con
 bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                             tl_time *value);
 
+/* `scale`, 1 if it is not given and never 0, and `offset`. */
+void tl_config_get_scale(tl_config_object *object, double *scale, double *offset);
+
 /* A text without control characters; not empty unless TL_CONFIG_MAY_BE_EMPTY. */
 bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                         const char **value);

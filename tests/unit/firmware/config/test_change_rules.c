@@ -172,7 +172,9 @@ static void test_what_is_not_in_the_table(void) {
     for (size_t i = 0; i < sizeof unknown / sizeof unknown[0]; i++) {
         TEST_ASSERT_NULL_MESSAGE(rule_of(unknown[i]), unknown[i]);
     }
-    tl_json_difference root = {.before = {.type = TL_JSON_OBJECT}, .after = {.type = TL_JSON_ARRAY}};
+    const cJSON object = {.type = cJSON_Object};
+    const cJSON array = {.type = cJSON_Array};
+    tl_json_difference root = {.before = &object, .after = &array};
     tl_change_needs needs = tl_change_needs_of(&root);
     TEST_ASSERT_EQUAL_INT(TL_CHANGE_RESTART, needs.kind);
     TEST_ASSERT_EQUAL_INT(TL_RIGHT_COMMISSION, needs.right);
