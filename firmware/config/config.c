@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -86,20 +87,6 @@ static tl_status out_of_memory(tl_report *report) {
     return TL_TRY_AGAIN;
 }
 
-/* A copy of the part of a path before its last slash; "." where there is none. */
-static char *directory_of(tl_arena *arena, const char *path) {
-    const char *slash = strrchr(path, '/');
-    if (slash == NULL) {
-        return tl_arena_text(arena, ".");
-    }
-    size_t size = slash == path ? 1 : (size_t)(slash - path);
-    char *directory = tl_arena_take(arena, size + 1, 1);
-    if (directory != NULL) {
-        memcpy(directory, path, size);
-    }
-    return directory;
-}
-
 /* Takes the memory and what is known before the text is understood. */
 static bool begin(const char *path, const char *text, size_t size, tl_config *config) {
     memset(config, 0, sizeof *config);
@@ -116,17 +103,10 @@ static bool begin(const char *path, const char *text, size_t size, tl_config *co
     config->text = copy;
     config->size = size;
     config->path = tl_arena_text(arena, path);
-    config->directory = directory_of(arena, path);
+    char *folder = tl_arena_text(arena, path);
+    config->directory = folder != NULL ? dirname(folder) : NULL;
     tl_sha256(text, size, config->hash);
     return copy != NULL && config->path != NULL && config->directory != NULL;
-}
-
-static tl_status parse(tl_config *config, tl_report *report) {
-    tl_arena scratch;
-    tl_arena_init(&scratch);
-    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
-    tl_arena_release(&scratch);
-    return status;
 }
 
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report) {
@@ -140,7 +120,10 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
         return out_of_memory(report);
     }
     size_t before = report->count;
-    tl_status status = parse(config, report);
+    tl_arena scratch;
+    tl_arena_init(&scratch);
+    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
+    tl_arena_release(&scratch);
     if (config->memory->tree != NULL) {
         tl_config_reader reader = {.root = config->memory->tree, .arena = &config->memory->arena, .report = report};
         read_sections(&reader, config);

@@ -294,15 +294,8 @@ static const symbol symbols[] = {
 };
 
 static bool is_needed(need need_of_symbol, const tl_capabilities *capabilities) {
-    switch (need_of_symbol) {
-    case ALWAYS:
-        return true;
-    case FOR_STATE:
-        return capabilities->can_get_and_set_state;
-    case FOR_SERIALIZING:
-        return capabilities->can_serialize_state;
-    }
-    return true;
+    return need_of_symbol == ALWAYS ||
+           (need_of_symbol == FOR_STATE ? capabilities->can_get_and_set_state : capabilities->can_serialize_state);
 }
 
 static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
@@ -352,34 +345,21 @@ static bool needs_python(const char *path, const char *reason) {
     return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
 }
 
-/* The loader says that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
-static bool is_shortage(const char *reason) {
-    return reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
-}
-
-/* Whether what dlopen() says is that thread-local variables of the kind that must be there before a thread begins find no room. */
-static bool lacks_thread_memory(const char *reason) {
-    return reason != NULL && strstr(reason, "static TLS") != NULL;
-}
-
-/* No other try helps: how much there is was settled when the process began. */
-static tl_status fail_thread_memory(const char *label, tl_error *error) {
-    return tl_fail(
-        error, TL_BAD_DATA,
-        "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
-        "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
-        "environment (of a service: systemctl edit, [Service] Environment=)",
-        label);
-}
-
 /* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
 static tl_status fail_open_binary(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
-    if (lacks_thread_memory(reason)) {
-        return fail_thread_memory(label, error);
+    if (reason != NULL &&
+        strstr(reason, "static TLS") != NULL) { /* how much there is was settled when the process began */
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
+            "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
+            "environment (of a service: systemctl edit, [Service] Environment=)",
+            label);
     }
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
-    bool shortage = is_shortage(reason);
+    /* The loader may say that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
+    bool shortage = reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
     const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
                          "\"libraries\" of the component";
     if (no_programs) {

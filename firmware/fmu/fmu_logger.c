@@ -283,18 +283,8 @@ static tl_fmu_logger *find(const void *environment) {
 }
 
 static tl_log_level level_of(fmi2Status status) {
-    switch (status) {
-    case fmi2OK:
-    case fmi2Pending:
-        return TL_LOG_DEBUG;
-    case fmi2Warning:
-    case fmi2Discard:
-        return TL_LOG_WARNING;
-    case fmi2Error:
-    case fmi2Fatal:
-        return TL_LOG_ERROR;
-    }
-    return TL_LOG_WARNING;
+    bool is_fine = status == fmi2OK || status == fmi2Pending;
+    return is_fine ? TL_LOG_DEBUG : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR : TL_LOG_WARNING;
 }
 
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
