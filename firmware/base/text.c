@@ -205,7 +205,8 @@ bool tl_utc_parse(const char *text, int64_t *milliseconds) {
         return false;
     }
     int64_t day = days_before_year(utc.year) + days_before_month(utc.year, utc.month) + utc.day - 1;
-    *milliseconds = EARLIEST + (day * DAY + (hour * 60 + minute) * 60 + second) * MS + number_at(full + 20, 3);
+    second += (hour * 60 + minute) * 60;
+    *milliseconds = EARLIEST + (day * DAY + second) * MS + number_at(full + 20, 3);
     return true;
 }
 

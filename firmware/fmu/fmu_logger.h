@@ -55,8 +55,8 @@ void tl_fmu_logger_close(tl_fmu_logger *logger);
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
-/* A line of ours about the FMU, by the same limit: it may be said in the cycle. `who`: an instance of it; "": the file. The
- * text goes on after the name: "changed …". */
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *who, const char *text);
+/* A line of ours about the FMU, by the same limit: it may be said in the cycle. It begins with the instance that is called, or the file's name; the
+ * text goes on after that: "changed …". */
+void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text);
 
 #endif
