@@ -13,6 +13,8 @@
 #include <stdbool.h>
 
 #include "firmware/fmu/fmu_guard.h"
+#include "firmware/process/private_folder.h"
+#include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 #include "master/fmi/rollback.h"
@@ -28,7 +30,8 @@ typedef struct tl_fmu {
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
     tl_forked_line *line;       /* private: to the process that it is in; NULL: it is in this one */
-    struct tl_fmu_files *files; /* private: memory, unpacked folder */
+    tl_arena arena;             /* private: of the model and texts */
+    tl_private_folder folder;   /* private: what it is unpacked to */
 } tl_fmu;
 
 /* `opened`: the file, if it was opened before; the descriptor stays the caller's. -1: it is opened here. `rollback`: how it shall be rolled back; without a way the FMU has no functions for it. Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
