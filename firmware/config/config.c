@@ -23,16 +23,6 @@ struct tl_config_memory {
 
 /* ---- the root's own keys ---- */
 
-static void read_version(tl_config_object *root) {
-    static const tl_config_number rule = {.need = TL_CONFIG_REQUIRED,
-                                          .minimum = 1,
-                                          .maximum = 1,
-                                          .expected = "1, the version of the format that this program reads",
-                                          .example = "\"twinlock\": 1"};
-    double version = 0;
-    (void)tl_config_get_number(root, "twinlock", &rule, &version);
-}
-
 /* A double cannot hold most decimal fractions: what is as near as rounding explains counts as whole. */
 static bool is_whole_nanoseconds(double seconds) {
     double nanoseconds = seconds * 1e9;
@@ -52,16 +42,17 @@ static void read_times(tl_config_object *root, tl_config *config) {
     (void)tl_config_get_duration(root, "duration_s", TL_CONFIG_OPTIONAL, "14", &config->duration);
 }
 
-/* Editors look for the schema there. */
-static void ignore_schema(tl_config_object *root) {
-    const char *schema = NULL;
-    (void)tl_config_get_text(root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
-}
-
 static void read_sections(tl_config_reader *reader, tl_config *config) {
+    static const tl_config_number version_rule = {.need = TL_CONFIG_REQUIRED,
+                                                  .minimum = 1,
+                                                  .maximum = 1,
+                                                  .expected = "1, the version of the format that this program reads",
+                                                  .example = "\"twinlock\": 1"};
+    double version = 0;
+    const char *schema = NULL; /* for editors */
     tl_config_object root;
     tl_config_root(reader, &root);
-    read_version(&root);
+    (void)tl_config_get_number(&root, "twinlock", &version_rule, &version);
     (void)tl_config_get_text(&root, "name", TL_CONFIG_REQUIRED, "\"motor bench\"", &config->name);
     read_times(&root, config);
     tl_config_read_components(&root, config);
@@ -76,7 +67,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_read_record(&root, config);
     tl_config_read_realtime(&root, config);
     tl_config_read_emulate(&root, config);
-    ignore_schema(&root);
+    (void)tl_config_get_text(&root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
     tl_config_done(&root);
 }
 
@@ -224,20 +215,12 @@ static bool is_file_in(const char *folder, size_t folder_size, const char *name,
     return join(folder, folder_size, name, path, size);
 }
 
-/* The folder of the running program; "" where the system does not say. */
-static size_t program_folder(char *folder, size_t size) {
-    ssize_t length = readlink("/proc/self/exe", folder, size - 1);
-    folder[length > 0 ? length : 0] = '\0';
-    char *slash = strrchr(folder, '/');
-    return slash != NULL ? (size_t)(slash - folder) : 0;
-}
-
-/* In `folder`, seen from where the program is: as the build leaves it, or as it is installed. */
+/* In `folder`, seen from where the running program is: as the build leaves it, or as it is installed. False where the system does not say where. */
 static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
-    char program[4096];
+    char program[4096] = "";
     char whole[4096 + 32];
-    size_t length = program_folder(program, sizeof program);
-    return length > 0 && join(program, length, folder, whole, sizeof whole) &&
+    ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    return length > 0 && (size_t)snprintf(whole, sizeof whole, "%s/%s", dirname(program), folder) < sizeof whole &&
            is_file_in(whole, strlen(whole), fmu, path, size);
 }
 

@@ -154,16 +154,6 @@ static bool read_chain(tl_config_object *object, const char *key, const char *ex
     return true;
 }
 
-/* The delay itself, in seconds: a measured one, say. */
-static bool read_seconds(tl_config_object *object, const char *key, tl_config_pair *pair) {
-    static const tl_config_number rule = {
-        .minimum = -TL_CONFIG_LONGEST_S, .maximum = TL_CONFIG_LONGEST_S, .example = "0.008"};
-    double seconds = 0;
-    bool right = tl_config_get_number(object, key, &rule, &seconds);
-    pair->delay = tl_time_of_seconds(seconds);
-    return right;
-}
-
 /* `input` or `output`; true where it is there and right, and then its delay is known: by how much the simulation is later. */
 static bool read_pair(tl_config_object *object, const char *key, tl_config_delays *delays, tl_config_pair *pair) {
     static const char *const plant = "[\"bus\", \"plant\", \"bus\"]";
@@ -171,12 +161,17 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
     static const char *const expected = "an object with two chains, or a number of seconds";
     static const char *const example = "{\"plant\": [\"bus\", \"plant\"], \"simulation\": […]}";
     const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
+    static const tl_config_number seconds_rule = {
+        .minimum = -TL_CONFIG_LONGEST_S, .maximum = TL_CONFIG_LONGEST_S, .example = "0.008"};
     tl_config_object member;
+    double seconds = 0;
     if (item == NULL) {
         return false;
     }
-    if (cJSON_IsNumber(item)) {
-        return read_seconds(object, key, pair);
+    if (cJSON_IsNumber(item)) { /* the delay itself: a measured one, say */
+        bool is_right = tl_config_get_number(object, key, &seconds_rule, &seconds);
+        pair->delay = tl_time_of_seconds(seconds);
+        return is_right;
     }
     if (!cJSON_IsObject(item)) {
         tl_config_wrong(object, key, NULL, expected, example);
@@ -225,13 +220,6 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
     check_near(object, "output", delays->shift, delays->wait, step);
 }
 
-static void read_take(tl_config_object *object, tl_config_delays *delays) {
-    static const char *const choices[] = {"next", "newest", NULL};
-    size_t take = 0;
-    (void)tl_config_get_choice(object, "take", TL_CONFIG_OPTIONAL, choices, &take);
-    delays->next = take == 0;
-}
-
 /* The most that N, one more than the range in steps, lets be. */
 static tl_time longest_range(tl_time step) {
     return (TL_DELAY_LAGS - 1) * step;
@@ -264,6 +252,8 @@ static void read_measure(tl_config_object *object, tl_time step, tl_config_delay
 }
 
 static void read_object(tl_config_object *root, tl_config_object *object, tl_time step, tl_config_delays *delays) {
+    static const char *const choices[] = {"next", "newest", NULL};
+    size_t take = 0;
     const cJSON *input = cJSON_GetObjectItemCaseSensitive(object->json, "input");
     const cJSON *output = cJSON_GetObjectItemCaseSensitive(object->json, "output");
     bool chains = cJSON_IsObject(input) || cJSON_IsObject(output);
@@ -271,7 +261,8 @@ static void read_object(tl_config_object *root, tl_config_object *object, tl_tim
     read_synchronous(object, delays);
     delays->has_input = read_pair(object, "input", delays, &delays->input);
     delays->has_output = read_pair(object, "output", delays, &delays->output);
-    read_take(object, delays);
+    (void)tl_config_get_choice(object, "take", TL_CONFIG_OPTIONAL, choices, &take);
+    delays->next = take == 0;
     read_measure(object, step, delays);
     if (input == NULL && output == NULL && !delays->measure) {
         tl_config_wrong(root, "delays", "nothing to make up for", "\"input\", \"output\" or \"measure\"",

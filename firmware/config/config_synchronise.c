@@ -124,15 +124,6 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
     tl_config_done(&object);
 }
 
-/* What only an output that is matched has. */
-static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match,
-                         tl_condition *condition) {
-    static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
-    read_tolerance(entry, tolerance, match);
-    (void)tl_config_get_number(entry, "huber", &huber, &match->huber);
-    read_condition(entry, step, condition);
-}
-
 /* What a list of matched or compared outputs is read into, and by. */
 typedef struct match_list {
     tl_config *config;
@@ -149,6 +140,7 @@ static tl_between read_between(tl_config_object *entry) {
 }
 
 static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
     const match_list *list = context;
     tl_plan_match *match = &list->config->match[index];
     tl_config_object entry;
@@ -158,8 +150,10 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     match->where = tl_config_keep(map->reader, entry.path);
     read_target(&entry, match);
     list->config->matched_between[index] = read_between(&entry);
-    if (list->weighted) {
-        read_matched(&entry, list->tolerance, list->config->step, match, &list->config->conditions[index]);
+    if (list->weighted) { /* what only an output that is matched has */
+        read_tolerance(&entry, list->tolerance, match);
+        (void)tl_config_get_number(&entry, "huber", &huber, &match->huber);
+        read_condition(&entry, list->config->step, &list->config->conditions[index]);
     }
     tl_config_done(&entry);
 }
@@ -331,21 +325,13 @@ static void read_budget(tl_config_object *object, tl_config *config) {
     tl_config_done(&budget);
 }
 
-/* Why there can be no free twin; NULL: there can. */
-static const char *why_no_free_twin(const tl_config *config) {
-    if (config->event.start.signal != NULL) {
-        return "false: not with horizon.event";
-    }
-    for (size_t i = 0; i < config->component_count; i++) {
-        if (config->components[i].keep == TL_KEEP_OUTPUTS) {
-            return "false: not with a component whose states are not kept (keep \"outputs\")";
-        }
-    }
-    return NULL;
-}
-
 static void read_free_twin(tl_config_object *object, tl_config *config) {
-    const char *why = why_no_free_twin(config);
+    const char *why = config->event.start.signal != NULL ? "false: not with horizon.event" : NULL;
+    for (size_t i = 0; i < config->component_count && why == NULL; i++) {
+        why = config->components[i].keep == TL_KEEP_OUTPUTS
+                  ? "false: not with a component whose states are not kept (keep \"outputs\")"
+                  : NULL;
+    }
     if (tl_config_get_boolean(object, "free_twin", &config->free_twin) && config->free_twin && why != NULL) {
         tl_config_wrong(object, "free_twin", NULL, why, NULL);
     }

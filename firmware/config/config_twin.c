@@ -110,18 +110,14 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
     emulated->where = tl_config_keep(map->reader, entry.path);
 }
 
-static void read_columns(tl_config_object *object, tl_config *config) {
-    tl_config_object map;
-    config->emulated =
-        tl_config_take_entries(object, "columns", &COLUMNS, sizeof *config->emulated, &map, &config->emulated_count);
-    tl_config_each(&map, read_column, config);
-}
-
 void tl_config_read_emulate(tl_config_object *root, tl_config *config) {
     tl_config_object object;
+    tl_config_object map;
     if (tl_config_member(root, "emulate", TL_CONFIG_OPTIONAL, "{\"columns\": {\"omega\": {\"from\": \"motor.omega\"}}}",
                          &object)) {
-        read_columns(&object, config);
+        config->emulated = tl_config_take_entries(&object, "columns", &COLUMNS, sizeof *config->emulated, &map,
+                                                  &config->emulated_count);
+        tl_config_each(&map, read_column, config);
         read_message(&object, config);
         tl_config_done(&object);
     }

@@ -126,14 +126,6 @@ enum { FOLDER_COUNT = sizeof folder_names / sizeof folder_names[0] };
 
 /* ---- ELF ----------------------------------------------------------------------------------------------- */
 
-/* What the first bytes of a binary say. */
-typedef struct elf_facts {
-    unsigned char class;
-    unsigned char order;
-    unsigned type;
-    unsigned machine;
-} elf_facts;
-
 static const char *machine_name(unsigned machine) {
     static const struct {
         unsigned machine;
@@ -149,34 +141,30 @@ static const char *machine_name(unsigned machine) {
     return "an unknown machine";
 }
 
-/* false where the file is no ELF file at all; errno is then 0, or why it cannot be opened. */
-static bool read_elf(const char *path, elf_facts *facts) {
-    unsigned char head[sizeof(Elf32_Ehdr)];
+/* The beginning of the header, which is the same for 32 and 64 bits. False where the file is no ELF file at all; errno is then 0, or why it cannot
+ * be opened. */
+static bool read_elf(const char *path, Elf32_Ehdr *head) {
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file < 0) {
         return false;
     }
     errno = 0;
-    ssize_t got = read(file, head, sizeof head);
+    ssize_t got = read(file, head, sizeof *head);
     (void)close(file);
-    if (got != (ssize_t)sizeof head || memcmp(head, ELFMAG, SELFMAG) != 0) {
+    if (got != (ssize_t)sizeof *head || memcmp(head->e_ident, ELFMAG, SELFMAG) != 0) {
         return false;
     }
-    facts->class = head[EI_CLASS];
-    facts->order = head[EI_DATA];
-    /* Both fields are in the same place for 32 and 64 bits. */
-    unsigned high = head[EI_DATA] == ELFDATA2MSB ? 0 : 1;
-    size_t type = offsetof(Elf32_Ehdr, e_type);
-    size_t machine = offsetof(Elf32_Ehdr, e_machine);
-    facts->type = (unsigned)head[type + high] << 8 | head[type + 1 - high];
-    facts->machine = (unsigned)head[machine + high] << 8 | head[machine + 1 - high];
+    if (head->e_ident[EI_DATA] != OWN_ORDER) {
+        head->e_type = __builtin_bswap16(head->e_type);
+        head->e_machine = __builtin_bswap16(head->e_machine);
+    }
     return true;
 }
 
 /* `shown` is the path within the FMU. */
 static tl_status check_elf(const char *path, const char *shown, const char *label, tl_error *error) {
-    elf_facts facts;
-    bool is_elf = read_elf(path, &facts);
+    Elf32_Ehdr head;
+    bool is_elf = read_elf(path, &head);
     if (!is_elf && tl_shortage_is(errno)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; try again", label, shown, strerror(errno));
     }
@@ -184,18 +172,19 @@ static tl_status check_elf(const char *path, const char *shown, const char *labe
         return tl_fail(error, TL_BAD_DATA, "%s: %s is not an ELF shared object; export the FMU for Linux on %s", label,
                        shown, machine_name(OWN_MACHINE));
     }
-    if (facts.class != OWN_CLASS || facts.order != OWN_ORDER || facts.machine != OWN_MACHINE) {
+    if (head.e_ident[EI_CLASS] != OWN_CLASS || head.e_ident[EI_DATA] != OWN_ORDER || head.e_machine != OWN_MACHINE) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: %s is for %s (ELF machine %u, %d bits, %s endian), this machine is %s (ELF machine %d, %d "
                        "bits); export the FMU for it",
-                       label, shown, machine_name(facts.machine), facts.machine, facts.class == ELFCLASS32 ? 32 : 64,
-                       facts.order == ELFDATA2MSB ? "big" : "little", machine_name(OWN_MACHINE), OWN_MACHINE,
+                       label, shown, machine_name(head.e_machine), head.e_machine,
+                       head.e_ident[EI_CLASS] == ELFCLASS32 ? 32 : 64,
+                       head.e_ident[EI_DATA] == ELFDATA2MSB ? "big" : "little", machine_name(OWN_MACHINE), OWN_MACHINE,
                        (int)sizeof(void *) * CHAR_BIT);
     }
-    if (facts.type != ET_DYN) {
+    if (head.e_type != ET_DYN) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: %s is an ELF file but not a shared object (type %u, not %d); export the FMU again", label,
-                       shown, facts.type, ET_DYN);
+                       shown, head.e_type, ET_DYN);
     }
     return TL_OK;
 }

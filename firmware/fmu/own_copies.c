@@ -343,9 +343,8 @@ typedef struct change {
     tl_elf_file *file;
     const tl_elf_rename *renames;
     size_t count;
-    uint8_t *before; /* all names as they were; NULL until the first is changed */
+    uint8_t *before; /* all names as they were */
     bool failed;
-    bool no_memory;
 } change;
 
 /* What a library of this name is to be called, or NULL. */
@@ -368,34 +367,14 @@ static const char *text_before(const change *work, size_t offset) {
     return memchr(text, '\0', work->file->strings_size - offset) != NULL ? (const char *)text : NULL;
 }
 
-static bool keep_names(change *work) {
-    if (work->before == NULL) {
-        work->before = malloc(work->file->strings_size);
-        if (work->before == NULL) {
-            work->no_memory = true;
-            return false;
-        }
-        memcpy(work->before, names_of(work), work->file->strings_size);
-    }
-    return true;
-}
-
 /* Looks at the names as they were: a change may have made one of them another's. */
 static bool write_name(void *context, tl_elf_reference reference) {
     change *work = context;
-    if (reference.kind == TL_ELF_OTHER) {
-        return true;
-    }
-    const char *text =
-        work->before == NULL ? tl_elf_text(work->file, reference.offset) : text_before(work, reference.offset);
+    const char *text = reference.kind == TL_ELF_OTHER ? NULL : text_before(work, reference.offset);
     const char *wanted = text == NULL ? NULL : new_name_of(work, text);
-    if (wanted == NULL) {
-        return true;
+    if (wanted != NULL) {
+        memcpy(names_of(work) + reference.offset, wanted, strlen(wanted));
     }
-    if (!keep_names(work)) {
-        return false;
-    }
-    memcpy(names_of(work) + reference.offset, wanted, strlen(wanted));
     return true;
 }
 
@@ -417,14 +396,14 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
     if (count == 0) {
         return TL_ELF_DONE;
     }
-    tl_elf_visit(file, write_name, &work);
-    if (work.before != NULL) {
-        tl_elf_visit(file, check_name, &work);
-    }
-    free(work.before);
-    if (work.no_memory) {
+    work.before = malloc(file->strings_size);
+    if (work.before == NULL) {
         return TL_ELF_NO_MEMORY;
     }
+    memcpy(work.before, names_of(&work), file->strings_size);
+    tl_elf_visit(file, write_name, &work);
+    tl_elf_visit(file, check_name, &work);
+    free(work.before);
     return work.failed ? TL_ELF_CONFLICT : TL_ELF_DONE;
 }
 
