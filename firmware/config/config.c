@@ -116,7 +116,8 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
     tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
     tl_arena_release(&scratch);
     if (config->memory->tree != NULL) {
-        tl_config_reader reader = {.root = config->memory->tree, .arena = &config->memory->arena, .report = report};
+        tl_config_reader reader = {
+            .root = config->memory->tree, .arena = &config->memory->arena, .report = report, .config = config};
         read_sections(&reader, config);
         status = reader.out_of_memory ? out_of_memory(report) : report->count > before ? TL_BAD_DATA : TL_OK;
     }

@@ -24,9 +24,8 @@ static bool is_interface(const char *name) {
            strcmp(name, "..") != 0;
 }
 
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_can_settings *settings = source->settings;
-    (void)config;
     if (tl_config_get_text(object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &settings->interface) &&
         !is_interface(settings->interface)) {
         tl_config_wrong(object, "interface", NULL,
@@ -189,11 +188,9 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
     }
 }
 
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     tl_can_channel *channel = signal->channel;
     (void)named;
-    (void)config;
     read_id(object, channel);
     read_frame(object, channel);
     read_type(object, channel);

@@ -34,16 +34,7 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
 
 /* ---- a list ---- */
 
-/* "file NAME": the name, which may have spaces within; NULL: the line is none of this kind. */
-static const char *name_behind(const char *line, size_t length, const char *word) {
-    size_t letters = strlen(word);
-    if (length <= letters || strncmp(line, word, letters) != 0) {
-        return NULL;
-    }
-    size_t blanks = strspn(line + letters, " \t");
-    return blanks > 0 && letters + blanks < length ? line + letters + blanks : NULL;
-}
-
+/* "file NAME"; the name may have blanks within. */
 static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t length, unsigned number,
                           tl_error *error) {
     static const struct {
@@ -56,10 +47,12 @@ static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t le
     if (length == 0 || line[0] == '#') {
         return TL_OK;
     }
+    size_t letters = strcspn(line, " \t\n");
+    size_t name = letters + strspn(line + letters, " \t");
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
-        const char *name = name_behind(line, length, kinds[i].word);
-        if (name != NULL) {
-            return add(allowed, kinds[i].kind, name, length - (size_t)(name - line), error);
+        bool is_it = strlen(kinds[i].word) == letters && strncmp(line, kinds[i].word, letters) == 0;
+        if (is_it && name < length) {
+            return add(allowed, kinds[i].kind, line + name, length - name, error);
         }
     }
     return tl_fail(error, TL_BAD_DATA, "line %u: found \"%.*s\", expected \"file NAME\" or \"library NAME\"", number,

@@ -5,9 +5,8 @@
 #include "firmware/config/drivers.h"
 
 /* Its path is as written. */
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_csv_settings *settings = source->settings;
-    (void)config;
     settings->path = "";
     settings->time_column = "time";
     (void)tl_config_get_text(object, "file", TL_CONFIG_REQUIRED, "\"plant.fifo\"", &settings->path);
@@ -15,11 +14,9 @@ static void read_source(tl_config_object *object, tl_config_source *source, cons
 }
 
 /* The column is that of recordings, too. */
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     const char **column = signal->channel;
     (void)named;
-    (void)config;
     (void)tl_config_get_text(object, "column", TL_CONFIG_OPTIONAL, "\"omega\"", &signal->column);
     *column = signal->column;
 }

@@ -37,11 +37,14 @@ static inline tl_time tl_config_duration(double seconds) {
 
 enum { TL_CONFIG_KEYS = 16 }; /* the most keys that one object of the format knows */
 
+struct tl_config; /* config.h */
+
 typedef struct tl_config_reader {
     const cJSON *root;
     tl_arena *arena;
     tl_report *report;
-    bool out_of_memory; /* reported once, by whoever owns the reader */
+    const struct tl_config *config; /* what was read before */
+    bool out_of_memory;             /* reported once, by whoever owns the reader */
 } tl_config_reader;
 
 /* One object of the file. */
@@ -189,8 +192,6 @@ void tl_config_check_reference_of(const tl_config_object *object, const char *ke
  *          tree.
  * Errors:  reported; what could not be read keeps its default.
  */
-
-struct tl_config; /* config.h */
 
 /* components, connect */
 void tl_config_read_components(tl_config_object *root, struct tl_config *config);
