@@ -158,18 +158,9 @@ static bool unexpected(scanner *s, size_t at, const char *expected) {
 
 /* Four hexadecimal digits after \u; -1 where they are not. */
 static long hexadecimal(const scanner *s, size_t at) {
-    long code = 0;
-    for (size_t i = at; i < at + 4; i++) {
-        int character = i < s->size ? (unsigned char)s->text[i] : END;
-        if (is_digit(character)) {
-            code = code * 16 + (character - '0');
-        } else if ((character >= 'a' && character <= 'f') || (character >= 'A' && character <= 'F')) {
-            code = code * 16 + ((character | 0x20) - 'a' + 10);
-        } else {
-            return -1;
-        }
-    }
-    return code;
+    char digits[5] = "";
+    memcpy(digits, s->text + at, at < s->size ? (s->size - at < 4 ? s->size - at : 4) : 0);
+    return strspn(digits, "0123456789abcdefABCDEF") == 4 ? strtol(digits, NULL, 16) : -1;
 }
 
 /* \uXXXX, or a pair of them for a character beyond U+FFFF; `at` is at the u. */
@@ -233,37 +224,29 @@ static bool scan_string(scanner *s) {
     }
 }
 
-static void skip_digits(scanner *s) {
+/* True where there was one. */
+static bool skip_digits(scanner *s) {
+    size_t first = s->at;
     while (is_digit(peek(s))) {
         s->at++;
     }
+    return s->at > first;
 }
 
 /* True where `at` has moved over -? int frac? exp?, with nothing of a word behind it. */
 static bool scan_number_shape(scanner *s) {
     (void)accept(s, '-');
-    if (!is_digit(peek(s))) {
-        return false;
+    bool right = accept(s, '0') || skip_digits(s);
+    if (right && accept(s, '.')) {
+        right = skip_digits(s);
     }
-    if (!accept(s, '0')) {
-        skip_digits(s);
-    }
-    if (accept(s, '.')) {
-        if (!is_digit(peek(s))) {
-            return false;
-        }
-        skip_digits(s);
-    }
-    if (accept(s, 'e') || accept(s, 'E')) {
+    if (right && (accept(s, 'e') || accept(s, 'E'))) {
         if (!accept(s, '+')) {
             (void)accept(s, '-');
         }
-        if (!is_digit(peek(s))) {
-            return false;
-        }
-        skip_digits(s);
+        right = skip_digits(s);
     }
-    return !is_word(peek(s));
+    return right && !is_word(peek(s));
 }
 
 static bool scan_number(scanner *s) {

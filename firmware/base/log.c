@@ -15,6 +15,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
 #include "master/base/text.h"
 
 /* To the beginning of the line, and what stands there is gone. */
@@ -79,19 +80,12 @@ int tl_log_level_of(const char *line, const char **text) {
 }
 
 static const char *level_name(tl_log_level level) {
-    switch (level) {
-    case TL_LOG_ERROR:
-        return "error";
-    case TL_LOG_WARNING:
-        return "warning";
-    case TL_LOG_NOTICE:
-        return "notice";
-    case TL_LOG_INFO:
-        return "info";
-    case TL_LOG_DEBUG:
-        return "debug";
-    }
-    return "notice";
+    static const char *const names[] = {[TL_LOG_ERROR] = "error",
+                                        [TL_LOG_WARNING] = "warning",
+                                        [TL_LOG_NOTICE] = "notice",
+                                        [TL_LOG_INFO] = "info",
+                                        [TL_LOG_DEBUG] = "debug"};
+    return names[level];
 }
 
 /* Cuts before the first byte of a UTF-8 character that would not be whole. */
@@ -143,39 +137,19 @@ static void format_text(char *text, const char *format, va_list arguments) {
 }
 
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
-    switch (current_style()) {
-    case STYLE_JOURNAL:
+    style now = current_style();
+    const char *colour = level <= TL_LOG_ERROR ? "1;31" : level == TL_LOG_WARNING ? "1;33" : "1";
+    if (now == STYLE_JOURNAL) {
         (void)snprintf(prefix, size, "<%d>", (int)level);
-        return;
-    case STYLE_COLOUR:
-        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ",
-                       level <= TL_LOG_ERROR     ? "1;31"
-                       : level == TL_LOG_WARNING ? "1;33"
-                                                 : "1",
-                       level_name(level));
-        return;
-    case STYLE_PLAIN:
-    case STYLE_UNKNOWN:
-        break;
+    } else if (now == STYLE_COLOUR) {
+        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ", colour, level_name(level));
+    } else {
+        (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
     }
-    (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
 }
 
 static const char *wipe(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
-}
-
-/* False: there is nowhere to write it to. */
-static bool write_all(const char *bytes, size_t size) {
-    size_t written = 0;
-    while (written < size) {
-        ssize_t now = write(STDERR_FILENO, bytes + written, size - written);
-        if (now < 0 && errno != EINTR) {
-            return false;
-        }
-        written += now > 0 ? (size_t)now : 0;
-    }
-    return true;
 }
 
 /* false where `wait` is not wanted and stderr takes nothing now. */
@@ -190,7 +164,7 @@ static bool write_line(tl_log_level level, const char *text, bool wait) {
             return false;
         }
     }
-    return length > 0 && write_all(line, (size_t)length);
+    return length > 0 && tl_file_bytes_write(STDERR_FILENO, line, (size_t)length);
 }
 
 static bool error_said;
@@ -228,7 +202,7 @@ void tl_log_plain(const char *line) {
     int saved = errno;
     char whole[sizeof WIPE + TL_LOG_PLAIN + 1];
     int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
-    (void)write_all(whole, length > 0 ? (size_t)length : 0);
+    (void)tl_file_bytes_write(STDERR_FILENO, whole, length > 0 ? (size_t)length : 0);
     errno = saved;
 }
 
@@ -237,7 +211,8 @@ static bool write_patiently(const char *bytes, size_t size, int patience) {
     for (size_t written = 0; written < size;) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
         size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
-        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 || !write_all(bytes + written, part)) {
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
+            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
             return false;
         }
         written += part;
@@ -300,14 +275,14 @@ static void draw(const char *line) {
     make_harmless(text);
     __atomic_store_n(&has_status, true, __ATOMIC_SEQ_CST);
     length = snprintf(drawn, sizeof drawn, WIPE "%.*s", (int)fitting(text), text);
-    (void)write_all(drawn, (size_t)length);
+    (void)tl_file_bytes_write(STDERR_FILENO, drawn, (size_t)length);
 }
 
 void tl_log_status(const char *line) {
     int saved = errno;
     if (line == NULL) {
         if (__atomic_load_n(&has_status, __ATOMIC_SEQ_CST)) {
-            (void)write_all(WIPE, sizeof WIPE - 1);
+            (void)tl_file_bytes_write(STDERR_FILENO, WIPE, sizeof WIPE - 1);
         }
         __atomic_store_n(&has_status, false, __ATOMIC_SEQ_CST);
     } else if (isatty(STDERR_FILENO) == 1) {

@@ -5,6 +5,7 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
 #include <locale.h>
 #include <malloc.h>
 #include <sched.h>
@@ -114,6 +115,19 @@ char *tl_file_text_take(int file, size_t most, size_t *size) {
     return text;
 }
 
+bool tl_file_bytes_write(int file, const void *bytes, size_t size) {
+    const char *rest = bytes;
+    while (size > 0) {
+        ssize_t written = write(file, rest, size);
+        if (written < 0 && errno != EINTR) {
+            return false;
+        }
+        rest += written > 0 ? written : 0;
+        size -= written > 0 ? (size_t)written : 0;
+    }
+    return true;
+}
+
 /* ---- new file ---- */
 
 bool tl_new_file_is(const char *path, const char *other) {
@@ -190,13 +204,7 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
 static void keep_name(const char *path) {
     char folder[PATH_MAX];
     (void)snprintf(folder, sizeof folder, "%s", path);
-    char *end = strrchr(folder, '/');
-    if (end == NULL) {
-        (void)snprintf(folder, sizeof folder, ".");
-    } else {
-        end[end == folder ? 1 : 0] = '\0';
-    }
-    int opened = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    int opened = open(dirname(folder), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     if (opened >= 0) {
         (void)fsync(opened);
         (void)close(opened);
@@ -236,30 +244,22 @@ void tl_new_file_discard(tl_new_file *new_file) {
 
 /* ---- other case ---- */
 
-/* The folder of a path as one that can be opened. */
-static DIR *open_folder(const char *path, size_t length) {
-    char folder[PATH_MAX];
-    if (length >= sizeof folder) {
-        return NULL;
-    }
-    (void)snprintf(folder, sizeof folder, "%.*s", (int)length, path);
-    return opendir(length == 0 ? "." : folder);
-}
-
 const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     const char *slash = strrchr(path, '/');
     const char *name = slash != NULL ? slash + 1 : path;
+    char folder[PATH_MAX];
+    bool fits = (size_t)snprintf(folder, sizeof folder, "%s", path) < sizeof folder;
+    DIR *entries = fits && access(path, F_OK) != 0 ? opendir(dirname(folder)) : NULL;
     text[0] = '\0';
-    DIR *folder = access(path, F_OK) == 0 ? NULL : open_folder(path, (size_t)(name - path));
-    for (const struct dirent *entry = NULL; folder != NULL && (entry = readdir(folder)) != NULL;) {
+    for (const struct dirent *entry = NULL; entries != NULL && (entry = readdir(entries)) != NULL;) {
         if (strcasecmp(entry->d_name, name) == 0) {
             (void)snprintf(text, TL_OTHER_CASE_TEXT, "; there is %s beside it, with other letters' case",
                            entry->d_name);
             break;
         }
     }
-    if (folder != NULL) {
-        (void)closedir(folder);
+    if (entries != NULL) {
+        (void)closedir(entries);
     }
     return text;
 }

@@ -76,6 +76,9 @@ ssize_t tl_file_bytes_read(int file, char *bytes, size_t room);
  * (EFBIG). A file of −1 gives NULL, and errno stays. */
 char *tl_file_text_take(int file, size_t most, size_t *size);
 
+/* Writes all of them. False, with errno: it cannot. */
+bool tl_file_bytes_write(int file, const void *bytes, size_t size);
+
 /* ---- A file that appears whole or not at all.
  *
  * Purpose: it is written as FILE.new- and numbers, and takes its name at the end. What had the name stays until then, and

@@ -8,36 +8,12 @@
 
 #include "firmware/base/text.h"
 
-void tl_relay_clean(const char *bytes, size_t size, char clean[TL_RELAY_CLEAN]) {
-    (void)tl_clean_text(bytes, size, clean, TL_RELAY_CLEAN);
-}
-
 /* ---- Lines ---- */
 
 static void pass_on(const tl_relay *relay, size_t size) {
     char clean[TL_RELAY_CLEAN];
-    tl_relay_clean(relay->line, size, clean);
+    (void)tl_clean_text(relay->line, size, clean, sizeof clean);
     relay->pass(relay->context, clean);
-}
-
-/* Bytes at the end of a full line that begin a character which goes on in the next piece: which the right bytes behind them would make one. */
-static size_t begun_at_end(const tl_relay *relay) {
-    for (size_t back = 1; back <= 3; back++) {
-        unsigned char byte = (unsigned char)relay->line[relay->used - back];
-        if ((byte & 0xC0U) != 0x80) {
-            size_t length = byte < 0xC2 ? 1 : byte < 0xE0 ? 2 : byte < 0xF0 ? 3 : byte < 0xF5 ? 4 : 1;
-            return length > back ? back : 0;
-        }
-    }
-    return 0;
-}
-
-/* A line without an end that takes all there is. */
-static void pass_on_piece(tl_relay *relay) {
-    size_t rest = begun_at_end(relay);
-    pass_on(relay, relay->used - rest);
-    memmove(relay->line, relay->line + relay->used - rest, rest);
-    relay->used = rest;
 }
 
 static void add(tl_relay *relay, const char *bytes, size_t size) {
@@ -51,12 +27,10 @@ static void add(tl_relay *relay, const char *bytes, size_t size) {
         }
         memcpy(relay->line + relay->used, bytes, length);
         relay->used += length;
-        if (end != NULL) {
+        if (end != NULL || length < size) {
             pass_on(relay, relay->used);
             relay->used = 0;
-            length++;
-        } else if (length < size) {
-            pass_on_piece(relay);
+            length += end != NULL ? 1 : 0;
         }
         bytes += length;
         size -= length;

@@ -42,7 +42,4 @@ bool tl_relay_drain(tl_relay *relay);
 /* Passes on a last line without an end, and closes. What is still in the pipe is lost: drain before. */
 void tl_relay_close(tl_relay *relay);
 
-/* Makes `size` bytes (at most TL_RELAY_LINE) clean. */
-void tl_relay_clean(const char *bytes, size_t size, char clean[TL_RELAY_CLEAN]);
-
 #endif

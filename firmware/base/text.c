@@ -77,8 +77,8 @@ void tl_clean_field(char *field, size_t room) {
 enum { WIDTH = 79 };
 
 /* Characters, not bytes. */
-static int columns_of(const char *word, size_t length) {
-    int columns = 0;
+static size_t columns_of(const char *word, size_t length) {
+    size_t columns = 0;
     for (size_t i = 0; i < length; i++) {
         columns += ((unsigned char)word[i] & 0xC0U) != 0x80U ? 1 : 0;
     }
@@ -90,7 +90,7 @@ void tl_wrapped_print(FILE *file, const char *text, int first, int indent) {
     (void)fprintf(file, "%*s", first, "");
     for (const char *word = text; *word != '\0';) {
         size_t length = strcspn(word, " ");
-        int columns = columns_of(word, length);
+        int columns = (int)columns_of(word, length);
         if (word != text && column + 1 + columns > WIDTH) {
             (void)fprintf(file, "\n%*s", indent, "");
             column = indent;
@@ -113,15 +113,11 @@ enum { MS = 1000, DAY = 86400 };
 static const int64_t EARLIEST = INT64_C(-62167219200000); /* 0000-01-01T00:00:00.000Z */
 static const int64_t LATEST = INT64_C(253402300799999);   /* 9999-12-31T23:59:59.999Z */
 
-typedef struct stamp {
+typedef struct date {
     int year;
     int month; /* 1 … 12 */
     int day;   /* 1 … 31 */
-    int hour;
-    int minute;
-    int second;
-    int millisecond;
-} stamp;
+} date;
 
 /* ---- Calendar ------------------------------------------------------------------------------------------- */
 
@@ -142,7 +138,7 @@ static int days_before_month(int year, int month) {
 }
 
 /* The date of a day from 0000-01-01 on. */
-static void set_date(stamp *utc, int64_t day) {
+static void set_date(date *utc, int64_t day) {
     utc->year = (int)(day / 366); /* not later than it is */
     while (days_before_year(utc->year + 1) <= day) {
         utc->year++;
@@ -167,7 +163,7 @@ void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]) {
     int64_t within = milliseconds < EARLIEST ? EARLIEST : milliseconds > LATEST ? LATEST : milliseconds;
     int64_t seconds = (within - EARLIEST) / MS;
     int second = (int)(seconds % DAY);
-    stamp utc;
+    date utc;
     set_date(&utc, seconds / DAY);
     char wide[96]; /* what the compiler thinks the fields could need */
     (void)snprintf(wide, sizeof wide, "%04d-%02d-%02dT%02d:%02d:%02d.%03dZ", utc.year, utc.month, utc.day,
@@ -176,70 +172,48 @@ void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]) {
     text[TL_UTC_TEXT - 1] = '\0';
 }
 
-/* Reads exactly `digits` digits into *value, at most `limit`. */
-static bool take_number(const char **text, int digits, int limit, int *value) {
-    *value = 0;
-    for (int i = 0; i < digits; i++, (*text)++) {
-        if (**text < '0' || **text > '9') {
-            return false;
+static int number_at(const char *text, int digits) {
+    int value = 0;
+    for (int i = 0; i < digits; i++) {
+        value = value * 10 + (text[i] - '0');
+    }
+    return value;
+}
+
+/* How many characters of the text are those of a stamp. */
+static size_t count_fitting(const char *text) {
+    static const char shape[] = "9999-99-99T99:99:99.999999999";
+    size_t length = 0;
+    for (const char *c = shape; *c != '\0'; c++, length++) {
+        bool fits = *c == '9' ? text[length] >= '0' && text[length] <= '9'
+                              : text[length] == *c || (*c == 'T' && text[length] == ' ');
+        if (!fits) {
+            break;
         }
-        *value = *value * 10 + (**text - '0');
     }
-    return *value <= limit;
-}
-
-static bool take(const char **text, char expected) {
-    if (**text != expected) {
-        return false;
-    }
-    (*text)++;
-    return true;
-}
-
-/* ".4", ".45" or ".456" where there is one. */
-static bool take_fraction(const char **text, int *milliseconds) {
-    *milliseconds = 0;
-    if (!take(text, '.')) {
-        return true;
-    }
-    int weight = 100;
-    const char *first = *text;
-    for (; **text >= '0' && **text <= '9'; (*text)++, weight /= 10) {
-        *milliseconds += (**text - '0') * weight;
-    }
-    return *text > first && *text - first <= 9;
-}
-
-static bool take_date(const char **text, stamp *utc) {
-    if (!take_number(text, 4, 9999, &utc->year) || !take(text, '-') || !take_number(text, 2, 12, &utc->month) ||
-        utc->month < 1 || !take(text, '-') || !take_number(text, 2, 31, &utc->day) || utc->day < 1) {
-        return false;
-    }
-    return utc->day <= days_before_month(utc->year, utc->month + 1) - days_before_month(utc->year, utc->month);
-}
-
-static bool take_clock(const char **text, stamp *utc) {
-    if (!take_number(text, 2, 23, &utc->hour) || !take(text, ':') || !take_number(text, 2, 59, &utc->minute)) {
-        return false;
-    }
-    return !take(text, ':') || (take_number(text, 2, 59, &utc->second) && take_fraction(text, &utc->millisecond));
+    return length;
 }
 
 bool tl_utc_parse(const char *text, int64_t *milliseconds) {
-    stamp utc = {.year = 0};
-    if (!take_date(&text, &utc)) {
+    enum { DATE = 10, MINUTE = 16, SECOND = 19, TENTH = 21 }; /* where one may end */
+    char full[] = "0000-00-00T00:00:00.000";
+    size_t length = count_fitting(text);
+    const char *rest = text + length + (text[length] == 'Z' ? 1 : 0);
+    if (*rest != '\0' || (length != DATE && length != MINUTE && length != SECOND && length < TENTH)) {
         return false;
     }
-    if ((take(&text, 'T') || take(&text, ' ')) && !take_clock(&text, &utc)) {
-        return false;
-    }
-    (void)take(&text, 'Z');
-    if (*text != '\0') {
+    memcpy(full, text, length < sizeof full - 1 ? length : sizeof full - 1);
+    const date utc = {number_at(full, 4), number_at(full + 5, 2), number_at(full + 8, 2)};
+    int hour = number_at(full + 11, 2);
+    int minute = number_at(full + 14, 2);
+    int second = number_at(full + 17, 2);
+    if (utc.month < 1 || utc.month > 12 || utc.day < 1 || hour > 23 || minute > 59 || second > 59 ||
+        utc.day > days_before_month(utc.year, utc.month + 1) - days_before_month(utc.year, utc.month)) {
         return false;
     }
     int64_t day = days_before_year(utc.year) + days_before_month(utc.year, utc.month) + utc.day - 1;
-    int second = (utc.hour * 60 + utc.minute) * 60 + utc.second;
-    *milliseconds = EARLIEST + (day * DAY + second) * MS + utc.millisecond;
+    second += (hour * 60 + minute) * 60;
+    *milliseconds = EARLIEST + (day * DAY + second) * MS + number_at(full + 20, 3);
     return true;
 }
 
@@ -276,28 +250,19 @@ tl_show_style tl_show_style_of(FILE *file) {
 
 /* ---- Characters -------------------------------------------------------------------------------------------------- */
 
-/* The database holds valid UTF-8, and what does not is still only bytes. */
-size_t tl_show_character(const char *text) {
-    unsigned char first = (unsigned char)text[0];
-    size_t length = first < 0xC0 ? 1 : first < 0xE0 ? 2 : first < 0xF0 ? 3 : 4;
-    for (size_t i = 1; i < length; i++) {
-        if (((unsigned char)text[i] & 0xC0) != 0x80) {
-            return 1;
-        }
-    }
-    return length;
-}
-
-bool tl_show_is_control(const char *text, size_t length) {
+size_t tl_show_character(const char *text, bool *is_control) {
     uint32_t code = 0;
-    return tl_utf8_read(text, length, &code) == 0 || !tl_utf8_can_be_shown(code);
+    size_t length = tl_utf8_read(text, strnlen(text, 4), &code);
+    *is_control = length == 0 || !tl_utf8_can_be_shown(code);
+    return length == 0 ? 1 : length;
 }
 
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size) {
     size_t end = 0;
     while (*text != '\0') {
-        size_t length = tl_show_character(text);
-        bool replace = tl_show_is_control(text, length) || (style.ascii && length > 1);
+        bool replace = false;
+        size_t length = tl_show_character(text, &replace);
+        replace = replace || (style.ascii && length > 1);
         if (end + (replace ? 1 : length) >= size) {
             break;
         }
@@ -310,15 +275,6 @@ void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t si
         text += length;
     }
     clean[end] = '\0';
-}
-
-/* Columns on a terminal, one per character. */
-static size_t width_of(const char *text) {
-    size_t width = 0;
-    for (; *text != '\0'; text += tl_show_character(text)) {
-        width++;
-    }
-    return width;
 }
 
 /* ---- Numbers ----------------------------------------------------------------------------------------------------- */
@@ -424,19 +380,14 @@ void tl_show_table_add(tl_show_table *table, const char *format, ...) {
     if (table->count == table->room) {
         size_t room = table->room == 0 ? 64 : table->room * 2;
         char **cells = realloc(table->cells, room * sizeof *cells);
-        if (cells == NULL) {
-            table->failed = true;
-            return;
-        }
-        table->cells = cells;
-        table->room = room;
+        table->cells = cells != NULL ? cells : table->cells;
+        table->room = cells != NULL ? room : table->room;
     }
-    char *cell = strdup(clean);
-    if (cell == NULL) {
-        table->failed = true;
-        return;
+    char *cell = table->count < table->room ? strdup(clean) : NULL;
+    table->failed = table->failed || cell == NULL;
+    if (cell != NULL) {
+        table->cells[table->count++] = cell;
     }
-    table->cells[table->count++] = cell;
 }
 
 static void pad(FILE *file, size_t count) {
@@ -453,7 +404,7 @@ static void print_row(const tl_show_table *table, size_t row, const size_t *widt
     (void)fputs(dim ? "\x1b[2m" : "", file);
     for (size_t i = 0; i < last; i++) {
         const char *cell = table->cells[row + i];
-        size_t blanks = widths[i] - width_of(cell);
+        size_t blanks = widths[i] - columns_of(cell, strlen(cell));
         pad(file, 2 + (table->right[i] ? blanks : 0));
         (void)fputs(cell, file);
         pad(file, table->right[i] || i + 1 == last ? 0 : blanks);
@@ -464,7 +415,7 @@ static void print_row(const tl_show_table *table, size_t row, const size_t *widt
 tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error) {
     size_t widths[TL_SHOW_COLUMNS] = {0};
     for (size_t i = 0; i < table->count; i++) {
-        size_t width = width_of(table->cells[i]);
+        size_t width = columns_of(table->cells[i], strlen(table->cells[i]));
         widths[i % table->columns] = width > widths[i % table->columns] ? width : widths[i % table->columns];
     }
     for (size_t row = 0; !table->failed && row + table->columns <= table->count; row += table->columns) {

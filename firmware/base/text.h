@@ -72,11 +72,9 @@ typedef struct tl_show_style {
 /* By isatty(), LC_ALL, LC_CTYPE, LANG, TERM and NO_COLOR. */
 tl_show_style tl_show_style_of(FILE *file);
 
-/* Bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that begins none. */
-size_t tl_show_character(const char *text);
-
-/* Whether that character commands a terminal, turns the direction of text or hides, instead of standing in it (text.h), or is none. */
-bool tl_show_is_control(const char *text, size_t length);
+/* Bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that begins none. `is_control`: it is none, or it commands a terminal,
+ * turns the direction of text or hides, instead of standing in it (master/base/text.h). */
+size_t tl_show_character(const char *text, bool *is_control);
 
 /* Cuts a text so that it can be printed: control characters become "?", and with `ascii` all that is not ASCII. */
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size);

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <libgen.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +13,6 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
-#include "firmware/config/config_parts.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
 
@@ -23,16 +23,6 @@ struct tl_config_memory {
 
 /* ---- the root's own keys ---- */
 
-static void read_version(tl_config_object *root) {
-    static const tl_config_number rule = {.need = TL_CONFIG_REQUIRED,
-                                          .minimum = 1,
-                                          .maximum = 1,
-                                          .expected = "1, the version of the format that this program reads",
-                                          .example = "\"twinlock\": 1"};
-    double version = 0;
-    (void)tl_config_get_number(root, "twinlock", &rule, &version);
-}
-
 /* A double cannot hold most decimal fractions: what is as near as rounding explains counts as whole. */
 static bool is_whole_nanoseconds(double seconds) {
     double nanoseconds = seconds * 1e9;
@@ -42,8 +32,6 @@ static bool is_whole_nanoseconds(double seconds) {
 static void read_times(tl_config_object *root, tl_config *config) {
     static const tl_config_number step_rule = {
         .need = TL_CONFIG_REQUIRED, .minimum = 1e-5, .maximum = 3600, .example = "0.01"};
-    static const tl_config_number duration_rule = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "14"};
     double seconds = 0;
     if (tl_config_get_number(root, "step_s", &step_rule, &seconds)) {
         config->step = tl_time_of_seconds(seconds);
@@ -51,21 +39,20 @@ static void read_times(tl_config_object *root, tl_config *config) {
             tl_config_wrong(root, "step_s", NULL, "a whole number of nanoseconds", step_rule.example);
         }
     }
-    if (tl_config_get_number(root, "duration_s", &duration_rule, &seconds)) {
-        config->duration = tl_config_duration(seconds);
-    }
-}
-
-/* Editors look for the schema there. */
-static void ignore_schema(tl_config_object *root) {
-    const char *schema = NULL;
-    (void)tl_config_get_text(root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
+    (void)tl_config_get_duration(root, "duration_s", TL_CONFIG_OPTIONAL, "14", &config->duration);
 }
 
 static void read_sections(tl_config_reader *reader, tl_config *config) {
+    static const tl_config_number version_rule = {.need = TL_CONFIG_REQUIRED,
+                                                  .minimum = 1,
+                                                  .maximum = 1,
+                                                  .expected = "1, the version of the format that this program reads",
+                                                  .example = "\"twinlock\": 1"};
+    double version = 0;
+    const char *schema = NULL; /* for editors */
     tl_config_object root;
     tl_config_root(reader, &root);
-    read_version(&root);
+    (void)tl_config_get_number(&root, "twinlock", &version_rule, &version);
     (void)tl_config_get_text(&root, "name", TL_CONFIG_REQUIRED, "\"motor bench\"", &config->name);
     read_times(&root, config);
     tl_config_read_components(&root, config);
@@ -80,7 +67,7 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
     tl_config_read_record(&root, config);
     tl_config_read_realtime(&root, config);
     tl_config_read_emulate(&root, config);
-    ignore_schema(&root);
+    (void)tl_config_get_text(&root, "$schema", TL_CONFIG_OPTIONAL, "\"twinlock-1.json\"", &schema);
     tl_config_done(&root);
 }
 
@@ -89,20 +76,6 @@ static void read_sections(tl_config_reader *reader, tl_config *config) {
 static tl_status out_of_memory(tl_report *report) {
     tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for a configuration");
     return TL_TRY_AGAIN;
-}
-
-/* A copy of the part of a path before its last slash; "." where there is none. */
-static char *directory_of(tl_arena *arena, const char *path) {
-    const char *slash = strrchr(path, '/');
-    if (slash == NULL) {
-        return tl_arena_text(arena, ".");
-    }
-    size_t size = slash == path ? 1 : (size_t)(slash - path);
-    char *directory = tl_arena_take(arena, size + 1, 1);
-    if (directory != NULL) {
-        memcpy(directory, path, size);
-    }
-    return directory;
 }
 
 /* Takes the memory and what is known before the text is understood. */
@@ -121,17 +94,10 @@ static bool begin(const char *path, const char *text, size_t size, tl_config *co
     config->text = copy;
     config->size = size;
     config->path = tl_arena_text(arena, path);
-    config->directory = directory_of(arena, path);
+    char *folder = tl_arena_text(arena, path);
+    config->directory = folder != NULL ? dirname(folder) : NULL;
     tl_sha256(text, size, config->hash);
     return copy != NULL && config->path != NULL && config->directory != NULL;
-}
-
-static tl_status parse(tl_config *config, tl_report *report) {
-    tl_arena scratch;
-    tl_arena_init(&scratch);
-    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
-    tl_arena_release(&scratch);
-    return status;
 }
 
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report) {
@@ -145,9 +111,13 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
         return out_of_memory(report);
     }
     size_t before = report->count;
-    tl_status status = parse(config, report);
+    tl_arena scratch;
+    tl_arena_init(&scratch);
+    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
+    tl_arena_release(&scratch);
     if (config->memory->tree != NULL) {
-        tl_config_reader reader = {.root = config->memory->tree, .arena = &config->memory->arena, .report = report};
+        tl_config_reader reader = {
+            .root = config->memory->tree, .arena = &config->memory->arena, .report = report, .config = config};
         read_sections(&reader, config);
         status = reader.out_of_memory ? out_of_memory(report) : report->count > before ? TL_BAD_DATA : TL_OK;
     }
@@ -246,20 +216,12 @@ static bool is_file_in(const char *folder, size_t folder_size, const char *name,
     return join(folder, folder_size, name, path, size);
 }
 
-/* The folder of the running program; "" where the system does not say. */
-static size_t program_folder(char *folder, size_t size) {
-    ssize_t length = readlink("/proc/self/exe", folder, size - 1);
-    folder[length > 0 ? length : 0] = '\0';
-    char *slash = strrchr(folder, '/');
-    return slash != NULL ? (size_t)(slash - folder) : 0;
-}
-
-/* In `folder`, seen from where the program is: as the build leaves it, or as it is installed. */
+/* In `folder`, seen from where the running program is: as the build leaves it, or as it is installed. False where the system does not say where. */
 static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
-    char program[4096];
+    char program[4096] = "";
     char whole[4096 + 32];
-    size_t length = program_folder(program, sizeof program);
-    return length > 0 && join(program, length, folder, whole, sizeof whole) &&
+    ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    return length > 0 && (size_t)snprintf(whole, sizeof whole, "%s/%s", dirname(program), folder) < sizeof whole &&
            is_file_in(whole, strlen(whole), fmu, path, size);
 }
 

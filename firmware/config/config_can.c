@@ -7,7 +7,7 @@
 
 #include "board/can/can.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 enum { EXPECTED = 160 };
@@ -24,9 +24,8 @@ static bool is_interface(const char *name) {
            strcmp(name, "..") != 0;
 }
 
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_can_settings *settings = source->settings;
-    (void)config;
     if (tl_config_get_text(object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &settings->interface) &&
         !is_interface(settings->interface)) {
         tl_config_wrong(object, "interface", NULL,
@@ -122,22 +121,16 @@ static bool read_field(tl_config_object *object, size_t most, size_t length, siz
 }
 
 static void read_type(tl_config_object *object, tl_can_channel *channel) {
-    static const char *const types[] = {"unsigned", "signed", "float32", "float64", NULL};
-    static const tl_can_type type_of[] = {TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64};
-    static const size_t length_of[] = {0, 0, 32, 64};
-    size_t index = 0;
+    static const char *const types[] = {[TL_CAN_UNSIGNED] = "unsigned",
+                                        [TL_CAN_SIGNED] = "signed",
+                                        [TL_CAN_FLOAT32] = "float32",
+                                        [TL_CAN_FLOAT64] = "float64",
+                                        NULL};
+    static const size_t length_of[] = {[TL_CAN_FLOAT32] = 32, [TL_CAN_FLOAT64] = 64};
+    size_t index = TL_CAN_UNSIGNED;
     (void)tl_config_get_choice(object, "type", TL_CONFIG_OPTIONAL, types, &index);
-    channel->type = type_of[index];
+    channel->type = (tl_can_type)index;
     (void)read_field(object, 64, length_of[index], channel->bytes, &channel->field);
-}
-
-static void read_scale(tl_config_object *object, tl_can_channel *channel) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
-    channel->scale = 1;
-    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
-        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
-    }
-    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
 }
 
 /* ---- multiplexors ---- */
@@ -195,15 +188,13 @@ static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
     }
 }
 
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     tl_can_channel *channel = signal->channel;
     (void)named;
-    (void)config;
     read_id(object, channel);
     read_frame(object, channel);
     read_type(object, channel);
-    read_scale(object, channel);
+    tl_config_get_scale(object, &channel->scale, &channel->offset);
     read_multiplex(object, channel);
 }
 
@@ -219,22 +210,8 @@ static tl_status open_can(const tl_config_source *source, const char *path, cons
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.can", TL_RULE_COMMISSION, NULL},
-    {"sources.*.can.interface", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.id", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.extended", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.bytes", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.fd", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.start", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.length", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.order", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.type", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.scale", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.offset", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.multiplex", TL_RULE_COMMISSION, NULL},
-    {"plant.*.can.multiplex.**", TL_RULE_COMMISSION, NULL},
+    {"sources.*.can.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.can.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -21,34 +21,20 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
     if (allowed->count == allowed->room) {
         size_t room = allowed->room == 0 ? 16 : 2 * allowed->room;
         struct tl_allowed_name *names = realloc(allowed->names, room * sizeof *names);
-        if (names == NULL) {
-            return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
-        }
-        allowed->names = names;
-        allowed->room = room;
+        allowed->names = names != NULL ? names : allowed->names;
+        allowed->room = names != NULL ? room : allowed->room;
     }
-    struct tl_allowed_name *name = &allowed->names[allowed->count];
-    name->kind = kind;
-    name->text = strndup(text, length);
-    if (name->text == NULL) {
+    char *copy = allowed->count < allowed->room ? strndup(text, length) : NULL;
+    if (copy == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
     }
-    allowed->count++;
+    allowed->names[allowed->count++] = (struct tl_allowed_name){kind, copy};
     return TL_OK;
 }
 
 /* ---- a list ---- */
 
-/* "file NAME": the name, which may have spaces within; NULL: the line is none of this kind. */
-static const char *name_behind(const char *line, size_t length, const char *word) {
-    size_t letters = strlen(word);
-    if (length <= letters || strncmp(line, word, letters) != 0) {
-        return NULL;
-    }
-    size_t blanks = strspn(line + letters, " \t");
-    return blanks > 0 && letters + blanks < length ? line + letters + blanks : NULL;
-}
-
+/* "file NAME"; the name may have blanks within. */
 static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t length, unsigned number,
                           tl_error *error) {
     static const struct {
@@ -61,10 +47,12 @@ static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t le
     if (length == 0 || line[0] == '#') {
         return TL_OK;
     }
+    size_t letters = strcspn(line, " \t\n");
+    size_t name = letters + strspn(line + letters, " \t");
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++) {
-        const char *name = name_behind(line, length, kinds[i].word);
-        if (name != NULL) {
-            return add(allowed, kinds[i].kind, name, length - (size_t)(name - line), error);
+        bool is_it = strlen(kinds[i].word) == letters && strncmp(line, kinds[i].word, letters) == 0;
+        if (is_it && name < length) {
+            return add(allowed, kinds[i].kind, line + name, length - name, error);
         }
     }
     return tl_fail(error, TL_BAD_DATA, "line %u: found \"%.*s\", expected \"file NAME\" or \"library NAME\"", number,
@@ -93,8 +81,8 @@ typedef struct name_search {
 static void collect(const tl_json_difference *difference, void *context) {
     name_search *c = context;
     tl_change_needs needs = tl_change_needs_of(difference);
-    if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT) {
-        const char *text = difference->after.text;
+    if (c->status == TL_OK && needs.names != TL_NAMES_NOTHING && cJSON_IsString(difference->after)) {
+        const char *text = difference->after->valuestring;
         c->status = add(c->allowed, needs.names, text, strlen(text), &c->error);
     }
 }
@@ -130,31 +118,31 @@ void tl_allowed_names_free(tl_allowed_names *allowed) {
 
 /* ---- values ---- */
 
-static bool is_path(const tl_json_value *value) {
-    return value->type == TL_JSON_TEXT && strchr(value->text, '/') != NULL;
+static bool is_path(const cJSON *value) {
+    return cJSON_IsString(value) && strchr(value->valuestring, '/') != NULL;
 }
 
-static void name(const tl_json_value *after, tl_change_named what, tl_change_needs *needs) {
+static void name(const cJSON *after, tl_change_named what, tl_change_needs *needs) {
     needs->right = TL_RIGHT_COMMISSION; /* if it is gone */
     needs->names = TL_NAMES_NOTHING;
-    if (after->type != TL_JSON_ABSENT) {
+    if (after != NULL) {
         needs->right = TL_RIGHT_BOX;
         needs->names = what;
     }
 }
 
 /* A value of `set` that is a text may name a file, which the FMU may read then. */
-static void judge_set(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after)) {
         name(after, TL_NAMES_FILE, needs);
-    } else if (after->type == TL_JSON_TEXT) {
+    } else if (cJSON_IsString(after)) {
         needs->right = TL_RIGHT_COMMISSION;
     }
 }
 
 /* A name is looked up among the FMUs that are installed, and its hash says which file is meant; a path is any file. */
-static void judge_fmu(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
         name(after, TL_NAMES_FMU, needs);
@@ -162,21 +150,21 @@ static void judge_fmu(const tl_json_value *before, const tl_json_value *after, t
 }
 
 /* What stands in place of a key that is left out, only a new twin finds in the FMU. */
-static void judge_given(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
-    if (before->type == TL_JSON_ABSENT || after->type == TL_JSON_ABSENT) {
+static void judge_given(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
+    if (before == NULL || after == NULL) {
         needs->kind = TL_CHANGE_NEW_TWIN;
     }
 }
 
-static double number_of(const tl_json_value *value, double otherwise) {
-    if (value->type == TL_JSON_ABSENT) {
+static double number_of(const cJSON *value, double otherwise) {
+    if (value == NULL) {
         return otherwise;
     }
-    return value->type == TL_JSON_NUMBER ? value->number : (double)NAN;
+    return cJSON_IsNumber(value) ? value->valuedouble : (double)NAN;
 }
 
 /* Whether an output is matched at all decides how far a horizon has to reach. */
-static void judge_weight(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_weight(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = 1.0;
     if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
         needs->kind = TL_CHANGE_NEW_TWIN;
@@ -184,7 +172,7 @@ static void judge_weight(const tl_json_value *before, const tl_json_value *after
 }
 
 /* From 1 tolerance on J is below 1 for the same differences as without it; a smaller one makes larger differences pass for within tolerance. */
-static void judge_huber(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double least = 1.0;
     (void)before;
     if (!(number_of(after, least) >= least)) {
@@ -193,7 +181,7 @@ static void judge_huber(const tl_json_value *before, const tl_json_value *after,
 }
 
 /* A twin has room for so many as it began with, and for as many as are usual. */
-static void judge_evaluations(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_evaluations(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = TL_TUNING_ROOM;
     double most = fmax(usual, number_of(before, usual));
     if (!(number_of(after, usual) <= most)) {
@@ -201,12 +189,12 @@ static void judge_evaluations(const tl_json_value *before, const tl_json_value *
     }
 }
 
-static bool has_sibling(const tl_json_value *before, const tl_json_value *after, const char *key) {
+static bool has_sibling(const cJSON *before, const cJSON *after, const char *key) {
     return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
 }
 
 /* Which polls repeat a reading is decided where they are read: tl_config_repeats(). */
-static void judge_polls(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_polls(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if ((*row)->is_polled && has_sibling(before, after, (*row)->signal_key)) {
             needs->kind = TL_CHANGE_RESTART;
@@ -214,7 +202,7 @@ static void judge_polls(const tl_json_value *before, const tl_json_value *after,
     }
 }
 
-static void judge_stale(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs) {
+static void judge_stale(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     if (has_sibling(before, after, "every_s")) {
         judge_polls(before, after, needs);
     }
@@ -235,8 +223,9 @@ static void judge_stale(const tl_json_value *before, const tl_json_value *after,
 #define RESTART TL_RULE_RETUNE
 #define RESTART_COMMISSIONED TL_RULE_COMMISSION
 
-/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. */
-static const tl_change_rule rules[] = {
+/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. "**" decides a part
+ * as a whole: what is added to it later follows. */
+const tl_change_rule tl_change_rules[] = {
     /* what is about the whole */
     {"$schema", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
@@ -278,13 +267,8 @@ static const tl_change_rule rules[] = {
     {"recording.file", RESTART_COMMISSIONED, NULL},
     {"recording.time_column", RESTART, NULL},
     /* the twin */
-    {"connect", NEW_TWIN, NULL},
-    {"connect[]", NEW_TWIN, NULL},
-    {"connect[][]", NEW_TWIN, NULL},
-    {"compare", NEW_TWIN, NULL},
-    {"compare.*", NEW_TWIN, NULL},
-    {"compare.*.to", NEW_TWIN, NULL},
-    {"compare.*.between", NEW_TWIN, NULL},
+    {"connect.**", NEW_TWIN, NULL},
+    {"compare.**", NEW_TWIN, NULL},
     {"synchronise", NEW_TWIN, NULL},
     {"synchronise.adjust", NEW_TWIN, NULL},
     {"synchronise.adjust.*", NEW_TWIN, NULL},
@@ -303,85 +287,32 @@ static const tl_change_rule rules[] = {
     {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
     {"synchronise.match.*.weight", IN_PLACE, judge_weight},
     {"synchronise.match.*.huber", IN_PLACE, judge_huber},
-    {"synchronise.match.*.condition", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
-    {"synchronise.match.*.condition.median", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.match.*.condition.low_pass_s", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.match.*.condition.gate", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.match.*.condition.**", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
     {"synchronise.epsilon", NEW_TWIN, NULL},
-    {"synchronise.horizon", NEW_TWIN, NULL},
-    {"synchronise.horizon.prediction", NEW_TWIN, NULL},
-    {"synchronise.horizon.shape", NEW_TWIN, NULL},
-    {"synchronise.horizon.measurements", NEW_TWIN, NULL},
-    {"synchronise.horizon.event", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.start", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.end", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.window_s", NEW_TWIN_COMMISSIONED, NULL},
-    {"synchronise.horizon.event.longest_s", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.event.**", NEW_TWIN_COMMISSIONED, NULL},
+    {"synchronise.horizon.**", NEW_TWIN, NULL},
     {"synchronise.algorithm", NEW_TWIN, NULL},
     {"synchronise.fallback", NEW_TWIN, NULL},
     {"synchronise.stagnation", NEW_TWIN, NULL},
     {"synchronise.noise_floor", IN_PLACE, NULL},
     {"synchronise.verify_every", NEW_TWIN_COMMISSIONED, NULL},
     {"synchronise.free_twin", NEW_TWIN, NULL},
-    {"synchronise.saving", NEW_TWIN, NULL},
-    {"synchronise.saving.structure", NEW_TWIN, NULL},
-    {"synchronise.saving.sequences", NEW_TWIN, NULL},
-    {"synchronise.saving.nodes", NEW_TWIN, NULL},
-    {"synchronise.saving.memory_mb", NEW_TWIN, NULL},
+    {"synchronise.saving.**", NEW_TWIN, NULL},
     {"synchronise.margin", IN_PLACE, NULL},
     {"synchronise.budget", IN_PLACE, NULL},
     {"synchronise.budget.evaluations", IN_PLACE, judge_evaluations},
     {"synchronise.budget.time_s", IN_PLACE, NULL},
-    /* delays */
-    {"delays", NEW_TWIN, NULL},
-    {"delays.measure", NEW_TWIN, NULL},
-    {"delays.measure.range_s", NEW_TWIN, NULL},
-    {"delays.participants", NEW_TWIN, NULL},
-    {"delays.participants.*", NEW_TWIN, NULL},
-    {"delays.participants.*.dead_s", NEW_TWIN, NULL},
-    {"delays.participants.*.cycle_s", NEW_TWIN, NULL},
-    {"delays.synchronous", NEW_TWIN, NULL},
-    {"delays.synchronous[]", NEW_TWIN, NULL},
-    {"delays.synchronous[][]", NEW_TWIN, NULL},
-    {"delays.take", NEW_TWIN, NULL},
-    {"delays.input", NEW_TWIN, NULL},
-    {"delays.input.plant", NEW_TWIN, NULL},
-    {"delays.input.plant[]", NEW_TWIN, NULL},
-    {"delays.input.simulation", NEW_TWIN, NULL},
-    {"delays.input.simulation[]", NEW_TWIN, NULL},
-    {"delays.output", NEW_TWIN, NULL},
-    {"delays.output.plant", NEW_TWIN, NULL},
-    {"delays.output.plant[]", NEW_TWIN, NULL},
-    {"delays.output.simulation", NEW_TWIN, NULL},
-    {"delays.output.simulation[]", NEW_TWIN, NULL},
+    {"delays.**", NEW_TWIN, NULL},
     /* the database, the process, the emulated plant */
     {"record", RESTART_COMMISSIONED, NULL},
     {"record.file", RESTART_ON_THE_BOX, NULL},
     {"record.max_mb", RESTART_COMMISSIONED, NULL},
     {"record.commit_s", RESTART, NULL},
     {"record.resume_s", RESTART, NULL},
-    {"realtime", RESTART_COMMISSIONED, NULL},
-    {"realtime.priority", RESTART_COMMISSIONED, NULL},
-    {"realtime.lock_memory", RESTART_COMMISSIONED, NULL},
-    {"realtime.hang_s", RESTART_COMMISSIONED, NULL},
-    {"emulate", RESTART, NULL},
-    {"emulate.columns", RESTART, NULL},
-    {"emulate.columns.*", RESTART, NULL},
-    {"emulate.columns.*.from", RESTART, NULL},
-    {"emulate.columns.*.noise", RESTART, NULL},
-    {"emulate.message_s", RESTART, NULL},
-    {"emulate.message_s[]", RESTART, NULL},
+    {"realtime.**", RESTART_COMMISSIONED, NULL},
+    {"emulate.**", RESTART, NULL},
     {NULL, RESTART_COMMISSIONED, NULL},
 };
-
-const tl_change_rule *tl_change_rules(size_t list) {
-    for (size_t i = 0; i + 1 < list; i++) {
-        if (tl_drivers[i] == NULL) {
-            return NULL;
-        }
-    }
-    return list == 0 ? rules : tl_drivers[list - 1] != NULL ? tl_drivers[list - 1]->rules : NULL;
-}
 
 /* ---- looking up ---- */
 
@@ -398,10 +329,7 @@ static bool fits(const char *part, size_t length, const tl_json_step *step) {
 }
 
 static bool matches(const char *pattern, const tl_json_step *way, size_t depth) {
-    for (size_t i = 0; i < depth; i++) {
-        if (strcmp(pattern, "**") == 0) {
-            return true;
-        }
+    for (size_t i = 0; i < depth && strcmp(pattern, "**") != 0; i++) {
         size_t length = part_length(pattern);
         if (length == 0 || !fits(pattern, length, &way[i])) {
             return false;
@@ -409,19 +337,22 @@ static bool matches(const char *pattern, const tl_json_step *way, size_t depth) 
         pattern += length;
         pattern += pattern[0] == '.' ? 1 : 0;
     }
-    return depth > 0 && pattern[0] == '\0';
+    return depth > 0 && (pattern[0] == '\0' || strcmp(pattern, "**") == 0);
+}
+
+static const tl_change_rule *find_rule(const tl_change_rule *rule, const tl_json_step *way, size_t depth) {
+    while (rule->pattern != NULL && !matches(rule->pattern, way, depth)) {
+        rule++;
+    }
+    return rule->pattern != NULL ? rule : NULL;
 }
 
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
-    const tl_change_rule *list = NULL;
-    for (size_t i = 0; (list = tl_change_rules(i)) != NULL; i++) {
-        for (const tl_change_rule *rule = list; rule->pattern != NULL; rule++) {
-            if (matches(rule->pattern, way, depth)) {
-                return rule;
-            }
-        }
+    const tl_change_rule *rule = find_rule(tl_change_rules, way, depth);
+    for (const tl_driver *const *row = tl_drivers; rule == NULL && *row != NULL; row++) {
+        rule = find_rule((*row)->rules, way, depth);
     }
-    return NULL;
+    return rule;
 }
 
 /* A tuning tells numbers by the places of what they are of, a mail signals. */
@@ -448,10 +379,10 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
     if (rule != NULL) {
         needs = rule->needs;
         if (needs.names != TL_NAMES_NOTHING) {
-            name(&difference->after, rule->needs.names, &needs);
+            name(difference->after, rule->needs.names, &needs);
         }
         if (rule->judge != NULL) {
-            rule->judge(&difference->before, &difference->after, &needs);
+            rule->judge(difference->before, difference->after, &needs);
         }
     }
     return needs;
@@ -508,11 +439,11 @@ static void bar(tl_config_change *change, const tl_json_difference *difference, 
     size_t number = change->barred++;
     if (number < TL_CONFIG_BARRED) {
         tl_config_barred *barred = &change->bar[number];
-        const tl_json_value *after = &difference->after;
         *barred = (tl_config_barred){.names = names};
-        barred->is_installed = names == TL_NAMES_FMU && after->type == TL_JSON_TEXT && strchr(after->text, '/') == NULL;
+        barred->is_installed =
+            names == TL_NAMES_FMU && cJSON_IsString(difference->after) && !is_path(difference->after);
         tl_json_way_path(barred->path, difference->way, difference->depth);
-        tl_json_show(after, barred->found, sizeof barred->found);
+        tl_json_show(difference->after, barred->found, sizeof barred->found);
     }
 }
 
@@ -521,8 +452,8 @@ static tl_change_needs needs_of(collection *c, const tl_json_difference *differe
     if (needs.right != TL_RIGHT_BOX) {
         return needs;
     }
-    bool is_allowed = needs.names != TL_NAMES_NOTHING && difference->after.type == TL_JSON_TEXT &&
-                      tl_allowed_names_have(c->allowed, needs.names, difference->after.text);
+    bool is_allowed = needs.names != TL_NAMES_NOTHING && cJSON_IsString(difference->after) &&
+                      tl_allowed_names_have(c->allowed, needs.names, difference->after->valuestring);
     if (is_allowed) {
         needs.right = TL_RIGHT_COMMISSION;
     } else {
@@ -550,8 +481,8 @@ static void collect_change(const tl_json_difference *difference, void *context) 
         (void)snprintf(c->edit.before, sizeof c->edit.before, "entries");
         (void)snprintf(c->edit.after, sizeof c->edit.after, "entries in another order");
     } else {
-        tl_json_show(&difference->before, c->edit.before, sizeof c->edit.before);
-        tl_json_show(&difference->after, c->edit.after, sizeof c->edit.after);
+        tl_json_show(difference->before, c->edit.before, sizeof c->edit.before);
+        tl_json_show(difference->after, c->edit.after, sizeof c->edit.after);
     }
 }
 
@@ -569,20 +500,4 @@ tl_status tl_config_change_find(const char *in_force, size_t in_force_size, cons
         *change = (tl_config_change){.needs = {.right = TL_RIGHT_RETUNE}};
     }
     return status;
-}
-
-void tl_config_edit_write(const tl_config_edit *edit, char text[TL_CONFIG_EDIT_TEXT]) {
-    char what[3 * TL_CONFIG_EDIT_SHOWN];
-    if (edit->before[0] == '\0') {
-        (void)snprintf(what, sizeof what, "%s is added", edit->after);
-    } else if (edit->after[0] == '\0') {
-        (void)snprintf(what, sizeof what, "%s is removed", edit->before);
-    } else {
-        (void)snprintf(what, sizeof what, "%s → %s", edit->before, edit->after);
-    }
-    (void)snprintf(text, TL_CONFIG_EDIT_TEXT, "%s: %s (%s%s)", edit->path[0] != '\0' ? edit->path : "all of it", what,
-                   tl_change_kinds[edit->needs.kind],
-                   edit->needs.right == TL_RIGHT_BOX          ? ", on the box only"
-                   : edit->needs.right == TL_RIGHT_COMMISSION ? ", needs the right to commission"
-                                                              : "");
 }

@@ -18,7 +18,7 @@
  * Purpose: the one place in which it is decided what is changed in place, what takes a new twin or a new start, and who may do it. A test holds it
  *          against config/schema/twinlock-1.json, so that a new key has to be decided; until it is, a change of it is a restart and commissioning.
  * Patterns: keys from the root with dots between them; "*" is any key of an object of named entries, "[]" any element of an array, "**" at the end
- *          whatever is below.
+ *          the part itself and whatever is below.
  * Thread:  pure functions.
  */
 
@@ -40,7 +40,7 @@ typedef struct tl_change_rule {
     const char *pattern;
     tl_change_needs needs;
     /* Values that need more than the key does; NULL: none do. */
-    void (*judge)(const tl_json_value *before, const tl_json_value *after, tl_change_needs *needs);
+    void (*judge)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
 } tl_change_rule;
 
 /* What keys of a driver need: a restart, and the right to retune or to commission; or the value names a file. */
@@ -51,9 +51,9 @@ typedef struct tl_change_rule {
 #define TL_RULE_FILE                                                                                                   \
     { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_FILE }
 
-/* List 0: of all keys but those of drivers; then one for each driver (drivers.h). Each is ended by a rule without a pattern; NULL: there is no
- * such list. */
-const tl_change_rule *tl_change_rules(size_t list);
+/* Of all keys but those of drivers, which have rules of their own (drivers.h). Each list is ended by a rule without a pattern; the first that
+ * matches a path counts. */
+extern const tl_change_rule tl_change_rules[];
 
 /* The one of a path; NULL: none, and a change there is the worst of all. */
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
@@ -99,7 +99,7 @@ void tl_allowed_names_free(tl_allowed_names *allowed);
  * Thread:  one thread; plain data.
  */
 
-enum { TL_CONFIG_EDITS = 64, TL_CONFIG_BARRED = 8, TL_CONFIG_EDIT_SHOWN = 64, TL_CONFIG_EDIT_TEXT = 512 };
+enum { TL_CONFIG_EDITS = 64, TL_CONFIG_BARRED = 8, TL_CONFIG_EDIT_SHOWN = 64 };
 
 /* One difference. An object or array that came or went as a whole is one, with what everything in it needs. */
 typedef struct tl_config_edit {
@@ -131,8 +131,5 @@ typedef struct tl_config_change {
 tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,
                                 size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
                                 tl_error *error);
-
-/* "plant.omega.stale_s: 0.5 → 2 (restart)", "…: 0.5 is removed (…)", "…: 2 is added (…)". */
-void tl_config_edit_write(const tl_config_edit *edit, char text[TL_CONFIG_EDIT_TEXT]);
 
 #endif

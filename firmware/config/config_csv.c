@@ -1,13 +1,12 @@
 /* `sources.NAME.csv` and `plant.NAME.csv`: the row of the driver board/csv. */
 #include "board/csv/csv.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 /* Its path is as written. */
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_csv_settings *settings = source->settings;
-    (void)config;
     settings->path = "";
     settings->time_column = "time";
     (void)tl_config_get_text(object, "file", TL_CONFIG_REQUIRED, "\"plant.fifo\"", &settings->path);
@@ -15,11 +14,9 @@ static void read_source(tl_config_object *object, tl_config_source *source, cons
 }
 
 /* The column is that of recordings, too. */
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     const char **column = signal->channel;
     (void)named;
-    (void)config;
     (void)tl_config_get_text(object, "column", TL_CONFIG_OPTIONAL, "\"omega\"", &signal->column);
     *column = signal->column;
 }
@@ -39,10 +36,9 @@ static tl_status open_csv(const tl_config_source *source, const char *path, cons
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.csv", TL_RULE_COMMISSION, NULL},         {"sources.*.csv.file", TL_RULE_FILE, NULL},
-    {"sources.*.csv.time_column", TL_RULE_RETUNE, NULL}, {"sources.*.csv.period_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.csv", TL_RULE_COMMISSION, NULL},           {"plant.*.csv.column", TL_RULE_COMMISSION, NULL},
-    {"plant.*.csv.source", TL_RULE_COMMISSION, NULL},    {NULL, TL_RULE_COMMISSION, NULL},
+    {"sources.*.csv.file", TL_RULE_FILE, NULL},       {"sources.*.csv.time_column", TL_RULE_RETUNE, NULL},
+    {"sources.*.csv.period_s", TL_RULE_RETUNE, NULL}, {"sources.*.csv.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.csv.**", TL_RULE_COMMISSION, NULL},     {NULL, TL_RULE_COMMISSION, NULL},
 };
 
 const tl_driver tl_driver_csv = {

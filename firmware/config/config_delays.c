@@ -1,9 +1,9 @@
 /* `delays`: the chains by which signals reach the plant and the simulation, and what they amount to. */
-#include "firmware/config/config_parts.h"
 
 #include <stdio.h>
 #include <string.h>
 
+#include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 #include "master/plan/plan.h"
 
@@ -42,13 +42,6 @@ static void read_participants(tl_config_object *object, tl_config_need need, tl_
     }
 }
 
-static void wrong_item(const tl_config_reader *reader, const cJSON *item, const char *path, const char *found,
-                       const char *expected, const char *example) {
-    char described[FOUND];
-    tl_config_describe(item, described, sizeof described);
-    tl_config_problem(reader, path, tl_json_line(item), found != NULL ? found : described, expected, example);
-}
-
 /* The participant that an item names; NOBODY, and reported, where it names none. */
 static size_t find_participant(const tl_config_object *object, const cJSON *item, const char *path,
                                const tl_config_delays *delays) {
@@ -61,7 +54,7 @@ static size_t find_participant(const tl_config_object *object, const cJSON *item
         }
     }
     tl_config_list_names("the name of a participant", participants, NULL, expected, sizeof expected);
-    wrong_item(object->reader, item, path, NULL, expected, NULL);
+    tl_config_wrong_item(object->reader, item, path, NULL, expected, NULL);
     return NOBODY;
 }
 
@@ -75,8 +68,9 @@ static void join_group(const tl_config_object *object, const cJSON *item, const 
         return;
     }
     if (grouped[index]) {
-        wrong_item(object->reader, item, path, NULL,
-                   "each participant at most once: what is synchronous to one of a group is so to all of it", NULL);
+        tl_config_wrong_item(object->reader, item, path, NULL,
+                             "each participant at most once: what is synchronous to one of a group is so to all of it",
+                             NULL);
         return;
     }
     grouped[index] = true;
@@ -100,8 +94,8 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
         const cJSON *item = NULL;
         tl_json_element_path(group_path, path, number++);
         if (!cJSON_IsArray(group) || cJSON_GetArraySize(group) < 2) {
-            wrong_item(object->reader, group, group_path, NULL, "an array of two or more participants",
-                       "[\"acquisition\", \"simulation\"]");
+            tl_config_wrong_item(object->reader, group, group_path, NULL, "an array of two or more participants",
+                                 "[\"acquisition\", \"simulation\"]");
             continue;
         }
         cJSON_ArrayForEach(item, group) {
@@ -160,16 +154,6 @@ static bool read_chain(tl_config_object *object, const char *key, const char *ex
     return true;
 }
 
-/* The delay itself, in seconds: a measured one, say. */
-static bool read_seconds(tl_config_object *object, const char *key, tl_config_pair *pair) {
-    static const tl_config_number rule = {
-        .minimum = -TL_CONFIG_LONGEST_S, .maximum = TL_CONFIG_LONGEST_S, .example = "0.008"};
-    double seconds = 0;
-    bool right = tl_config_get_number(object, key, &rule, &seconds);
-    pair->delay = tl_time_of_seconds(seconds);
-    return right;
-}
-
 /* `input` or `output`; true where it is there and right, and then its delay is known: by how much the simulation is later. */
 static bool read_pair(tl_config_object *object, const char *key, tl_config_delays *delays, tl_config_pair *pair) {
     static const char *const plant = "[\"bus\", \"plant\", \"bus\"]";
@@ -177,12 +161,17 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
     static const char *const expected = "an object with two chains, or a number of seconds";
     static const char *const example = "{\"plant\": [\"bus\", \"plant\"], \"simulation\": […]}";
     const cJSON *item = tl_config_get(object, key, TL_CONFIG_OPTIONAL, expected, example);
+    static const tl_config_number seconds_rule = {
+        .minimum = -TL_CONFIG_LONGEST_S, .maximum = TL_CONFIG_LONGEST_S, .example = "0.008"};
     tl_config_object member;
+    double seconds = 0;
     if (item == NULL) {
         return false;
     }
-    if (cJSON_IsNumber(item)) {
-        return read_seconds(object, key, pair);
+    if (cJSON_IsNumber(item)) { /* the delay itself: a measured one, say */
+        bool is_right = tl_config_get_number(object, key, &seconds_rule, &seconds);
+        pair->delay = tl_time_of_seconds(seconds);
+        return is_right;
     }
     if (!cJSON_IsObject(item)) {
         tl_config_wrong(object, key, NULL, expected, example);
@@ -231,13 +220,6 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
     check_near(object, "output", delays->shift, delays->wait, step);
 }
 
-static void read_take(tl_config_object *object, tl_config_delays *delays) {
-    static const char *const choices[] = {"next", "newest", NULL};
-    size_t take = 0;
-    (void)tl_config_get_choice(object, "take", TL_CONFIG_OPTIONAL, choices, &take);
-    delays->next = take == 0;
-}
-
 /* The most that N, one more than the range in steps, lets be. */
 static tl_time longest_range(tl_time step) {
     return (TL_DELAY_LAGS - 1) * step;
@@ -247,11 +229,8 @@ static tl_time longest_range(tl_time step) {
 static void read_measure(tl_config_object *object, tl_time step, tl_config_delays *delays) {
     static const char *const expected = "true or an object";
     static const char *const example = "{\"range_s\": 0.1}";
-    static const tl_config_number rule = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.1"};
     const cJSON *item = tl_config_get(object, "measure", TL_CONFIG_OPTIONAL, expected, example);
     tl_config_object measure;
-    double range_s = 0;
     delays->measure = item != NULL;
     delays->range = longest_range(step) / 2;
     if (item == NULL || cJSON_IsTrue(item)) {
@@ -262,9 +241,7 @@ static void read_measure(tl_config_object *object, tl_time step, tl_config_delay
         return;
     }
     (void)tl_config_entry(object, item, example, &measure);
-    if (tl_config_get_number(&measure, "range_s", &rule, &range_s)) {
-        delays->range = tl_config_duration(range_s);
-    }
+    (void)tl_config_get_duration(&measure, "range_s", TL_CONFIG_OPTIONAL, "0.1", &delays->range);
     if (step > 0 && delays->range > longest_range(step)) {
         char most[EXPECTED];
         (void)snprintf(most, sizeof most, "at most %d times step_s, which is %.15g s", (int)TL_DELAY_LAGS - 1,
@@ -275,6 +252,8 @@ static void read_measure(tl_config_object *object, tl_time step, tl_config_delay
 }
 
 static void read_object(tl_config_object *root, tl_config_object *object, tl_time step, tl_config_delays *delays) {
+    static const char *const choices[] = {"next", "newest", NULL};
+    size_t take = 0;
     const cJSON *input = cJSON_GetObjectItemCaseSensitive(object->json, "input");
     const cJSON *output = cJSON_GetObjectItemCaseSensitive(object->json, "output");
     bool chains = cJSON_IsObject(input) || cJSON_IsObject(output);
@@ -282,7 +261,8 @@ static void read_object(tl_config_object *root, tl_config_object *object, tl_tim
     read_synchronous(object, delays);
     delays->has_input = read_pair(object, "input", delays, &delays->input);
     delays->has_output = read_pair(object, "output", delays, &delays->output);
-    read_take(object, delays);
+    (void)tl_config_get_choice(object, "take", TL_CONFIG_OPTIONAL, choices, &take);
+    delays->next = take == 0;
     read_measure(object, step, delays);
     if (input == NULL && output == NULL && !delays->measure) {
         tl_config_wrong(root, "delays", "nothing to make up for", "\"input\", \"output\" or \"measure\"",

@@ -4,12 +4,11 @@
 
 #include "board/gpio/gpio.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_gpio_settings *settings = source->settings;
-    (void)config;
     (void)tl_config_get_text(object, "chip", TL_CONFIG_OPTIONAL, "\"gpiochip0\"", &settings->chip);
 }
 
@@ -54,7 +53,8 @@ static const char *chip_of(const tl_config_source *source) {
 }
 
 /* A line can be requested once. */
-static void check_once(const tl_config_object *object, const tl_config *config, const tl_config_signal *signal) {
+static void check_once(const tl_config_object *object, const tl_config_signal *signal) {
+    const tl_config *config = object->reader->config;
     const tl_config_source *source = &config->sources[signal->source];
     const tl_gpio_channel *own = signal->channel;
     for (const tl_config_signal *other = config->signals; other < signal; other++) {
@@ -71,16 +71,15 @@ static void check_once(const tl_config_object *object, const tl_config *config, 
     }
 }
 
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     static const tl_config_number debounce = {.maximum = 60, .example = "0.01"};
     tl_gpio_channel *channel = signal->channel;
     read_line(object, named, channel);
     (void)tl_config_get_boolean(object, "active_low", &channel->active_low);
     read_bias(object, channel);
     (void)tl_config_get_number(object, "debounce_s", &debounce, &channel->debounce_s);
-    if (named != NULL && signal->source < config->source_count) {
-        check_once(object, config, signal);
+    if (named != NULL && signal->source < object->reader->config->source_count) {
+        check_once(object, signal);
     }
 }
 
@@ -95,16 +94,9 @@ static tl_status open_gpio(const tl_config_source *source, const char *path, con
 }
 
 static const tl_change_rule RULES[] = {
-    {"sources.*.gpio", TL_RULE_COMMISSION, NULL},
-    {"sources.*.gpio.chip", TL_RULE_COMMISSION, NULL},
     {"sources.*.gpio.period_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.gpio", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.line", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.offset", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.bias", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.active_low", TL_RULE_COMMISSION, NULL},
-    {"plant.*.gpio.debounce_s", TL_RULE_COMMISSION, NULL},
+    {"sources.*.gpio.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.gpio.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -14,7 +14,7 @@
  * behind the others, as NAME@match, which is no name that a user can give. Behind these, what is matched otherwise than as it was read is there once
  * more, as it came, if there is room: NAME@reading.
  */
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 #include <stdio.h>
@@ -143,60 +143,39 @@ static void look_up_as_output(const tl_config *config, tl_config_signal *signal)
 
 /* ---- what waits for a next reading ---- */
 
-/* A key that stands in the list of the plant's signals, or in that of what is matched. */
-typedef struct listed {
-    const tl_config_reader *reader;
-    const char *where; /* the entry's path */
-    const cJSON *entry;
-} listed;
-
-static listed find_signal(const tl_config_object *root, const tl_config_signal *signal) {
-    const cJSON *plant = cJSON_GetObjectItemCaseSensitive(root->json, "plant");
-    return (listed){root->reader, signal->plan.where, cJSON_GetObjectItemCaseSensitive(plant, signal->plan.name)};
-}
-
-static listed find_match(const tl_config_object *root, const tl_plan_match *match) {
-    const cJSON *parent = cJSON_GetObjectItemCaseSensitive(root->json, "synchronise");
-    const cJSON *list = cJSON_GetObjectItemCaseSensitive(parent, "match");
-    list = list != NULL ? list : cJSON_GetObjectItemCaseSensitive(root->json, "compare");
-    return (listed){root->reader, match->where, cJSON_GetObjectItemCaseSensitive(list, match->variable)};
-}
-
-static void wrong(const listed *place, const char *key, const char *found, const char *expected, const char *example) {
-    char path[TL_JSON_PATH];
-    char described[128];
-    const cJSON *item = cJSON_GetObjectItemCaseSensitive(place->entry, key);
-    tl_json_member_path(path, place->where, key);
-    tl_config_describe(item, described, sizeof described);
-    tl_config_problem(place->reader, path, tl_json_line(item != NULL ? item : place->entry),
-                      found != NULL ? found : described, expected, example);
+/* What stands at a path of the file. */
+static tl_config_object object_at(const tl_config_object *root, const char *where) {
+    tl_config_object place = {.reader = root->reader, .json = tl_json_nearest(root->json, where)};
+    (void)snprintf(place.path, sizeof place.path, "%s", where);
+    return place;
 }
 
 /* What has to be where a signal is looked up between two readings; `place` asks for it. */
-static void check_wait(const tl_config_object *root, const listed *place, const tl_config *config,
+static void check_wait(const tl_config_object *root, const tl_config_object *place, const tl_config *config,
                        const tl_config_signal *signal) {
     static const char *const no_more = "at most 1000 times step_s";
-    const listed own = find_signal(root, signal);
+    const tl_config_object own = object_at(root, signal->plan.where);
     if (signal->plan.type != TL_REAL) {
-        wrong(place, "between", NULL, "\"last\": between two readings of an Integer or Boolean signal there is nothing",
-              NULL);
+        tl_config_wrong(place, "between", NULL,
+                        "\"last\": between two readings of an Integer or Boolean signal there is nothing", NULL);
         return;
     }
     if (signal->every == 0) {
-        wrong(&own, "every_s", "none", "the longest time from one reading to the next, for which a step waits", "0.04");
+        tl_config_wrong(&own, "every_s", "none",
+                        "the longest time from one reading to the next, for which a step waits", "0.04");
     } else if (config->step > 0 && signal->every > TL_CONFIG_LONGEST_SHIFT * config->step) {
-        wrong(&own, "every_s", NULL, no_more, NULL);
+        tl_config_wrong(&own, "every_s", NULL, no_more, NULL);
     }
 }
 
 static void check_input(const tl_config_object *root, const tl_config *config, const tl_config_signal *signal) {
-    const listed place = find_signal(root, signal);
+    const tl_config_object place = object_at(root, signal->plan.where);
     if (signal->as_input == TL_BETWEEN_LAST) {
         return;
     }
     if (!tl_config_feeds(config, signal)) {
-        wrong(&place, "between", "a signal that feeds no input",
-              "no such key: of a signal that is matched it stands beside its \"to\"", NULL);
+        tl_config_wrong(&place, "between", "a signal that feeds no input",
+                        "no such key: of a signal that is matched it stands beside its \"to\"", NULL);
         return;
     }
     check_wait(root, &place, config, signal);
@@ -233,28 +212,28 @@ tl_time tl_config_condition_lag(const tl_config *config, size_t match) {
 /* What stands beside a "to", of the signal that it leads to. */
 static void check_condition(const tl_config_object *root, const tl_config *config, size_t index,
                             const tl_config_signal *signal) {
-    const listed place = find_match(root, &config->match[index]);
+    const tl_config_object place = object_at(root, config->match[index].where);
     const tl_condition *own = &config->conditions[index];
     const tl_condition first = find_condition(config, signal);
     tl_time longest = TL_CONFIG_LONGEST_SHIFT * config->step;
     bool has_event = is_of_plant(config->event.start.signal) && is_of_plant(config->event.end.signal) &&
                      config->event.window > 0 && config->event.longest > 0;
     if (has_event && config->match[index].weight > 0) {
-        wrong(&place, "condition", "a condition beside horizon.event",
-              "none of both: the instant of the event would be blurred", NULL);
+        tl_config_wrong(&place, "condition", "a condition beside horizon.event",
+                        "none of both: the instant of the event would be blurred", NULL);
     } else if (!is_same_condition(own, &first)) {
-        wrong(&place, "condition", "another condition than that of an earlier match with the same signal",
-              "one for all of them: a reading is conditioned once", NULL);
+        tl_config_wrong(&place, "condition", "another condition than that of an earlier match with the same signal",
+                        "one for all of them: a reading is conditioned once", NULL);
     } else if (own->low_pass > 0 && signal->plan.type != TL_REAL) {
-        wrong(&place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
+        tl_config_wrong(&place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
     } else if (wait_of_condition(config, signal) > longest) {
-        wrong(&place, "condition", "a condition for which a step waits longer than 1000 times step_s",
-              "a shorter median or low-pass, or a smaller every_s of the signal", NULL);
+        tl_config_wrong(&place, "condition", "a condition for which a step waits longer than 1000 times step_s",
+                        "a shorter median or low-pass, or a smaller every_s of the signal", NULL);
     }
 }
 
 static void check_matched(const tl_config_object *root, const tl_config *config, size_t index) {
-    const listed place = find_match(root, &config->match[index]);
+    const tl_config_object place = object_at(root, config->match[index].where);
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         bool is_its = leads_to(config->match[index].to, signal);

@@ -1,12 +1,11 @@
 /* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the driver board/modbus. */
 #include <arpa/inet.h>
-#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "board/modbus/modbus.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 /* ---- sources.NAME ---- */
@@ -17,11 +16,10 @@ static void read_timeout(tl_config_object *object, tl_modbus_settings *settings)
     (void)tl_config_get_number(object, "timeout_s", &timeout, &settings->timeout_s);
 }
 
-static void read_tcp_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_tcp_source(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number port_rule = {.whole = true, .minimum = 1, .maximum = 65535, .example = "502"};
     tl_modbus_settings *settings = source->settings;
     double port = 502;
-    (void)config;
     (void)tl_config_get_text(object, "host", TL_CONFIG_REQUIRED, "\"192.0.2.10\"", &settings->host);
     (void)tl_config_get_number(object, "port", &port_rule, &port);
     (void)tl_config_get_boolean(object, "any_unit_id", &settings->any_unit_id);
@@ -35,14 +33,14 @@ static const char *device_of(const tl_config_source *source) {
     return settings->line.device;
 }
 
-static void read_device(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_device(tl_config_object *object, tl_config_source *source) {
     static const char *const example = "\"/dev/serial/by-id/usb-FTDI_FT232R_USB_UART_A50285BI-if00-port0\"";
     tl_modbus_settings *settings = source->settings;
     settings->line.device = "";
     if (!tl_config_get_text(object, "device", TL_CONFIG_REQUIRED, example, &settings->line.device)) {
         return;
     }
-    for (const tl_config_source *other = config->sources; other < source; other++) {
+    for (const tl_config_source *other = object->reader->config->sources; other < source; other++) {
         if (other->driver == source->driver && strcmp(device_of(other), device_of(source)) == 0) {
             char found[TL_JSON_PATH + 32];
             (void)snprintf(found, sizeof found, "the device of %s", other->where);
@@ -74,13 +72,13 @@ static void read_baud(tl_config_object *object, tl_modbus_line *line) {
     line->baud = (uint32_t)given;
 }
 
-static void read_rtu_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_rtu_source(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number stop_rule = {.whole = true, .minimum = 1, .maximum = 2, .example = "1"};
     static const char *const parities[] = {"even", "odd", "none", NULL};
     tl_modbus_settings *settings = source->settings;
     tl_modbus_line *line = &settings->line;
     size_t parity = 0;
-    read_device(object, source, config);
+    read_device(object, source);
     read_baud(object, line);
     (void)tl_config_get_choice(object, "parity", TL_CONFIG_OPTIONAL, parities, &parity);
     double stop_bits = parity == 2 ? 2 : 1;
@@ -155,21 +153,14 @@ static bool is_little(tl_config_object *object, const char *key) {
     return tl_config_get_choice(object, key, TL_CONFIG_OPTIONAL, orders, &index) && index == 1;
 }
 
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
-    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     tl_modbus_channel *channel = signal->channel;
-    (void)config;
     read_unit_id(object, named, channel);
     read_table_and_type(object, channel);
     read_address(object, channel);
     channel->words_little = is_little(object, "words");
     channel->bytes_little = is_little(object, "bytes");
-    channel->scale = 1;
-    if (tl_config_get_number(object, "scale", &any, &channel->scale) && channel->scale == 0) {
-        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
-    }
-    (void)tl_config_get_number(object, "offset", &any, &channel->offset);
+    tl_config_get_scale(object, &channel->scale, &channel->offset);
 }
 
 /* ---- the rows ---- */
@@ -212,34 +203,18 @@ static tl_status open_modbus(const tl_config_source *source, const char *path, c
 }
 
 static const tl_change_rule TCP_RULES[] = {
-    {"sources.*.modbus_tcp", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_tcp.host", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_tcp.port", TL_RULE_COMMISSION, NULL},
     {"sources.*.modbus_tcp.any_unit_id", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_tcp.timeout_s", TL_RULE_RETUNE, NULL},
-    {"plant.*.modbus", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.source", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.unit_id", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.table", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.address", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.type", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.words", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.bytes", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.scale", TL_RULE_COMMISSION, NULL},
-    {"plant.*.modbus.offset", TL_RULE_COMMISSION, NULL},
+    {"sources.*.modbus_tcp.**", TL_RULE_COMMISSION, NULL},
+    {"plant.*.modbus.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 
 static const tl_change_rule RTU_RULES[] = {
-    {"sources.*.modbus_rtu", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.device", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.baud", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.parity", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.stop_bits", TL_RULE_COMMISSION, NULL},
-    {"sources.*.modbus_rtu.rs485", TL_RULE_COMMISSION, NULL},
     {"sources.*.modbus_rtu.period_s", TL_RULE_RETUNE, NULL},
     {"sources.*.modbus_rtu.timeout_s", TL_RULE_RETUNE, NULL},
+    {"sources.*.modbus_rtu.**", TL_RULE_COMMISSION, NULL},
     {NULL, TL_RULE_COMMISSION, NULL},
 };
 

@@ -1,5 +1,4 @@
 /* `sources` and `plant`: where the plant's values come from, and what they are. */
-#include "firmware/config/config_parts.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -30,35 +29,34 @@ static void list_kinds(tl_config_object *entry, bool all, const char *before, ch
 }
 
 /* Devices need not be asked more often than a step can be short. */
-static void read_period(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_period(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
     source->period_s = source->driver->period_s;
     if (source->period_s == 0) {
-        source->period_s = tl_seconds(config->step);
+        source->period_s = tl_seconds(object->reader->config->step);
         (void)tl_config_get_number(object, "period_s", &period, &source->period_s);
     }
 }
 
-static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_config_source *source,
-                         const tl_config *config) {
+static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_config_source *source) {
     tl_config_object object;
     void *settings = tl_config_take(entry->reader, 1, row->settings_bytes);
     if (settings != NULL) {
         (void)tl_config_member(entry, row->name, TL_CONFIG_REQUIRED, row->source_example, &object);
         source->driver = row;
         source->settings = settings;
-        row->read_source(&object, source, config);
-        read_period(&object, source, config);
+        row->read_source(&object, source);
+        read_period(&object, source);
         tl_config_done(&object);
     }
 }
 
-static void read_source(tl_config_object *entry, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *entry, tl_config_source *source) {
     size_t found = 0;
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if (tl_config_get(entry, (*row)->name, TL_CONFIG_OPTIONAL, NULL, NULL) != NULL) {
             found++;
-            read_of_kind(entry, *row, source, config);
+            read_of_kind(entry, *row, source);
         }
     }
     if (found != 1) {
@@ -79,7 +77,7 @@ static void read_named_source(const tl_config_object *map, const cJSON *item, si
     tl_config_check_name(map, item, "\"plc\"");
     source->name = item->string;
     if (tl_config_entry(map, item, "{\"modbus_tcp\": {\"host\": \"192.0.2.10\"}}", &entry)) {
-        read_source(&entry, source, config);
+        read_source(&entry, source);
     }
     source->where = tl_config_keep(map->reader, entry.path);
 }
@@ -115,9 +113,9 @@ static bool is_read_by(const tl_config_source *source, const tl_driver *row) {
 }
 
 /* Reads the name of a source, and finds its index. Returns the source in the file, or NULL where there is none. */
-static const cJSON *read_source_name(tl_config_object *object, const tl_driver *row, const tl_config *config,
-                                     tl_config_signal *signal) {
+static const cJSON *read_source_name(tl_config_object *object, const tl_driver *row, tl_config_signal *signal) {
     const tl_config_need need = row->source_is_optional ? TL_CONFIG_OPTIONAL : TL_CONFIG_REQUIRED;
+    const tl_config *config = object->reader->config;
     const char *kinds[TL_MAX_DRIVERS + 1];
     const char *name = NULL;
     char what[KINDS_TEXT];
@@ -148,8 +146,7 @@ static const cJSON *read_source_name(tl_config_object *object, const tl_driver *
 }
 
 /* One live source at most: what a further one says is checked, and left. */
-static void read_channel(tl_config_object *entry, const tl_driver *row, const tl_config *config,
-                         tl_config_signal *signal) {
+static void read_channel(tl_config_object *entry, const tl_driver *row, tl_config_signal *signal) {
     tl_config_object object;
     tl_config_signal further = *signal;
     const bool is_further = signal->source != SIZE_MAX;
@@ -164,17 +161,17 @@ static void read_channel(tl_config_object *entry, const tl_driver *row, const tl
     }
     target->channel = tl_config_take(entry->reader, 1, row->channel_bytes);
     if (target->channel != NULL) {
-        const cJSON *named = read_source_name(&object, row, config, target);
+        const cJSON *named = read_source_name(&object, row, target);
         further.source = SIZE_MAX;
-        row->read_signal(&object, named, target, config);
+        row->read_signal(&object, named, target);
         tl_config_done(&object);
     }
 }
 
-static void read_channels(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
+static void read_channels(tl_config_object *entry, tl_config_signal *signal) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if ((*row)->read_signal != NULL) {
-            read_channel(entry, *row, config, signal);
+            read_channel(entry, *row, signal);
         }
     }
 }
@@ -217,20 +214,15 @@ static void read_limits(tl_config_object *entry, tl_config_signal *signal) {
 static void read_between(tl_config_object *entry, tl_config_signal *signal) {
     static const char *const choices[] = {
         [TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", [TL_BETWEEN_MEAN] = "mean", NULL};
-    static const tl_config_number every = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = "0.04"};
     size_t between = TL_BETWEEN_LAST;
-    double every_s = 0;
     (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
     signal->as_input = (tl_between)between;
     bool is_given = tl_config_get(entry, "every_s", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    bool is_right = tl_config_get_number(entry, "every_s", &every, &every_s);
-    signal->every = is_right   ? tl_config_duration(every_s)
-                    : is_given ? 1
-                               : 0; /* what is wrong is not missing as well */
+    signal->every = is_given ? 1 : 0; /* what is wrong is not missing as well */
+    (void)tl_config_get_duration(entry, "every_s", TL_CONFIG_OPTIONAL, "0.04", &signal->every);
 }
 
-static void read_signal(tl_config_object *entry, const tl_config *config, tl_config_signal *signal) {
+static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     static const char *const types[] = {"real", "integer", "boolean", NULL};
     static const tl_type type_of[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN};
     size_t type = 0;
@@ -245,7 +237,7 @@ static void read_signal(tl_config_object *entry, const tl_config *config, tl_con
     } else { /* its type is not known either */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);
     }
-    read_channels(entry, config, signal);
+    read_channels(entry, signal);
     tl_config_done(entry);
 }
 
@@ -260,7 +252,7 @@ static void read_named_signal(const tl_config_object *map, const cJSON *item, si
     signal->column = item->string;
     signal->source = SIZE_MAX;
     if (tl_config_entry(map, item, "{\"unit\": \"rad/s\"}", &entry)) {
-        read_signal(&entry, config, signal);
+        read_signal(&entry, signal);
     }
     signal->plan.where = tl_config_keep(map->reader, entry.path);
 }

@@ -96,40 +96,29 @@ static void report_reference(const tl_config_reader *reader, const char *path, s
     tl_config_problem(reader, path, line, found, expected, example);
 }
 
-/* The name before or after the dot is not in the section: the nearest that is, or all of them. */
-static void report_unknown(const tl_config_reader *reader, const char *path, size_t line, const char *text,
-                           const cJSON *section, const char *example) {
-    char expected[EXPECTED];
-    bool signal = strncmp(text, "plant.", strlen("plant.")) == 0;
-    const char *what = signal ? "a signal that \"plant\" has" : "a variable of one of \"components\"";
-    tl_config_list_names(what, section, NULL, expected, sizeof expected);
-    report_reference(reader, path, line, text, example != NULL ? what : expected, example);
-}
-
-static void check_signal(const tl_config_reader *reader, const char *path, size_t line, const char *text) {
-    char example[EXPECTED];
-    const char *name = strchr(text, '.') + 1;
-    const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, "plant");
-    tl_nearest nearest = {.text = name};
-    if (!is_key(section, name, &nearest)) {
-        (void)snprintf(example, sizeof example, "\"plant.%s\"", nearest.best != NULL ? nearest.best : "");
-        report_unknown(reader, path, line, text, section, nearest.best != NULL ? example : NULL);
-    }
-}
-
-static void check_variable(const tl_config_reader *reader, const char *path, size_t line, const char *text) {
-    char example[EXPECTED];
-    char component[NAME_CHARS + 1];
+/* That the name before or after the dot is in its section; else the nearest that is, or all of them, are expected. */
+static void check_known(const tl_config_reader *reader, const char *path, size_t line, const char *text, bool signal) {
+    char name[NAME_CHARS + 1];
     char variable[TL_JSON_SHOWN];
+    char expected[EXPECTED];
+    char example[EXPECTED];
+    const char *what = signal ? "a signal that \"plant\" has" : "a variable of one of \"components\"";
     const char *dot = strchr(text, '.');
-    const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, "components");
-    (void)snprintf(component, sizeof component, "%.*s", (int)(dot - text), text);
-    tl_nearest nearest = {.text = component};
-    if (!is_key(section, component, &nearest)) {
-        tl_text_for_people(dot + 1, variable, sizeof variable);
-        (void)snprintf(example, sizeof example, "\"%s.%s\"", nearest.best != NULL ? nearest.best : "", variable);
-        report_unknown(reader, path, line, text, section, nearest.best != NULL ? example : NULL);
+    const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, signal ? "plant" : "components");
+    (void)snprintf(name, sizeof name, "%.*s", signal ? NAME_CHARS : (int)(dot - text), signal ? dot + 1 : text);
+    tl_nearest nearest = {.text = name};
+    if (is_key(section, name, &nearest)) {
+        return;
     }
+    if (nearest.best == NULL) {
+        tl_config_list_names(what, section, NULL, expected, sizeof expected);
+        report_reference(reader, path, line, text, expected, NULL);
+        return;
+    }
+    tl_text_for_people(dot + 1, variable, sizeof variable);
+    (void)snprintf(example, sizeof example, "\"%s.%s\"", signal ? "plant" : nearest.best,
+                   signal ? nearest.best : variable);
+    report_reference(reader, path, line, text, what, example);
 }
 
 /* NAME.anything, plant.NAME */
@@ -148,16 +137,22 @@ void tl_config_check_reference(const tl_config_reader *reader, const char *path,
     } else if (target == TL_CONFIG_VARIABLE && signal) {
         report_reference(reader, path, line, text, "component.variable (the plant is only listened to)",
                          "\"motor.omega\"");
-    } else if (signal) {
-        check_signal(reader, path, line, text);
     } else {
-        check_variable(reader, path, line, text);
+        check_known(reader, path, line, text, signal);
     }
+}
+
+void tl_config_check_reference_of(const tl_config_object *object, const char *key, const char *text,
+                                  tl_config_target target) {
+    char path[TL_JSON_PATH];
+    tl_json_member_path(path, object->path, key);
+    tl_config_check_reference(object->reader, path, tl_json_line(cJSON_GetObjectItemCaseSensitive(object->json, key)),
+                              text, target);
 }
 
 /* ---- Typed access to cJSON items; every problem passes through tl_config_problem(). */
 
-enum { FOUND_READER = 128, EXPECTED_READER = 320 };
+enum { EXPECTED_READER = 320 };
 
 /* ---- problems ---- */
 
@@ -167,11 +162,9 @@ void tl_config_problem(const tl_config_reader *reader, const char *path, size_t 
                   example != NULL ? ", for example " : "", example != NULL ? example : "");
 }
 
-void tl_config_describe(const cJSON *item, char *found, size_t size) {
+static void describe(const cJSON *item, char *found, size_t size) {
     char shown[TL_JSON_SHOWN];
-    if (item == NULL) {
-        (void)snprintf(found, size, "nothing");
-    } else if (cJSON_IsString(item)) {
+    if (cJSON_IsString(item)) {
         tl_text_for_people(item->valuestring, shown, sizeof shown);
         (void)snprintf(found, size, "\"%s\" (text)", shown);
     } else if (cJSON_IsNumber(item)) {
@@ -188,15 +181,20 @@ void tl_config_describe(const cJSON *item, char *found, size_t size) {
     }
 }
 
+void tl_config_wrong_item(const tl_config_reader *reader, const cJSON *item, const char *path, const char *found,
+                          const char *expected, const char *example) {
+    char described[FOUND];
+    describe(item, described, sizeof described);
+    tl_config_problem(reader, path, tl_json_line(item), found != NULL ? found : described, expected, example);
+}
+
 void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
                      const char *example) {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(object->json, key);
     char path[TL_JSON_PATH];
-    char described[FOUND_READER];
     tl_json_member_path(path, object->path, key);
-    tl_config_describe(item, described, sizeof described);
-    tl_config_problem(object->reader, path, tl_json_line(item != NULL ? item : object->json),
-                      found != NULL ? found : described, expected, example);
+    tl_config_wrong_item(object->reader, item != NULL ? item : object->json, path,
+                         found == NULL && item == NULL ? "nothing" : found, expected, example);
 }
 
 /* ---- memory ---- */
@@ -227,10 +225,8 @@ void tl_config_root(tl_config_reader *reader, tl_config_object *root) {
     if (cJSON_IsObject(reader->root)) {
         root->json = reader->root;
     } else {
-        char found[FOUND_READER];
-        tl_config_describe(reader->root, found, sizeof found);
-        tl_config_problem(reader, "", tl_json_line(reader->root), found, "an object",
-                          "{\"twinlock\": 1, \"name\": \"motor bench\", …}");
+        tl_config_wrong_item(reader, reader->root, "", NULL, "an object",
+                             "{\"twinlock\": 1, \"name\": \"motor bench\", …}");
     }
 }
 
@@ -343,10 +339,10 @@ static void list_known(const tl_config_object *object, char *list, size_t size) 
     }
 }
 
-static void report_unknown_reader(const tl_config_object *object, const cJSON *item) {
+static void report_unknown_key(const tl_config_object *object, const cJSON *item) {
     char path[TL_JSON_PATH];
     char key[TL_JSON_SHOWN];
-    char found[FOUND_READER];
+    char found[FOUND];
     char expected[EXPECTED_READER];
     tl_nearest nearest = {.text = item->string};
     for (size_t i = 0; i < object->known_count; i++) {
@@ -367,7 +363,7 @@ void tl_config_done(const tl_config_object *object) {
     const cJSON *item = NULL;
     cJSON_ArrayForEach(item, object->json) {
         if (!is_known(object, item->string)) {
-            report_unknown_reader(object, item);
+            report_unknown_key(object, item);
         }
     }
 }
@@ -413,6 +409,35 @@ bool tl_config_get_number(tl_config_object *object, const char *key, const tl_co
     }
     *value = item->valuedouble;
     return true;
+}
+
+bool tl_config_get_count(tl_config_object *object, const char *key, const tl_config_number *rule, uint32_t *value) {
+    double number = 0;
+    bool right = tl_config_get_number(object, key, rule, &number);
+    *value = right ? (uint32_t)number : *value;
+    return right;
+}
+
+bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                            tl_time *value) {
+    const tl_config_number rule = {.need = need,
+                                   .above = true,
+                                   .maximum = TL_CONFIG_LONGEST_S,
+                                   .expected = TL_CONFIG_DURATION,
+                                   .example = example};
+    double seconds = 0;
+    bool right = tl_config_get_number(object, key, &rule, &seconds);
+    *value = right ? tl_config_duration(seconds) : *value;
+    return right;
+}
+
+void tl_config_get_scale(tl_config_object *object, double *scale, double *offset) {
+    static const tl_config_number any = {.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "0.1"};
+    *scale = 1;
+    if (tl_config_get_number(object, "scale", &any, scale) && *scale == 0) {
+        tl_config_wrong(object, "scale", NULL, "a number other than 0", "0.1");
+    }
+    (void)tl_config_get_number(object, "offset", &any, offset);
 }
 
 bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value) {

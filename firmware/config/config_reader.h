@@ -1,4 +1,4 @@
-/* Reads values of a configuration and reports its problems; private to this folder but for the problems.
+/* Reads the sections of a configuration and their values, and reports its problems; private to this folder.
  *
  * Thread:  one.
  */
@@ -8,9 +8,11 @@
 #include <cjson/cJSON.h>
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 #include "firmware/config/json_document.h"
 #include "master/base/arena.h"
+#include "master/base/simtime.h"
 #include "master/base/status.h"
 
 /* ---- Reads typed values out of a parsed configuration and says what is wrong with them.
@@ -23,13 +25,26 @@
  * Owner:   texts point into the JSON tree, paths into the reader's arena.
  */
 
+/* The longest duration, in seconds. Any number > 0 is one; less than a nanosecond counts as one. */
+#define TL_CONFIG_LONGEST_S 1e9
+#define TL_CONFIG_DURATION "a number > 0 (at most 1e9)"
+
+/* A duration that passed the range check. */
+static inline tl_time tl_config_duration(double seconds) {
+    tl_time duration = tl_time_of_seconds(seconds);
+    return duration > 0 ? duration : 1;
+}
+
 enum { TL_CONFIG_KEYS = 16 }; /* the most keys that one object of the format knows */
+
+struct tl_config; /* config.h */
 
 typedef struct tl_config_reader {
     const cJSON *root;
     tl_arena *arena;
     tl_report *report;
-    bool out_of_memory; /* reported once, by whoever owns the reader */
+    const struct tl_config *config; /* what was read before */
+    bool out_of_memory;             /* reported once, by whoever owns the reader */
 } tl_config_reader;
 
 /* One object of the file. */
@@ -93,6 +108,14 @@ void tl_config_done(const tl_config_object *object);
 bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value);
 bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value);
 
+/* A rule of whole numbers from 0 up that uint32_t has; and a duration > 0. */
+bool tl_config_get_count(tl_config_object *object, const char *key, const tl_config_number *rule, uint32_t *value);
+bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config_need need, const char *example,
+                            tl_time *value);
+
+/* `scale`, 1 if it is not given and never 0, and `offset`. */
+void tl_config_get_scale(tl_config_object *object, double *scale, double *offset);
+
 /* A text without control characters; not empty unless TL_CONFIG_MAY_BE_EMPTY. */
 bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                         const char **value);
@@ -118,8 +141,9 @@ void tl_config_problem(const tl_config_reader *reader, const char *path, size_t 
 void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
                      const char *example);
 
-/* Describes an item in a few words: "0.1" (text), 5 (number), true, an array of 3; nothing for NULL. */
-void tl_config_describe(const cJSON *item, char *found, size_t size);
+/* At an item. `found` NULL: the item in a few words, "0.1" (text), 5 (number), true, an array of 3. */
+void tl_config_wrong_item(const tl_config_reader *reader, const cJSON *item, const char *path, const char *found,
+                          const char *expected, const char *example);
 
 /* ---- memory ---- */
 
@@ -157,5 +181,40 @@ typedef enum tl_config_target {
  * is missing or no object: that was reported already. */
 void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
                                tl_config_target target);
+
+/* The same of the text of a key, or of a part of it. */
+void tl_config_check_reference_of(const tl_config_object *object, const char *key, const char *text,
+                                  tl_config_target target);
+
+/* ---- The sections of a configuration: each function reads some keys of the root into the configuration.
+ *
+ * Purpose: for config.c, which calls them in this order; what a section needs of another has been read before it, or is looked up in the JSON
+ *          tree.
+ * Errors:  reported; what could not be read keeps its default.
+ */
+
+/* components, connect */
+void tl_config_read_components(tl_config_object *root, struct tl_config *config);
+void tl_config_read_connections(tl_config_object *root, struct tl_config *config);
+
+/* compare, synchronise */
+void tl_config_read_compare(tl_config_object *root, struct tl_config *config);
+void tl_config_read_synchronise(tl_config_object *root, struct tl_config *config);
+
+/* sources, plant */
+void tl_config_read_sources(tl_config_object *root, struct tl_config *config);
+void tl_config_read_signals(tl_config_object *root, struct tl_config *config);
+
+/* delays */
+void tl_config_read_delays(tl_config_object *root, struct tl_config *config);
+
+/* Where they make each signal to be looked up: once all of the above is read. */
+void tl_config_place_lookups(tl_config_object *root, struct tl_config *config);
+
+/* recording, record, realtime, emulate */
+void tl_config_read_recording(tl_config_object *root, struct tl_config *config);
+void tl_config_read_record(tl_config_object *root, struct tl_config *config);
+void tl_config_read_realtime(tl_config_object *root, struct tl_config *config);
+void tl_config_read_emulate(tl_config_object *root, struct tl_config *config);
 
 #endif

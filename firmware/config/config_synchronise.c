@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "firmware/config/config.h"
-#include "firmware/config/config_parts.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
 #include "firmware/config/measurements.h"
@@ -17,26 +16,10 @@
 static void read_edge(tl_config_object *object, const char *key, const char *example, tl_plan_edge *edge) {
     static const char *const negation = "not ";
     const char *text = NULL;
-    char path[TL_JSON_PATH];
-    if (!tl_config_get_text(object, key, TL_CONFIG_REQUIRED, example, &text)) {
-        return;
-    }
-    edge->falls = strncmp(text, negation, strlen(negation)) == 0;
-    edge->signal = edge->falls ? text + strlen(negation) : text;
-    tl_json_member_path(path, object->path, key);
-    tl_config_check_reference(object->reader, path, tl_json_line(cJSON_GetObjectItemCaseSensitive(object->json, key)),
-                              edge->signal, TL_CONFIG_SIGNAL);
-}
-
-static void read_time(tl_config_object *object, const char *key, const char *example, tl_time *time) {
-    const tl_config_number rule = {.need = TL_CONFIG_REQUIRED,
-                                   .above = true,
-                                   .maximum = TL_CONFIG_LONGEST_S,
-                                   .expected = TL_CONFIG_DURATION,
-                                   .example = example};
-    double seconds = 0;
-    if (tl_config_get_number(object, key, &rule, &seconds)) {
-        *time = tl_config_duration(seconds);
+    if (tl_config_get_text(object, key, TL_CONFIG_REQUIRED, example, &text)) {
+        edge->falls = strncmp(text, negation, strlen(negation)) == 0;
+        edge->signal = edge->falls ? text + strlen(negation) : text;
+        tl_config_check_reference_of(object, key, edge->signal, TL_CONFIG_SIGNAL);
     }
 }
 
@@ -51,23 +34,21 @@ static void read_event(tl_config_object *horizon, tl_config *config) {
     config->event.where = tl_config_keep(horizon->reader, event.path);
     read_edge(&event, "start", "\"plant.move_out\"", &config->event.start);
     read_edge(&event, "end", "\"plant.extended\"", &config->event.end);
-    read_time(&event, "window_s", "0.08", &config->event.window);
-    read_time(&event, "longest_s", "2", &config->event.longest);
+    (void)tl_config_get_duration(&event, "window_s", TL_CONFIG_REQUIRED, "0.08", &config->event.window);
+    (void)tl_config_get_duration(&event, "longest_s", TL_CONFIG_REQUIRED, "2", &config->event.longest);
     tl_config_done(&event);
 }
 
-void tl_config_read_horizon(tl_config_object *object, tl_config *config) {
+static void read_horizon(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 1, .maximum = 1000, .example = "2"};
     static const char *const shapes[] = {[TL_STATIC] = "static", [TL_DYNAMIC] = "dynamic", NULL};
     tl_config_object horizon;
-    double prediction = 0;
     size_t shape = TL_STATIC;
     size_t measurements = TL_LAG;
     (void)tl_config_member(object, "horizon", TL_CONFIG_OPTIONAL, "{\"prediction\": 2}", &horizon);
-    (void)tl_config_get_number(&horizon, "prediction", &rule, &prediction);
+    (void)tl_config_get_count(&horizon, "prediction", &rule, &config->prediction);
     (void)tl_config_get_choice(&horizon, "shape", TL_CONFIG_OPTIONAL, shapes, &shape);
     (void)tl_config_get_choice(&horizon, "measurements", TL_CONFIG_OPTIONAL, tl_measurements_names, &measurements);
-    config->prediction = (uint32_t)prediction;
     config->shape = (tl_shape)shape;
     config->measurements = (tl_measurements)measurements;
     read_event(&horizon, config);
@@ -98,20 +79,7 @@ static void begin_variable(const tl_config_object *map, const cJSON *item, const
 
 static void read_target(tl_config_object *entry, tl_plan_match *match) {
     if (tl_config_get_text(entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
-        char path[TL_JSON_PATH];
-        const cJSON *item = cJSON_GetObjectItemCaseSensitive(entry->json, "to");
-        tl_json_member_path(path, entry->path, "to");
-        tl_config_check_reference(entry->reader, path, tl_json_line(item), match->to, TL_CONFIG_SIGNAL);
-    }
-}
-
-/* `low_pass_s`, `dwell_s`, `time_s`: `duration` is left alone where there is none. */
-static void read_duration(tl_config_object *object, const char *key, const char *example, tl_time *duration) {
-    const tl_config_number rule = {
-        .above = true, .maximum = TL_CONFIG_LONGEST_S, .expected = TL_CONFIG_DURATION, .example = example};
-    double seconds = 0;
-    if (tl_config_get_number(object, key, &rule, &seconds)) {
-        *duration = tl_config_duration(seconds);
+        tl_config_check_reference_of(entry, "to", match->to, TL_CONFIG_SIGNAL);
     }
 }
 
@@ -134,7 +102,7 @@ static void read_tolerance(tl_config_object *entry, double general, tl_plan_matc
 /* How long a measurement may be made to wait is a matter of steps. */
 static void read_low_pass(tl_config_object *object, tl_time step, tl_time *low_pass) {
     char expected[96];
-    read_duration(object, "low_pass_s", "0.05", low_pass);
+    (void)tl_config_get_duration(object, "low_pass_s", TL_CONFIG_OPTIONAL, "0.05", low_pass);
     if (step > 0 && *low_pass > TL_CONFIG_LONGEST_SHIFT * step) {
         (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_CONFIG_LONGEST_SHIFT,
                        tl_seconds(TL_CONFIG_LONGEST_SHIFT * step));
@@ -147,26 +115,13 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
         .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
     static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
     tl_config_object object;
-    double median = 0;
     (void)tl_config_member(entry, "condition", TL_CONFIG_OPTIONAL, "{\"median\": 5}", &object);
-    if (tl_config_get_number(&object, "median", &median_rule, &median)) {
-        condition->median = (uint32_t)median;
-        if (condition->median % 2 == 0) {
-            tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
-        }
+    if (tl_config_get_count(&object, "median", &median_rule, &condition->median) && condition->median % 2 == 0) {
+        tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
     }
     read_low_pass(&object, step, &condition->low_pass);
     (void)tl_config_get_number(&object, "gate", &gate, &condition->gate);
     tl_config_done(&object);
-}
-
-/* What only an output that is matched has. */
-static void read_matched(tl_config_object *entry, double tolerance, tl_time step, tl_plan_match *match,
-                         tl_condition *condition) {
-    static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
-    read_tolerance(entry, tolerance, match);
-    (void)tl_config_get_number(entry, "huber", &huber, &match->huber);
-    read_condition(entry, step, condition);
 }
 
 /* What a list of matched or compared outputs is read into, and by. */
@@ -185,6 +140,7 @@ static tl_between read_between(tl_config_object *entry) {
 }
 
 static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
     const match_list *list = context;
     tl_plan_match *match = &list->config->match[index];
     tl_config_object entry;
@@ -194,8 +150,10 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     match->where = tl_config_keep(map->reader, entry.path);
     read_target(&entry, match);
     list->config->matched_between[index] = read_between(&entry);
-    if (list->weighted) {
-        read_matched(&entry, list->tolerance, list->config->step, match, &list->config->conditions[index]);
+    if (list->weighted) { /* what only an output that is matched has */
+        read_tolerance(&entry, list->tolerance, match);
+        (void)tl_config_get_number(&entry, "huber", &huber, &match->huber);
+        read_condition(&entry, list->config->step, &list->config->conditions[index]);
     }
     tl_config_done(&entry);
 }
@@ -262,7 +220,7 @@ static void read_adjusted(tl_config_object *entry, tl_plan_adjust *adjust) {
     read_nominal(entry, adjust);
     read_bounds(entry, adjust);
     read_penalty(entry, adjust);
-    read_duration(entry, "dwell_s", "0.5", &adjust->dwell);
+    (void)tl_config_get_duration(entry, "dwell_s", TL_CONFIG_OPTIONAL, "0.5", &adjust->dwell);
     tl_config_done(entry);
 }
 
@@ -330,7 +288,6 @@ static const char *read_solver(tl_config_object *object, const char *key) {
 
 static void read_solvers(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 1, .maximum = 100000, .example = "30"};
-    double stagnation = 0;
     config->algorithm = read_solver(object, "algorithm");
     config->fallback = read_solver(object, "fallback");
     if (config->algorithm != NULL && config->fallback != NULL && strcmp(config->algorithm, config->fallback) == 0) {
@@ -338,24 +295,21 @@ static void read_solvers(tl_config_object *object, tl_config *config) {
         (void)snprintf(expected, sizeof expected, "another than algorithm, which is \"%s\"", config->algorithm);
         tl_config_wrong(object, "fallback", NULL, expected, NULL);
     }
-    (void)tl_config_get_number(object, "stagnation", &rule, &stagnation);
-    config->stagnation = (uint32_t)stagnation;
+    (void)tl_config_get_count(object, "stagnation", &rule, &config->stagnation);
 }
 
 static void read_saving(tl_config_object *object, const tl_plan *defaults, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 1000000, .example = "4096"};
     static const tl_config_number megabytes = {.whole = true, .minimum = 1, .maximum = 1000000, .example = "128"};
     tl_config_object saving;
-    double nodes = 0;
-    double memory = (double)(defaults->state_bytes >> 20);
     config->saving = defaults->saving;
+    config->saving.nodes = 0;
+    config->saving_memory = (uint32_t)(defaults->state_bytes >> 20);
     (void)tl_config_member(object, "saving", TL_CONFIG_OPTIONAL, "{\"nodes\": 4096}", &saving);
     (void)tl_config_get_boolean(&saving, "structure", &config->saving.structure);
     (void)tl_config_get_boolean(&saving, "sequences", &config->saving.sequences);
-    (void)tl_config_get_number(&saving, "nodes", &rule, &nodes);
-    config->saving.nodes = (uint32_t)nodes;
-    (void)tl_config_get_number(&saving, "memory_mb", &megabytes, &memory);
-    config->saving_memory = (uint32_t)memory;
+    (void)tl_config_get_count(&saving, "nodes", &rule, &config->saving.nodes);
+    (void)tl_config_get_count(&saving, "memory_mb", &megabytes, &config->saving_memory);
     tl_config_done(&saving);
 }
 
@@ -363,30 +317,21 @@ static void read_budget(tl_config_object *object, tl_config *config) {
     static const tl_config_number rule = {.whole = true, .minimum = 2, .maximum = 100000, .example = "60"};
     const tl_budget defaults = tl_budget_defaults(config->step);
     tl_config_object budget;
-    double evaluations = defaults.evaluations;
+    config->budget_evaluations = defaults.evaluations;
     config->budget_time = defaults.time;
     (void)tl_config_member(object, "budget", TL_CONFIG_OPTIONAL, "{\"evaluations\": 60}", &budget);
-    (void)tl_config_get_number(&budget, "evaluations", &rule, &evaluations);
-    config->budget_evaluations = (uint32_t)evaluations;
-    read_duration(&budget, "time_s", "0.006", &config->budget_time);
+    (void)tl_config_get_count(&budget, "evaluations", &rule, &config->budget_evaluations);
+    (void)tl_config_get_duration(&budget, "time_s", TL_CONFIG_OPTIONAL, "0.006", &config->budget_time);
     tl_config_done(&budget);
 }
 
-/* Why there can be no free twin; NULL: there can. */
-static const char *why_no_free_twin(const tl_config *config) {
-    if (config->event.start.signal != NULL) {
-        return "false: not with horizon.event";
-    }
-    for (size_t i = 0; i < config->component_count; i++) {
-        if (config->components[i].keep == TL_KEEP_OUTPUTS) {
-            return "false: not with a component whose states are not kept (keep \"outputs\")";
-        }
-    }
-    return NULL;
-}
-
 static void read_free_twin(tl_config_object *object, tl_config *config) {
-    const char *why = why_no_free_twin(config);
+    const char *why = config->event.start.signal != NULL ? "false: not with horizon.event" : NULL;
+    for (size_t i = 0; i < config->component_count && why == NULL; i++) {
+        why = config->components[i].keep == TL_KEEP_OUTPUTS
+                  ? "false: not with a component whose states are not kept (keep \"outputs\")"
+                  : NULL;
+    }
     if (tl_config_get_boolean(object, "free_twin", &config->free_twin) && config->free_twin && why != NULL) {
         tl_config_wrong(object, "free_twin", NULL, why, NULL);
     }
@@ -397,10 +342,10 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number noise_floor = {.maximum = HUGE_VAL, .example = "0.001"};
     static const tl_config_number verify_every = {.whole = true, .maximum = 1e9, .example = "400"};
     const tl_plan defaults = tl_plan_defaults(config->step);
-    double every = defaults.verify_every;
     tl_config_object object;
     config->margin = defaults.margin;
     config->noise_floor = defaults.noise_floor;
+    config->verify_every = defaults.verify_every;
     config->synchronise = tl_config_member(
         root, "synchronise", TL_CONFIG_OPTIONAL,
         "{\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
@@ -417,12 +362,11 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
         read_match(&object, "match", &MATCH, &list);
         check_weights(&object, config);
     }
-    tl_config_read_horizon(&object, config);
+    read_horizon(&object, config);
     read_solvers(&object, config);
     (void)tl_config_get_number(&object, "margin", &margin, &config->margin);
     (void)tl_config_get_number(&object, "noise_floor", &noise_floor, &config->noise_floor);
-    (void)tl_config_get_number(&object, "verify_every", &verify_every, &every);
-    config->verify_every = (uint32_t)every;
+    (void)tl_config_get_count(&object, "verify_every", &verify_every, &config->verify_every);
     read_free_twin(&object, config);
     read_saving(&object, &defaults, config);
     read_budget(&object, config);

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "firmware/base/json.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 
 /* ---- `recording`, `record`, `realtime` and `emulate`: what the verbs do with a twin. */
@@ -90,10 +90,7 @@ static void read_message(tl_config_object *object, tl_config *config) {
 static void read_emulated(tl_config_object *entry, tl_config_emulated *emulated) {
     static const tl_config_number noise = {.maximum = HUGE_VAL, .example = "0.01"};
     if (tl_config_get_text(entry, "from", TL_CONFIG_REQUIRED, "\"motor.omega\"", &emulated->from)) {
-        char path[TL_JSON_PATH];
-        const cJSON *item = cJSON_GetObjectItemCaseSensitive(entry->json, "from");
-        tl_json_member_path(path, entry->path, "from");
-        tl_config_check_reference(entry->reader, path, tl_json_line(item), emulated->from, TL_CONFIG_EITHER);
+        tl_config_check_reference_of(entry, "from", emulated->from, TL_CONFIG_EITHER);
     }
     (void)tl_config_get_number(entry, "noise", &noise, &emulated->noise);
     tl_config_done(entry);
@@ -113,18 +110,14 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
     emulated->where = tl_config_keep(map->reader, entry.path);
 }
 
-static void read_columns(tl_config_object *object, tl_config *config) {
-    tl_config_object map;
-    config->emulated =
-        tl_config_take_entries(object, "columns", &COLUMNS, sizeof *config->emulated, &map, &config->emulated_count);
-    tl_config_each(&map, read_column, config);
-}
-
 void tl_config_read_emulate(tl_config_object *root, tl_config *config) {
     tl_config_object object;
+    tl_config_object map;
     if (tl_config_member(root, "emulate", TL_CONFIG_OPTIONAL, "{\"columns\": {\"omega\": {\"from\": \"motor.omega\"}}}",
                          &object)) {
-        read_columns(&object, config);
+        config->emulated = tl_config_take_entries(&object, "columns", &COLUMNS, sizeof *config->emulated, &map,
+                                                  &config->emulated_count);
+        tl_config_each(&map, read_column, config);
         read_message(&object, config);
         tl_config_done(&object);
     }
@@ -191,13 +184,6 @@ static void read_hash(tl_config_object *entry, tl_config_component *component) {
     }
 }
 
-static void read_keep(tl_config_object *entry, tl_config_component *component) {
-    static const char *const choices[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
-    size_t index = TL_KEEP_STATES;
-    (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, choices, &index);
-    component->keep = (tl_keep)index;
-}
-
 /* A key whose value is an array of names of files. */
 typedef struct names_key {
     const char *key;
@@ -213,9 +199,7 @@ static const char *read_name(const tl_config_reader *reader, const names_key *ke
     if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
         return item->valuestring;
     }
-    char found[128];
-    tl_config_describe(item, found, sizeof found);
-    tl_config_problem(reader, path, tl_json_line(item), found, key->one, key->one_example);
+    tl_config_wrong_item(reader, item, path, NULL, key->one, key->one_example);
     return NULL;
 }
 
@@ -241,32 +225,25 @@ static size_t read_names(tl_config_object *entry, const names_key *key, tl_confi
     return count;
 }
 
-static void read_libraries(tl_config_object *entry, tl_config_component *component) {
-    static const names_key libraries = {"libraries", "an array of names of shared libraries",
-                                        "[\"libpython3.11.so.1.0\"]", "the name of a shared library",
-                                        "\"libpython3.11.so.1.0\""};
-    component->library_count = read_names(entry, &libraries, &component->libraries);
-}
+static const names_key LIBRARIES = {"libraries", "an array of names of shared libraries", "[\"libpython3.11.so.1.0\"]",
+                                    "the name of a shared library", "\"libpython3.11.so.1.0\""};
+static const names_key READS = {"read", "an array of names of files and folders", "[\"tables\"]",
+                                "the name of a file or folder", "\"tables/friction.csv\""};
 
-static void read_reads(tl_config_object *entry, tl_config_component *component) {
-    static const names_key reads = {"read", "an array of names of files and folders", "[\"tables\"]",
-                                    "the name of a file or folder", "\"tables/friction.csv\""};
-    component->read_count = read_names(entry, &reads, &component->reads);
-}
-
-static void read_rollback(tl_config_object *entry, tl_config_component *component) {
+/* By which way its states are restored, and what of them is kept. */
+static void read_states(tl_config_object *entry, tl_config_component *component) {
+    static const char *const keeps[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
     static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
     static const tl_rollback ways[] = {TL_ROLLBACK_AUTO, TL_ROLLBACK_STATE, TL_ROLLBACK_MEMORY, TL_ROLLBACK_REPLAY};
-    size_t chosen = 0;
-    (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
-    component->rollback = ways[chosen];
-}
-
-static void read_replay_steps(tl_config_object *entry, tl_config_component *component) {
     static const tl_config_number steps = {.whole = true, .minimum = 1, .maximum = 1e5, .example = "1000"};
-    double chosen = TL_REPLAY_STEPS;
-    (void)tl_config_get_number(entry, "replay_steps", &steps, &chosen);
-    component->replay_steps = (uint32_t)chosen;
+    size_t keep = TL_KEEP_STATES;
+    size_t chosen = 0;
+    component->replay_steps = TL_REPLAY_STEPS;
+    (void)tl_config_get_choice(entry, "keep", TL_CONFIG_OPTIONAL, keeps, &keep);
+    (void)tl_config_get_choice(entry, "rollback", TL_CONFIG_OPTIONAL, names, &chosen);
+    (void)tl_config_get_count(entry, "replay_steps", &steps, &component->replay_steps);
+    component->keep = (tl_keep)keep;
+    component->rollback = ways[chosen];
 }
 
 static void read_component(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
@@ -283,11 +260,9 @@ static void read_component(const tl_config_object *map, const cJSON *item, size_
         (void)tl_config_get_text(&entry, "fmu", TL_CONFIG_REQUIRED, "\"motor.fmu\"", &component->fmu);
         read_hash(&entry, component);
         read_set(&entry, component);
-        read_keep(&entry, component);
-        read_rollback(&entry, component);
-        read_replay_steps(&entry, component);
-        read_libraries(&entry, component);
-        read_reads(&entry, component);
+        read_states(&entry, component);
+        component->library_count = read_names(&entry, &LIBRARIES, &component->libraries);
+        component->read_count = read_names(&entry, &READS, &component->reads);
         (void)tl_config_get_boolean(&entry, "unconfined", &component->unconfined);
         (void)tl_config_get_boolean(&entry, "logging", &component->logging);
         tl_config_done(&entry);
@@ -308,9 +283,7 @@ void tl_config_read_components(tl_config_object *root, tl_config *config) {
 static const char *read_end(const tl_config_reader *reader, const cJSON *item, const char *path,
                             tl_config_target target) {
     if (!cJSON_IsString(item)) {
-        char found[128];
-        tl_config_describe(item, found, sizeof found);
-        tl_config_problem(reader, path, tl_json_line(item), found, "a text", "\"motor.omega\"");
+        tl_config_wrong_item(reader, item, path, NULL, "a text", "\"motor.omega\"");
         return NULL;
     }
     tl_config_check_reference(reader, path, tl_json_line(item), item->valuestring, target);
@@ -322,10 +295,8 @@ static void read_connection(tl_config_reader *reader, const cJSON *item, const c
     char end_path[TL_JSON_PATH];
     connection->where = tl_config_keep(reader, path);
     if (!cJSON_IsArray(item) || cJSON_GetArraySize(item) != 2) {
-        char found[128];
-        tl_config_describe(item, found, sizeof found);
-        tl_config_problem(reader, path, tl_json_line(item), found, "an array of two texts, from and to",
-                          "[\"plant.torque\", \"motor.M_w\"]");
+        tl_config_wrong_item(reader, item, path, NULL, "an array of two texts, from and to",
+                             "[\"plant.torque\", \"motor.M_w\"]");
         return;
     }
     tl_json_element_path(end_path, path, 0);
@@ -363,8 +334,8 @@ static void check_targets(tl_config_reader *reader, const tl_config *config) {
             tl_json_element_path(path, sorted[i]->where, 1);
             tl_text_for_people(sorted[i]->to, shown, sizeof shown);
             (void)snprintf(found, sizeof found, "\"%s\", which %s leads to already", shown, sorted[i - 1]->where);
-            tl_config_problem(reader, path, tl_json_line(tl_json_nearest(reader->root, path)), found,
-                              "each input to be connected at most once", NULL);
+            tl_config_wrong_item(reader, tl_json_nearest(reader->root, path), path, found,
+                                 "each input to be connected at most once", NULL);
         }
     }
 }

@@ -34,10 +34,9 @@ typedef struct tl_driver {
     size_t settings_bytes, channel_bytes;        /* of tl_config_source.settings, tl_config_signal.channel; zeroed */
 
     /* Read `source->settings`. Keys `period_s` and `source` are read by the caller. */
-    void (*read_source)(struct tl_config_object *object, tl_config_source *source, const tl_config *config);
+    void (*read_source)(struct tl_config_object *object, tl_config_source *source);
     /* Reads `signal->channel`; `named`: its source in the file, NULL: none. NULL: the row before reads it. */
-    void (*read_signal)(struct tl_config_object *object, const struct cJSON *named, tl_config_signal *signal,
-                        const tl_config *config);
+    void (*read_signal)(struct tl_config_object *object, const struct cJSON *named, tl_config_signal *signal);
     const struct tl_change_rule *rules; /* of all keys, ended by one without a pattern */
 
     bool is_polled;         /* a value may be read several times */

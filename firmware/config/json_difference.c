@@ -26,12 +26,6 @@ static void refuse(void *context, tl_status status, const char *where, const cha
     r->told = true;
 }
 
-static int by_key(const void *left, const void *right) {
-    cJSON *const *a = left;
-    cJSON *const *b = right;
-    return strcmp((*a)->string, (*b)->string);
-}
-
 /* As cJSON links its items: the first one's `prev` is the last one. */
 static void link_again(cJSON *object, cJSON **items, size_t count) {
     for (size_t i = 0; i < count; i++) {
@@ -43,18 +37,13 @@ static void link_again(cJSON *object, cJSON **items, size_t count) {
 
 /* False where memory is out. */
 static bool sort_keys(cJSON *object) {
-    size_t count = (size_t)cJSON_GetArraySize(object);
-    cJSON **items = count > 1 ? calloc(count, sizeof *items) : NULL;
+    size_t count = 0;
+    cJSON **items = tl_json_sorted(object, &count);
     if (items == NULL) {
-        return count <= 1;
+        return false;
     }
-    size_t i = 0;
-    for (cJSON *item = object->child; item != NULL; item = item->next) {
-        items[i++] = item;
-    }
-    qsort(items, count, sizeof *items, by_key);
     link_again(object, items, count);
-    free(items);
+    free((void *)items);
     return true;
 }
 
@@ -88,40 +77,19 @@ static tl_status read_sorted(const tl_json_source *source, cJSON **root, tl_erro
 
 /* ---- values ---- */
 
-static tl_json_type type_of(const cJSON *item) {
-    if (cJSON_IsObject(item) || cJSON_IsArray(item)) {
-        return cJSON_IsObject(item) ? TL_JSON_OBJECT : TL_JSON_ARRAY;
-    }
-    if (cJSON_IsNumber(item)) {
-        return TL_JSON_NUMBER;
-    }
-    if (cJSON_IsString(item)) {
-        return TL_JSON_TEXT;
-    }
-    return cJSON_IsBool(item) ? TL_JSON_BOOLEAN : TL_JSON_NULL;
+static bool is_container(const cJSON *item) {
+    return cJSON_IsObject(item) || cJSON_IsArray(item);
 }
 
-static tl_json_value value_of(const cJSON *item) {
-    if (item == NULL) {
-        return (tl_json_value){.type = TL_JSON_ABSENT};
-    }
-    tl_json_value value = {.type = type_of(item), .item = item};
-    if (value.type == TL_JSON_NUMBER) {
-        value.number = item->valuedouble;
-    } else if (value.type == TL_JSON_BOOLEAN) {
-        value.number = cJSON_IsTrue(item) ? 1.0 : 0.0;
-    } else if (value.type == TL_JSON_TEXT) {
-        value.text = item->valuestring;
-    }
-    return value;
+static bool have_same_type(const cJSON *a, const cJSON *b) {
+    return a != NULL && b != NULL && (a->type & 0xFF) == (b->type & 0xFF);
 }
 
 /* Without what is in an object or array. 0 and −0 are two numbers: an FMU may tell them apart. */
 static bool is_same(const cJSON *a, const cJSON *b) {
-    tl_json_value x = value_of(a);
-    tl_json_value y = value_of(b);
-    return x.type == y.type && memcmp(&x.number, &y.number, sizeof x.number) == 0 &&
-           (x.type != TL_JSON_TEXT || strcmp(x.text, y.text) == 0);
+    return a == b || (have_same_type(a, b) &&
+                      (!cJSON_IsNumber(a) || memcmp(&a->valuedouble, &b->valuedouble, sizeof a->valuedouble) == 0) &&
+                      (!cJSON_IsString(a) || strcmp(a->valuestring, b->valuestring) == 0));
 }
 
 static bool have_same_key(const cJSON *a, const cJSON *b) {
@@ -141,21 +109,15 @@ static bool are_same(cJSON *a, cJSON *b) {
     return same;
 }
 
-static bool is_called(const cJSON *item, const char *key) {
-    return item->string != NULL && strcmp(item->string, key) == 0;
-}
-
 /* As cJSON links its items: see link_again(). */
-bool tl_json_has_sibling(const tl_json_value *value, const char *key) {
-    const cJSON *item = value->item;
-    bool is_there = false;
+bool tl_json_has_sibling(const cJSON *item, const char *key) {
     while (item != NULL && item->prev != NULL && item->prev->next != NULL) {
         item = item->prev;
     }
-    for (; item != NULL && !is_there; item = item->next) {
-        is_there = is_called(item, key);
+    while (item != NULL && (item->string == NULL || strcmp(item->string, key) != 0)) {
+        item = item->next;
     }
-    return is_there;
+    return item != NULL;
 }
 
 /* ---- the walk ---- */
@@ -273,21 +235,19 @@ static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t
 
 /* Two values that stand at the same place, one of them NULL if there is none. */
 static void look_at(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
-    tl_json_value a = value_of(before);
-    tl_json_value b = value_of(after);
-    if (before != NULL && after != NULL && a.type == b.type && a.type >= TL_JSON_ARRAY) {
-        if (a.type == TL_JSON_OBJECT && !is_in_order(c, before, after)) {
-            tl_json_difference difference = {c->way, depth, a, b, within, true};
+    tl_json_difference difference = {c->way, depth, before, after, within, false};
+    if (have_same_type(before, after) && is_container(before)) {
+        difference.is_order = cJSON_IsObject(before) && !is_in_order(c, before, after);
+        if (difference.is_order) {
             c->see(&difference, c->context);
         }
         enter(c, before, after, depth, within);
     } else if (!is_same(before, after)) {
-        tl_json_difference difference = {c->way, depth, a, b, within, false};
         c->see(&difference, c->context);
-        if (b.type >= TL_JSON_ARRAY) {
+        if (is_container(after)) {
             enter(c, NULL, after, depth, true);
         }
-        if (a.type >= TL_JSON_ARRAY) {
+        if (is_container(before)) {
             enter(c, before, NULL, depth, true);
         }
     }
@@ -356,13 +316,13 @@ static void show_number(double number, char *text, size_t size) {
     }
 }
 
-void tl_json_show(const tl_json_value *value, char *text, size_t size) {
+void tl_json_show(const cJSON *item, char *text, size_t size) {
     char number[32] = "";
     char *printed = NULL;
-    if (value->type == TL_JSON_NUMBER) {
-        show_number(value->number, number, sizeof number);
-    } else if (value->item != NULL) {
-        printed = cJSON_PrintUnformatted(value->item);
+    if (cJSON_IsNumber(item)) {
+        show_number(item->valuedouble, number, sizeof number);
+    } else if (item != NULL) {
+        printed = cJSON_PrintUnformatted(item);
     }
     tl_text_for_people(printed != NULL ? printed : number, text, size);
     cJSON_free(printed);

@@ -20,30 +20,11 @@
 #include "firmware/config/json_document.h"
 #include "master/base/status.h"
 
-typedef enum tl_json_type {
-    TL_JSON_ABSENT, /* there is nothing */
-    TL_JSON_NULL,
-    TL_JSON_BOOLEAN,
-    TL_JSON_NUMBER,
-    TL_JSON_TEXT,
-    TL_JSON_ARRAY,
-    TL_JSON_OBJECT
-} tl_json_type;
-
-struct cJSON;
-
-typedef struct tl_json_value {
-    tl_json_type type;
-    double number;            /* of a number, 1 or 0 of a boolean */
-    const char *text;         /* of a text */
-    const struct cJSON *item; /* NULL: absent; for tl_json_show() */
-} tl_json_value;
-
 typedef struct tl_json_difference {
-    const tl_json_step *way; /* from the root; */
-    size_t depth;            /* 0: the root itself */
-    tl_json_value before, after;
-    bool within; /* a part of the last one that is not */
+    const tl_json_step *way;     /* from the root; */
+    size_t depth;                /* 0: the root itself */
+    const cJSON *before, *after; /* NULL: there is nothing */
+    bool within;                 /* a part of the last one that is not */
     bool
         is_order; /* two objects, of which the keys that both have are in another order; all else that is different in them is told besides */
 } tl_json_difference;
@@ -62,10 +43,10 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
                           void (*see)(const tl_json_difference *difference, void *context), void *context,
                           tl_error *error);
 
-/* The object that it is a member of has such a key, too. */
-bool tl_json_has_sibling(const tl_json_value *value, const char *key);
+/* The object that it is a member of has such a key, too. False of NULL. */
+bool tl_json_has_sibling(const cJSON *item, const char *key);
 
-/* The value as JSON for people, cut to `size` ≥ 8 bytes; "" of one that is absent. */
-void tl_json_show(const tl_json_value *value, char *text, size_t size);
+/* The value as JSON for people, cut to `size` ≥ 8 bytes; "" of NULL. */
+void tl_json_show(const cJSON *item, char *text, size_t size);
 
 #endif

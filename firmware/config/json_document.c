@@ -137,55 +137,56 @@ static void number_lines(cJSON *root, const tl_json_lines *lines) {
 
 /* ---- keys that appear twice ---- */
 
-typedef struct keyed {
-    const cJSON *item;
-    size_t index; /* in the object */
-} keyed;
-
-static int by_key_then_index(const void *left, const void *right) {
-    const keyed *a = left;
-    const keyed *b = right;
-    int order = strcmp(a->item->string, b->item->string);
-    return order != 0 ? order : (a->index > b->index) - (a->index < b->index);
+static int by_key_then_place(const void *left, const void *right) {
+    const cJSON *a = *(cJSON *const *)left;
+    const cJSON *b = *(cJSON *const *)right;
+    int order = strcmp(a->string, b->string);
+    return order != 0 ? order : (a->valueint > b->valueint) - (a->valueint < b->valueint);
 }
 
-static void report_duplicate(const char *parent, const keyed *first, const keyed *again, tl_report *report) {
+cJSON **tl_json_sorted(const cJSON *object, size_t *count) {
+    cJSON **members = calloc((size_t)cJSON_GetArraySize(object) + 1, sizeof *members);
+    cJSON *member = NULL;
+    *count = 0;
+    if (members != NULL) {
+        cJSON_ArrayForEach(member, object) {
+            members[(*count)++] = member;
+        }
+        qsort(members, *count, sizeof *members, by_key_then_place);
+    }
+    return members;
+}
+
+static void report_duplicate(const char *parent, const cJSON *first, const cJSON *again, tl_report *report) {
     char path[TL_JSON_PATH];
     char key[TL_JSON_SHOWN];
-    tl_json_member_path(path, parent, again->item->string);
-    tl_text_for_people(again->item->string, key, sizeof key);
+    tl_json_member_path(path, parent, again->string);
+    tl_text_for_people(again->string, key, sizeof key);
     tl_report_add(report, TL_BAD_DATA, path,
                   "line %zu: found the key \"%s\" again, expected it once; the first is on line %zu",
-                  tl_json_line(again->item), key, tl_json_line(first->item));
+                  tl_json_line(again), key, tl_json_line(first));
 }
 
 /* False where memory is out. */
 static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *report) {
-    size_t count = (size_t)cJSON_GetArraySize(object);
-    keyed *keys = count > 1 ? calloc(count, sizeof *keys) : NULL;
-    if (keys == NULL) {
-        return count <= 1;
-    }
-    size_t i = 0;
-    const cJSON *child = NULL;
-    cJSON_ArrayForEach(child, object) {
-        keys[i] = (keyed){child, i};
-        i++;
-    }
-    qsort(keys, count, sizeof *keys, by_key_then_index);
     char path[TL_JSON_PATH] = "";
+    size_t count = 0;
     size_t first = 0;
-    for (i = 1; i < count; i++) {
-        if (strcmp(keys[i].item->string, keys[first].item->string) != 0) {
+    cJSON **keys = tl_json_sorted(object, &count);
+    if (keys == NULL) {
+        return false;
+    }
+    for (size_t i = 1; i < count; i++) {
+        if (strcmp(keys[i]->string, keys[first]->string) != 0) {
             first = i;
             continue;
         }
         if (path[0] == '\0') {
             path_of(w, object, path); /* seldom needed, and not cheap in a long array */
         }
-        report_duplicate(path, &keys[first], &keys[i], report);
+        report_duplicate(path, keys[first], keys[i], report);
     }
-    free(keys);
+    free((void *)keys);
     return true;
 }
 

@@ -63,6 +63,9 @@ void tl_json_way_path(char *path, const tl_json_step *way, size_t depth);
  * twice in an object are all reported too, as TL_BAD_DATA, but *root is there, so that more can be said. */
 tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root);
 
+/* The members of an object by their keys, the same keys by `valueint`. The caller frees the array. NULL: not enough memory. */
+cJSON **tl_json_sorted(const cJSON *object, size_t *count);
+
 /* The line of an item of a parsed document. */
 size_t tl_json_line(const cJSON *item);
 

@@ -15,8 +15,6 @@
 
 #include "firmware/base/os.h"
 
-#define KIND "fmu" /* of folder */
-
 enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
 
 /* One unpacking. */
@@ -30,18 +28,6 @@ typedef struct unpacking {
     tl_error *error;
 } unpacking;
 
-/* ---- The folder ---------------------------------------------------------------------------------------- */
-
-static tl_status make_folder(const char *label, tl_fmu_archive *archive, tl_error *error) {
-    tl_error cause;
-    tl_status status = tl_private_folder_make(KIND, 0, &archive->folder, &cause);
-    return status == TL_OK ? TL_OK : tl_fail(error, status, "%s: %s", label, cause.text);
-}
-
-void tl_fmu_archive_remove(tl_fmu_archive *archive) {
-    tl_private_folder_remove(&archive->folder);
-}
-
 /* ---- Paths --------------------------------------------------------------------------------------------- */
 
 static tl_status refuse(const unpacking *work, const char *name, const char *why) {
@@ -54,21 +40,6 @@ static tl_status refuse(const unpacking *work, const char *name, const char *why
     }
     return tl_fail(work->error, TL_BAD_DATA, "%s: entry \"%s\" is refused: %s; this FMU is broken or hostile",
                    work->label, shown, why);
-}
-
-/* The part of a path up to the next separator of either kind; *path moves behind that. false at the end. */
-static bool next_part(const char **path, const char **part, size_t *length) {
-    while (**path == '/' || **path == '\\') {
-        ++*path;
-    }
-    *part = *path;
-    *length = strcspn(*path, "/\\");
-    *path += *length;
-    return *length > 0;
-}
-
-static bool is_word(const char *part, size_t length, const char *word) {
-    return strlen(word) == length && memcmp(part, word, length) == 0;
 }
 
 /* Why a path cannot be allowed, or NULL. */
@@ -89,21 +60,23 @@ static const char *path_fault(const char *name) {
 }
 
 /* `name` with slashes, without "." and empty parts; it ends with a slash where it names a folder. */
-static tl_status safe_path(const unpacking *work, const char *name, char *path) {
+static tl_status safe_path(const unpacking *work, const char *name, char path[TL_FMU_ENTRY_PATH + 2]) {
     const char *fault = path_fault(name);
     if (fault != NULL) {
         return refuse(work, name, fault);
     }
-    const char *rest = name;
-    const char *part;
-    size_t length;
+    char copy[TL_FMU_ENTRY_PATH + 1];
+    char *rest = NULL;
     size_t end = 0;
     int depth = 0;
-    while (next_part(&rest, &part, &length)) {
-        if (is_word(part, length, ".")) {
+    (void)snprintf(copy, sizeof copy, "%s", name);
+    bool is_folder = strchr("/\\", copy[strlen(copy) - 1]) != NULL;
+    for (const char *part = strtok_r(copy, "/\\", &rest); part != NULL; part = strtok_r(NULL, "/\\", &rest)) {
+        size_t length = strlen(part);
+        if (strcmp(part, ".") == 0) {
             continue;
         }
-        if (is_word(part, length, "..")) {
+        if (strcmp(part, "..") == 0) {
             return refuse(work, name, "its path leads out of the FMU by \"..\"");
         }
         if (length > NAME_MAX || depth == TL_FMU_ENTRY_DEPTH) {
@@ -113,11 +86,10 @@ static tl_status safe_path(const unpacking *work, const char *name, char *path) 
         }
         memcpy(path + end, part, length);
         end += length;
+        path[end++] = '/';
         depth++;
-        path[end] = *rest == '\0' ? '\0' : '/';
-        end += *rest == '\0' ? 0 : 1;
     }
-    path[end] = '\0';
+    path[is_folder || end == 0 ? end : end - 1] = '\0';
     return TL_OK;
 }
 
@@ -172,18 +144,6 @@ static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, 
     return TL_OK;
 }
 
-static tl_status write_all(const unpacking *work, const char *path, int file, size_t size) {
-    size_t done = 0;
-    while (done < size) {
-        ssize_t now = write(file, work->buffer + done, size - done);
-        if (now < 0 && errno != EINTR) {
-            return fail_system(work, path, "written", errno);
-        }
-        done += now > 0 ? (size_t)now : 0;
-    }
-    return TL_OK;
-}
-
 /* libzip's ways to say that it is not the archive's fault; it opens the file a second time. */
 static tl_status zip_status(int code) {
     return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
@@ -208,8 +168,8 @@ static tl_status copy_entry(unpacking *work, zip_uint64_t index, const char *pat
         if (got > 0) {
             bytes += (uint64_t)got;
             status = count_bytes(work, path, bytes, (uint64_t)got);
-            if (status == TL_OK) {
-                status = write_all(work, path, file, (size_t)got);
+            if (status == TL_OK && !tl_file_bytes_write(file, work->buffer, (size_t)got)) {
+                status = fail_system(work, path, "written", errno);
             }
         } else if (got < 0) {
             status = fail_zip(work, path, zip_file_get_error(entry));
@@ -251,37 +211,31 @@ static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *pa
     return status;
 }
 
-/* Refuses what is not a plain file or folder by its Unix mode, which other systems leave 0. *mode is for open(). */
-static tl_status check_kind(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
+/* Refuses what is not a plain file or folder by its Unix mode, which other systems leave 0, or not stored as FMI demands. *mode is for open(). */
+static tl_status check_entry(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;
+    zip_stat_t facts;
+    const char *fault = NULL;
     (void)zip_file_get_external_attributes(work->zip, index, 0, &system, &attributes);
     uint32_t unix_mode = attributes >> 16;
     uint32_t kind = unix_mode & (uint32_t)S_IFMT;
-    if (kind == (uint32_t)S_IFLNK) {
-        return refuse(work, name, "it is a symbolic link");
-    }
-    if (kind != 0 && kind != (uint32_t)S_IFREG && kind != (uint32_t)S_IFDIR) {
-        return refuse(work, name, "it is neither a file nor a folder");
-    }
     *mode = (unix_mode & 0111U) != 0 ? 0700 : 0600;
-    return TL_OK;
-}
-
-static tl_status check_form(const unpacking *work, zip_uint64_t index, const char *name) {
-    zip_stat_t facts;
     zip_stat_init(&facts);
     if (zip_stat_index(work->zip, index, 0, &facts) != 0) {
         return fail_zip(work, name, zip_get_error(work->zip));
     }
-    if ((facts.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && facts.encryption_method != ZIP_EM_NONE) {
-        return refuse(work, name, "it is encrypted");
+    if (kind == (uint32_t)S_IFLNK) {
+        fault = "it is a symbolic link";
+    } else if (kind != 0 && kind != (uint32_t)S_IFREG && kind != (uint32_t)S_IFDIR) {
+        fault = "it is neither a file nor a folder";
+    } else if ((facts.valid & ZIP_STAT_ENCRYPTION_METHOD) != 0 && facts.encryption_method != ZIP_EM_NONE) {
+        fault = "it is encrypted";
+    } else if ((facts.valid & ZIP_STAT_COMP_METHOD) != 0 && facts.comp_method != ZIP_CM_STORE &&
+               facts.comp_method != ZIP_CM_DEFLATE) {
+        fault = "it is neither stored nor deflated, as FMI demands";
     }
-    if ((facts.valid & ZIP_STAT_COMP_METHOD) != 0 && facts.comp_method != ZIP_CM_STORE &&
-        facts.comp_method != ZIP_CM_DEFLATE) {
-        return refuse(work, name, "it is neither stored nor deflated, as FMI demands");
-    }
-    return TL_OK;
+    return fault != NULL ? refuse(work, name, fault) : TL_OK;
 }
 
 static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
@@ -293,10 +247,7 @@ static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
     }
     tl_status status = safe_path(work, name, path);
     if (status == TL_OK) {
-        status = check_kind(work, index, name, &mode);
-    }
-    if (status == TL_OK) {
-        status = check_form(work, index, name);
+        status = check_entry(work, index, name, &mode);
     }
     return status == TL_OK ? write_entry(work, index, path, mode) : status;
 }
@@ -367,22 +318,25 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
     return TL_OK; /* the descriptor is libzip's now */
 }
 
-tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
+tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error) {
     unpacking work = {.label = label, .error = error};
-    *archive = (tl_fmu_archive){.folder = {.descriptor = -1}};
+    *folder = (tl_private_folder){.descriptor = -1};
     tl_status status = open_zip(path, opened, &work);
     if (status != TL_OK) {
         return status;
     }
-    status = make_folder(label, archive, error);
+    tl_error cause;
+    status = tl_private_folder_make("fmu", 0, folder, &cause);
     if (status == TL_OK) {
-        work.root = archive->folder.descriptor;
+        work.root = folder->descriptor;
         status = unpack_all(&work);
+    } else {
+        (void)tl_fail(error, status, "%s: %s", label, cause.text);
     }
     zip_discard(work.zip);
     if (status != TL_OK) {
-        tl_fmu_archive_remove(archive);
+        tl_private_folder_remove(folder);
     }
     return status;
 }

@@ -8,7 +8,7 @@
  * Skipped: documentation/, sources/ and binaries of other systems are checked by name, and only folders are created
  *          for them: they would fill the memory of a small box.
  * Errors:  TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk, memory or descriptors are missing.
- * Thread:  one thread at a time for each archive.
+ * Thread:  one thread at a time for each folder.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_ARCHIVE_H
 #define TL_FIRMWARE_FMU_FMU_ARCHIVE_H
@@ -28,16 +28,9 @@ enum {
     TL_FMU_RATIO = 200
 };
 
-typedef struct tl_fmu_archive {
-    tl_private_folder folder; /* its path is "" where nothing is unpacked */
-} tl_fmu_archive;
-
 /* `opened`: the file's descriptor, if it was opened before (by a process that may not open it any more); -1: it is opened by its path.
- * `label` names the FMU in errors. On failure the archive is empty and nothing remains. It must stay where it is until it is removed. */
-tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_fmu_archive *archive,
+ * `label` names the FMU in errors. On failure there is no folder and nothing remains; else the caller removes it. */
+tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error);
-
-/* Removes the folder with all that is in it. An empty (zeroed) archive is allowed. */
-void tl_fmu_archive_remove(tl_fmu_archive *archive);
 
 #endif

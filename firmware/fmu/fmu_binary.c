@@ -126,14 +126,6 @@ enum { FOLDER_COUNT = sizeof folder_names / sizeof folder_names[0] };
 
 /* ---- ELF ----------------------------------------------------------------------------------------------- */
 
-/* What the first bytes of a binary say. */
-typedef struct elf_facts {
-    unsigned char class;
-    unsigned char order;
-    unsigned type;
-    unsigned machine;
-} elf_facts;
-
 static const char *machine_name(unsigned machine) {
     static const struct {
         unsigned machine;
@@ -149,34 +141,30 @@ static const char *machine_name(unsigned machine) {
     return "an unknown machine";
 }
 
-/* false where the file is no ELF file at all; errno is then 0, or why it cannot be opened. */
-static bool read_elf(const char *path, elf_facts *facts) {
-    unsigned char head[sizeof(Elf32_Ehdr)];
+/* The beginning of the header, which is the same for 32 and 64 bits. False where the file is no ELF file at all; errno is then 0, or why it cannot
+ * be opened. */
+static bool read_elf(const char *path, Elf32_Ehdr *head) {
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file < 0) {
         return false;
     }
     errno = 0;
-    ssize_t got = read(file, head, sizeof head);
+    ssize_t got = read(file, head, sizeof *head);
     (void)close(file);
-    if (got != (ssize_t)sizeof head || memcmp(head, ELFMAG, SELFMAG) != 0) {
+    if (got != (ssize_t)sizeof *head || memcmp(head->e_ident, ELFMAG, SELFMAG) != 0) {
         return false;
     }
-    facts->class = head[EI_CLASS];
-    facts->order = head[EI_DATA];
-    /* Both fields are in the same place for 32 and 64 bits. */
-    unsigned high = head[EI_DATA] == ELFDATA2MSB ? 0 : 1;
-    size_t type = offsetof(Elf32_Ehdr, e_type);
-    size_t machine = offsetof(Elf32_Ehdr, e_machine);
-    facts->type = (unsigned)head[type + high] << 8 | head[type + 1 - high];
-    facts->machine = (unsigned)head[machine + high] << 8 | head[machine + 1 - high];
+    if (head->e_ident[EI_DATA] != OWN_ORDER) {
+        head->e_type = __builtin_bswap16(head->e_type);
+        head->e_machine = __builtin_bswap16(head->e_machine);
+    }
     return true;
 }
 
 /* `shown` is the path within the FMU. */
 static tl_status check_elf(const char *path, const char *shown, const char *label, tl_error *error) {
-    elf_facts facts;
-    bool is_elf = read_elf(path, &facts);
+    Elf32_Ehdr head;
+    bool is_elf = read_elf(path, &head);
     if (!is_elf && tl_shortage_is(errno)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: %s cannot be opened: %s; try again", label, shown, strerror(errno));
     }
@@ -184,18 +172,19 @@ static tl_status check_elf(const char *path, const char *shown, const char *labe
         return tl_fail(error, TL_BAD_DATA, "%s: %s is not an ELF shared object; export the FMU for Linux on %s", label,
                        shown, machine_name(OWN_MACHINE));
     }
-    if (facts.class != OWN_CLASS || facts.order != OWN_ORDER || facts.machine != OWN_MACHINE) {
+    if (head.e_ident[EI_CLASS] != OWN_CLASS || head.e_ident[EI_DATA] != OWN_ORDER || head.e_machine != OWN_MACHINE) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: %s is for %s (ELF machine %u, %d bits, %s endian), this machine is %s (ELF machine %d, %d "
                        "bits); export the FMU for it",
-                       label, shown, machine_name(facts.machine), facts.machine, facts.class == ELFCLASS32 ? 32 : 64,
-                       facts.order == ELFDATA2MSB ? "big" : "little", machine_name(OWN_MACHINE), OWN_MACHINE,
+                       label, shown, machine_name(head.e_machine), head.e_machine,
+                       head.e_ident[EI_CLASS] == ELFCLASS32 ? 32 : 64,
+                       head.e_ident[EI_DATA] == ELFDATA2MSB ? "big" : "little", machine_name(OWN_MACHINE), OWN_MACHINE,
                        (int)sizeof(void *) * CHAR_BIT);
     }
-    if (facts.type != ET_DYN) {
+    if (head.e_type != ET_DYN) {
         return tl_fail(error, TL_BAD_DATA,
                        "%s: %s is an ELF file but not a shared object (type %u, not %d); export the FMU again", label,
-                       shown, facts.type, ET_DYN);
+                       shown, head.e_type, ET_DYN);
     }
     return TL_OK;
 }
@@ -294,15 +283,8 @@ static const symbol symbols[] = {
 };
 
 static bool is_needed(need need_of_symbol, const tl_capabilities *capabilities) {
-    switch (need_of_symbol) {
-    case ALWAYS:
-        return true;
-    case FOR_STATE:
-        return capabilities->can_get_and_set_state;
-    case FOR_SERIALIZING:
-        return capabilities->can_serialize_state;
-    }
-    return true;
+    return need_of_symbol == ALWAYS ||
+           (need_of_symbol == FOR_STATE ? capabilities->can_get_and_set_state : capabilities->can_serialize_state);
 }
 
 static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
@@ -352,34 +334,21 @@ static bool needs_python(const char *path, const char *reason) {
     return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
 }
 
-/* The loader says that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
-static bool is_shortage(const char *reason) {
-    return reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
-}
-
-/* Whether what dlopen() says is that thread-local variables of the kind that must be there before a thread begins find no room. */
-static bool lacks_thread_memory(const char *reason) {
-    return reason != NULL && strstr(reason, "static TLS") != NULL;
-}
-
-/* No other try helps: how much there is was settled when the process began. */
-static tl_status fail_thread_memory(const char *label, tl_error *error) {
-    return tl_fail(
-        error, TL_BAD_DATA,
-        "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
-        "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
-        "environment (of a service: systemctl edit, [Service] Environment=)",
-        label);
-}
-
 /* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
 static tl_status fail_open_binary(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
-    if (lacks_thread_memory(reason)) {
-        return fail_thread_memory(label, error);
+    if (reason != NULL &&
+        strstr(reason, "static TLS") != NULL) { /* how much there is was settled when the process began */
+        return tl_fail(
+            error, TL_BAD_DATA,
+            "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
+            "before it take what there is; start twinlock with GLIBC_TUNABLES=glibc.rtld.optional_static_tls=65536 in its "
+            "environment (of a service: systemctl edit, [Service] Environment=)",
+            label);
     }
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
-    bool shortage = is_shortage(reason);
+    /* The loader may say that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
+    bool shortage = reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
     const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
                          "\"libraries\" of the component";
     if (no_programs) {

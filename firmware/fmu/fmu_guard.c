@@ -26,11 +26,6 @@
 
 /* ---- fmu given ---- */
 
-static size_t bytes_of(const tl_ports *ports) {
-    return ports->real_count * sizeof(double) + ports->integer_count * sizeof(fmi2Integer) +
-           ports->boolean_count * sizeof(fmi2Boolean);
-}
-
 static fmi2Integer *integers_in(const tl_ports *ports, double *values) {
     return (fmi2Integer *)(void *)(values + ports->real_count);
 }
@@ -45,21 +40,17 @@ static void copy(void *to, const void *from, size_t size) {
     }
 }
 
-bool tl_fmu_given_open(tl_fmu_given *given, const tl_ports *ports) {
-    *given = (tl_fmu_given){.ports = ports, .bytes = bytes_of(ports)};
-    given->values = malloc(given->bytes + sizeof(double));
-    if (given->values == NULL) {
-        return false;
+tl_fmu_given *tl_fmu_given_open(const tl_ports *ports) {
+    size_t bytes = ports->real_count * sizeof(double) + ports->integer_count * sizeof(fmi2Integer) +
+                   ports->boolean_count * sizeof(fmi2Boolean);
+    tl_fmu_given *given = malloc(sizeof *given + bytes);
+    if (given != NULL) {
+        *given = (tl_fmu_given){.ports = ports, .bytes = bytes};
+        copy(given->values, ports->reals, ports->real_count * sizeof(double));
+        copy(integers_in(ports, given->values), ports->integers, ports->integer_count * sizeof(fmi2Integer));
+        copy(booleans_in(ports, given->values), ports->booleans, ports->boolean_count * sizeof(fmi2Boolean));
     }
-    copy(given->values, ports->reals, ports->real_count * sizeof(double));
-    copy(integers_in(ports, given->values), ports->integers, ports->integer_count * sizeof(fmi2Integer));
-    copy(booleans_in(ports, given->values), ports->booleans, ports->boolean_count * sizeof(fmi2Boolean));
-    return true;
-}
-
-void tl_fmu_given_close(tl_fmu_given *given) {
-    free(given->values);
-    *given = (tl_fmu_given){.values = NULL};
+    return given;
 }
 
 void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
@@ -87,7 +78,7 @@ void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state) {
     copy(state->values, given->values, given->bytes);
 }
 
-fmi2Status tl_fmu_given_give_again(const tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
+fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
                                    fmi2Component instance) {
     const tl_ports *ports = given->ports;
     fmi2Status status = fmi2OK;
@@ -111,7 +102,7 @@ fmi2Status tl_fmu_given_give_again(const tl_fmu_given *given, const tl_fmu_given
 static bool save(tl_fmu_guarded *self, void **copy) {
     tl_error error;
     if (tl_fmu_memory_save(&self->guard->memory, copy, &error) != TL_OK) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, error.text);
         return false;
     }
     return true;
@@ -212,7 +203,7 @@ static bool may_descend(const tl_fmu_guarded *self) {
 /* Why it cannot be; if there is another way, that is no error. */
 static void say_why_not(tl_fmu_guarded *self, const char *text) {
     tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
-    tl_fmu_logger_say(&self->guard->logger, level, "", text);
+    tl_fmu_logger_say(&self->guard->logger, level, text);
 }
 
 /* It has what is in no copy, since it was saved or before. Said once, and not of one that is proved by its own states: nobody needs a copy of it. */
@@ -263,7 +254,7 @@ static fmi2Status reserve_memory(fmi2Component component, size_t states) {
     tl_fmu_guarded *self = component;
     tl_error error;
     if (tl_fmu_memory_reserve(&self->guard->memory, states, &error) != TL_OK) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, "", error.text);
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, error.text);
         return fmi2Error;
     }
     return fmi2OK;
@@ -327,26 +318,10 @@ static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
     return status;
 }
 
-/* What steps set is known, and has been set: it may have to be set again. */
-static void tl_fmu_ladder_know_ports(tl_fmu_guarded *self, const tl_ports *inputs) {
-    bool may_need_it = self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL;
-    if (!may_need_it || self->given != NULL) {
-        return;
-    }
-    self->given = malloc(sizeof *self->given);
-    if (self->given != NULL && !tl_fmu_given_open(self->given, inputs)) {
-        free(self->given);
-        self->given = NULL;
-    }
-}
-
 /* What it is given is noted no more. */
 static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
-    if (self->given != NULL) {
-        tl_fmu_given_close(self->given);
-        free(self->given);
-        self->given = NULL;
-    }
+    free(self->given);
+    self->given = NULL;
     if (self->replay != NULL) {
         tl_fmu_replay_end(self->replay);
         free(self->replay);
@@ -354,12 +329,56 @@ static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
     }
 }
 
-/* ---- the ladder: which way is next if one is wrong ---- */
+/* ---- what stands in the table ---- */
 
-static void roll_back_by_states(tl_fmu_guard *guard);
-static void roll_back_by_memory(tl_fmu_guard *guard);
-static void roll_back_by_replay(tl_fmu_guard *guard);
-static void give_all_again(tl_fmu_guard *guard);
+/* Functions that are not in a row are none. */
+static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
+                                  .get_fmu_state = save_memory,
+                                  .set_fmu_state = restore_memory,
+                                  .free_fmu_state = forget_memory,
+                                  .state_size = memory_size,
+                                  .reserve_states = reserve_memory};
+static const tl_fmi2 GIVEN_AGAIN = {
+    .get_fmu_state = keep_given, .set_fmu_state = give_again, .free_fmu_state = forget_given};
+static const tl_fmi2 BY_REPLAY = {.is_unaware = true,
+                                  .get_fmu_state = keep_position,
+                                  .set_fmu_state = go_to_position,
+                                  .free_fmu_state = forget_position};
+
+static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *way) {
+    tl_fmi2 *functions = &guard->functions;
+    guard->by_memory = way == &BY_MEMORY;
+    guard->memory.has_flags = guard->by_memory;
+    functions->is_unaware = way->is_unaware;
+    functions->get_fmu_state = way->get_fmu_state;
+    functions->set_fmu_state = way->set_fmu_state;
+    functions->free_fmu_state = way->free_fmu_state;
+    functions->state_size = way->state_size;
+    functions->reserve_states = way->reserve_states;
+    functions->serialized_fmu_state_size = way->serialized_fmu_state_size;
+    functions->serialize_fmu_state = way->serialize_fmu_state;
+    functions->deserialize_fmu_state = way->deserialize_fmu_state;
+}
+
+/* Its own functions are used only to make bytes, if they are exact: a copy is made its own state for it. */
+static void roll_back_by_memory(tl_fmu_guard *guard) {
+    tl_fmi2 *functions = &guard->functions;
+    roll_back_by(guard, &BY_MEMORY);
+    tl_fmu_memory_measure_anew(&guard->memory);
+    if (guard->is_by_choice && guard->by_states.serialize_fmu_state != NULL) {
+        functions->serialized_fmu_state_size = tl_fmu_bytes_size;
+        functions->serialize_fmu_state = tl_fmu_bytes_write;
+        functions->deserialize_fmu_state = tl_fmu_bytes_read;
+    }
+}
+
+static void roll_back_by_replay(tl_fmu_guard *guard) {
+    roll_back_by(guard, &BY_REPLAY);
+    guard->by_replay = true;
+    guard->functions.replay.most = guard->most;
+}
+
+/* ---- the ladder: which way is next if one is wrong ---- */
 
 /* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
 static fmi2Status keep_aside(fmi2Component component) {
@@ -407,13 +426,11 @@ static fmi2Status come_back(fmi2Component component) {
 
 /* `why`: "", or in which way it was wrong. */
 static fmi2Status descend(tl_fmu_guarded *self, const char *otherwise, const char *why, const char *instead) {
-    tl_fmu_call call = {.fmu = ""};
     tl_error text;
     bool is_known = why[0] != '\0';
-    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
     (void)tl_fail(&text, TL_FMU_FAILED, "does not come back to where it was %s%s%s%s: %s", otherwise,
                   is_known ? " (" : "", why, is_known ? ")" : "", instead);
-    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, call.fmu, text.text);
+    tl_fmu_logger_say(&self->guard->logger, TL_LOG_WARNING, text.text);
     return fmi2OK;
 }
 
@@ -461,7 +478,8 @@ static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     }
     if (self->given != NULL && !self->by_replay && !guard->gives_again) {
         drop_copy(guard);
-        give_all_again(guard);
+        guard->gives_again = true;
+        roll_back_by(guard, &GIVEN_AGAIN);
         return come_back(self);
     }
     guard->gives_again = false;
@@ -484,7 +502,8 @@ static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
         return status;
     }
     forget_beginning(self);
-    roll_back_by_states(guard);
+    guard->is_by_choice = false;
+    roll_back_by(guard, &guard->by_states);
     return descend(self, "by its memory", why, "it is rolled back by its own states, which are slower");
 }
 
@@ -525,86 +544,6 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     guard->times = *times;
     roll_back_by_memory(guard);
     return fmi2OK;
-}
-
-/* ---- what stands in the table ---- */
-
-static void roll_back_by_states(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->is_by_choice = false;
-    guard->memory.has_flags = false;
-    functions->is_unaware = false;
-    functions->get_fmu_state = guard->by_states.get_fmu_state;
-    functions->set_fmu_state = guard->by_states.set_fmu_state;
-    functions->free_fmu_state = guard->by_states.free_fmu_state;
-    functions->state_size = guard->by_states.state_size;
-    functions->reserve_states = guard->by_states.reserve_states;
-    functions->serialized_fmu_state_size = guard->by_states.serialized_fmu_state_size;
-    functions->serialize_fmu_state = guard->by_states.serialize_fmu_state;
-    functions->deserialize_fmu_state = guard->by_states.deserialize_fmu_state;
-}
-
-/* A copy is made its own state for it. */
-static void own_bytes_of_copies(tl_fmu_guard *guard) {
-    if (guard->by_states.serialize_fmu_state != NULL) {
-        guard->functions.serialized_fmu_state_size = tl_fmu_bytes_size;
-        guard->functions.serialize_fmu_state = tl_fmu_bytes_write;
-        guard->functions.deserialize_fmu_state = tl_fmu_bytes_read;
-    }
-}
-
-static void own_no_bytes(tl_fmi2 *functions) {
-    functions->serialized_fmu_state_size = NULL;
-    functions->serialize_fmu_state = NULL;
-    functions->deserialize_fmu_state = NULL;
-}
-
-/* Its own functions are used only to make bytes, if they are exact. */
-static void roll_back_by_memory(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = true;
-    guard->memory.has_flags = true;
-    functions->is_unaware = true;
-    tl_fmu_memory_measure_anew(&guard->memory);
-    functions->get_fmu_state = save_memory;
-    functions->set_fmu_state = restore_memory;
-    functions->free_fmu_state = forget_memory;
-    functions->state_size = memory_size;
-    functions->reserve_states = reserve_memory;
-    own_no_bytes(functions);
-    if (guard->is_by_choice) {
-        own_bytes_of_copies(guard);
-    }
-}
-
-static void give_all_again(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->gives_again = true;
-    guard->memory.has_flags = false;
-    functions->is_unaware = false;
-    functions->get_fmu_state = keep_given;
-    functions->set_fmu_state = give_again;
-    functions->free_fmu_state = forget_given;
-    functions->state_size = NULL;
-    functions->reserve_states = NULL;
-    own_no_bytes(functions);
-}
-
-static void roll_back_by_replay(tl_fmu_guard *guard) {
-    tl_fmi2 *functions = &guard->functions;
-    guard->by_memory = false;
-    guard->by_replay = true;
-    guard->memory.has_flags = false;
-    functions->is_unaware = true;
-    functions->get_fmu_state = keep_position;
-    functions->set_fmu_state = go_to_position;
-    functions->free_fmu_state = forget_position;
-    functions->state_size = NULL;
-    functions->reserve_states = NULL;
-    functions->replay.most = guard->most;
-    own_no_bytes(functions);
 }
 
 /* ---- the first of them ---- */
@@ -648,7 +587,7 @@ static void say_changes(tl_fmu_guard *guard, unsigned *told, unsigned changes, c
     tl_host_state_describe(fresh, names);
     (void)snprintf(text, sizeof text, "changed %s of the whole process in %s; that was put back, and is said once",
                    names, where != NULL ? where : call.function);
-    tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, call.fmu, text);
+    tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, text);
 }
 
 /* Out of line: it hardly ever happens. */
@@ -780,7 +719,11 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
         self->replay->inputs = inputs;
         self->replay->outputs = outputs;
     }
-    tl_fmu_ladder_know_ports(self, inputs);
+    /* What steps set is known, and has been set: it may have to be set again. */
+    if (self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL &&
+        self->given == NULL) {
+        self->given = tl_fmu_given_open(inputs);
+    }
 }
 
 /* ---- life of an instance ---- */
@@ -1014,10 +957,8 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 
 /* Claimed success without a state would be found when the twin is to go back to it. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
-    tl_fmu_call call = {.fmu = ""};
     if (status <= fmi2Warning && *state == NULL) {
-        (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, call.fmu,
+        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR,
                           "answered fmi2OK and gave no state (NULL), which is taken for fmi2Error");
         return fmi2Error;
     }

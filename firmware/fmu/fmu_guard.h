@@ -25,9 +25,9 @@
 
 /* Fields are private. */
 typedef struct tl_fmu_given {
-    const tl_ports *ports; /* that are set, */
-    double *values;        /* and the last values: reals, then integers, then Booleans */
-    size_t bytes;
+    const tl_ports *ports; /* that are set */
+    size_t bytes;          /* of the last values: */
+    double values[];       /* reals, then integers, then Booleans */
 } tl_fmu_given;
 
 /* A state with what was given before it. */
@@ -36,9 +36,8 @@ typedef struct tl_fmu_given_state {
     double values[];
 } tl_fmu_given_state;
 
-/* What is in the ports was given last; they must stay. False: there is no memory. */
-bool tl_fmu_given_open(tl_fmu_given *given, const tl_ports *ports);
-void tl_fmu_given_close(tl_fmu_given *given);
+/* What is in the ports was given last; they must stay. The caller frees it. NULL: there is no memory. */
+tl_fmu_given *tl_fmu_given_open(const tl_ports *ports);
 
 /* A call that sets values of the ports, or another one, which says nothing. */
 void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
@@ -49,7 +48,7 @@ tl_fmu_given_state *tl_fmu_given_make_state(const tl_fmu_given *given);
 
 /* What is given now is what a state has; and the other way round: the instance is given that again, by `fmi`. */
 void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state);
-fmi2Status tl_fmu_given_give_again(const tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
+fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
                                    fmi2Component instance);
 
 /* ---- What the guard is made of, and one instance behind it: for fmu_guard.h, which says what it does, and fmu_guard.h.

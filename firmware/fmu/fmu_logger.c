@@ -132,19 +132,6 @@ static conversion read_conversion(const char *format, va_list *arguments) {
     return found;
 }
 
-/* No message of an FMU has a %n: one that seems to is a text with a percent sign in it. */
-static bool has_write_back(const char *format) {
-    for (const char *c = strchr(format, '%'); c != NULL; c = strchr(c, '%')) {
-        c++;
-        c += strspn(c, "0123456789 #+-'.*$hlLqjzt");
-        if (*c == 'n') {
-            return true;
-        }
-        c += *c == '\0' ? 0 : 1;
-    }
-    return false;
-}
-
 /* Passes over the integer that was printed from a copy of the arguments. */
 static void skip_integer(const conversion *found, va_list *arguments) {
     bool wide = strcmp(found->size, "ll") == 0 || strcmp(found->size, "q") == 0 || strcmp(found->size, "j") == 0;
@@ -242,10 +229,6 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
     (void)copy(untrusted, SIZE_MAX, format, sizeof format);
     errno = saved; /* %m is about it */
     text[0] = '\0';
-    if (has_write_back(format)) {
-        append(&to, format, strlen(format));
-        return;
-    }
     for (const char *c = format; *c != '\0' && to.used < size;) {
         size_t plain = strcspn(c, "%");
         append(&to, c, plain);
@@ -300,18 +283,8 @@ static tl_fmu_logger *find(const void *environment) {
 }
 
 static tl_log_level level_of(fmi2Status status) {
-    switch (status) {
-    case fmi2OK:
-    case fmi2Pending:
-        return TL_LOG_DEBUG;
-    case fmi2Warning:
-    case fmi2Discard:
-        return TL_LOG_WARNING;
-    case fmi2Error:
-    case fmi2Fatal:
-        return TL_LOG_ERROR;
-    }
-    return TL_LOG_WARNING;
+    bool is_fine = status == fmi2OK || status == fmi2Pending;
+    return is_fine ? TL_LOG_DEBUG : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR : TL_LOG_WARNING;
 }
 
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
@@ -347,6 +320,8 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     (void)tl_fmu_allocation_enter(heap);
 }
 
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *who, const char *text) {
-    tl_log_limited(&logger->limiter, level, "FMU %s %s", who[0] != '\0' ? who : logger->name, text);
+void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text) {
+    tl_fmu_call call = {.fmu = ""};
+    (void)tl_fmu_calls_look(tl_fmu_calls_here(), &call);
+    tl_log_limited(&logger->limiter, level, "FMU %s %s", call.fmu[0] != '\0' ? call.fmu : logger->name, text);
 }

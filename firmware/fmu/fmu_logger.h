@@ -24,8 +24,8 @@
 /* A text of the FMU's as text of ours, cut to what fits; "" if it is NULL, and a word that says so if it cannot be read. */
 void tl_fmu_message_copy(const char *untrusted, char *text, size_t size);
 
-/* The message with its arguments put in, cut to what fits. A conversion that printf does not know ends the formatting: the rest is copied
- * as it is. Wide characters show as "?". A message with a %n is taken for a text. */
+/* The message with its arguments put in, cut to what fits. A conversion that printf does not know, and %n, end the formatting: the rest is
+ * copied as it is. Wide characters show as "?". */
 void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text, size_t size);
 
 /* ---- The logger that FMUs are given: their messages in the log, limited per second.
@@ -55,8 +55,8 @@ void tl_fmu_logger_close(tl_fmu_logger *logger);
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
-/* A line of ours about the FMU, by the same limit: it may be said in the cycle. `who`: an instance of it; "": the file. The
- * text goes on after the name: "changed …". */
-void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *who, const char *text);
+/* A line of ours about the FMU, by the same limit: it may be said in the cycle. It begins with the instance that is called, or the file's name; the
+ * text goes on after that: "changed …". */
+void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text);
 
 #endif

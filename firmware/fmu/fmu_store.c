@@ -13,16 +13,9 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
-#include "firmware/rollback/fmu_heap.h"
-#include "master/base/arena.h"
 
 /* Bytes of a path that an error shows: its end. */
 enum { LABEL = 120 };
-
-typedef struct tl_fmu_files {
-    tl_arena arena;
-    tl_fmu_archive archive;
-} tl_fmu_files;
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
 
@@ -49,7 +42,7 @@ static const char *file_uri(tl_arena *arena, const char *path) {
 static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources"];
     struct stat status;
-    (void)snprintf(path, sizeof path, "%s/resources", fmu->files->archive.folder.path);
+    (void)snprintf(path, sizeof path, "%s/resources", fmu->folder.path);
     if (mkdir(path, 0700) != 0 && errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: no folder for resources can be made: %s; free space or set TMPDIR",
                        label, strerror(errno));
@@ -58,7 +51,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
         return tl_fail(error, TL_BAD_DATA, "%s: its entry \"resources\" is a file, not a folder; export the FMU again",
                        label);
     }
-    fmu->resources = file_uri(&fmu->files->arena, path);
+    fmu->resources = file_uri(&fmu->arena, path);
     if (fmu->resources == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
@@ -68,7 +61,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
 /* PythonFMU's binary imports the module that the first line of this file names. */
 static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
-    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->files->archive.folder.path);
+    (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->folder.path);
     FILE *file = fopen(path, "re");
     if (file == NULL) {
         return tl_shortage_is(errno)
@@ -94,8 +87,7 @@ static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error)
     if (is_auto || wanted == TL_ROLLBACK_REPLAY) {
         tl_fmu_guard_use_replay(&fmu->guard, TL_REPLAY_STEPS, !fmu->has_state && !by_memory);
     }
-    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->files->archive.folder.path, !fmu->has_state, error)
-                     : TL_OK;
+    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->folder.path, !fmu->has_state, error) : TL_OK;
 }
 
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
@@ -107,10 +99,6 @@ void tl_fmu_prepare(void) {
     if (tl_fmu_memory_serves()) {
         tl_fmu_memory_prepare();
     }
-}
-
-size_t tl_fmu_used(void) {
-    return tl_fmu_allocation_used();
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
@@ -130,18 +118,17 @@ const tl_fmi2_times *tl_fmu_choice(const tl_fmu *fmu) {
 
 static tl_status load(const char *path, int opened, tl_rollback wanted, const char *label, tl_fmu *fmu,
                       tl_error *error) {
-    tl_fmu_files *files = fmu->files;
     char description[PATH_MAX + sizeof "/modelDescription.xml"];
-    fmu->path = tl_arena_text(&files->arena, path);
+    fmu->path = tl_arena_text(&fmu->arena, path);
     if (fmu->path == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
-    tl_status status = tl_fmu_archive_unpack(path, opened, label, &files->archive, error);
+    tl_status status = tl_fmu_archive_unpack(path, opened, label, &fmu->folder, error);
     if (status != TL_OK) {
         return status;
     }
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", files->archive.folder.path);
-    status = tl_model_description_read(description, label, &files->arena, &fmu->model, error);
+    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", fmu->folder.path);
+    status = tl_model_description_read(description, label, &fmu->arena, &fmu->model, error);
     if (status != TL_OK) {
         return status;
     }
@@ -154,8 +141,7 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
     }
     tl_fmu_guard_open(&fmu->guard, fmu->model.name, fmu->model.generation_tool);
     status = open_rollback(fmu, wanted, error);
-    return status != TL_OK ? status
-                           : tl_fmu_binary_open(files->archive.folder.path, &fmu->model, label, &fmu->guard, error);
+    return status != TL_OK ? status : tl_fmu_binary_open(fmu->folder.path, &fmu->model, label, &fmu->guard, error);
 }
 
 tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu *fmu, tl_error *error) {
@@ -164,27 +150,20 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
     while (((unsigned char)*label & 0xC0U) == 0x80U) {
         label++; /* to the start of a UTF-8 character */
     }
-    *fmu = (tl_fmu){.files = calloc(1, sizeof(tl_fmu_files))};
-    if (fmu->files == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
-    }
-    tl_arena_init(&fmu->files->arena);
+    *fmu = (tl_fmu){.path = NULL};
+    tl_arena_init(&fmu->arena);
     tl_status status = load(path, opened, rollback, label, fmu, error);
     if (status != TL_OK) {
         tl_fmu_unload(fmu);
         return status;
     }
-    tl_arena_seal(&fmu->files->arena);
+    tl_arena_seal(&fmu->arena);
     return TL_OK;
 }
 
 void tl_fmu_unload(tl_fmu *fmu) {
-    tl_fmu_files *files = fmu->files;
-    if (files != NULL) {
-        tl_fmu_guard_close(&fmu->guard);
-        tl_fmu_archive_remove(&files->archive);
-        tl_arena_release(&files->arena);
-        free(files);
-    }
+    tl_fmu_guard_close(&fmu->guard);
+    tl_private_folder_remove(&fmu->folder);
+    tl_arena_release(&fmu->arena);
     *fmu = (tl_fmu){0};
 }

@@ -13,6 +13,8 @@
 #include <stdbool.h>
 
 #include "firmware/fmu/fmu_guard.h"
+#include "firmware/process/private_folder.h"
+#include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 #include "master/fmi/rollback.h"
@@ -27,7 +29,8 @@ typedef struct tl_fmu {
     bool has_state;             /* private: it may be rolled back by its own states */
     const char *resources;      /* file:/// URI; the folder exists also where the FMU has none */
     char module[TL_FMU_MODULE]; /* the Python module that an FMU of PythonFMU imports, cut; "": none */
-    struct tl_fmu_files *files; /* private: memory, unpacked folder */
+    tl_arena arena;             /* private: of the model and texts */
+    tl_private_folder folder;   /* private: what it is unpacked to */
 } tl_fmu;
 
 /* `opened`: the file, if it was opened before; the descriptor stays the caller's. -1: it is opened here. `rollback`: how it shall be rolled back; without a way the FMU has no functions for it. Errors: TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk or memory is missing.
@@ -36,9 +39,6 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
 
 /* Before a process gives up its rights, if it is to load FMUs: what their rollback needs of the kernel is opened. */
 void tl_fmu_prepare(void);
-
-/* Bytes that FMUs have allocated from heaps of their own. */
-size_t tl_fmu_used(void);
 
 /* Before it is instantiated: by replay it can be led back from so many steps after its beginning. Else TL_REPLAY_STEPS. */
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);

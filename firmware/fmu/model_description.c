@@ -4,6 +4,7 @@
 #include <errno.h>
 #include <expat.h>
 #include <fcntl.h>
+#include <limits.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -19,13 +20,8 @@
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 
-/* ---- A model as its description says it, before types are inherited and units are found.
- *
- * Purpose: what model_description.c collects tag by tag, and how it becomes a tl_model once the whole document is read.
- * Bound:   settling is O(n log n) in the number of units, types and variables.
- * Owner:   lists live in the heap until tl_model_draft_free(); texts live in the arena from the start.
- * Thread:  one thread.
- */
+/* ---- A model as its description says it, before types are inherited and units are found. Lists live in the heap while it is read; texts live in
+ * the arena from the start. */
 
 /* What <Real>, <Integer>, … says, within a SimpleType or a ScalarVariable. NaN and NULL: not given. */
 typedef struct tl_draft_declaration {
@@ -37,102 +33,66 @@ typedef struct tl_draft_declaration {
     double nominal;
 } tl_draft_declaration;
 
+/* What units, types and variables begin with. */
+typedef struct tl_draft_item {
+    const char *name;
+    unsigned long line; /* IMPLIED: of a unit that is named, but not defined */
+} tl_draft_item;
+
+#define IMPLIED ULONG_MAX
+
 typedef struct tl_draft_unit {
-    tl_unit unit;
-    unsigned long line;
+    tl_draft_item item;
+    tl_unit unit; /* all but its name */
 } tl_draft_unit;
 
 typedef struct tl_draft_type {
-    const char *name;
+    tl_draft_item item;
     tl_draft_declaration declaration;
-    unsigned long line;
 } tl_draft_type;
 
 typedef struct tl_draft_variable {
+    tl_draft_item item;
     tl_variable variable; /* all but what is inherited */
     tl_draft_declaration declaration;
     const char *declared_type; /* NULL: none */
     bool has_variability;
     bool has_initial;
-    unsigned long line;
-    size_t unit; /* private: index into the units */
 } tl_draft_variable;
 
-/* `items` of one size; zeroed is empty. */
+/* `items` of one size. */
 typedef struct tl_draft_list {
     void *items;
+    size_t size; /* of one */
     size_t count;
     size_t capacity;
 } tl_draft_list;
 
-typedef struct tl_model_draft {
-    tl_draft_list units;     /* tl_draft_unit */
-    tl_draft_list types;     /* tl_draft_type */
-    tl_draft_list variables; /* tl_draft_variable */
-} tl_model_draft;
+/* ---- Attribute texts to values: the characters are checked, then the C library reads the number. */
 
-/* ---- Attribute texts to values: the form is checked by hand, then strtod() reads the number. */
+#define SPACE " \t\n\r"
 
 typedef struct span {
     const char *start;
     size_t length;
 } span;
 
-static bool is_space(char c) {
-    return c == ' ' || c == '\t' || c == '\n' || c == '\r';
-}
-
-static bool is_digit(char c) {
-    return c >= '0' && c <= '9';
-}
-
 static span trimmed(const char *text) {
-    while (is_space(*text)) {
-        text++;
-    }
-    size_t length = strlen(text);
-    while (length > 0 && is_space(text[length - 1])) {
+    const char *start = text + strspn(text, SPACE);
+    size_t length = strlen(start);
+    while (length > 0 && strchr(SPACE, start[length - 1]) != NULL) {
         length--;
     }
-    return (span){text, length};
+    return (span){start, length};
 }
 
 static bool equals(span text, const char *word) {
     return strlen(word) == text.length && memcmp(text.start, word, text.length) == 0;
 }
 
-static size_t skip_sign(span text, size_t at) {
-    return at < text.length && (text.start[at] == '+' || text.start[at] == '-') ? at + 1 : at;
-}
-
-static size_t skip_digits(span text, size_t at) {
-    while (at < text.length && is_digit(text.start[at])) {
-        at++;
-    }
-    return at;
-}
-
-/* [sign] digits with at most one point among or beside them [e [sign] digits] */
-static bool is_decimal(span text) {
-    size_t first = skip_sign(text, 0);
-    size_t at = skip_digits(text, first);
-    size_t digits = at - first;
-    if (at < text.length && text.start[at] == '.') {
-        size_t fraction = at + 1;
-        at = skip_digits(text, fraction);
-        digits += at - fraction;
-    }
-    if (digits == 0) {
-        return false;
-    }
-    if (at < text.length && (text.start[at] == 'e' || text.start[at] == 'E')) {
-        size_t exponent = skip_sign(text, at + 1);
-        at = skip_digits(text, exponent);
-        if (at == exponent) {
-            return false;
-        }
-    }
-    return at == text.length;
+/* Not empty, and nothing but these characters. */
+static bool is_made_of(span text, const char *characters) {
+    return text.length > 0 && strspn(text.start, characters) >= text.length;
 }
 
 bool tl_xml_double(const char *text, double *value) {
@@ -148,353 +108,37 @@ bool tl_xml_double(const char *text, double *value) {
             return true;
         }
     }
-    if (!is_decimal(number)) {
-        return false;
-    }
     char *end = NULL;
     double result = strtod(number.start, &end);
-    if (end != number.start + number.length) {
-        return false; /* this thread has a locale without a decimal point: see os.h */
+    if (!is_made_of(number, "+-.0123456789eE") || end != number.start + number.length) {
+        return false; /* also if this thread has a locale without a decimal point: see os.h */
     }
     *value = result;
     return true;
 }
 
-/* [sign] digits, in lowest..highest. */
-static bool read_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value) {
+bool tl_xml_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value) {
     span number = trimmed(text);
-    size_t first = skip_sign(number, 0);
-    if (first == number.length || skip_digits(number, first) != number.length) {
+    char *end = NULL;
+    long long result = strtoll(number.start, &end, 10); /* what is too large becomes the largest */
+    if (!is_made_of(number, "+-0123456789") || end != number.start + number.length || result < lowest ||
+        result > highest) {
         return false;
-    }
-    bool negative = number.start[0] == '-';
-    int64_t result = 0;
-    for (size_t i = first; i < number.length; i++) {
-        int digit = number.start[i] - '0';
-        result = result * 10 + (negative ? -digit : digit);
-        if (result < lowest || result > highest) {
-            return false;
-        }
     }
     *value = result;
-    return true;
-}
-
-bool tl_xml_int(const char *text, int32_t *value) {
-    int64_t result;
-    if (!read_integer(text, INT32_MIN, INT32_MAX, &result)) {
-        return false;
-    }
-    *value = (int32_t)result;
-    return true;
-}
-
-bool tl_xml_unsigned(const char *text, uint32_t *value) {
-    int64_t result;
-    if (!read_integer(text, 0, UINT32_MAX, &result)) {
-        return false;
-    }
-    *value = (uint32_t)result;
     return true;
 }
 
 bool tl_xml_boolean(const char *text, bool *value) {
+    static const char *const words[] = {"false", "true", "0", "1"};
     span word = trimmed(text);
-    if (equals(word, "true") || equals(word, "1")) {
-        *value = true;
-        return true;
-    }
-    if (equals(word, "false") || equals(word, "0")) {
-        *value = false;
-        return true;
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++) {
+        if (equals(word, words[i])) {
+            *value = i % 2 == 1;
+            return true;
+        }
     }
     return false;
-}
-
-/* ---- From a draft to a model. Everything is found by sorting once and searching after, so that a description of a hundred
- * thousand variables is still read in a moment. */
-
-static void *tl_draft_append(tl_draft_list *list, size_t size) {
-    if (list->count == list->capacity) {
-        size_t capacity = list->capacity == 0 ? 64 : 2 * list->capacity;
-        void *grown = realloc(list->items, capacity * size);
-        if (grown == NULL) {
-            return NULL;
-        }
-        list->items = grown;
-        list->capacity = capacity;
-    }
-    void *item = (char *)list->items + list->count * size;
-    list->count++;
-    memset(item, 0, size);
-    return item;
-}
-
-/* Frees the lists. */
-static void tl_model_draft_free(tl_model_draft *draft) {
-    free(draft->units.items);
-    free(draft->types.items);
-    free(draft->variables.items);
-    *draft = (tl_model_draft){0};
-}
-
-static tl_draft_unit *unit_at(const tl_model_draft *draft, size_t index) {
-    return (tl_draft_unit *)draft->units.items + index;
-}
-
-static tl_draft_type *type_at(const tl_model_draft *draft, size_t index) {
-    return (tl_draft_type *)draft->types.items + index;
-}
-
-static tl_draft_variable *variable_at(const tl_model_draft *draft, size_t index) {
-    return (tl_draft_variable *)draft->variables.items + index;
-}
-
-/* The newest item. The list is not empty. */
-static tl_draft_unit *tl_draft_last_unit(const tl_model_draft *draft) {
-    return unit_at(draft, draft->units.count - 1);
-}
-
-static tl_draft_type *tl_draft_last_type(const tl_model_draft *draft) {
-    return type_at(draft, draft->types.count - 1);
-}
-
-static tl_draft_variable *tl_draft_last_variable(const tl_model_draft *draft) {
-    return variable_at(draft, draft->variables.count - 1);
-}
-
-/* ---- Order: by name, the same names by line ------------------------------------------------------------ */
-
-static int compare(const char *left, unsigned long left_line, const char *right, unsigned long right_line) {
-    int order = strcmp(left, right);
-    return order != 0 ? order : (left_line > right_line) - (left_line < right_line);
-}
-
-static int compare_units(const void *left, const void *right) {
-    const tl_draft_unit *a = left;
-    const tl_draft_unit *b = right;
-    return compare(a->unit.name, a->line, b->unit.name, b->line);
-}
-
-static int compare_types(const void *left, const void *right) {
-    const tl_draft_type *a = left;
-    const tl_draft_type *b = right;
-    return compare(a->name, a->line, b->name, b->line);
-}
-
-static int compare_variables(const void *left, const void *right) {
-    const tl_draft_variable *a = *(tl_draft_variable *const *)left;
-    const tl_draft_variable *b = *(tl_draft_variable *const *)right;
-    return compare(a->variable.name, a->line, b->variable.name, b->line);
-}
-
-static int compare_units_of_variables(const void *left, const void *right) {
-    const tl_draft_variable *a = *(tl_draft_variable *const *)left;
-    const tl_draft_variable *b = *(tl_draft_variable *const *)right;
-    return compare(a->declaration.unit, a->line, b->declaration.unit, b->line);
-}
-
-static int find_unit(const void *name, const void *unit) {
-    return strcmp(name, ((const tl_draft_unit *)unit)->unit.name);
-}
-
-static int find_type(const void *name, const void *type) {
-    return strcmp(name, ((const tl_draft_type *)type)->name);
-}
-
-static void sort(tl_draft_list *list, size_t size, int (*order)(const void *left, const void *right)) {
-    if (list->count > 1) {
-        qsort(list->items, list->count, size, order);
-    }
-}
-
-static void *search(const tl_draft_list *list, size_t size, const char *name,
-                    int (*order)(const void *name, const void *item)) {
-    return list->count == 0 ? NULL : bsearch(name, list->items, list->count, size, order);
-}
-
-/* ---- Names that may be given once ---------------------------------------------------------------------- */
-
-static tl_status fail_twice(tl_error *error, const char *what, const char *name, unsigned long first) {
-    return tl_fail(error, TL_BAD_DATA, "%s \"%.100s\" is declared twice, first in line %lu; each name may occur once",
-                   what, name, first);
-}
-
-static tl_status sort_units(tl_model_draft *draft, unsigned long *line, tl_error *error) {
-    sort(&draft->units, sizeof(tl_draft_unit), compare_units);
-    for (size_t i = 1; i < draft->units.count; i++) {
-        const tl_draft_unit *first = unit_at(draft, i - 1);
-        if (strcmp(first->unit.name, unit_at(draft, i)->unit.name) == 0) {
-            *line = unit_at(draft, i)->line;
-            return fail_twice(error, "unit", first->unit.name, first->line);
-        }
-    }
-    return TL_OK;
-}
-
-static tl_status sort_types(tl_model_draft *draft, unsigned long *line, tl_error *error) {
-    sort(&draft->types, sizeof(tl_draft_type), compare_types);
-    for (size_t i = 1; i < draft->types.count; i++) {
-        const tl_draft_type *first = type_at(draft, i - 1);
-        if (strcmp(first->name, type_at(draft, i)->name) == 0) {
-            *line = type_at(draft, i)->line;
-            return fail_twice(error, "type", first->name, first->line);
-        }
-    }
-    return TL_OK;
-}
-
-/* The variables keep their order; `pointers` has room for all of them. */
-static tl_status check_names(const tl_model_draft *draft, tl_draft_variable **pointers, unsigned long *line,
-                             tl_error *error) {
-    size_t count = draft->variables.count;
-    for (size_t i = 0; i < count; i++) {
-        pointers[i] = variable_at(draft, i);
-    }
-    qsort(pointers, count, sizeof(tl_draft_variable *), compare_variables);
-    for (size_t i = 1; i < count; i++) {
-        const tl_draft_variable *first = pointers[i - 1];
-        if (strcmp(first->variable.name, pointers[i]->variable.name) == 0) {
-            *line = pointers[i]->line;
-            return fail_twice(error, "variable", first->variable.name, first->line);
-        }
-    }
-    return TL_OK;
-}
-
-/* ---- Inheritance --------------------------------------------------------------------------------------- */
-
-static double first_given(double own, double inherited, double otherwise) {
-    double value = isnan(own) ? inherited : own;
-    return isnan(value) ? otherwise : value;
-}
-
-/* What the variable does not say itself comes from its declared type. */
-static tl_status inherit(const tl_model_draft *draft, tl_draft_variable *entry, tl_error *error) {
-    static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
-    tl_draft_declaration *own = &entry->declaration;
-    tl_variable *variable = &entry->variable;
-    const tl_draft_declaration *inherited = &none;
-    if (entry->declared_type != NULL) {
-        const tl_draft_type *type = search(&draft->types, sizeof(tl_draft_type), entry->declared_type, find_type);
-        if (type == NULL || type->declaration.type != own->type) {
-            return tl_fail(error, TL_BAD_DATA, "declaredType=\"%.100s\" of variable \"%.100s\" is %s",
-                           entry->declared_type, variable->name,
-                           type == NULL ? "not in <TypeDefinitions>" : "a type of another kind than the variable");
-        }
-        inherited = &type->declaration;
-    }
-    own->unit = own->unit == NULL ? inherited->unit : own->unit;
-    variable->minimum = first_given(own->minimum, inherited->minimum, -(double)INFINITY);
-    variable->maximum = first_given(own->maximum, inherited->maximum, (double)INFINITY);
-    variable->nominal = fabs(first_given(own->nominal, inherited->nominal, 1));
-    if (variable->nominal == 0) {
-        variable->nominal = 1;
-    }
-    if (variable->minimum > variable->maximum) {
-        return tl_fail(error, TL_BAD_DATA, "variable \"%.100s\" has min %g above max %g; correct one of them",
-                       variable->name, variable->minimum, variable->maximum);
-    }
-    return TL_OK;
-}
-
-/* ---- Units --------------------------------------------------------------------------------------------- */
-
-/* Gives each variable the index of its unit. Units that nobody defined are appended, without base. */
-static tl_status find_units(tl_model_draft *draft, tl_draft_variable **pointers) {
-    size_t count = 0;
-    for (size_t i = 0; i < draft->variables.count; i++) {
-        tl_draft_variable *entry = variable_at(draft, i);
-        entry->unit = SIZE_MAX;
-        if (entry->declaration.unit != NULL && entry->declaration.unit[0] != '\0') {
-            pointers[count] = entry;
-            count++;
-        }
-    }
-    qsort(pointers, count, sizeof(tl_draft_variable *), compare_units_of_variables);
-    tl_draft_list defined = draft->units; /* the sorted ones; `items` may move below */
-    for (size_t i = 0; i < count; i++) {
-        const char *name = pointers[i]->declaration.unit;
-        if (i > 0 && strcmp(name, pointers[i - 1]->declaration.unit) == 0) {
-            pointers[i]->unit = pointers[i - 1]->unit;
-            continue;
-        }
-        defined.items = draft->units.items;
-        const tl_draft_unit *unit = search(&defined, sizeof(tl_draft_unit), name, find_unit);
-        if (unit != NULL) {
-            pointers[i]->unit = (size_t)(unit - unit_at(draft, 0));
-            continue;
-        }
-        tl_draft_unit *added = tl_draft_append(&draft->units, sizeof(tl_draft_unit));
-        if (added == NULL) {
-            return TL_TRY_AGAIN;
-        }
-        added->unit.name = name;
-        added->unit.factor = 1;
-        pointers[i]->unit = draft->units.count - 1;
-    }
-    return TL_OK;
-}
-
-/* ---- All of it ----------------------------------------------------------------------------------------- */
-
-static tl_status copy_to_model(const tl_model_draft *draft, tl_arena *arena, tl_model *model) {
-    tl_unit *units = tl_arena_take(arena, draft->units.count, sizeof(tl_unit));
-    tl_variable *variables = tl_arena_take(arena, draft->variables.count, sizeof(tl_variable));
-    if (units == NULL || variables == NULL) {
-        return TL_TRY_AGAIN;
-    }
-    for (size_t i = 0; i < draft->units.count; i++) {
-        units[i] = unit_at(draft, i)->unit;
-    }
-    for (size_t i = 0; i < draft->variables.count; i++) {
-        const tl_draft_variable *entry = variable_at(draft, i);
-        variables[i] = entry->variable;
-        variables[i].unit = entry->unit == SIZE_MAX ? NULL : &units[entry->unit];
-    }
-    model->units = units;
-    model->unit_count = draft->units.count;
-    model->variables = variables;
-    model->variable_count = draft->variables.count;
-    return TL_OK;
-}
-
-static tl_status settle(tl_model_draft *draft, tl_draft_variable **pointers, unsigned long *line, tl_error *error) {
-    tl_status status = sort_units(draft, line, error);
-    if (status == TL_OK) {
-        status = sort_types(draft, line, error);
-    }
-    for (size_t i = 0; i < draft->variables.count && status == TL_OK; i++) {
-        *line = variable_at(draft, i)->line;
-        status = inherit(draft, variable_at(draft, i), error);
-    }
-    if (status == TL_OK) {
-        status = check_names(draft, pointers, line, error);
-    }
-    return status;
-}
-
-/* Inherits, finds units, checks names, and puts variables and units into the model. On TL_BAD_DATA the error's text
- * has no line in it; *line is that of the item that is wrong. The draft is used up. */
-static tl_status tl_model_draft_settle(tl_model_draft *draft, tl_arena *arena, tl_model *model, unsigned long *line,
-                                       tl_error *error) {
-    *line = 0;
-    tl_draft_variable **pointers = malloc((draft->variables.count + 1) * sizeof(tl_draft_variable *));
-    if (pointers == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "out of memory");
-    }
-    tl_status status = settle(draft, pointers, line, error);
-    if (status == TL_OK) {
-        status = find_units(draft, pointers);
-        if (status == TL_OK) {
-            status = copy_to_model(draft, arena, model);
-        }
-        if (status != TL_OK) {
-            (void)tl_fail(error, status, "out of memory");
-        }
-    }
-    free(pointers);
-    return status;
 }
 
 /* ---- modelDescription.xml by expat: each start tag is looked up in a table by its parent and its name; what is not in the
@@ -536,7 +180,9 @@ typedef struct description_parser {
     bool has_model_exchange;
     bool has_co_simulation;
     bool has_variables;
-    tl_model_draft draft;
+    tl_draft_list units;     /* tl_draft_unit */
+    tl_draft_list types;     /* tl_draft_type */
+    tl_draft_list variables; /* tl_draft_variable */
 } description_parser;
 
 /* ---- Failures ------------------------------------------------------------------------------------------ */
@@ -574,13 +220,70 @@ static void fail_memory(description_parser *parser) {
     }
 }
 
-/* A new zeroed item, or NULL after fail_memory(). */
-static void *append(description_parser *parser, tl_draft_list *list, size_t size) {
-    void *item = tl_draft_append(list, size);
-    if (item == NULL) {
-        fail_memory(parser);
+/* ---- Lists --------------------------------------------------------------------------------------------- */
+
+static void *item_at(const tl_draft_list *list, size_t index) {
+    return (char *)list->items + index * list->size;
+}
+
+/* The newest item. The list is not empty. */
+static void *last_of(const tl_draft_list *list) {
+    return item_at(list, list->count - 1);
+}
+
+/* A new zeroed item with this name, or NULL after fail_memory(). */
+static void *append(description_parser *parser, tl_draft_list *list, const char *name, unsigned long line) {
+    if (list->count == list->capacity) {
+        size_t capacity = list->capacity == 0 ? 64 : 2 * list->capacity;
+        void *grown = realloc(list->items, capacity * list->size);
+        if (grown == NULL) {
+            fail_memory(parser);
+            return NULL;
+        }
+        list->items = grown;
+        list->capacity = capacity;
     }
+    list->count++;
+    tl_draft_item *item = memset(last_of(list), 0, list->size);
+    *item = (tl_draft_item){name, line};
     return item;
+}
+
+/* By name, the same names by line. */
+static int compare_items(const void *left, const void *right) {
+    const tl_draft_item *a = left;
+    const tl_draft_item *b = right;
+    int order = strcmp(a->name, b->name);
+    return order != 0 ? order : (a->line > b->line) - (a->line < b->line);
+}
+
+static int compare_name(const void *name, const void *item) {
+    return strcmp(name, ((const tl_draft_item *)item)->name);
+}
+
+/* NULL: the sorted list has none. */
+static void *find_item(const tl_draft_list *list, const char *name) {
+    return list->count == 0 ? NULL : bsearch(name, list->items, list->count, list->size, compare_name);
+}
+
+/* Sorts items of which each name may be given once; implied ones that are there already are dropped. */
+static void settle_names(description_parser *parser, tl_draft_list *list, const char *what) {
+    size_t kept = 0;
+    if (list->count > 1) {
+        qsort(list->items, list->count, list->size, compare_items);
+    }
+    for (size_t i = 0; i < list->count; i++) {
+        const tl_draft_item *item = item_at(list, i);
+        const tl_draft_item *before = kept > 0 ? item_at(list, kept - 1) : NULL;
+        if (before == NULL || strcmp(before->name, item->name) != 0) {
+            memmove(item_at(list, kept++), item, list->size);
+        } else if (item->line != IMPLIED) {
+            fail_at(parser, item->line, "%s \"%.100s\" is declared twice, first in line %lu; each name may occur once",
+                    what, item->name, before->line);
+            return;
+        }
+    }
+    list->count = kept;
 }
 
 /* ---- Attributes ---------------------------------------------------------------------------------------- */
@@ -658,9 +361,11 @@ static void read_finite(description_parser *parser, const xml_tag *tag, const ch
 
 static void read_int(description_parser *parser, const xml_tag *tag, const char *name, int32_t *value) {
     const char *text = attribute(tag, name);
-    if (text != NULL && !tl_xml_int(text, value)) {
+    int64_t number = *value;
+    if (text != NULL && !tl_xml_integer(text, INT32_MIN, INT32_MAX, &number)) {
         fail_value(parser, tag, name, text, "an integer of 32 bits");
     }
+    *value = (int32_t)number;
 }
 
 static void read_boolean(description_parser *parser, const xml_tag *tag, const char *name, bool *value) {
@@ -760,19 +465,18 @@ static void begin_experiment(description_parser *parser, const xml_tag *tag) {
 /* ---- Units --------------------------------------------------------------------------------------------- */
 
 static void begin_unit(description_parser *parser, const xml_tag *tag) {
-    tl_draft_unit *entry = append(parser, &parser->draft.units, sizeof(tl_draft_unit));
+    tl_draft_unit *entry = append(parser, &parser->units, mandatory(parser, tag, "name"), current_line(parser));
     if (entry != NULL) {
-        entry->line = current_line(parser);
-        entry->unit.name = mandatory(parser, tag, "name");
         entry->unit.factor = 1;
     }
 }
 
 static void begin_base_unit(description_parser *parser, const xml_tag *tag) {
     static const char *const names[] = {"kg", "m", "s", "A", "K", "mol", "cd", "rad"};
-    tl_unit *unit = &tl_draft_last_unit(&parser->draft)->unit;
+    tl_draft_unit *entry = last_of(&parser->units);
+    tl_unit *unit = &entry->unit;
     if (unit->has_base) {
-        fail_at(parser, current_line(parser), "a second <BaseUnit> for unit \"%.60s\"", unit->name);
+        fail_at(parser, current_line(parser), "a second <BaseUnit> for unit \"%.60s\"", entry->item.name);
         return;
     }
     unit->has_base = true;
@@ -822,22 +526,19 @@ static void read_declaration(description_parser *parser, const xml_tag *tag, tl_
 }
 
 static void begin_simple_type(description_parser *parser, const xml_tag *tag) {
-    tl_draft_type *entry = append(parser, &parser->draft.types, sizeof(tl_draft_type));
-    if (entry != NULL) {
-        entry->line = current_line(parser);
-        entry->name = mandatory(parser, tag, "name");
-    }
+    (void)append(parser, &parser->types, mandatory(parser, tag, "name"), current_line(parser));
 }
 
 static void begin_type_of_type(description_parser *parser, const xml_tag *tag) {
-    read_declaration(parser, tag, &tl_draft_last_type(&parser->draft)->declaration);
+    tl_draft_type *entry = last_of(&parser->types);
+    read_declaration(parser, tag, &entry->declaration);
 }
 
 static void end_simple_type(description_parser *parser) {
-    const tl_draft_type *entry = tl_draft_last_type(&parser->draft);
+    const tl_draft_type *entry = last_of(&parser->types);
     if (!entry->declaration.is_given) {
-        fail_at(parser, entry->line,
-                "type \"%.100s\" has none of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>", entry->name);
+        fail_at(parser, entry->item.line,
+                "type \"%.100s\" has none of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>", entry->item.name);
     }
 }
 
@@ -859,23 +560,25 @@ static const char *initial_word(int value) {
 }
 
 static void begin_variable(description_parser *parser, const xml_tag *tag) {
-    tl_draft_variable *entry = append(parser, &parser->draft.variables, sizeof(tl_draft_variable));
+    const char *name = mandatory(parser, tag, "name");
+    tl_draft_variable *entry = append(parser, &parser->variables, name, current_line(parser));
     if (entry == NULL) {
         return;
     }
     tl_variable *variable = &entry->variable;
     int causality = TL_LOCAL;
     int variability = TL_CONTINUOUS;
+    int64_t number = 0;
     int initial = 0;
-    entry->line = current_line(parser);
-    variable->name = mandatory(parser, tag, "name");
+    variable->name = name;
     variable->description = text_or(parser, tag, "description", "");
     const char *reference = attribute(tag, "valueReference");
     if (reference == NULL) {
         (void)mandatory(parser, tag, "valueReference");
-    } else if (!tl_xml_unsigned(reference, &variable->reference)) {
+    } else if (!tl_xml_integer(reference, 0, UINT32_MAX, &number)) {
         fail_value(parser, tag, "valueReference", reference, "an unsigned integer of 32 bits");
     }
+    variable->reference = (uint32_t)number;
     (void)read_word(parser, tag, "causality", causality_word, TL_INDEPENDENT + 1, &causality);
     entry->has_variability = read_word(parser, tag, "variability", variability_word, TL_CONTINUOUS + 1, &variability);
     entry->has_initial = read_word(parser, tag, "initial", initial_word, TL_INITIAL_CALCULATED, &initial);
@@ -908,7 +611,7 @@ static void read_start(description_parser *parser, const xml_tag *tag, tl_variab
 }
 
 static void begin_type_of_variable(description_parser *parser, const xml_tag *tag) {
-    tl_draft_variable *entry = tl_draft_last_variable(&parser->draft);
+    tl_draft_variable *entry = last_of(&parser->variables);
     read_declaration(parser, tag, &entry->declaration);
     if (parser->status != TL_OK) {
         return;
@@ -933,10 +636,10 @@ static tl_initial default_initial(const tl_variable *variable) {
 }
 
 static void end_variable(description_parser *parser) {
-    tl_draft_variable *entry = tl_draft_last_variable(&parser->draft);
+    tl_draft_variable *entry = last_of(&parser->variables);
     tl_variable *variable = &entry->variable;
     if (!entry->declaration.is_given) {
-        fail_at(parser, entry->line,
+        fail_at(parser, entry->item.line,
                 "variable \"%.100s\" has no type, one of <Real>, <Integer>, <Boolean>, <String>, <Enumeration>",
                 variable->name);
         return;
@@ -1044,14 +747,85 @@ static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Ch
 
 /* ---- The whole document -------------------------------------------------------------------------------- */
 
-static void settle_description(description_parser *parser) {
-    tl_error problem = {TL_OK, ""};
-    unsigned long line = 0;
-    tl_status status = tl_model_draft_settle(&parser->draft, parser->arena, parser->model, &line, &problem);
-    if (status == TL_TRY_AGAIN) {
+static double first_given(double own, double inherited, double otherwise) {
+    double value = isnan(own) ? inherited : own;
+    return isnan(value) ? otherwise : value;
+}
+
+/* What the variable does not say itself comes from its declared type. */
+static void inherit(description_parser *parser, tl_draft_variable *entry) {
+    static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
+    tl_draft_declaration *own = &entry->declaration;
+    tl_variable *variable = &entry->variable;
+    const tl_draft_declaration *inherited = &none;
+    if (entry->declared_type != NULL) {
+        const tl_draft_type *type = find_item(&parser->types, entry->declared_type);
+        if (type == NULL || type->declaration.type != own->type) {
+            fail_at(parser, entry->item.line, "declaredType=\"%.100s\" of variable \"%.100s\" is %s",
+                    entry->declared_type, variable->name,
+                    type == NULL ? "not in <TypeDefinitions>" : "a type of another kind than the variable");
+            return;
+        }
+        inherited = &type->declaration;
+    }
+    own->unit = own->unit == NULL ? inherited->unit : own->unit;
+    variable->minimum = first_given(own->minimum, inherited->minimum, -(double)INFINITY);
+    variable->maximum = first_given(own->maximum, inherited->maximum, (double)INFINITY);
+    variable->nominal = fabs(first_given(own->nominal, inherited->nominal, 1));
+    if (variable->nominal == 0) {
+        variable->nominal = 1;
+    }
+    if (variable->minimum > variable->maximum) {
+        fail_at(parser, entry->item.line, "variable \"%.100s\" has min %g above max %g; correct one of them",
+                variable->name, variable->minimum, variable->maximum);
+    }
+    if (own->unit != NULL && own->unit[0] != '\0') {
+        tl_draft_unit *implied = append(parser, &parser->units, own->unit, IMPLIED);
+        if (implied != NULL) {
+            implied->unit.factor = 1;
+        }
+    }
+}
+
+static void copy_to_model(description_parser *parser) {
+    tl_model *model = parser->model;
+    tl_unit *units = tl_arena_take(parser->arena, parser->units.count, sizeof(tl_unit));
+    tl_variable *variables = tl_arena_take(parser->arena, parser->variables.count, sizeof(tl_variable));
+    if (units == NULL || variables == NULL) {
         fail_memory(parser);
-    } else if (status != TL_OK) {
-        fail_at(parser, line, "%s", problem.text);
+        return;
+    }
+    const tl_draft_unit *drafts = parser->units.items;
+    for (size_t i = 0; i < parser->units.count; i++) {
+        units[i] = drafts[i].unit;
+        units[i].name = drafts[i].item.name;
+    }
+    for (size_t i = 0; i < parser->variables.count; i++) {
+        const tl_draft_variable *entry = item_at(&parser->variables, i);
+        const char *unit = entry->declaration.unit;
+        const tl_draft_unit *found = unit != NULL ? find_item(&parser->units, unit) : NULL;
+        variables[i] = entry->variable;
+        variables[i].unit = found != NULL && unit[0] != '\0' ? &units[found - drafts] : NULL;
+    }
+    model->units = units;
+    model->unit_count = parser->units.count;
+    model->variables = variables;
+    model->variable_count = parser->variables.count;
+}
+
+/* What needs the whole document. Everything is found by sorting once and searching after, so that a description of a hundred thousand variables
+ * is still read in a moment. */
+static void settle_description(description_parser *parser) {
+    settle_names(parser, &parser->types, "type");
+    for (size_t i = 0; i < parser->variables.count && parser->status == TL_OK; i++) {
+        inherit(parser, item_at(&parser->variables, i));
+    }
+    if (parser->status == TL_OK) {
+        settle_names(parser, &parser->units, "unit");
+    }
+    if (parser->status == TL_OK) {
+        copy_to_model(parser);
+        settle_names(parser, &parser->variables, "variable");
     }
 }
 
@@ -1112,10 +886,15 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     parser->model = model;
     parser->error = error;
     parser->path[0] = DOCUMENT;
+    parser->units.size = sizeof(tl_draft_unit);
+    parser->types.size = sizeof(tl_draft_type);
+    parser->variables.size = sizeof(tl_draft_variable);
     parse(parser, xml, size);
     tl_status status = parser->status;
     XML_ParserFree(expat);
-    tl_model_draft_free(&parser->draft);
+    free(parser->units.items);
+    free(parser->types.items);
+    free(parser->variables.items);
     free(parser);
     return status;
 }

@@ -24,8 +24,7 @@
  * write a largest double that is none). */
 bool tl_xml_double(const char *text, double *value);
 
-bool tl_xml_int(const char *text, int32_t *value);
-bool tl_xml_unsigned(const char *text, uint32_t *value);
+bool tl_xml_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value);
 
 /* true, false, 1, 0. */
 bool tl_xml_boolean(const char *text, bool *value);

@@ -1,11 +1,11 @@
 /* Copies of an FMU's libraries: names are changed in ELF files, so that each component has variables of its own: see own_copies.h. */
 #include "firmware/fmu/own_copies.h"
 
-#include <dirent.h>
 #include <dlfcn.h>
 #include <elf.h>
 #include <errno.h>
 #include <fcntl.h>
+#include <fts.h>
 #include <limits.h>
 #include <link.h>
 #include <stdio.h>
@@ -16,30 +16,26 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 
-/* ---- A shared library in memory: Every number of the file goes through read_word(), every place through locate(), and both know the
+/* ---- A shared library in memory: every structure of the file is copied by read_at(), every place is found by locate(), and both know the
  * file's size. */
 
 /* ---- Numbers ------------------------------------------------------------------------------------------- */
 
-/* `width` bytes at `offset`, 0 beyond the end of the file. */
-static uint64_t read_word(const tl_elf_file *file, size_t offset, size_t width) {
-    uint64_t value = 0;
-    if (offset > file->size || file->size - offset < width) {
-        return 0;
+/* `size` bytes at `offset`; zeros if not all of them are within the file. */
+static void read_at(const tl_elf_file *file, size_t offset, void *to, size_t size) {
+    memset(to, 0, size);
+    if (offset <= file->size && file->size - offset >= size) {
+        memcpy(to, file->bytes + offset, size);
     }
-    for (size_t i = 0; i < width; i++) {
-        size_t at = file->is_big ? i : width - 1 - i;
-        value = value << 8 | file->bytes[offset + at];
-    }
-    return value;
 }
 
-/* A member of a structure that both classes have. */
-#define READ(file, offset, type, member)                                                                               \
-    read_word(file, (offset) + ((file)->is_wide ? offsetof(Elf64_##type, member) : offsetof(Elf32_##type, member)),    \
-              (file)->is_wide ? sizeof(((Elf64_##type *)NULL)->member) : sizeof(((Elf32_##type *)NULL)->member))
-#define SIZE(file, type) ((file)->is_wide ? sizeof(Elf64_##type) : sizeof(Elf32_##type))
+static uint32_t word_at(const tl_elf_file *file, size_t offset) {
+    uint32_t word;
+    read_at(file, offset, &word, sizeof word);
+    return word;
+}
 
 /* ---- Places -------------------------------------------------------------------------------------------- */
 
@@ -56,35 +52,20 @@ static bool locate(const tl_elf_file *file, uint64_t address, size_t *offset, si
     return false;
 }
 
-/* What of a segment lies within the file. */
-static tl_elf_segment read_segment(const tl_elf_file *file, size_t header) {
-    tl_elf_segment segment = {
-        .address = READ(file, header, Phdr, p_vaddr),
-        .offset = READ(file, header, Phdr, p_offset),
-        .size = READ(file, header, Phdr, p_filesz),
-    };
-    if (segment.offset > file->size) {
-        segment.size = 0;
-    } else if (segment.size > file->size - segment.offset) {
-        segment.size = file->size - segment.offset;
-    }
-    return segment;
-}
-
-static bool read_segments(tl_elf_file *file) {
-    size_t table = (size_t)READ(file, 0, Ehdr, e_phoff);
-    size_t count = (size_t)READ(file, 0, Ehdr, e_phnum);
-    if (READ(file, 0, Ehdr, e_phentsize) != SIZE(file, Phdr) || count > TL_ELF_SEGMENTS || table > file->size ||
-        count * SIZE(file, Phdr) > file->size - table) {
+/* Of a segment that which lies within the file. */
+static bool read_segments(tl_elf_file *file, const ElfW(Ehdr) * head) {
+    if (head->e_phentsize != sizeof(ElfW(Phdr)) || head->e_phnum > TL_ELF_SEGMENTS) {
         return false;
     }
-    for (size_t i = 0; i < count; i++) {
-        size_t header = table + i * SIZE(file, Phdr);
-        uint64_t type = READ(file, header, Phdr, p_type);
-        if (type == PT_LOAD) {
-            file->loads[file->load_count++] = read_segment(file, header);
-        } else if (type == PT_DYNAMIC) {
-            file->dynamic = read_segment(file, header);
+    for (size_t i = 0; i < head->e_phnum; i++) {
+        ElfW(Phdr) header;
+        read_at(file, (size_t)head->e_phoff + i * sizeof header, &header, sizeof header);
+        uint64_t rest = header.p_offset < file->size ? file->size - header.p_offset : 0;
+        tl_elf_segment segment = {header.p_vaddr, header.p_offset, header.p_filesz < rest ? header.p_filesz : rest};
+        if (header.p_type == PT_LOAD) {
+            file->loads[file->load_count++] = segment;
+        } else if (header.p_type == PT_DYNAMIC) {
+            file->dynamic = segment;
         }
     }
     return true;
@@ -92,23 +73,18 @@ static bool read_segments(tl_elf_file *file) {
 
 /* ---- The dynamic section ------------------------------------------------------------------------------- */
 
-static size_t entry_at(const tl_elf_file *file, size_t index) {
-    return (size_t)file->dynamic.offset + index * SIZE(file, Dyn);
-}
-
-static uint64_t tag_of(const tl_elf_file *file, size_t index) {
-    return READ(file, entry_at(file, index), Dyn, d_tag);
-}
-
-static uint64_t value_of(const tl_elf_file *file, size_t index) {
-    return READ(file, entry_at(file, index), Dyn, d_un);
+static ElfW(Dyn) entry_at(const tl_elf_file *file, size_t index) {
+    ElfW(Dyn) entry;
+    read_at(file, (size_t)file->dynamic.offset + index * sizeof entry, &entry, sizeof entry);
+    return entry;
 }
 
 /* The value of the last entry with this tag. False: there is none. */
-static bool find_entry(const tl_elf_file *file, uint64_t tag, uint64_t *value) {
+static bool find_entry(const tl_elf_file *file, int64_t tag, uint64_t *value) {
     for (size_t i = file->entry_count; i > 0; i--) {
-        if (tag_of(file, i - 1) == tag) {
-            *value = value_of(file, i - 1);
+        ElfW(Dyn) entry = entry_at(file, i - 1);
+        if (entry.d_tag == tag) {
+            *value = entry.d_un.d_val;
             return true;
         }
     }
@@ -123,9 +99,9 @@ static bool read_dynamic(tl_elf_file *file) {
         return false;
     }
     file->dynamic.offset = offset;
-    size_t most = room / SIZE(file, Dyn);
+    size_t most = room / sizeof(ElfW(Dyn));
     most = most < TL_ELF_ENTRIES ? most : TL_ELF_ENTRIES;
-    while (file->entry_count < most && tag_of(file, file->entry_count) != DT_NULL) {
+    while (file->entry_count < most && entry_at(file, file->entry_count).d_tag != DT_NULL) {
         file->entry_count++;
     }
     return file->entry_count < most;
@@ -144,27 +120,27 @@ static bool read_strings(tl_elf_file *file) {
 
 /* ---- Symbols ------------------------------------------------------------------------------------------- */
 
-#define WORD ((size_t)4) /* of both tables of hashes, on all machines of ours */
+#define WORD sizeof(uint32_t) /* of both tables of hashes, on all machines of ours */
 
 /* How many symbols the younger table of hashes knows: the last chain ends with an odd word. 0: none of the file's own. */
 static size_t count_hashed(const tl_elf_file *file, size_t table, size_t room) {
-    uint64_t buckets = read_word(file, table, WORD);
-    uint64_t first = read_word(file, table + WORD, WORD);
-    uint64_t filter = read_word(file, table + 2 * WORD, WORD) * (file->is_wide ? 8 : 4);
+    uint64_t buckets = word_at(file, table);
+    uint64_t first = word_at(file, table + WORD);
+    uint64_t filter = (uint64_t)word_at(file, table + 2 * WORD) * sizeof(ElfW(Addr));
     uint64_t chains = 4 * WORD + filter + buckets * WORD; /* from the table */
     uint64_t last = 0;
     if (chains > room) {
         return 0;
     }
     for (uint64_t i = 0; i < buckets; i++) {
-        uint64_t begin = read_word(file, table + (size_t)(4 * WORD + filter + i * WORD), WORD);
+        uint64_t begin = word_at(file, table + (size_t)(4 * WORD + filter + i * WORD));
         last = begin > last ? begin : last;
     }
     if (last < first) {
         return 0;
     }
     uint64_t at = chains + (last - first) * WORD;
-    while (at + WORD <= room && (read_word(file, table + (size_t)at, WORD) & 1U) == 0) {
+    while (at + WORD <= room && (word_at(file, table + (size_t)at) & 1U) == 0) {
         at += WORD;
         last++;
     }
@@ -175,7 +151,7 @@ static size_t count_hashed(const tl_elf_file *file, size_t table, size_t room) {
 static size_t count_before_names(const tl_elf_file *file, uint64_t symbols) {
     uint64_t names = 0;
     (void)find_entry(file, DT_STRTAB, &names);
-    return names > symbols ? (size_t)((names - symbols) / SIZE(file, Sym)) : 0;
+    return names > symbols ? (size_t)((names - symbols) / sizeof(ElfW(Sym))) : 0;
 }
 
 static void read_symbols(tl_elf_file *file) {
@@ -189,21 +165,22 @@ static void read_symbols(tl_elf_file *file) {
     }
     size_t count = 0;
     if (find_entry(file, DT_HASH, &hashes) && locate(file, hashes, &table, &rest)) {
-        count = (size_t)read_word(file, table + WORD, WORD);
+        count = word_at(file, table + WORD);
     } else if (find_entry(file, DT_GNU_HASH, &hashes) && locate(file, hashes, &table, &rest)) {
         count = count_hashed(file, table, rest);
     }
     count = count != 0 ? count : count_before_names(file, address);
-    file->symbol_count = count < room / SIZE(file, Sym) ? count : room / SIZE(file, Sym);
+    file->symbol_count = count < room / sizeof(ElfW(Sym)) ? count : room / sizeof(ElfW(Sym));
 }
 
 tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index) {
-    size_t at = file->symbols + index * SIZE(file, Sym);
-    size_t name = (size_t)READ(file, at, Sym, st_name);
+    ElfW(Sym) symbol;
+    size_t at = file->symbols + index * sizeof symbol;
+    read_at(file, at, &symbol, sizeof symbol);
     return (tl_elf_symbol){
-        .name = name < file->strings_size ? name : TL_ELF_NO_NAME,
-        .info = file->bytes + at + (file->is_wide ? offsetof(Elf64_Sym, st_info) : offsetof(Elf32_Sym, st_info)),
-        .is_defined = READ(file, at, Sym, st_shndx) != SHN_UNDEF,
+        .name = symbol.st_name < file->strings_size ? symbol.st_name : TL_ELF_NO_NAME,
+        .info = file->bytes + at + offsetof(ElfW(Sym), st_info),
+        .is_defined = symbol.st_shndx != SHN_UNDEF,
     };
 }
 
@@ -230,18 +207,17 @@ static bool names_are_bounded(const tl_elf_file *file) {
 /* ---- Opening ------------------------------------------------------------------------------------------- */
 
 bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size) {
+    enum { CLASS = sizeof(void *) == 8 ? ELFCLASS64 : ELFCLASS32 };
+    enum { ORDER = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ ? ELFDATA2LSB : ELFDATA2MSB };
+    ElfW(Ehdr) head;
     *file = (tl_elf_file){.bytes = bytes, .size = size};
-    if (size < sizeof(Elf32_Ehdr) || memcmp(bytes, ELFMAG, SELFMAG) != 0) {
+    read_at(file, 0, &head, sizeof head);
+    if (memcmp(head.e_ident, ELFMAG, SELFMAG) != 0 || head.e_ident[EI_CLASS] != CLASS ||
+        head.e_ident[EI_DATA] != ORDER || head.e_type != ET_DYN) {
         return false;
     }
-    file->is_wide = bytes[EI_CLASS] == ELFCLASS64;
-    file->is_big = bytes[EI_DATA] == ELFDATA2MSB;
-    if ((!file->is_wide && bytes[EI_CLASS] != ELFCLASS32) || (!file->is_big && bytes[EI_DATA] != ELFDATA2LSB) ||
-        size < SIZE(file, Ehdr) || READ(file, 0, Ehdr, e_type) != ET_DYN) {
-        return false;
-    }
-    file->machine = (unsigned)READ(file, 0, Ehdr, e_machine);
-    if (!read_segments(file) || !read_dynamic(file) || !read_strings(file)) {
+    file->machine = head.e_machine;
+    if (!read_segments(file, &head) || !read_dynamic(file) || !read_strings(file)) {
         return false;
     }
     read_symbols(file);
@@ -266,15 +242,15 @@ static bool tell(const visiting *work, tl_elf_kind kind, uint64_t offset) {
 
 static bool visit_entries(const visiting *work) {
     static const struct {
-        uint64_t tag;
+        int64_t tag;
         tl_elf_kind kind;
     } known[] = {{DT_NEEDED, TL_ELF_NEEDED},  {DT_SONAME, TL_ELF_NAME},     {DT_RPATH, TL_ELF_OTHER},
                  {DT_RUNPATH, TL_ELF_OTHER},  {DT_AUXILIARY, TL_ELF_OTHER}, {DT_FILTER, TL_ELF_OTHER},
                  {DT_DEPAUDIT, TL_ELF_OTHER}, {DT_AUDIT, TL_ELF_OTHER},     {DT_CONFIG, TL_ELF_OTHER}};
     for (size_t i = 0; i < work->file->entry_count; i++) {
-        uint64_t tag = tag_of(work->file, i);
+        ElfW(Dyn) entry = entry_at(work->file, i);
         for (size_t k = 0; k < sizeof known / sizeof known[0]; k++) {
-            if (tag == known[k].tag && !tell(work, known[k].kind, value_of(work->file, i))) {
+            if (entry.d_tag == known[k].tag && !tell(work, known[k].kind, entry.d_un.d_val)) {
                 return false;
             }
         }
@@ -282,37 +258,18 @@ static bool visit_entries(const visiting *work) {
     return true;
 }
 
-/* The tables of versions are lists, each member of which has a list: numbers in a member say how far it is to the next one and to its own list. */
-typedef struct version_table {
-    uint64_t tag;      /* of its address */
-    size_t size;       /* of a member; the same in both classes */
-    size_t name;       /* offset of the library's name in it; SIZE_MAX: the first name of its list is it */
-    size_t list;       /* offset of how far its list is */
-    size_t next;       /* offset of how far the next member is */
-    size_t inner_size; /* of a member of its list */
-    size_t inner_name;
-    size_t inner_next;
-    bool (*is_library)(const tl_elf_file *file, size_t member); /* the first name of its list is a library's */
-} version_table;
+/* The tables of versions are lists, each member of which has a list. All members end with two words: the distance to its list, or its name; and
+ * the distance to the next member. */
+typedef struct member_end {
+    uint32_t inner;
+    uint32_t next;
+} member_end;
 
-static bool is_never(const tl_elf_file *file, size_t member) {
-    (void)file;
-    (void)member;
-    return false;
+static member_end end_of(const tl_elf_file *file, size_t member, size_t size) {
+    member_end end;
+    read_at(file, member + size - sizeof end, &end, sizeof end);
+    return end;
 }
-
-/* The version of the library as a whole is called as it is. */
-static bool is_base(const tl_elf_file *file, size_t member) {
-    return (READ(file, member, Verdef, vd_flags) & VER_FLG_BASE) != 0;
-}
-
-static const version_table version_tables[] = {
-    {DT_VERNEED, sizeof(Elf64_Verneed), offsetof(Elf64_Verneed, vn_file), offsetof(Elf64_Verneed, vn_aux),
-     offsetof(Elf64_Verneed, vn_next), sizeof(Elf64_Vernaux), offsetof(Elf64_Vernaux, vna_name),
-     offsetof(Elf64_Vernaux, vna_next), is_never},
-    {DT_VERDEF, sizeof(Elf64_Verdef), SIZE_MAX, offsetof(Elf64_Verdef, vd_aux), offsetof(Elf64_Verdef, vd_next),
-     sizeof(Elf64_Verdaux), offsetof(Elf64_Verdaux, vda_name), offsetof(Elf64_Verdaux, vda_next), is_base},
-};
 
 /* The member that is `far` behind `*at`; false: there is none within the file. */
 static bool step_on(const tl_elf_file *file, size_t *at, uint64_t far, size_t size) {
@@ -323,49 +280,49 @@ static bool step_on(const tl_elf_file *file, size_t *at, uint64_t far, size_t si
     return true;
 }
 
-static bool visit_list(visiting *work, const version_table *table, size_t member) {
-    size_t at = member;
-    tl_elf_kind kind = table->is_library(work->file, member) ? TL_ELF_VERSION : TL_ELF_OTHER;
-    bool more = step_on(work->file, &at, read_word(work->file, member + table->list, WORD), table->inner_size);
-    while (more && work->versions_left > 0) {
+/* `kind`: of the first name. */
+static bool visit_list(visiting *work, size_t at, uint64_t far, size_t size, tl_elf_kind kind) {
+    for (bool more = step_on(work->file, &at, far, size); more && work->versions_left > 0;) {
+        member_end end = end_of(work->file, at, size);
         work->versions_left--;
-        if (!tell(work, kind, read_word(work->file, at + table->inner_name, WORD))) {
+        if (!tell(work, kind, end.inner)) {
             return false;
         }
         kind = TL_ELF_OTHER;
-        more = step_on(work->file, &at, read_word(work->file, at + table->inner_next, WORD), table->inner_size);
+        more = step_on(work->file, &at, end.next, size);
     }
     return true;
 }
 
-static bool visit_versions(visiting *work, const version_table *table) {
+/* A member of needed versions has a library's name of its own; of defined ones that of the library as a whole is called as it is. */
+static bool visit_versions(visiting *work, bool needed) {
+    size_t size = needed ? sizeof(ElfW(Verneed)) : sizeof(ElfW(Verdef));
+    size_t inner_size = needed ? sizeof(ElfW(Vernaux)) : sizeof(ElfW(Verdaux));
     uint64_t address = 0;
     size_t at = 0;
     size_t room = 0;
-    if (!find_entry(work->file, table->tag, &address) || !locate(work->file, address, &at, &room) ||
-        room < table->size) {
+    if (!find_entry(work->file, needed ? DT_VERNEED : DT_VERDEF, &address) ||
+        !locate(work->file, address, &at, &room) || room < size) {
         return true;
     }
-    bool more = true;
-    while (more && work->versions_left > 0) {
+    for (bool more = true; more && work->versions_left > 0;) {
+        member_end end = end_of(work->file, at, size);
+        ElfW(Verdef) defined;
+        read_at(work->file, at, &defined, sizeof defined);
+        bool is_base = !needed && (defined.vd_flags & VER_FLG_BASE) != 0;
         work->versions_left--;
-        if (table->name != SIZE_MAX && !tell(work, TL_ELF_VERSION, read_word(work->file, at + table->name, WORD))) {
+        if ((needed && !tell(work, TL_ELF_VERSION, word_at(work->file, at + offsetof(ElfW(Verneed), vn_file)))) ||
+            !visit_list(work, at, end.inner, inner_size, is_base ? TL_ELF_VERSION : TL_ELF_OTHER)) {
             return false;
         }
-        if (!visit_list(work, table, at)) {
-            return false;
-        }
-        more = step_on(work->file, &at, read_word(work->file, at + table->next, WORD), table->size);
+        more = step_on(work->file, &at, end.next, size);
     }
     return true;
 }
 
 void tl_elf_visit(const tl_elf_file *file, tl_elf_visitor *visitor, void *context) {
     visiting work = {.file = file, .visitor = visitor, .context = context, .versions_left = TL_ELF_VERSIONS};
-    bool more = visit_entries(&work);
-    for (size_t i = 0; i < sizeof version_tables / sizeof version_tables[0] && more; i++) {
-        more = visit_versions(&work, &version_tables[i]);
-    }
+    bool more = visit_entries(&work) && visit_versions(&work, true) && visit_versions(&work, false);
     for (size_t i = 0; i < file->symbol_count && more; i++) {
         size_t name = tl_elf_symbol_at(file, i).name;
         more = name == TL_ELF_NO_NAME || tell(&work, TL_ELF_OTHER, name);
@@ -386,9 +343,8 @@ typedef struct change {
     tl_elf_file *file;
     const tl_elf_rename *renames;
     size_t count;
-    uint8_t *before; /* all names as they were; NULL until the first is changed */
+    uint8_t *before; /* all names as they were */
     bool failed;
-    bool no_memory;
 } change;
 
 /* What a library of this name is to be called, or NULL. */
@@ -411,34 +367,14 @@ static const char *text_before(const change *work, size_t offset) {
     return memchr(text, '\0', work->file->strings_size - offset) != NULL ? (const char *)text : NULL;
 }
 
-static bool keep_names(change *work) {
-    if (work->before == NULL) {
-        work->before = malloc(work->file->strings_size);
-        if (work->before == NULL) {
-            work->no_memory = true;
-            return false;
-        }
-        memcpy(work->before, names_of(work), work->file->strings_size);
-    }
-    return true;
-}
-
 /* Looks at the names as they were: a change may have made one of them another's. */
 static bool write_name(void *context, tl_elf_reference reference) {
     change *work = context;
-    if (reference.kind == TL_ELF_OTHER) {
-        return true;
-    }
-    const char *text =
-        work->before == NULL ? tl_elf_text(work->file, reference.offset) : text_before(work, reference.offset);
+    const char *text = reference.kind == TL_ELF_OTHER ? NULL : text_before(work, reference.offset);
     const char *wanted = text == NULL ? NULL : new_name_of(work, text);
-    if (wanted == NULL) {
-        return true;
+    if (wanted != NULL) {
+        memcpy(names_of(work) + reference.offset, wanted, strlen(wanted));
     }
-    if (!keep_names(work)) {
-        return false;
-    }
-    memcpy(names_of(work) + reference.offset, wanted, strlen(wanted));
     return true;
 }
 
@@ -460,14 +396,14 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
     if (count == 0) {
         return TL_ELF_DONE;
     }
-    tl_elf_visit(file, write_name, &work);
-    if (work.before != NULL) {
-        tl_elf_visit(file, check_name, &work);
-    }
-    free(work.before);
-    if (work.no_memory) {
+    work.before = malloc(file->strings_size);
+    if (work.before == NULL) {
         return TL_ELF_NO_MEMORY;
     }
+    memcpy(work.before, names_of(&work), file->strings_size);
+    tl_elf_visit(file, write_name, &work);
+    tl_elf_visit(file, check_name, &work);
+    free(work.before);
     return work.failed ? TL_ELF_CONFLICT : TL_ELF_DONE;
 }
 
@@ -541,8 +477,6 @@ typedef struct making {
     const char *folder;
     const char *label;
     tl_error *error;
-    char **folders; /* the FMU's, then those in it */
-    size_t folder_count;
     own_library *libraries; /* the binary first */
     size_t library_count;
     tl_elf_rename *renames;
@@ -648,9 +582,7 @@ static tl_status add_library(making *work, const char *path) {
     (void)close(file);
     const tl_elf_file *binary = &grown[0].file;
     if (status == TL_OK && added->bytes != NULL && tl_elf_open(&added->file, added->bytes, added->size) &&
-        (work->library_count == 0 ||
-         (added->file.machine == binary->machine && added->file.is_wide == binary->is_wide &&
-          added->file.is_big == binary->is_big))) {
+        (work->library_count == 0 || added->file.machine == binary->machine)) {
         work->library_count++;
     } else {
         forget_library(added);
@@ -658,68 +590,32 @@ static tl_status add_library(making *work, const char *path) {
     return status;
 }
 
-static tl_status add_folder(making *work, const char *path) {
-    char **grown = grow(work->folders, work->folder_count, sizeof *grown);
-    if (grown == NULL) {
-        return fail_memory(work);
-    }
-    work->folders = grown;
-    grown[work->folder_count] = strdup(path);
-    if (grown[work->folder_count] == NULL) {
-        return fail_memory(work);
-    }
-    work->folder_count++;
-    return TL_OK;
-}
-
-/* A folder is for later. Links are not followed. */
-static tl_status add_entry(making *work, const char *folder, const char *name) {
-    char path[PATH_MAX];
-    struct stat about;
-    if (strcmp(name, ".") == 0 || strcmp(name, "..") == 0) {
-        return TL_OK;
-    }
-    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) {
-        return fail_system(work, folder, "found", ENAMETOOLONG);
-    }
-    if (lstat(path, &about) != 0) {
-        return fail_system(work, path, "found", errno);
-    }
-    if (S_ISDIR(about.st_mode)) {
-        return add_folder(work, path);
-    }
-    bool is_other = strstr(name, ".so") != NULL && strcmp(path, work->libraries[0].path) != 0;
-    return is_other && S_ISREG(about.st_mode) ? add_library(work, path) : TL_OK;
-}
-
-static tl_status look_into(making *work, const char *folder) {
-    DIR *entries = opendir(folder);
-    if (entries == NULL) {
-        return fail_system(work, folder, "found", errno);
-    }
-    tl_status status = TL_OK;
-    errno = 0;
-    for (const struct dirent *entry = readdir(entries); entry != NULL && status == TL_OK;) {
-        status = add_entry(work, folder, entry->d_name);
-        errno = 0;
-        entry = readdir(entries);
-    }
-    int code = errno;
-    (void)closedir(entries);
-    return status == TL_OK && code != 0 ? fail_system(work, folder, "found", code) : status;
-}
-
-/* All of the folder, wherever they are: an FMU may have some among its resources. */
+/* All of the folder, wherever they are: an FMU may have some among its resources. Links are not followed. */
 static tl_status find_libraries(making *work, const char *binary) {
+    char root[PATH_MAX];
+    char *const roots[] = {root, NULL};
+    (void)snprintf(root, sizeof root, "%s", work->folder);
     tl_status status = add_library(work, binary);
     if (status != TL_OK || work->library_count == 0) {
         return status;
     }
-    status = add_folder(work, work->folder);
-    for (size_t i = 0; i < work->folder_count && status == TL_OK; i++) {
-        status = look_into(work, work->folders[i]);
+    FTS *walk = fts_open(roots, FTS_PHYSICAL | FTS_NOCHDIR, NULL);
+    if (walk == NULL) {
+        return fail_system(work, work->folder, "found", errno);
     }
-    return status;
+    for (const FTSENT *entry = fts_read(walk); entry != NULL && status == TL_OK;) {
+        if (entry->fts_info == FTS_DNR || entry->fts_info == FTS_ERR || entry->fts_info == FTS_NS) {
+            status = fail_system(work, entry->fts_path, "found", entry->fts_errno);
+        } else if (entry->fts_info == FTS_F && strstr(entry->fts_name, ".so") != NULL &&
+                   strcmp(entry->fts_path, binary) != 0) {
+            status = add_library(work, entry->fts_path);
+        }
+        errno = 0;
+        entry = fts_read(walk);
+    }
+    int code = errno;
+    (void)fts_close(walk);
+    return status == TL_OK && code != 0 ? fail_system(work, work->folder, "found", code) : status;
 }
 
 static const own_library *library_called(const making *work, const char *name) {
@@ -883,17 +779,6 @@ static tl_status change_library(const making *work, own_library *library) {
     return TL_OK;
 }
 
-static int write_all(int file, const uint8_t *bytes, size_t size) {
-    for (size_t done = 0; done < size;) {
-        ssize_t now = write(file, bytes + done, size - done);
-        if (now < 0 && errno != EINTR) {
-            return errno;
-        }
-        done += now > 0 ? (size_t)now : 0;
-    }
-    return 0;
-}
-
 /* Beside it, by its new name. */
 static tl_status write_copy(const making *work, const own_library *library, const char *name) {
     char path[PATH_MAX];
@@ -901,11 +786,13 @@ static tl_status write_copy(const making *work, const own_library *library, cons
     int file = length < (int)sizeof path
                    ? open(path, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, S_IRUSR | S_IWUSR | S_IXUSR)
                    : -1;
-    int code = file < 0 ? errno : write_all(file, library->bytes, library->size);
-    if (file >= 0 && close(file) != 0 && code == 0) {
+    bool done = file >= 0 && tl_file_bytes_write(file, library->bytes, library->size);
+    int code = errno;
+    if (file >= 0 && close(file) != 0 && done) {
+        done = false;
         code = errno;
     }
-    return code == 0 ? TL_OK : fail_system(work, library->path, "copied", code);
+    return done ? TL_OK : fail_system(work, library->path, "copied", code);
 }
 
 static tl_status change_all(making *work) {
@@ -978,10 +865,6 @@ tl_status tl_own_copies_make(const char *folder, const char *binary, const char 
     for (size_t i = 0; i < work.library_count; i++) {
         forget_library(&work.libraries[i]);
     }
-    for (size_t i = 0; i < work.folder_count; i++) {
-        free(work.folders[i]);
-    }
-    free(work.folders);
     free(work.libraries);
     free(work.renames);
     if (status == TL_OK && !remember(folder)) {

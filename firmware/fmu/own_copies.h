@@ -15,8 +15,8 @@
  *
  * Purpose: two libraries of one name are one for the loader. So a copy gets names of its own. A name is only ever replaced by another of the same
  *          length: nothing in the file moves.
- * Reads:   by the table of segments, as the loader does, never by sections, which a file may lack or lie in. ELF of 32 and 64 bits, both byte
- *          orders, any machine.
+ * Reads:   by the table of segments, as the loader does, never by sections, which a file may lack or lie in. ELF of the width and byte
+ *          order of this program: no other can be loaded.
  * Trust:   the file is a stranger's. Nothing outside of its bytes is read or written, every loop has an end, and what makes no sense is no library
  *          (open) or a name that is not there.
  * Owner:   the bytes are the caller's, and must stay while the file is used.
@@ -40,8 +40,6 @@ typedef struct tl_elf_segment {
 typedef struct tl_elf_file {
     uint8_t *bytes;
     size_t size;
-    bool is_wide;     /* public: 64 bits */
-    bool is_big;      /* public: most significant byte first */
     unsigned machine; /* public: EM_… */
     tl_elf_segment loads[TL_ELF_SEGMENTS];
     size_t load_count;

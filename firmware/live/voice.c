@@ -14,6 +14,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/relay.h"
+#include "firmware/base/text.h"
 
 enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, PLACES = 8, LINES = 16 };
 
@@ -123,7 +124,7 @@ static void draw(tl_voice *voice) {
         return;
     }
     text[sizeof text - 1] = '\0';
-    tl_relay_clean(text, strlen(text), clean);
+    (void)tl_clean_text(text, strlen(text), clean, sizeof clean);
     if (clean[0] == '\0') {
         return;
     }

@@ -32,8 +32,9 @@ static void put_text(FILE *file, const char *text) {
     bool quoted = strpbrk(text, ",\"") != NULL;
     (void)fputs(quoted ? "\"" : "", file);
     while (*text != '\0') {
-        size_t length = tl_show_character(text);
-        if (tl_show_is_control(text, length)) {
+        bool is_control = false;
+        size_t length = tl_show_character(text, &is_control);
+        if (is_control) {
             (void)fputc('?', file);
         } else {
             (void)fputs(*text == '"' ? "\"" : "", file);

@@ -21,10 +21,10 @@ static int count_entries(const char *folder) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    tl_fmu_archive archive;
+    tl_private_folder folder;
     tl_error error = {TL_OK, ""};
     int before = count_entries(tl_fuzz_folder());
-    tl_status status = tl_fmu_archive_unpack(tl_fuzz_file(data, size), -1, "input.fmu", &archive, &error);
+    tl_status status = tl_fmu_archive_unpack(tl_fuzz_file(data, size), -1, "input.fmu", &folder, &error);
     if (status != TL_OK && error.text[0] == '\0') {
         abort();
     }
@@ -32,7 +32,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         abort();
     }
     if (status == TL_OK) {
-        tl_fmu_archive_remove(&archive);
+        tl_private_folder_remove(&folder);
     }
     if (count_entries(tl_fuzz_folder()) != before) {
         abort();

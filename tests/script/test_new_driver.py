@@ -77,27 +77,24 @@ tl_status tl_steady_open(const double *values, size_t count, tl_plant_io **io, t
 
 #include "board/steady/steady.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/config_parts.h"
+#include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
 typedef struct settings {
     double gain;
 } settings;
 
-static void read_source(tl_config_object *object, tl_config_source *source, const tl_config *config) {
+static void read_source(tl_config_object *object, tl_config_source *source) {
     static const tl_config_number rule = {.minimum = 0, .maximum = 10, .example = "1"};
     settings *own = source->settings;
-    (void)config;
     own->gain = 1;
     (void)tl_config_get_number(object, "gain", &rule, &own->gain);
 }
 
-static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal,
-                        const tl_config *config) {
+static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     static const tl_config_number any = {
         .need = TL_CONFIG_REQUIRED, .minimum = -HUGE_VAL, .maximum = HUGE_VAL, .example = "1"};
     (void)named;
-    (void)config;
     (void)tl_config_get_number(object, "value", &any, signal->channel);
 }
 

@@ -20,20 +20,20 @@
 
 static const tl_model model = {.name = "motor", .identifier = "motor"};
 static tl_scratch scratch;
-static tl_fmu_archive archive;
+static tl_private_folder folder;
 static tl_fmu_guard guard;
 static tl_error error;
 static struct rlimit usual;
 
 void setUp(void) {
     error = (tl_error){TL_OK, ""};
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_archive_unpack(MOTOR, -1, "motor", &archive, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_archive_unpack(MOTOR, -1, "motor", &folder, &error));
     tl_fmu_guard_open(&guard, "motor", "");
 }
 
 void tearDown(void) {
     tl_fmu_guard_close(&guard);
-    tl_fmu_archive_remove(&archive);
+    tl_private_folder_remove(&folder);
 }
 
 static void expect_try_again(tl_status status, const char *what) {
@@ -65,10 +65,10 @@ static void test_what_is_a_shortage(void) {
 
 static void test_no_descriptor_for_a_binary(void) {
     leave_descriptors(0);
-    tl_status status = tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error);
+    tl_status status = tl_fmu_binary_open(folder.path, &model, "motor", &guard, &error);
     put_back();
     expect_try_again(status, "motor.so cannot be opened: Too many open files; try again");
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_binary_open(folder.path, &model, "motor", &guard, &error));
 }
 
 static void test_no_descriptor_for_a_library(void) {
@@ -99,7 +99,7 @@ static void expect_no_memory(const char *what) {
     TEST_ASSERT_EQUAL_INT(0, getrlimit(RLIMIT_AS, &usual));
     const struct rlimit tight = {.rlim_cur = 4096, .rlim_max = usual.rlim_max};
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
-    tl_status status = tl_fmu_binary_open(archive.folder.path, &model, "motor", &guard, &error);
+    tl_status status = tl_fmu_binary_open(folder.path, &model, "motor", &guard, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &usual));
     expect_try_again(status, what);
 #endif

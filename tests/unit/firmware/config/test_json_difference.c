@@ -32,8 +32,8 @@ static void say(const tl_json_difference *difference, void *context) {
         (void)snprintf(said + end, sizeof said - end, "%s: order\n", path);
         return;
     }
-    tl_json_show(&difference->before, before, sizeof before);
-    tl_json_show(&difference->after, after, sizeof after);
+    tl_json_show(difference->before, before, sizeof before);
+    tl_json_show(difference->after, after, sizeof after);
     size_t used = strlen(said);
     (void)snprintf(said + used, sizeof said - used, "%s%s: %s > %s\n", difference->within ? "  " : "", path, before,
                    after);

@@ -1,5 +1,6 @@
-/* Names in shared libraries: of both classes and byte orders, and as linkers let them share bytes. */
+/* Names in shared libraries, as linkers let them share bytes. */
 #include <elf.h>
+#include <link.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -22,6 +23,8 @@ void tearDown(void) {}
 
 /* ---- Helpers ------------------------------------------------------------------------------------------- */
 
+/* As what this machine loads. */
+#define NATIVE .is_wide = sizeof(void *) == 8
 #define STRINGS(text) .strings = (text), .strings_size = sizeof(text)
 
 static void open_made(const tl_elf_plan *plan) {
@@ -82,21 +85,18 @@ static void expect_all_of_it(tl_elf_plan plan) {
         "o  o sin o table_read ");
 }
 
-static void test_both_classes_and_byte_orders(void) {
-    for (unsigned kind = 0; kind < 8; kind++) {
-        expect_all_of_it(
-            (tl_elf_plan){.is_wide = (kind & 1U) != 0, .is_big = (kind & 2U) != 0, .has_old_hashes = (kind & 4U) != 0});
-    }
+static void test_what_is_read_and_renamed(void) {
+    expect_all_of_it((tl_elf_plan){NATIVE});
+    expect_all_of_it((tl_elf_plan){NATIVE, .has_old_hashes = true});
 }
 
 static void test_without_hashes_symbols_end_where_names_begin(void) {
-    expect_all_of_it((tl_elf_plan){.is_wide = true, .has_no_hashes = true});
-    expect_all_of_it((tl_elf_plan){.has_no_hashes = true});
+    expect_all_of_it((tl_elf_plan){NATIVE, .has_no_hashes = true});
 }
 
 static void test_a_library_that_is_not_meant_stays(void) {
     uint8_t before[TL_ELF_MADE];
-    tl_elf_plan plan = {.is_wide = true, STRINGS("\0libtable.so"), .needed = {"libtable.so"}};
+    tl_elf_plan plan = {NATIVE, STRINGS("\0libtable.so"), .needed = {"libtable.so"}};
     open_made(&plan);
     memcpy(before, bytes, sizeof before);
     TEST_ASSERT_EQUAL_INT(TL_ELF_DONE, rename_one("libother.so", "001other.so"));
@@ -107,7 +107,7 @@ static void test_a_library_that_is_not_meant_stays(void) {
 /* ---- Names that share bytes ------------------------------------------------------------------------------ */
 
 static void test_a_name_that_is_the_end_of_another_one(void) {
-    tl_elf_plan plan = {.is_wide = true, STRINGS("\0mylibtable.so"), .needed = {"libtable.so", "mylibtable.so"}};
+    tl_elf_plan plan = {NATIVE, STRINGS("\0mylibtable.so"), .needed = {"libtable.so", "mylibtable.so"}};
     open_made(&plan);
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, rename_one("libtable.so", "001table.so"));
     open_made(&plan);
@@ -115,9 +115,7 @@ static void test_a_name_that_is_the_end_of_another_one(void) {
 }
 
 static void test_an_end_behind_what_is_changed_is_no_conflict(void) {
-    tl_elf_plan plan = {.is_wide = true,
-                        .has_no_hashes = true,
-                        STRINGS("\0our_libtable.so"),
+    tl_elf_plan plan = {NATIVE, .has_no_hashes = true, STRINGS("\0our_libtable.so"),
                         .needed = {"our_libtable.so", "libtable.so"}};
     open_made(&plan);
     TEST_ASSERT_EQUAL_INT(TL_ELF_DONE, rename_one("our_libtable.so", "001_libtable.so"));
@@ -125,7 +123,7 @@ static void test_an_end_behind_what_is_changed_is_no_conflict(void) {
 }
 
 static void test_two_that_share_bytes_and_are_both_renamed(void) {
-    tl_elf_plan plan = {.is_wide = true, STRINGS("\0our_libtable.so"), .needed = {"libtable.so", "our_libtable.so"}};
+    tl_elf_plan plan = {NATIVE, STRINGS("\0our_libtable.so"), .needed = {"libtable.so", "our_libtable.so"}};
     tl_elf_rename apart[] = {{"our_libtable.so", "001_libtable.so"}, {"libtable.so", "002table.so"}};
     open_made(&plan);
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, tl_elf_rename_libraries(&file, apart, 2));
@@ -133,15 +131,12 @@ static void test_two_that_share_bytes_and_are_both_renamed(void) {
 
 /* Some linkers call the version of all symbols as the library (--default-symver). */
 static void test_a_version_or_a_symbol_of_that_name(void) {
-    tl_elf_plan version = {.is_wide = true,
-                           STRINGS("\0libtable.so"),
-                           .name = "libtable.so",
-                           .defined_base = "libtable.so",
+    tl_elf_plan version = {NATIVE, STRINGS("\0libtable.so"), .name = "libtable.so", .defined_base = "libtable.so",
                            .defined = "libtable.so"};
     open_made(&version);
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, rename_one("libtable.so", "001table.so"));
-    tl_elf_plan symbol = {
-        .is_wide = true, STRINGS("\0libtable.so"), .name = "libtable.so", .symbols = {{"libtable.so", GLOBAL, true}}};
+    tl_elf_plan symbol = {NATIVE, STRINGS("\0libtable.so"), .name = "libtable.so",
+                          .symbols = {{"libtable.so", GLOBAL, true}}};
     open_made(&symbol);
     TEST_ASSERT_EQUAL_INT(TL_ELF_CONFLICT, rename_one("libtable.so", "001table.so"));
 }
@@ -153,27 +148,21 @@ static uint8_t info_of(size_t index) {
 }
 
 static void test_unique_symbols_become_ordinary_ones(void) {
-    for (unsigned kind = 0; kind < 2; kind++) {
-        tl_elf_plan plan = {.is_wide = kind != 0,
-                            STRINGS("\0_ZN7counter5countE\0_ZZN1a1fEvE1b\0plain"),
-                            .symbols = {{"_ZN7counter5countE", UNIQUE, true},
-                                        {"_ZZN1a1fEvE1b", UNIQUE, true},
-                                        {"plain", GLOBAL, true}}};
-        open_made(&plan);
-        TEST_ASSERT_EQUAL_size_t(2, tl_elf_part_unique(&file));
-        TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(1));
-        TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(2));
-        TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(3));
-        TEST_ASSERT_EQUAL_size_t(0, tl_elf_part_unique(&file));
-    }
+    tl_elf_plan plan = {
+        NATIVE, STRINGS("\0_ZN7counter5countE\0_ZZN1a1fEvE1b\0plain"),
+        .symbols = {{"_ZN7counter5countE", UNIQUE, true}, {"_ZZN1a1fEvE1b", UNIQUE, true}, {"plain", GLOBAL, true}}};
+    open_made(&plan);
+    TEST_ASSERT_EQUAL_size_t(2, tl_elf_part_unique(&file));
+    TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(1));
+    TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(2));
+    TEST_ASSERT_EQUAL_HEX8(GLOBAL, info_of(3));
+    TEST_ASSERT_EQUAL_size_t(0, tl_elf_part_unique(&file));
 }
 
 static void test_those_of_the_languages_library_stay(void) {
     static const char names[] = "\0_ZNSs4_Rep20_S_empty_rep_storageE\0_ZGVNSt7collateIcE2idE\0"
                                 "_ZZNSt19_Sp_make_shared_tag5_S_tiEvE5__tag\0_ZN9__gnu_cxx3poolE";
-    tl_elf_plan plan = {.is_wide = true,
-                        .strings = names,
-                        .strings_size = sizeof names,
+    tl_elf_plan plan = {NATIVE, .strings = names, .strings_size = sizeof names,
                         .symbols = {{"_ZNSs4_Rep20_S_empty_rep_storageE", UNIQUE, true},
                                     {"_ZGVNSt7collateIcE2idE", UNIQUE, true},
                                     {"_ZZNSt19_Sp_make_shared_tag5_S_tiEvE5__tag", UNIQUE, true},
@@ -183,7 +172,7 @@ static void test_those_of_the_languages_library_stay(void) {
 }
 
 static void test_who_opens_libraries(void) {
-    tl_elf_plan opens = {.is_wide = true, STRINGS("\0dlopen"), .symbols = {{"dlopen", GLOBAL, false}}};
+    tl_elf_plan opens = {NATIVE, STRINGS("\0dlopen"), .symbols = {{"dlopen", GLOBAL, false}}};
     open_made(&opens);
     TEST_ASSERT_TRUE(tl_elf_opens_libraries(&file));
     opens.symbols[0].is_defined = true; /* one of its own */
@@ -193,8 +182,8 @@ static void test_who_opens_libraries(void) {
 
 /* ---- Real ones ------------------------------------------------------------------------------------------- */
 
-static void test_real_libraries_of_all_machines(void) {
-    /* In a folder each if FMUs are made for all of them. */
+static void test_real_libraries(void) {
+    /* In a folder each if FMUs are made for several machines. */
     static const char *const paths[] = {".", "linux64", "aarch64-linux", "aarch32-linux"};
     static uint8_t real[1 << 20];
     size_t seen = 0;
@@ -207,7 +196,9 @@ static void test_real_libraries_of_all_machines(void) {
         }
         size_t length = fread(real, 1, sizeof real, stream);
         (void)fclose(stream);
-        TEST_ASSERT_TRUE_MESSAGE(tl_elf_open(&file, real, length), path);
+        if (!tl_elf_open(&file, real, length)) {
+            continue; /* for a machine of another width */
+        }
         TEST_ASSERT_GREATER_THAN_size_t(20, file.symbol_count); /* the functions of FMI */
         TEST_ASSERT_EQUAL_INT(TL_ELF_DONE, rename_one("libc.so.6", "001c.so.6"));
         TEST_ASSERT_NULL_MESSAGE(memmem(real, length, "libc.so.6", 10), path);
@@ -236,9 +227,9 @@ static void try_everything(size_t length) {
 
 static void test_damaged_files(void) {
     static const uint8_t values[] = {0, 1, 0x7F, 0x80, 0xFF};
-    for (unsigned kind = 0; kind < 4; kind++) {
-        tl_elf_plan plan = {.is_wide = (kind & 1U) != 0,
-                            .has_old_hashes = (kind & 2U) != 0,
+    for (unsigned kind = 0; kind < 2; kind++) {
+        tl_elf_plan plan = {NATIVE,
+                            .has_old_hashes = kind == 1,
                             STRINGS("\0libtable.so\0libmain.so\0V1"),
                             .name = "libmain.so",
                             .needed = {"libtable.so"},
@@ -263,18 +254,20 @@ static void test_damaged_files(void) {
 }
 
 static void test_what_is_no_library(void) {
-    tl_elf_plan plan = {.is_wide = true, STRINGS("\0libtable.so")};
+    tl_elf_plan plan = {NATIVE, STRINGS("\0libtable.so")};
     size = tl_elf_make(&plan, bytes);
-    bytes[offsetof(Elf64_Ehdr, e_type)] = ET_EXEC;
+    bytes[offsetof(ElfW(Ehdr), e_type)] = ET_EXEC;
+    TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
+    tl_elf_plan other = plan;
+    other.is_wide = !other.is_wide;
+    size = tl_elf_make(&other, bytes);
+    TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
+    other = plan;
+    other.is_big = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__;
+    size = tl_elf_make(&other, bytes);
     TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
     size = tl_elf_make(&plan, bytes);
-    bytes[EI_CLASS] = 3;
-    TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
-    size = tl_elf_make(&plan, bytes);
-    bytes[EI_DATA] = 0;
-    TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
-    size = tl_elf_make(&plan, bytes);
-    bytes[offsetof(Elf64_Ehdr, e_phnum)] = TL_ELF_SEGMENTS + 1;
+    bytes[offsetof(ElfW(Ehdr), e_phnum)] = TL_ELF_SEGMENTS + 1;
     TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, size));
     TEST_ASSERT_FALSE(tl_elf_open(&file, bytes, 8));
 }
@@ -282,16 +275,16 @@ static void test_what_is_no_library(void) {
 /* Many symbols of one name that is as long as a file would take hours. */
 static void test_names_that_are_read_too_often(void) {
     enum { HALF = 2 << 20, COUNT = 60000 };
-    tl_elf_plan plan = {.is_wide = true, STRINGS("\0"), .has_old_hashes = true};
+    tl_elf_plan plan = {NATIVE, STRINGS("\0"), .has_old_hashes = true};
     size = tl_elf_make(&plan, bytes);
     uint8_t *large = calloc(2, HALF);
     TEST_ASSERT_NOT_NULL(large);
     memcpy(large, bytes, size);
     TEST_ASSERT_TRUE(tl_elf_open(&file, large, size));
     size_t symbols = file.symbols;
-    Elf64_Phdr *load = (Elf64_Phdr *)(void *)(large + sizeof(Elf64_Ehdr));
+    ElfW(Phdr) *load = (ElfW(Phdr) *)(void *)(large + sizeof(ElfW(Ehdr)));
     load->p_filesz = 2 * HALF;
-    for (Elf64_Dyn *entry = (Elf64_Dyn *)(void *)(large + file.dynamic.offset); entry->d_tag != DT_NULL; entry++) {
+    for (ElfW(Dyn) *entry = (ElfW(Dyn) *)(void *)(large + file.dynamic.offset); entry->d_tag != DT_NULL; entry++) {
         uint32_t count = COUNT;
         switch (entry->d_tag) {
         case DT_STRTAB:
@@ -309,7 +302,7 @@ static void test_names_that_are_read_too_often(void) {
     }
     memset(large + HALF, 'x', HALF);
     TEST_ASSERT_FALSE(tl_elf_open(&file, large, (size_t)2 * HALF));
-    memset(large + symbols, 0xFF, (size_t)COUNT * sizeof(Elf64_Sym)); /* names that are nowhere cost nothing */
+    memset(large + symbols, 0xFF, (size_t)COUNT * sizeof(ElfW(Sym))); /* names that are nowhere cost nothing */
     TEST_ASSERT_TRUE(tl_elf_open(&file, large, (size_t)2 * HALF));
     TEST_ASSERT_EQUAL_size_t(COUNT, file.symbol_count);
     free(large);
@@ -317,7 +310,7 @@ static void test_names_that_are_read_too_often(void) {
 
 int main(void) {
     UNITY_BEGIN();
-    RUN_TEST(test_both_classes_and_byte_orders);
+    RUN_TEST(test_what_is_read_and_renamed);
     RUN_TEST(test_without_hashes_symbols_end_where_names_begin);
     RUN_TEST(test_a_library_that_is_not_meant_stays);
     RUN_TEST(test_a_name_that_is_the_end_of_another_one);
@@ -327,7 +320,7 @@ int main(void) {
     RUN_TEST(test_unique_symbols_become_ordinary_ones);
     RUN_TEST(test_those_of_the_languages_library_stay);
     RUN_TEST(test_who_opens_libraries);
-    RUN_TEST(test_real_libraries_of_all_machines);
+    RUN_TEST(test_real_libraries);
     RUN_TEST(test_damaged_files);
     RUN_TEST(test_what_is_no_library);
     RUN_TEST(test_names_that_are_read_too_often);

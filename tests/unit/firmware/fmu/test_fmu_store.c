@@ -738,7 +738,7 @@ static void test_messages(void) {
 
 /* Text, not a format: it must not write into memory, nor end the process. */
 static void test_messages_that_write_back(void) {
-    static const char *const texts[] = {"100%next", "100 % new", "%5$hhn", "%%%n", "a % b %ln"};
+    static const char *const texts[] = {"100%next", "100 % new", "%5$hhn", "%n", "a % b %ln"};
     expect_loaded(GOOD);
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         char expected[128];

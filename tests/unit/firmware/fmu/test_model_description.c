@@ -535,20 +535,19 @@ static void test_doubles_in_a_locale_with_commas(void) {
 }
 
 static void test_integers_and_booleans(void) {
-    int32_t number = 0;
-    uint32_t reference = 0;
+    int64_t number = 0;
     bool flag = false;
-    TEST_ASSERT_TRUE(tl_xml_int(" -2147483648 ", &number) && number == INT32_MIN);
-    TEST_ASSERT_TRUE(tl_xml_int("+2147483647", &number) && number == INT32_MAX);
-    TEST_ASSERT_TRUE(tl_xml_int("-0", &number) && number == 0);
-    TEST_ASSERT_FALSE(tl_xml_int("2147483648", &number));
-    TEST_ASSERT_FALSE(tl_xml_int("99999999999999999999999999", &number));
-    TEST_ASSERT_FALSE(tl_xml_int("", &number));
-    TEST_ASSERT_FALSE(tl_xml_int("-", &number));
-    TEST_ASSERT_FALSE(tl_xml_int("1e3", &number));
-    TEST_ASSERT_TRUE(tl_xml_unsigned("4294967295", &reference) && reference == UINT32_MAX);
-    TEST_ASSERT_FALSE(tl_xml_unsigned("4294967296", &reference));
-    TEST_ASSERT_FALSE(tl_xml_unsigned("-1", &reference));
+    TEST_ASSERT_TRUE(tl_xml_integer(" -2147483648 ", INT32_MIN, INT32_MAX, &number) && number == INT32_MIN);
+    TEST_ASSERT_TRUE(tl_xml_integer("+2147483647", INT32_MIN, INT32_MAX, &number) && number == INT32_MAX);
+    TEST_ASSERT_TRUE(tl_xml_integer("-0", INT32_MIN, INT32_MAX, &number) && number == 0);
+    TEST_ASSERT_FALSE(tl_xml_integer("2147483648", INT32_MIN, INT32_MAX, &number));
+    TEST_ASSERT_FALSE(tl_xml_integer("99999999999999999999999999", INT32_MIN, INT32_MAX, &number));
+    TEST_ASSERT_FALSE(tl_xml_integer("", INT32_MIN, INT32_MAX, &number));
+    TEST_ASSERT_FALSE(tl_xml_integer("-", INT32_MIN, INT32_MAX, &number));
+    TEST_ASSERT_FALSE(tl_xml_integer("1e3", INT32_MIN, INT32_MAX, &number));
+    TEST_ASSERT_TRUE(tl_xml_integer("4294967295", 0, UINT32_MAX, &number) && number == UINT32_MAX);
+    TEST_ASSERT_FALSE(tl_xml_integer("4294967296", 0, UINT32_MAX, &number));
+    TEST_ASSERT_FALSE(tl_xml_integer("-1", 0, UINT32_MAX, &number));
     TEST_ASSERT_TRUE(tl_xml_boolean("1", &flag) && flag);
     TEST_ASSERT_TRUE(tl_xml_boolean(" false", &flag) && !flag);
     TEST_ASSERT_FALSE(tl_xml_boolean("TRUE", &flag));
