@@ -104,28 +104,27 @@ void tl_address_text(const struct sockaddr *socket, char text[TL_ADDRESS_TEXT]) 
     }
 }
 
-static bool parse_port(const char *text, unsigned *port) {
+static bool is_port(const char *text) {
     size_t digits = strspn(text, "0123456789");
-    unsigned long number = digits <= LONGEST_PORT ? strtoul(text, NULL, 10) : LAST_PORT + 1UL;
-    *port = (unsigned)number;
-    return digits > 0 && text[digits] == '\0' && number <= LAST_PORT;
+    return digits > 0 && digits <= LONGEST_PORT && text[digits] == '\0' && strtoul(text, NULL, 10) <= LAST_PORT;
 }
 
-bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size, unsigned *port) {
+bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size) {
     char host[TL_ADDRESS_TEXT];
     const char *colon = strrchr(text, ':');
     bool is_ipv6 = text[0] == '[';
-    if (colon == NULL || colon == text || (size_t)(colon - text) >= sizeof host || !parse_port(colon + 1, port)) {
+    if (colon == NULL || colon == text || (size_t)(colon - text) >= sizeof host || !is_port(colon + 1)) {
         return false;
     }
     memcpy(host, text, (size_t)(colon - text));
     host[colon - text] = '\0';
     memset(socket, 0, sizeof *socket);
+    in_port_t port = htons((uint16_t)strtoul(colon + 1, NULL, 10));
     if (!is_ipv6) {
         struct sockaddr_in *ipv4 = (struct sockaddr_in *)(void *)socket;
         *size = sizeof *ipv4;
         ipv4->sin_family = AF_INET;
-        ipv4->sin_port = htons((uint16_t)*port);
+        ipv4->sin_port = port;
         return inet_pton(AF_INET, host, &ipv4->sin_addr) == 1;
     }
     struct sockaddr_in6 *ipv6 = (struct sockaddr_in6 *)(void *)socket;
@@ -134,6 +133,6 @@ bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen
     host[last] = '\0';
     *size = sizeof *ipv6;
     ipv6->sin6_family = AF_INET6;
-    ipv6->sin6_port = htons((uint16_t)*port);
+    ipv6->sin6_port = port;
     return is_closed && inet_pton(AF_INET6, host + 1, &ipv6->sin6_addr) == 1;
 }

@@ -362,9 +362,9 @@ static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
 /* ---- the request ---- */
 
 static bool has_large_body(struct MHD_Connection *connection) {
-    const char *length = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH);
+    const char *length = header(connection, MHD_HTTP_HEADER_CONTENT_LENGTH);
     return (length != NULL && strtoull(length, NULL, 10) > LARGE_BODY) ||
-           MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
+           header(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
 }
 
 /* Judges the request by its head. The body of a refused request is read and dropped before the answer: closing a
