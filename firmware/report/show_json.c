@@ -84,17 +84,9 @@ static void add_matches(tl_json_writer *json, const tl_show_summary *summary) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < summary->match_count; i++) {
         const tl_recorder_signal *signal = &summary->match[i];
-        const tl_metrics *metrics = &summary->figures.match[i];
         tl_json_open_object(json, signal->name);
         tl_json_add_text(json, "to", signal->to);
-        tl_json_add_number(json, "mse", tl_metrics_mse(metrics));
-        tl_json_add_number(json, "max", metrics->maximum);
-        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&summary->figures, i));
-        tl_json_add_text(json, "unit", signal->unit);
-        tl_json_add_count(json, "pairs", metrics->pairs);
-        tl_json_add_count(json, "left_out", metrics->left_out);
-        tl_json_add_count(json, "readings", summary->figures.readings[i].pairs);
-        tl_json_add_count(json, "rejected", summary->figures.readings[i].left_out);
+        tl_figures_json_add_match(json, &summary->figures, i, signal->unit);
         tl_json_close(json);
     }
     tl_json_close(json);

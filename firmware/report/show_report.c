@@ -95,59 +95,15 @@ static void describe(recorded_run *run) {
 
 /* ---- Rows -------------------------------------------------------------------------------------------------------- */
 
-static void take_step(void *context, const tl_history_step *step) {
-    const recorded_run *run = context;
-    const tl_record record = {
-        .step = step->step,
-        .evaluations = (uint32_t)step->evaluations,
-        .executions = (uint32_t)step->executions,
-        .used = step->used,
-    };
-    tl_html_report_add_step(run->report, &record);
-}
-
-/* A quality of a newer program is not good, and no more is known of it. */
-static tl_quality quality_of(int64_t code) {
-    return code >= TL_GOOD && code <= TL_OUTLIER ? (tl_quality)code : TL_NOT_A_NUMBER;
-}
-
-static void take_output(void *context, const tl_history_output *output) {
-    const recorded_run *run = context;
-    tl_html_report_add_output(run->report, output->step, output->signal, output->y, output->y_hat,
-                              quality_of(output->quality));
-}
-
-static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
-    const recorded_run *run = context;
-    tl_html_report_add_adjustment(run->report, adjustment->step, adjustment->signal, adjustment->u, adjustment->u_hat);
-}
-
-static void take_event(void *context, const tl_history_event *taken) {
-    const recorded_run *run = context;
-    const tl_html_event event = {
-        .at = taken->at,
-        .tick = taken->has_tick ? taken->tick : -1,
-        .severity = taken->severity,
-        .source = taken->source,
-        .text = taken->text,
-    };
-    tl_html_report_add_event(run->report, &event);
-}
-
 static tl_status gather(recorded_run *run, tl_error *error) {
-    tl_history *history = run->request->history;
-    const tl_history_run *recorded = run->request->run;
-    const tl_show_summary *summary = &run->summary;
-    const tl_history_visitor visitor = {
-        .context = run,
-        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
-        .step = take_step,
-        .output = take_output,
-        .adjustment = take_adjustment,
-        .event = take_event,
-    };
-    tl_status status = summary->any ? tl_history_rows(history, recorded, summary->range, &visitor, error) : TL_OK;
-    return status == TL_OK ? tl_history_events(history, recorded, run->request->from_at, -1, &visitor, error) : status;
+    const tl_show_request *request = run->request;
+    const tl_history_visitor visitor = tl_html_report_visitor(run->report);
+    tl_status status = TL_OK;
+    if (run->summary.any) {
+        status = tl_history_rows(request->history, request->run, run->summary.range, &visitor, error);
+    }
+    return status == TL_OK ? tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error)
+                           : status;
 }
 
 /* ---- The page ---------------------------------------------------------------------------------------------------- */

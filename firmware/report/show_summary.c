@@ -139,14 +139,7 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
 
 static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
-    const tl_run_step taken = {
-        .outcome = step->outcome,
-        .time_limited = step->stop == TL_STOP_TIME,
-        .evaluations = (uint64_t)step->evaluations,
-        .used = step->used,
-        .rests = (step->flags & TL_FLAG_RESTS) != 0,
-    };
-    tl_run_figures_add_step(&summary->figures, &taken, summary->period);
+    tl_run_figures_add_step(&summary->figures, step, summary->period);
 }
 
 static void take_output(void *context, const tl_history_output *output) {

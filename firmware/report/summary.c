@@ -27,12 +27,12 @@ bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, c
 /* ---- summary ---- */
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
-    const tl_run_step step = {
+    const tl_history_step step = {
         .outcome = record->outcome,
-        .time_limited = record->stop == TL_STOP_TIME,
+        .stop = record->stop,
         .evaluations = record->evaluations,
         .used = record->used,
-        .rests = (record->flags & TL_FLAG_RESTS) != 0,
+        .flags = record->flags,
     };
     for (size_t i = 0; i < config->adjust_count; i++) {
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->u_hat[i]);
@@ -136,14 +136,7 @@ static void add_matches(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
         tl_json_open_object(json, page->config->match[i].variable);
-        tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
-        tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
-        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&page->figures, i));
-        tl_json_add_text(json, "unit", page->account->match[i].unit);
-        tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
-        tl_json_add_count(json, "left_out", page->figures.match[i].left_out);
-        tl_json_add_count(json, "readings", page->figures.readings[i].pairs);
-        tl_json_add_count(json, "rejected", page->figures.readings[i].left_out);
+        tl_figures_json_add_match(json, &page->figures, i, page->account->match[i].unit);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -271,17 +264,6 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_status status = tl_json_writer_print(&json, file, error);
     tl_json_writer_free(&json);
     return status;
-}
-
-static void print_outcomes(const tl_run_figures *figures, FILE *file) {
-    const char *separator = "";
-    for (int i = 0; i < TL_OUTCOMES; i++) {
-        if (figures->outcomes[i] != 0) {
-            (void)fprintf(file, "%s%" PRIu64 " %s", separator, figures->outcomes[i], tl_outcome_name((tl_outcome)i));
-            separator = ", ";
-        }
-    }
-    (void)fputc('\n', file);
 }
 
 static void print_lock(const tl_summary *summary, const tl_config *config, FILE *file) {
@@ -458,7 +440,8 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     begin_printing(&page, summary, config, account);
     (void)fprintf(file, "%s\n", config->name);
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
-    print_outcomes(&page.figures, file);
+    (void)tl_run_figures_print_outcomes(&page.figures, "", file);
+    (void)fputc('\n', file);
     print_lock(summary, config, file);
     print_free_twin(&page.figures, account, file);
     print_executions(&page.figures, account, file);
