@@ -64,31 +64,15 @@ struct tl_plant_server {
 
 /* ---- the registers ---- */
 
+enum { ANY_TABLE = 0 };
+
 static region *find_region(const tl_plant_server *server, uint8_t unit_id, int table) {
     for (size_t i = 0; i < server->region_count; i++) {
-        if (server->regions[i].unit_id == unit_id && (int)server->regions[i].table == table) {
+        if (server->regions[i].unit_id == unit_id && (table == ANY_TABLE || (int)server->regions[i].table == table)) {
             return &server->regions[i];
         }
     }
     return NULL;
-}
-
-static bool has_unit(const tl_plant_server *server, uint8_t unit_id) {
-    for (size_t i = 0; i < server->region_count; i++) {
-        if (server->regions[i].unit_id == unit_id) {
-            return true;
-        }
-    }
-    return false;
-}
-
-static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
-    if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT ||
-        tl_modbus_is_bit_table(channel->table) != (channel->type == TL_MODBUS_BIT) ||
-        channel->address + tl_modbus_registers(channel->type) > 65536) {
-        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: channel %zu does not fit into its table", index);
-    }
-    return TL_OK;
 }
 
 /* Makes room in its region for one channel; `words` come later. */
@@ -113,9 +97,6 @@ static tl_status make_regions(tl_plant_server *server, const tl_plant_server_set
     server->regions = calloc(room, sizeof *server->regions);
     bool complete = server->channels != NULL && server->regions != NULL;
     for (size_t i = 0; complete && i < settings->channel_count; i++) {
-        if (check_channel(&settings->channels[i], i, error) != TL_OK) {
-            return TL_BAD_DATA;
-        }
         server->channels[i] = settings->channels[i];
         server->channel_count++;
         grow(server, &settings->channels[i]);
@@ -178,7 +159,7 @@ static size_t put_values(const region *own, size_t first, size_t count, uint8_t 
 static uint8_t objection(const tl_plant_server *server, const uint8_t *request, size_t size) {
     uint8_t unit_id = request[HEADER - 1];
     uint8_t function = request[HEADER];
-    if (!has_unit(server, unit_id)) {
+    if (find_region(server, unit_id, ANY_TABLE) == NULL) {
         return NO_SUCH_UNIT;
     }
     if (function < TL_MODBUS_COIL || function > TL_MODBUS_INPUT) {

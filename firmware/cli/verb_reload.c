@@ -10,7 +10,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
-#include "firmware/cli/verbs.h"
+#include "firmware/cli/options.h"
 #include "firmware/retune/control.h"
 #include "firmware/retune/talk.h"
 

@@ -7,7 +7,6 @@
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/cli/verb_job.h"
-#include "firmware/cli/verbs.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/report/trajectory.h"
@@ -41,15 +40,6 @@ static tl_status check_outputs(const tl_options *options, const char *recording,
     const char *const taken[] = {options->subject, recording, options->database, options->trajectory};
     tl_status status = check_output("--csv", options->trajectory, taken, 3, error);
     return status == TL_OK ? check_output("--report", options->report, taken, 4, error) : status;
-}
-
-static tl_status open_recording(const tl_config *config, const tl_options *options, char path[PATH_MAX],
-                                tl_recording **recording, tl_error *error) {
-    tl_status status = tl_options_find_recording(options, config, path, error);
-    if (status == TL_OK) {
-        status = check_outputs(options, path, error);
-    }
-    return status == TL_OK ? tl_recording_open(path, config, recording, error) : status;
 }
 
 static tl_status print_summary(const tl_replay *replay, const tl_verb_job *job, const tl_summary *summary,
@@ -277,7 +267,9 @@ static tl_status replay(tl_verb_job *job) {
     job->order.task = TL_TASK_STEP;
     job->order.tells = options->database != NULL ? TL_TELLS_COUNTS : TL_TELLS_RECORDS;
     job->order.plain = options->plain;
-    tl_status opened = open_recording(&job->config, options, path, &recording, &error);
+    tl_status opened = tl_options_find_recording(options, &job->config, path, &error);
+    opened = opened == TL_OK ? check_outputs(options, path, &error) : opened;
+    opened = opened == TL_OK ? tl_recording_open(path, &job->config, &recording, &error) : opened;
     if (opened == TL_OK) {
         const tl_recording_tunings tunings = tl_recording_get_tunings(recording);
         job->order.tunings = (const unsigned char *)tunings.list;

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/cli/verbs.h"
+#include "firmware/cli/options.h"
 #include "firmware/report/show.h"
 
 /* ---- Since when -------------------------------------------------------------------------------------------------- */
