@@ -520,19 +520,6 @@ static const char *units(const tl_lock_judge *judge) {
     return is_by_strokes(judge) ? "strokes" : "steps";
 }
 
-static void tell_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                   HUNDRED * share(count_compared(all) == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
-                   units(judge), HUNDRED * FREE.enter);
-}
-
-static void tell_cycle(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
-    size_t length = strlen(cause);
-    const tl_lock_range *u = &all->u[found->which];
-    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
-                   judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
-}
-
 static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
     uint32_t compared = count_compared(all);
     if (found->ran_away) {
@@ -551,7 +538,10 @@ static void tell_lost(const tl_lock_judge *judge, const window *all, const findi
                        HUNDRED * (found->cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
     }
     if (found->cycles) {
-        tell_cycle(judge, all, found, cause);
+        size_t length = strlen(cause);
+        const tl_lock_range *u = &all->u[found->which];
+        (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
+                       judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
     }
 }
 
@@ -585,16 +575,13 @@ static void tell_tracking(const tl_lock_judge *judge, const window *all, const f
     }
 }
 
-static void tell_locked(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = count_compared(all);
-    (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
-                   HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
-}
-
 static void tell_cause(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
+    uint32_t compared = count_compared(all);
     switch (found->state) {
     case TL_LOCK_FREE:
-        tell_free(judge, all, cause);
+        (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
+                       HUNDRED * share(compared == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
+                       units(judge), HUNDRED * FREE.enter);
         break;
     case TL_LOCK_LOST:
         tell_lost(judge, all, found, cause);
@@ -606,7 +593,8 @@ static void tell_cause(const tl_lock_judge *judge, const window *all, const find
         tell_tracking(judge, all, found, cause);
         break;
     case TL_LOCK_LOCKED:
-        tell_locked(judge, all, cause);
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
+                       HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
         break;
     }
 }
