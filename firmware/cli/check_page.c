@@ -24,15 +24,15 @@
 #include "firmware/twin/twin_process.h"
 #include "master/twin/twin_timing.h"
 
-/* ---- The delays of a configuration, for people: chains, modes, densities drawn as text.
+/* ---- The delays of a configuration, for people: chains, modes, densities as a line of text.
  *
- * Purpose: what `check` tells of `delays`. At most 79 columns, unless a participant's name alone is longer; the drawing is ASCII.
+ * Purpose: what `check` tells of `delays`. At most 79 columns, unless a participant's name alone is longer.
  * Thread:  one thread.
  */
 
 /* ---- delay page ---- */
 
-enum { WIDTH = 79, MARGIN = 15, COLUMNS = WIDTH - MARGIN - 1, ROWS = 5, NAME = 80 };
+enum { WIDTH = 79, COLUMNS = 48, NAME = 80 };
 
 static double milliseconds(tl_time time) {
     return (double)time / 1e6;
@@ -59,40 +59,17 @@ static void print_chain(const tl_config_delays *delays, const tl_config_chain *c
 
 /* ---- drawings ---- */
 
-/* The density in the middle of each column; what is constant stands in one column. Returns the largest. */
-static double sample(const tl_delay_density *density, tl_time cell, double *heights) {
-    double top = 0.0;
+/* Sampled in the middle of each column; what is constant stands in one column. */
+static void print_density(const tl_delay_density *density, tl_time cell, const char *label, FILE *file) {
+    const tl_show_style style = {.unicode = true};
+    double heights[COLUMNS];
+    char curve[TL_SHOW_CURVE];
     for (int i = 0; i < COLUMNS; i++) {
         bool constant = density->count == 0 && density->dead / cell == i;
         heights[i] = constant ? 1.0 : tl_delay_density_at(density, cell * i + cell / 2);
-        top = fmax(top, heights[i]);
     }
-    return top;
-}
-
-static void print_density(const tl_delay_density *density, tl_time cell, const char *label, FILE *file) {
-    double heights[COLUMNS];
-    double top = sample(density, cell, heights);
-    tl_time mode = tl_delay_mode(density);
-    int marked = (int)(mode / cell);
-    for (int row = ROWS; row > 0; row--) {
-        char line[COLUMNS + 1] = {0};
-        int length = 0;
-        for (int i = 0; i < COLUMNS; i++) {
-            line[i] = heights[i] > 0.0 && heights[i] >= top * (row - 0.5) / ROWS ? '#' : ' ';
-            length = line[i] == '#' ? i + 1 : length;
-        }
-        (void)fprintf(file, "    %-11s|%.*s\n", row == ROWS ? label : "", length, line);
-    }
-    (void)fprintf(file, "    %11s+", "");
-    for (int i = 0; i < COLUMNS; i++) {
-        (void)fputc(i == marked ? '^' : '-', file);
-    }
-    char text[32];
-    int length = snprintf(text, sizeof text, "%.6g ms", milliseconds(mode));
-    int place = marked - length / 2;
-    place = place < 0 ? 0 : place > COLUMNS - length ? COLUMNS - length : place;
-    (void)fprintf(file, "\n    %11s %*s%s\n", "", place, "", text);
+    tl_show_curve(style, heights, COLUMNS, curve, sizeof curve);
+    (void)fprintf(file, "    %-11s|%s| to %.3g ms\n", label, curve, milliseconds(cell * COLUMNS));
 }
 
 /* Both on one axis, with some room behind the longer one. */

@@ -75,7 +75,7 @@ static tl_status open_emulation(player *self, const tl_config *config, tl_error 
     if (status != TL_OK) {
         return status;
     }
-    const tl_emulation_model model = {.config = &self->model, .account = &self->account, .child = self->job->child};
+    const tl_twin_feed_settings model = {.config = &self->model, .account = &self->account, .child = self->job->child};
     return tl_emulation_open_model(&model, path, self->options->seed, &self->emulation, error);
 }
 
@@ -292,10 +292,10 @@ static void close_all(player *self) {
 }
 
 static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
+    bool writes = self->options->fifo != NULL || self->options->record != NULL;
     tl_status status = open_emulation(self, config, error);
     if (status == TL_OK) {
-        status = self->options->fifo != NULL || self->options->record != NULL ? open_stream(self, listener, error)
-                                                                              : open_servers(self, listener, error);
+        status = writes ? open_stream(self, listener, error) : open_servers(self, listener, error);
     }
     return status == TL_OK ? play(self, error) : status;
 }

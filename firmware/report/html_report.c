@@ -81,21 +81,17 @@ void tl_html_put_text(FILE *file, const char *text) {
     }
 }
 
-static void put_string_character(FILE *file, char character) {
-    if ((unsigned char)character < ' ' || strchr("\"\\<>&'", character) != NULL) {
-        (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)character);
-    } else {
-        (void)fputc(character, file);
-    }
-}
-
 void tl_html_put_string(FILE *file, const char *text) {
     (void)fputc('"', file);
     while (*text != '\0') {
         char shown[SHOWN];
         text = take(text, shown);
         for (const char *c = shown; *c != '\0'; c++) {
-            put_string_character(file, *c);
+            if ((unsigned char)*c < ' ' || strchr("\"\\<>&'", *c) != NULL) {
+                (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)*c);
+            } else {
+                (void)fputc(*c, file);
+            }
         }
     }
     (void)fputc('"', file);
@@ -120,10 +116,6 @@ void tl_html_put_count(FILE *file, uint64_t count) {
     }
 }
 
-static uint32_t hexadecimal(char digit) {
-    return (uint32_t)(digit <= '9' ? digit - '0' : digit - 'a' + 10);
-}
-
 void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     char digits[TL_SHA256_TEXT + 2];
@@ -132,7 +124,8 @@ void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     digits[65] = '0';
     char *end = text + sprintf(text, "sha256-");
     for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
-        uint32_t bits = hexadecimal(digits[i]) << 8 | hexadecimal(digits[i + 1]) << 4 | hexadecimal(digits[i + 2]);
+        const char three[] = {digits[i], digits[i + 1], digits[i + 2], '\0'};
+        unsigned long bits = strtoul(three, NULL, 16);
         *end++ = letters[bits >> 6];
         *end++ = letters[bits & 63];
     }
