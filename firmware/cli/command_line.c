@@ -152,19 +152,15 @@ static int refuse_verb(const char *name) {
     return tl_exit_code(TL_BAD_USAGE);
 }
 
-static int help_program(const verb_program *program) {
-    char name[] = "token";
-    char option[] = "--help";
-    char *words[] = {name, option, NULL};
-    return run_program(program, 2, words);
-}
-
 /* `twinlock help`, `twinlock help VERB`. */
 static int help(const char *name) {
     tl_verb verb = name != NULL ? find_verb(name) : TL_VERB_COUNT;
     const verb_program *program = name != NULL ? find_program(name) : NULL;
     if (program != NULL) {
-        return help_program(program);
+        char verb_name[] = "token";
+        char option[] = "--help";
+        char *words[] = {verb_name, option, NULL};
+        return run_program(program, 2, words);
     }
     if (name == NULL) {
         print_usage(stdout);

@@ -108,17 +108,13 @@ static tl_status make_regions(tl_plant_server *server, const tl_plant_server_set
     return complete ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
 }
 
-static void store(tl_plant_server *server, size_t index, double value) {
-    const tl_modbus_channel *channel = &server->channels[index];
-    const region *own = find_region(server, channel->unit_id, (int)channel->table);
-    tl_modbus_encode(channel, value, own->words + (channel->address - own->first));
-}
-
 void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present) {
     (void)pthread_mutex_lock(&server->lock);
     for (size_t i = 0; i < server->channel_count; i++) {
         if (present == NULL || present[i]) {
-            store(server, i, values[i]);
+            const tl_modbus_channel *channel = &server->channels[i];
+            const region *own = find_region(server, channel->unit_id, (int)channel->table);
+            tl_modbus_encode(channel, values[i], own->words + (channel->address - own->first));
         }
     }
     (void)pthread_mutex_unlock(&server->lock);
@@ -258,12 +254,6 @@ static void welcome(tl_plant_server *server) {
     set_client_count(server, server->client_count + 1);
 }
 
-static void dismiss(tl_plant_server *server, size_t index) {
-    (void)close(server->clients[index].socket);
-    server->clients[index] = server->clients[server->client_count - 1];
-    set_client_count(server, server->client_count - 1);
-}
-
 static void *run(void *context) {
     tl_plant_server *server = context;
     tl_locale_use();
@@ -284,7 +274,9 @@ static void *run(void *context) {
         /* From the last on: whoever leaves is replaced by one that has been seen to already. */
         for (size_t i = server->client_count; i-- > 0;) {
             if (ready[2 + i].revents != 0 && !serve(server, &server->clients[i])) {
-                dismiss(server, i);
+                (void)close(server->clients[i].socket);
+                server->clients[i] = server->clients[server->client_count - 1];
+                set_client_count(server, server->client_count - 1);
             }
         }
         if (ready[1].revents != 0) {

@@ -85,19 +85,15 @@ static void tell_other_way(const tl_config *config, size_t component, const tl_o
     tl_wrapped_print(output, text, INDENT, 2 * INDENT);
 }
 
-static bool has_replay(const tl_twin_ways *ways) {
-    bool has = false;
-    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
-        has = has || ways->of[i].rollback == TL_ROLLBACK_REPLAY;
-    }
-    return has;
-}
-
 /* Of the check that has just ended. Errors: TL_INTERRUPTED. */
 static tl_status find_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
     tl_other_way found[TL_RECORDER_COMPONENTS];
     bool has_title = false;
-    if (checked->cannot_return == 0 && !has_replay(checked)) {
+    bool has_replay = false;
+    for (size_t i = 0; i < TL_RECORDER_COMPONENTS; i++) {
+        has_replay = has_replay || checked->of[i].rollback == TL_ROLLBACK_REPLAY;
+    }
+    if (checked->cannot_return == 0 && !has_replay) {
         return TL_OK;
     }
     const tl_twin_child_settings settings = tl_verb_job_settings(job, &job->config, NULL);

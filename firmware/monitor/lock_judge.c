@@ -71,12 +71,6 @@ static void forgive(tl_lock_rescue *rescue, const tl_lock_tally *tally) {
     }
 }
 
-static void note_reset(tl_lock_rescue *rescue) {
-    uint32_t longer = 2 * rescue->pause;
-    rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
-    rescue->passed = 0;
-}
-
 bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const tl_lock_change **change) {
     const tl_lock_tally *tally = &rescue->judge.tally;
     *change = tl_lock_judge_step(&rescue->judge, record);
@@ -89,7 +83,9 @@ bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const 
     bool is_due = tl_lock_judge_is_astray(&rescue->judge) && rescue->passed >= rescue->pause &&
                   rescue->judge.config->event.start.signal == NULL;
     if (is_due) {
-        note_reset(rescue);
+        uint32_t longer = 2 * rescue->pause;
+        rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
+        rescue->passed = 0;
     }
     return is_due;
 }
@@ -327,13 +323,6 @@ static void widen(tl_lock_range *range, double value, bool first) {
     range->most = first || value > range->most ? value : range->most;
 }
 
-/* How far a measurement goes at once: the largest step so far, fading. Readings come in messages, and stand still in between. */
-static void see_stride(tl_lock_judge *judge, size_t i, const tl_record *record) {
-    double step = fabs(record->y_hat[i] - judge->y_hat[i]);
-    double faded = FADING * judge->stride[i];
-    judge->stride[i] = step > faded ? step : faded;
-}
-
 /* A matched output that has gone far from one step to the next, and further than its measurement does. */
 static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *record) {
     const struct tl_lock_measure by = measure(judge, i);
@@ -345,7 +334,9 @@ static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *re
 static void see_outputs(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
     bool jumped = false;
     for (size_t i = 0; i < judge->config->match_count && judge->u_count != 0; i++) {
-        see_stride(judge, i, record);
+        double step = fabs(record->y_hat[i] - judge->y_hat[i]);
+        double faded = FADING * judge->stride[i];
+        judge->stride[i] = step > faded ? step : faded; /* readings come in messages, and stand still in between */
         jumped = has_jumped(judge, i, record) || jumped;
     }
     part->jumps += jumped ? 1 : 0;

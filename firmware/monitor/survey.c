@@ -223,13 +223,6 @@ static void tell_values(tl_survey_signal *signal, double *room) {
 
 /* ---- noise ---- */
 
-static void measure(tl_noise_meter *meter, const tl_survey_signal *signal) {
-    bool is_outlier = false;
-    for (size_t i = 0; i < signal->kept_count; i++) {
-        (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
-    }
-}
-
 /* The second time: outliers are taken out, and how far they were is put into `room`. */
 static void drop_outliers(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
     enum { BEHIND = TL_NOISE_AROUND / 2 };
@@ -284,8 +277,11 @@ static bool is_at_rest(const tl_survey_signal *signal) {
 
 static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
     tl_noise_found first;
+    bool is_outlier = false;
     tl_noise_meter_init(meter, 0);
-    measure(meter, signal);
+    for (size_t i = 0; i < signal->kept_count; i++) {
+        (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
+    }
     tl_noise_meter_tell(meter, &first);
     tl_noise_meter_init(meter, 0);
     tl_noise_meter_know(meter, &first);

@@ -205,15 +205,8 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     (void)fputc('}', file);
 }
 
-static void put_adjust(const tl_html_report *report, size_t adjust, FILE *file) {
-    static const char *const keys[] = {"u", "nominal", "delta"};
-    (void)fputs(adjust == 0 ? "" : ",", file);
-    put_signal(&report->settings.adjust[adjust], file);
-    put_channels(report, keys, adjust_channel(report, adjust), file);
-    (void)fputc('}', file);
-}
-
 static void put_data(const filling *page) {
+    static const char *const keys[] = {"u", "nominal", "delta"};
     const tl_html_report *report = page->report;
     FILE *file = page->file;
     const tl_html_settings *settings = &report->settings;
@@ -232,7 +225,10 @@ static void put_data(const filling *page) {
     }
     (void)fputs("],\n\"adjust\":[", file);
     for (size_t i = 0; i < settings->adjust_count; i++) {
-        put_adjust(report, i, file);
+        (void)fputs(i == 0 ? "" : ",", file);
+        put_signal(&settings->adjust[i], file);
+        put_channels(report, keys, adjust_channel(report, i), file);
+        (void)fputc('}', file);
     }
     (void)fputs("],\n", file);
     put_channel(report, "executions", TL_HTML_EXECUTIONS, file);

@@ -209,14 +209,11 @@ static tl_status serve_on(const serve_options *options, int listener, const tl_c
     return TL_OK;
 }
 
-static void print_fingerprint(const tl_fingerprint *fingerprint) {
-    (void)printf("pin          %s\ncertificate  %s\n", fingerprint->pin, fingerprint->certificate);
-}
-
 static tl_status run(const serve_options *options, const tl_certificate *certificate, tl_error *error) {
     int listener = -1;
     if (options->fingerprint) {
-        print_fingerprint(&certificate->fingerprint);
+        (void)printf("pin          %s\ncertificate  %s\n", certificate->fingerprint.pin,
+                     certificate->fingerprint.certificate);
         return TL_OK;
     }
     tl_interrupt_install();
@@ -299,13 +296,6 @@ static tl_status revoke_token(const char *path, const char *name, tl_tokens *tok
     return tl_tokens_write(path, tokens, error);
 }
 
-static void list_tokens(const tl_tokens *tokens) {
-    for (size_t i = 0; i < tokens->count; i++) {
-        const tl_token *token = &tokens->rows[i];
-        (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->made);
-    }
-}
-
 int tl_token_verb_run(int argc, char **argv) {
     token_options options = {.tokens = TL_TOKENS_FILE};
     tl_tokens tokens;
@@ -333,7 +323,10 @@ int tl_token_verb_run(int argc, char **argv) {
     }
     tl_status status = tl_tokens_read(options.tokens, &tokens, &error);
     if (status == TL_OK && lists) {
-        list_tokens(&tokens);
+        for (size_t i = 0; i < tokens.count; i++) {
+            const tl_token *token = &tokens.rows[i];
+            (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->made);
+        }
     } else if (status == TL_OK) {
         status = adds ? add_token(options.tokens, name, role, &tokens, &error)
                       : revoke_token(options.tokens, name, &tokens, &error);

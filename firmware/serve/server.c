@@ -522,14 +522,6 @@ static int find_place(tl_server *server, const tl_address *address, tl_time now)
     return place;
 }
 
-static void find_local(int socket, char text[TL_ADDRESS_TEXT]) {
-    struct sockaddr_storage local;
-    socklen_t size = sizeof local;
-    memset(&local, 0, sizeof local);
-    (void)getsockname(socket, (struct sockaddr *)&local, &size);
-    tl_address_text((const struct sockaddr *)&local, text);
-}
-
 static void admit(tl_server *server, int socket, const struct sockaddr *from, socklen_t size) {
     tl_address address = tl_address_of(from);
     int place = find_place(server, &address, tl_clock_now(NULL));
@@ -539,8 +531,11 @@ static void admit(tl_server *server, int socket, const struct sockaddr *from, so
     }
     tl_visit *visit = &server->visits[place];
     *visit = (tl_visit){.place = place, .socket = socket, .address = address, .dialogue = {.socket = -1}};
+    struct sockaddr_storage local = {.ss_family = AF_UNSPEC};
+    socklen_t local_size = sizeof local;
     tl_address_text(from, visit->from);
-    find_local(socket, visit->local);
+    (void)getsockname(socket, (struct sockaddr *)&local, &local_size);
+    tl_address_text((const struct sockaddr *)&local, visit->local);
     server->arriving = place;
     if (MHD_add_connection(server->daemon, socket, from, size) != MHD_YES) {
         tl_guests_leave(&server->guests, place);
@@ -621,14 +616,6 @@ static void follow(tl_server *server, tl_visit *visit) {
     }
 }
 
-static void follow_all(tl_server *server) {
-    for (int i = 0; i < TL_GUESTS; i++) {
-        if (server->guests.rows[i].is_there) {
-            follow(server, &server->visits[i]);
-        }
-    }
-}
-
 /* A plant that does not answer is told of; a guest who does not go on is put out. */
 static void end_overdue(tl_server *server) {
     tl_time now = tl_clock_now(NULL);
@@ -652,7 +639,11 @@ void tl_server_turn(tl_server *server, tl_time most) {
         tl_log_limited(&server->says, TL_LOG_ERROR, "nothing can be waited for: %s", strerror(errno));
     }
     open_door(server);
-    follow_all(server);
+    for (int i = 0; i < TL_GUESTS; i++) {
+        if (server->guests.rows[i].is_there) {
+            follow(server, &server->visits[i]);
+        }
+    }
     end_overdue(server);
     (void)MHD_run(server->daemon);
 }
