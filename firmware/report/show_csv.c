@@ -33,10 +33,9 @@ typedef struct csv_line {
     const tl_show_request *request;
     FILE *file;
     const csv_table *table;
+    const tl_recorder_signal *signal; /* of the table's kind; of steps those that may be held */
     size_t signals;
-    int64_t number;                     /* of the step or tick; −1: none begun */
-    const tl_recorder_signal *adjusted; /* for the names of those that were held */
-    size_t adjusted_count;
+    int64_t number; /* of the step or tick; −1: none begun */
     csv_field fields[MOST_FIELDS];
 } csv_line;
 
@@ -55,6 +54,13 @@ static void put_text(FILE *file, const char *text) {
         text += length;
     }
     (void)fputs(quoted ? "\"" : "", file);
+}
+
+void tl_show_csv_name(FILE *file, const char *name, const char *what) {
+    char text[512];
+    (void)snprintf(text, sizeof text, "%s%s", name, what);
+    (void)fputc(',', file);
+    put_text(file, text);
 }
 
 /* Empty for NaN: what was not finite. */
@@ -76,11 +82,6 @@ static void put_instant(const csv_line *line, int64_t step) {
         tl_utc_text(tl_show_instant(run, step), utc);
         (void)fprintf(line->file, ",%s", utc);
     }
-}
-
-/* Up to the columns of signals. */
-static void put_head(const csv_line *line) {
-    (void)fprintf(line->file, "time%s,%s", tl_show_is_live(line->request->run) ? ",at" : "", line->table->head);
 }
 
 /* ---- Lines of several rows --------------------------------------------------------------------------------------- */
@@ -145,50 +146,24 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
     for (size_t i = 0; i < line->table->per_signal; i++) {
         const csv_column *column = &line->table->columns[i];
         const char *name = line->table->rows == TL_HISTORY_SAMPLES ? column_of(signal->name) : signal->name;
-        char text[512];
-        (void)snprintf(text, sizeof text, "%s%s",
-                       !column->is_to       ? name
-                       : signal->to != NULL ? signal->to
-                                            : "",
-                       column->what);
-        (void)fputc(',', line->file);
-        put_text(line->file, text);
+        tl_show_csv_name(line->file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
     }
-}
-
-static tl_status print_wide(csv_line *line, const int64_t range[2], bool any, tl_error *error) {
-    const tl_show_request *request = line->request;
-    const csv_table *table = line->table;
-    const tl_recorder_signal *signals = NULL;
-    tl_status status = tl_history_signals(request->history, request->run, table->kind, &signals, &line->signals, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    put_head(line);
-    for (size_t i = 0; i < line->signals; i++) {
-        put_signal_header(line, &signals[i]);
-    }
-    (void)fputc('\n', line->file);
-    if (any) {
-        tl_history_visitor visitor = table->visitor;
-        visitor.context = line;
-        visitor.signals[table->kind] = line->signals;
-        status = tl_history_rows(request->history, request->run, range, &visitor, error);
-        flush_line(line);
-    }
-    return status;
 }
 
 /* ---- Lines of one row -------------------------------------------------------------------------------------------- */
+
+/* A name more in a list. */
+static void append(char *text, size_t size, const char *name) {
+    size_t length = strlen(text);
+    (void)snprintf(text + length, size - length, "%s%s", length > 0 ? ", " : "", name);
+}
 
 /* The names of the set bits. */
 static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
-        size_t length = strlen(text);
         if ((flags & bit) != 0) {
-            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "",
-                           tl_flag_name((tl_flag)bit));
+            append(text, sizeof text, tl_flag_name((tl_flag)bit));
         }
     }
     put_text(file, text);
@@ -196,10 +171,9 @@ static void put_flags(FILE *file, uint32_t flags) {
 
 static void put_held(const csv_line *line, uint32_t held) {
     char text[1024] = "";
-    for (size_t i = 0; i < line->adjusted_count; i++) {
-        size_t length = strlen(text);
+    for (size_t i = 0; i < line->signals; i++) {
         if ((held >> i & 1U) != 0) {
-            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "", line->adjusted[i].name);
+            append(text, sizeof text, line->signal[i].name);
         }
     }
     put_text(line->file, text);
@@ -224,19 +198,6 @@ static void take_step(void *context, const tl_history_step *step) {
     (void)fputc('\n', line->file);
 }
 
-static tl_status print_steps(csv_line *line, const int64_t range[2], bool any, tl_error *error) {
-    const tl_show_request *request = line->request;
-    tl_status status = tl_history_signals(request->history, request->run, TL_HISTORY_ADJUST, &line->adjusted,
-                                          &line->adjusted_count, error);
-    put_head(line);
-    (void)fputc('\n', line->file);
-    if (status == TL_OK && any) {
-        const tl_history_visitor visitor = {.context = line, .step = take_step};
-        status = tl_history_rows(request->history, request->run, range, &visitor, error);
-    }
-    return status;
-}
-
 static void take_event(void *context, const tl_history_event *event) {
     const csv_line *line = context;
     const char *const texts[] = {event->severity, event->source, event->text};
@@ -252,11 +213,41 @@ static void take_event(void *context, const tl_history_event *event) {
     (void)fputc('\n', line->file);
 }
 
+/* ---- The tables -------------------------------------------------------------------------------------------------- */
+
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
     const tl_history_visitor visitor = {.context = line, .event = take_event};
     (void)fputs("at,tick,severity,source,text\n", line->file);
     return tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error);
+}
+
+static tl_status print_rows(csv_line *line, tl_error *error) {
+    const tl_show_request *request = line->request;
+    const csv_table *table = line->table;
+    tl_history_visitor visitor = table->visitor;
+    int64_t range[2] = {0, 0};
+    bool any = false;
+    tl_status status =
+        tl_history_range(request->history, request->run, table->rows, request->from_step, range, &any, error);
+    if (status == TL_OK) {
+        status = tl_history_signals(request->history, request->run, table->kind, &line->signal, &line->signals, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)fprintf(line->file, "time%s,%s", tl_show_is_live(request->run) ? ",at" : "", table->head);
+    for (size_t i = 0; i < line->signals; i++) {
+        put_signal_header(line, &line->signal[i]);
+    }
+    (void)fputc('\n', line->file);
+    if (any) {
+        visitor.context = line;
+        visitor.signals[table->kind] = line->signals;
+        status = tl_history_rows(request->history, request->run, range, &visitor, error);
+        flush_line(line);
+    }
+    return status;
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
@@ -274,8 +265,9 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
                                  3,
                                  {{false, ""}, {false, " nominal"}, {false, " delta"}},
                                  {.adjustment = take_adjustment}},
-        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS,
-                           .head = "step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held"},
+        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, TL_HISTORY_ADJUST,
+                           "step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held",
+                           .visitor = {.step = take_step}},
         [TL_SHOW_SAMPLES] = {TL_HISTORY_SAMPLES,
                              TL_HISTORY_PLANT,
                              "tick",
@@ -283,8 +275,6 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
                              {{false, ""}, {false, " quality"}},
                              {.sample = take_sample}},
     };
-    int64_t range[2] = {0, 0};
-    bool any = false;
     memset(&line, 0, sizeof line);
     line.request = request;
     line.file = file;
@@ -293,10 +283,5 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
         return print_events(&line, error);
     }
     line.table = &tables[table];
-    tl_status status =
-        tl_history_range(request->history, request->run, line.table->rows, request->from_step, range, &any, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    return table == TL_SHOW_STEPS ? print_steps(&line, range, any, error) : print_wide(&line, range, any, error);
+    return print_rows(&line, error);
 }

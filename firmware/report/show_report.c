@@ -93,19 +93,6 @@ static void describe(recorded_run *run) {
     };
 }
 
-/* ---- Rows -------------------------------------------------------------------------------------------------------- */
-
-static tl_status gather(recorded_run *run, tl_error *error) {
-    const tl_show_request *request = run->request;
-    const tl_history_visitor visitor = tl_html_report_visitor(run->report);
-    tl_status status = TL_OK;
-    if (run->summary.any) {
-        status = tl_history_rows(request->history, request->run, run->summary.range, &visitor, error);
-    }
-    return status == TL_OK ? tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error)
-                           : status;
-}
-
 /* ---- The page ---------------------------------------------------------------------------------------------------- */
 
 /* The file is begun when all is known: a reader that is interrupted leaves none behind. */
@@ -123,7 +110,8 @@ static tl_status write_page(const recorded_run *run, const char *path, tl_error 
 
 static tl_status report_into(recorded_run *run, const char *path, tl_error *error) {
     const tl_show_request *request = run->request;
-    tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &run->summary, error);
+    tl_history *history = request->history;
+    tl_status status = tl_show_summarise(history, request->run, request->from_step, &run->summary, error);
     if (status == TL_OK) {
         status = read_configuration(run, error);
     }
@@ -132,8 +120,15 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
     }
     describe(run);
     status = tl_html_report_create(&run->settings, &run->report, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const tl_history_visitor visitor = tl_html_report_visitor(run->report);
+    if (run->summary.any) {
+        status = tl_history_rows(history, request->run, run->summary.range, &visitor, error);
+    }
     if (status == TL_OK) {
-        status = gather(run, error);
+        status = tl_history_events(history, request->run, request->from_at, -1, &visitor, error);
     }
     return status == TL_OK ? write_page(run, path, error) : status;
 }
