@@ -62,20 +62,10 @@ struct tl_server {
 /* ---- The audit: One line for each request that may change something, once its end is known. */
 
 static const char *verb_of(const tl_control_request *control) {
-    switch ((tl_control_verb)control->verb) {
-    case TL_CONTROL_TAKE:
+    if (control->verb == TL_CONTROL_TAKE) {
         return (control->flags & TL_CONTROL_ONLY_CHECK) != 0 ? "check" : "change";
-    case TL_CONTROL_CONFIRM:
-        return "confirm";
-    case TL_CONTROL_RETURN:
-        return "return";
-    case TL_CONTROL_SHOW:
-    case TL_CONTROL_READ:
-    case TL_CONTROL_VERSIONS:
-    case TL_CONTROL_VERBS:
-        break;
     }
-    return "ask";
+    return control->verb == TL_CONTROL_CONFIRM ? "confirm" : "return";
 }
 
 /* An entry for a request that may change something. */
