@@ -284,12 +284,6 @@ static void check_room(advice *given, const tl_config *config, const tl_twin *tw
     }
 }
 
-/* The search squares what it divides by its step. */
-static bool is_lost_step(const tl_twin_adjusted *adjusted) {
-    double size = adjusted->is_fed ? 0.0 : fabs(adjusted->nominal);
-    return adjusted->step < LEAST_STEP || adjusted->step < size * LEAST_SHARE;
-}
-
 static void check_adjusted(advice *given, const tl_config *config, const tl_twin *twin) {
     for (size_t i = 0; i < config->adjust_count; i++) {
         const tl_twin_adjusted adjusted = tl_twin_get_adjusted(twin, i);
@@ -303,7 +297,8 @@ static void check_adjusted(advice *given, const tl_config *config, const tl_twin
                  "better",
                  adjusted.nominal, adjusted.lower, adjusted.upper);
         }
-        if (is_lost_step(&adjusted)) {
+        double size = adjusted.is_fed ? 0.0 : fabs(adjusted.nominal);
+        if (adjusted.step < LEAST_STEP || adjusted.step < size * LEAST_SHARE) {
             warn(given, where, "its step, %g, is so small that a first move by it is lost in rounding", adjusted.step);
         }
         if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {

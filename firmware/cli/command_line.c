@@ -172,19 +172,6 @@ static int help(const char *name) {
     return tl_exit_code(TL_OK);
 }
 
-static int run_verb(tl_verb verb, int argc, char **argv) {
-    tl_options options;
-    switch (tl_options_read(verb, argc, argv, &options)) {
-    case TL_OPTIONS_READ:
-        return RUN[verb](&options);
-    case TL_OPTIONS_HELPED:
-        return tl_exit_code(TL_OK);
-    case TL_OPTIONS_WRONG:
-        break;
-    }
-    return tl_exit_code(TL_BAD_USAGE);
-}
-
 int tl_command_line_run(int argc, char **argv) {
     const char *first = argc > 1 ? argv[1] : "";
     tl_verb verb = find_verb(first);
@@ -194,7 +181,10 @@ int tl_command_line_run(int argc, char **argv) {
         return tl_exit_code(TL_BAD_USAGE);
     }
     if (verb != TL_VERB_COUNT) {
-        return run_verb(verb, argc - 1, argv + 1);
+        tl_options options;
+        tl_options_outcome outcome = tl_options_read(verb, argc - 1, argv + 1, &options);
+        return outcome == TL_OPTIONS_READ ? RUN[verb](&options)
+                                          : tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
     }
     if (program != NULL) {
         return run_program(program, argc - 1, argv + 1);

@@ -310,9 +310,7 @@ static uint16_t port_of(int listener) {
     memset(&own, 0, sizeof own);
     socklen_t size = sizeof own;
     (void)getsockname(listener, (struct sockaddr *)&own, &size);
-    char service[8] = "0";
-    (void)getnameinfo((struct sockaddr *)&own, size, NULL, 0, service, sizeof service, NI_NUMERICSERV);
-    return (uint16_t)strtoul(service, NULL, 10);
+    return ntohs(((const struct sockaddr_in *)(const void *)&own)->sin_port); /* where that of IPv6 is, too */
 }
 
 static tl_status open_listener(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {

@@ -125,9 +125,11 @@ static tl_status check(tl_verb_job *job) {
         }
     }
     if (status == TL_OK) {
-        status = tl_verb_job_end_child(job, &error);
+        status = tl_twin_child_wait(job->child, &error);
     }
     if (status == TL_OK) {
+        tl_twin_child_close(job->child);
+        job->child = NULL;
         status = compare_pair(job, &warnings, &error);
     }
     if (status == TL_OK) {

@@ -139,9 +139,7 @@ static unsigned port_of(int listener) {
     socklen_t size = sizeof address;
     memset(&address, 0, sizeof address);
     (void)getsockname(listener, (struct sockaddr *)&address, &size);
-    in_port_t port = address.ss_family == AF_INET6 ? ((const struct sockaddr_in6 *)(const void *)&address)->sin6_port
-                                                   : ((const struct sockaddr_in *)(const void *)&address)->sin_port;
-    return ntohs(port);
+    return ntohs(((const struct sockaddr_in *)(const void *)&address)->sin_port); /* where that of IPv6 is, too */
 }
 
 /* ---- serving ---- */
