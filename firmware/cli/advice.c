@@ -61,25 +61,21 @@ static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     }
 }
 
-tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_error *error) {
-    tl_sample sample = {0};
+tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error) {
     tl_status status = TL_OK;
-    memset(sample.quality, TL_NO_LINK, assembly->config.signal_count);
-    while (status == TL_OK && sample.tick < ticks) {
-        status = take_step(assembly, &sample, error);
+    *sample = (tl_sample){0};
+    memset(sample->quality, TL_NO_LINK, assembly->config.signal_count);
+    while (status == TL_OK && sample->tick < ticks) {
+        status = take_step(assembly, sample, error);
     }
     return status;
 }
 
 /* No signal has a reading: nothing is matched, and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
-    tl_sample sample = {0};
+    tl_sample sample;
     int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
-    tl_status status = TL_OK;
-    memset(sample.quality, TL_NO_LINK, assembly->config.signal_count);
-    while (status == TL_OK && sample.tick < before) {
-        status = take_step(assembly, &sample, &prognosis->error);
-    }
+    tl_status status = tl_prognosis_run_dry(assembly, before, &sample, &prognosis->error);
     tl_time begun = tl_clock_now(NULL);
     while (status == TL_OK && prognosis->steps < DRY_STEPS && tl_clock_now(NULL) - begun < LONGEST) {
         status = take_step(assembly, &sample, &prognosis->error);
@@ -264,52 +260,28 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
     }
 }
 
-/* Of all components, the one that lacks most by `lack`; a zeroed entry if none lacks anything. */
-static tl_twin_ledger find_worst(const tl_config *config, const tl_twin *twin,
-                                 uint64_t (*lack)(const tl_twin_ledger *entry)) {
-    tl_twin_ledger worst = {0};
+/* Of the component that lacks most. */
+static void check_room(advice *given, const tl_config *config, const tl_twin *twin) {
+    tl_twin_ledger nodes = {0};
+    tl_twin_ledger states = {0};
     for (size_t i = 0; i < config->component_count; i++) {
         tl_twin_ledger entry = tl_twin_get_ledger(twin, i);
-        if (lack(&entry) > lack(&worst)) {
-            worst = entry;
-        }
+        nodes = entry.nodes < entry.nodes_worst && entry.nodes_worst > nodes.nodes_worst ? entry : nodes;
+        states = entry.states < entry.nodes && entry.state_size > states.state_size ? entry : states;
     }
-    return worst;
-}
-
-static uint64_t lack_of_nodes(const tl_twin_ledger *entry) {
-    return entry->nodes < entry->nodes_worst ? entry->nodes_worst : 0;
-}
-
-static uint64_t lack_of_states(const tl_twin_ledger *entry) {
-    return entry->states < entry->nodes ? entry->state_size : 0;
-}
-
-static void check_nodes(advice *given, const tl_config *config, const tl_twin *twin) {
-    tl_twin_ledger worst = find_worst(config, twin, lack_of_nodes);
-    if (worst.nodes_worst != 0) {
+    if (nodes.nodes_worst != 0) {
         warn(given, "synchronise.saving.nodes",
              "there is room for %" PRIu32 " executions of %s, and the worst case needs %" PRIu64
              ": what finds no room may be executed again; give more, or fewer evaluations, or a shorter horizon",
-             worst.nodes, worst.name, worst.nodes_worst);
+             nodes.nodes, nodes.name, nodes.nodes_worst);
     }
-}
-
-static void check_states(advice *given, const tl_config *config, const tl_twin *twin) {
-    tl_twin_ledger worst = find_worst(config, twin, lack_of_states);
-    if (worst.state_size != 0) {
+    if (states.state_size != 0) {
         warn(given, "synchronise.saving.memory_mb",
              "there is room for %" PRIu32 " states of %s of %.4g KiB each, and it may keep %" PRIu32
              " executions: those without a state are caught up with; give more, or fewer evaluations, or a shorter "
              "horizon",
-             worst.states, worst.name, (double)worst.state_size / 1024.0, worst.nodes);
+             states.states, states.name, (double)states.state_size / 1024.0, states.nodes);
     }
-}
-
-/* The search squares what it divides by its step. */
-static bool is_lost_step(const tl_twin_adjusted *adjusted) {
-    double size = adjusted->is_fed ? 0.0 : fabs(adjusted->nominal);
-    return adjusted->step < LEAST_STEP || adjusted->step < size * LEAST_SHARE;
 }
 
 static void check_adjusted(advice *given, const tl_config *config, const tl_twin *twin) {
@@ -325,7 +297,8 @@ static void check_adjusted(advice *given, const tl_config *config, const tl_twin
                  "better",
                  adjusted.nominal, adjusted.lower, adjusted.upper);
         }
-        if (is_lost_step(&adjusted)) {
+        double size = adjusted.is_fed ? 0.0 : fabs(adjusted.nominal);
+        if (adjusted.step < LEAST_STEP || adjusted.step < size * LEAST_SHARE) {
             warn(given, where, "its step, %g, is so small that a first move by it is lost in rounding", adjusted.step);
         }
         if (adjusted.step > 1 / LEAST_STEP || adjusted.step > adjusted.upper - adjusted.lower) {
@@ -507,8 +480,7 @@ size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosi
     } else if (config->adjust_count != 0) {
         check_budget(&given, config, prognosis, assembly->twin);
         check_saving(&given, config);
-        check_nodes(&given, config, assembly->twin);
-        check_states(&given, config, assembly->twin);
+        check_room(&given, config, assembly->twin);
         check_adjusted(&given, config, assembly->twin);
         check_conditions(&given, config);
         check_lead(&given, config, tl_twin_get_facts(assembly->twin).lead);

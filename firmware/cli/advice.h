@@ -40,8 +40,8 @@ typedef struct tl_prognosis {
     uint32_t fitting;                     /* evaluations that fit into the time budget in the worst case */
 } tl_prognosis;
 
-/* The same dry run alone, of so many ticks. */
-tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_error *error);
+/* The same dry run alone, of so many ticks; `sample` is the one behind them. */
+tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error);
 
 void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
 

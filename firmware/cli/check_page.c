@@ -23,15 +23,15 @@
 #include "firmware/twin/twin_process.h"
 #include "master/twin/twin_timing.h"
 
-/* ---- The delays of a configuration, for people: chains, modes, densities drawn as text.
+/* ---- The delays of a configuration, for people: chains, modes, densities as a line of text.
  *
- * Purpose: what `check` tells of `delays`. At most 79 columns, unless a participant's name alone is longer; the drawing is ASCII.
+ * Purpose: what `check` tells of `delays`. At most 79 columns, unless a participant's name alone is longer.
  * Thread:  one thread.
  */
 
 /* ---- delay page ---- */
 
-enum { WIDTH = 79, MARGIN = 15, COLUMNS = WIDTH - MARGIN - 1, ROWS = 5, NAME = 80 };
+enum { WIDTH = 79, COLUMNS = 48, NAME = 80 };
 
 static double milliseconds(tl_time time) {
     return (double)time / 1e6;
@@ -58,49 +58,24 @@ static void print_chain(const tl_config_delays *delays, const tl_config_chain *c
 
 /* ---- drawings ---- */
 
-/* The density in the middle of each column; what is constant stands in one column. Returns the largest. */
-static double sample(const tl_delay_density *density, tl_time cell, double *heights) {
-    double top = 0.0;
+/* Sampled in the middle of each column; what is constant stands in one column. */
+static void print_density(const tl_delay_density *density, tl_time cell, const char *label, FILE *file) {
+    const tl_show_style style = {.unicode = true};
+    double heights[COLUMNS];
+    char curve[TL_SHOW_CURVE];
     for (int i = 0; i < COLUMNS; i++) {
         bool constant = density->count == 0 && density->dead / cell == i;
         heights[i] = constant ? 1.0 : tl_delay_density_at(density, cell * i + cell / 2);
-        top = fmax(top, heights[i]);
     }
-    return top;
-}
-
-static void print_density(const tl_delay_density *density, tl_time cell, const char *label, FILE *file) {
-    double heights[COLUMNS];
-    double top = sample(density, cell, heights);
-    tl_time mode = tl_delay_mode(density);
-    int marked = (int)(mode / cell);
-    for (int row = ROWS; row > 0; row--) {
-        char line[COLUMNS + 1] = {0};
-        int length = 0;
-        for (int i = 0; i < COLUMNS; i++) {
-            line[i] = heights[i] > 0.0 && heights[i] >= top * (row - 0.5) / ROWS ? '#' : ' ';
-            length = line[i] == '#' ? i + 1 : length;
-        }
-        (void)fprintf(file, "    %-11s|%.*s\n", row == ROWS ? label : "", length, line);
-    }
-    (void)fprintf(file, "    %11s+", "");
-    for (int i = 0; i < COLUMNS; i++) {
-        (void)fputc(i == marked ? '^' : '-', file);
-    }
-    char text[32];
-    int length = snprintf(text, sizeof text, "%.6g ms", milliseconds(mode));
-    int place = marked - length / 2;
-    place = place < 0 ? 0 : place > COLUMNS - length ? COLUMNS - length : place;
-    (void)fprintf(file, "\n    %11s %*s%s\n", "", place, "", text);
-}
-
-static tl_time longer(tl_time a, tl_time b) {
-    return a > b ? a : b;
+    tl_show_curve(style, heights, COLUMNS, curve, sizeof curve);
+    (void)fprintf(file, "    %-11s|%s| to %.3g ms\n", label, curve, milliseconds(cell * COLUMNS));
 }
 
 /* Both on one axis, with some room behind the longer one. */
 static void print_densities(const tl_config_pair *pair, FILE *file) {
-    tl_time longest = longer(tl_delay_longest(&pair->plant.density), tl_delay_longest(&pair->simulation.density));
+    tl_time plant = tl_delay_longest(&pair->plant.density);
+    tl_time simulation = tl_delay_longest(&pair->simulation.density);
+    tl_time longest = plant > simulation ? plant : simulation;
     tl_time cell = (longest + longest / 16) / COLUMNS + 1;
     print_density(&pair->plant.density, cell, "plant", file);
     print_density(&pair->simulation.density, cell, "simulation", file);
@@ -112,7 +87,8 @@ static bool has_chains(const tl_config_pair *pair) {
     return pair->plant.length > 0;
 }
 
-static void print_modes(const tl_config_pair *pair, const char *what, const char *symbol, FILE *file) {
+static void print_pair(const tl_config_delays *delays, const tl_config_pair *pair, const char *what, const char *symbol,
+                       FILE *file) {
     if (!has_chains(pair)) {
         (void)fprintf(file, "  %-8s%s = %.6g ms, as given\n", what, symbol, milliseconds(pair->delay));
         return;
@@ -120,12 +96,6 @@ static void print_modes(const tl_config_pair *pair, const char *what, const char
     (void)fprintf(file, "  %-8s%s = %.6g ms: modes %.6g ms of the simulation, %.6g ms of the plant\n", what, symbol,
                   milliseconds(pair->delay), milliseconds(tl_delay_mode(&pair->simulation.density)),
                   milliseconds(tl_delay_mode(&pair->plant.density)));
-}
-
-static void print_pair(const tl_config_delays *delays, const tl_config_pair *pair, FILE *file) {
-    if (!has_chains(pair)) {
-        return;
-    }
     print_chain(delays, &pair->plant, "plant", file);
     print_chain(delays, &pair->simulation, "simulation", file);
 }
@@ -157,12 +127,10 @@ static void tl_delay_page_print(const tl_config *config, FILE *file) {
     }
     (void)fputs("delays\n", file);
     if (delays->has_input) {
-        print_modes(&delays->input, "input", "\316\224i", file);
-        print_pair(delays, &delays->input, file);
+        print_pair(delays, &delays->input, "input", "\316\224i", file);
     }
     if (delays->has_output) {
-        print_modes(&delays->output, "output", "\316\224o", file);
-        print_pair(delays, &delays->output, file);
+        print_pair(delays, &delays->output, "output", "\316\224o", file);
     }
     if (delays->has_output && has_chains(&delays->output)) {
         print_densities(&delays->output, file);
@@ -372,24 +340,23 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     }
 }
 
+/* A dash for what is not known. */
+static void print_cell(bool is_known, int width, int digits, double value, FILE *output) {
+    if (is_known) {
+        (void)fprintf(output, " %*.*f", width, digits, value);
+    } else {
+        (void)fprintf(output, " %*s", width, "-");
+    }
+}
+
 static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time cost, FILE *output) {
     (void)fprintf(output, "  %-16s %4" PRIu32, entry->name, entry->reach);
-    if (entry->on_a_way) {
-        (void)fprintf(output, " %4" PRIu32, entry->longer);
-    } else {
-        (void)fprintf(output, " %4s", "-");
-    }
+    print_cell(entry->on_a_way, 4, 0, entry->longer, output);
     (void)fprintf(output, " %6" PRIu32 " %6" PRIu32 " %6" PRIu32, prediction, entry->first_need, entry->next_need);
-    if (entry->nodes != 0) {
-        (void)fprintf(output, " %6" PRIu32 " %9.1f", entry->nodes, (double)entry->memory / 1024.0);
-    } else {
-        (void)fprintf(output, " %6s %9s", "-", "-");
-    }
-    if (cost != 0) {
-        (void)fprintf(output, " %8.2f\n", tl_seconds(cost) * 1e6);
-    } else {
-        (void)fprintf(output, " %8s\n", "-");
-    }
+    print_cell(entry->nodes != 0, 6, 0, entry->nodes, output);
+    print_cell(entry->nodes != 0, 9, 1, (double)entry->memory / 1024.0, output);
+    print_cell(cost != 0, 8, 2, tl_seconds(cost) * 1e6, output);
+    (void)fputc('\n', output);
 }
 
 /* The graph's part of the bill: eq. 4.5 and 4.13. */
@@ -507,12 +474,10 @@ static void print_replay(const tl_config *config, const tl_twin_ledger *entry, t
                   "runs free\n               afterwards; its inputs take ",
                   entry->name, replay->most, tl_seconds(config->step * (tl_time)replay->most));
     print_size(output, (double)replay->bytes);
-    if (each == 0) {
-        (void)fputs("\n", output);
-        return;
+    if (each != 0) {
+        (void)fprintf(output, ", a rollback %.4g \302\265s there", tl_seconds(longest) * 1e6);
     }
-    (void)fprintf(output, ", a rollback %.4g \302\265s there", tl_seconds(longest) * 1e6);
-    if (longest <= config->budget_time) {
+    if (each == 0 || longest <= config->budget_time) {
         (void)fputs("\n", output);
         return;
     }
@@ -715,9 +680,10 @@ enum { TRIED_AFTER = 20 };
 static void find_useless_states(const tl_assembly *assembly, const tl_read_back_host *host,
                                 char why[TL_TWIN_CHECK_WHY]) {
     tl_read_back_report report;
+    tl_sample sample;
     tl_error error;
     tl_status status =
-        tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &error);
+        tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &sample, &error);
     tl_read_back_take(assembly, status == TL_OK ? host : NULL, false, &report);
     for (size_t i = 0; i < report.count; i++) {
         const tl_read_back_component *found = &report.of[i];

@@ -1,18 +1,128 @@
 /* The command line: see command_line.h. */
 #include "firmware/cli/command_line.h"
 
+#include <errno.h>
+#include <libgen.h>
+#include <limits.h>
+#include <stdbool.h>
+#include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
+#include "firmware/base/log.h"
 #include "firmware/cli/options.h"
-#include "firmware/cli/verb_program.h"
-#include "firmware/cli/verbs.h"
 #include "master/base/text.h"
 
 static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_CHECK] = tl_verb_check, [TL_VERB_REPLAY] = tl_verb_replay, [TL_VERB_RUN] = tl_verb_run,
     [TL_VERB_PLANT] = tl_verb_plant, [TL_VERB_SHOW] = tl_verb_show,     [TL_VERB_RELOAD] = tl_verb_reload,
 };
+
+/* ---- verbs that are a program of their own: this one loads FMUs, and so it links no TLS ---- */
+
+#define PROGRAM "twinlock-serve"
+
+typedef struct verb_program {
+    const char *name;
+    const char *purpose; /* half a line */
+} verb_program;
+
+static const verb_program PROGRAMS[] = {
+    {"serve", "take changed configurations by HTTPS"},
+    {"token", "manage access tokens"},
+};
+
+enum { PROGRAM_COUNT = sizeof PROGRAMS / sizeof PROGRAMS[0] };
+
+/* NULL if there is none. */
+static const verb_program *find_program(const char *name) {
+    for (size_t i = 0; i < PROGRAM_COUNT; i++) {
+        if (strcmp(name, PROGRAMS[i].name) == 0) {
+            return &PROGRAMS[i];
+        }
+    }
+    return NULL;
+}
+
+/* Beside this program, wherever that is. False: nobody knows where. */
+static bool find_beside(const char *program, char path[PATH_MAX]) {
+    char own[PATH_MAX];
+    ssize_t length = readlink("/proc/self/exe", own, sizeof own - 1);
+    if (length <= 0) {
+        return false;
+    }
+    own[length] = '\0';
+    return snprintf(path, PATH_MAX, "%s/%s", dirname(own), program) < PATH_MAX;
+}
+
+/* Becomes it; argv[0] is the verb. Returns only if that fails, which it says: the exit code of the process. */
+static int run_program(const verb_program *verb, int argc, char **argv) {
+    char path[PATH_MAX];
+    char **words = calloc((size_t)argc + 2, sizeof *words);
+    char name[] = PROGRAM;
+    size_t count = 0;
+    if (words == NULL) {
+        tl_log(TL_LOG_ERROR, "out of memory");
+        return tl_exit_code(TL_TRY_AGAIN);
+    }
+    words[count++] = name;
+    if (strcmp(verb->name, "token") == 0) {
+        words[count++] = argv[0];
+    }
+    memcpy(&words[count], &argv[1], (size_t)argc * sizeof *words); /* with the NULL at their end */
+    if (find_beside(PROGRAM, path)) {
+        (void)execv(path, words);
+    } else {
+        (void)execvp(PROGRAM, words);
+    }
+    int cause = errno;
+    free(words);
+    tl_log(TL_LOG_ERROR, "`twinlock %s` is the program %s, which is not here: %s; install the package twinlock-serve",
+           verb->name, PROGRAM, strerror(cause));
+    return tl_exit_code(TL_BAD_USAGE);
+}
+
+/* ---- usage ---- */
+
+enum { EXITS_OF_A_LINE = 4 };
+
+/* What is said of each status that a process can end with. */
+static const struct {
+    tl_status status;
+    const char *meaning;
+} EXITS[] = {
+    {TL_OK, "done"},
+    {TL_BAD_USAGE, "wrong usage"},
+    {TL_NOT_LOCKED, "not in lock"},
+    {TL_BAD_DATA, "bad configuration or data"},
+    {TL_PLANT_DOWN, "plant I/O"},
+    {TL_FMU_FAILED, "FMU"},
+    {TL_TRY_AGAIN, "try again"},
+};
+
+static void print_usage(FILE *file) {
+    const char *before = "Exit codes: ";
+    (void)fputs("usage: twinlock VERB …\n\n"
+                "Keeps the simulation of a plant locked to the plant, and records what it had to correct.\n\n",
+                file);
+    for (size_t i = 0; i < TL_VERB_COUNT; i++) {
+        (void)fprintf(file, "  %-8s %s\n", tl_verb_rows[i].name, tl_verb_rows[i].purpose);
+    }
+    for (size_t i = 0; i < PROGRAM_COUNT; i++) {
+        (void)fprintf(file, "  %-8s %s\n", PROGRAMS[i].name, PROGRAMS[i].purpose);
+    }
+    (void)fputs(
+        "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);
+    for (size_t i = 0; i < sizeof EXITS / sizeof EXITS[0]; i++) {
+        (void)fprintf(file, "%s%d %s", before, tl_exit_code(EXITS[i].status), EXITS[i].meaning);
+        before = i + 1 == EXITS_OF_A_LINE ? ",\n            " : ", ";
+    }
+    (void)fputs(".\n", file);
+}
+
+/* ---- the verbs of this program ---- */
 
 /* TL_VERB_COUNT if there is none. */
 static tl_verb find_verb(const char *name) {
@@ -28,8 +138,8 @@ static int refuse_verb(const char *name) {
     for (size_t i = 0; i < TL_VERB_COUNT; i++) {
         tl_nearest_offer(&nearest, tl_verb_rows[i].name);
     }
-    for (size_t i = 0; i < TL_VERB_PROGRAMS; i++) {
-        tl_nearest_offer(&nearest, tl_verb_programs[i].name);
+    for (size_t i = 0; i < PROGRAM_COUNT; i++) {
+        tl_nearest_offer(&nearest, PROGRAMS[i].name);
     }
     (void)fprintf(stderr, "twinlock: there is no verb \"%s\"", name);
     if (nearest.best != NULL) {
@@ -38,26 +148,22 @@ static int refuse_verb(const char *name) {
         (void)fputs(": options come behind the verb", stderr);
     }
     (void)fputs("\n\n", stderr);
-    tl_options_print_usage(stderr);
+    print_usage(stderr);
     return tl_exit_code(TL_BAD_USAGE);
-}
-
-static int help_program(const tl_verb_program *program) {
-    char name[] = "token";
-    char option[] = "--help";
-    char *words[] = {name, option, NULL};
-    return tl_verb_program_run(program, 2, words);
 }
 
 /* `twinlock help`, `twinlock help VERB`. */
 static int help(const char *name) {
     tl_verb verb = name != NULL ? find_verb(name) : TL_VERB_COUNT;
-    const tl_verb_program *program = name != NULL ? tl_verb_program_find(name) : NULL;
+    const verb_program *program = name != NULL ? find_program(name) : NULL;
     if (program != NULL) {
-        return help_program(program);
+        char verb_name[] = "token";
+        char option[] = "--help";
+        char *words[] = {verb_name, option, NULL};
+        return run_program(program, 2, words);
     }
     if (name == NULL) {
-        tl_options_print_usage(stdout);
+        print_usage(stdout);
     } else if (verb == TL_VERB_COUNT) {
         return refuse_verb(name);
     } else {
@@ -66,32 +172,22 @@ static int help(const char *name) {
     return tl_exit_code(TL_OK);
 }
 
-static int run_verb(tl_verb verb, int argc, char **argv) {
-    tl_options options;
-    switch (tl_options_read(verb, argc, argv, &options)) {
-    case TL_OPTIONS_READ:
-        return RUN[verb](&options);
-    case TL_OPTIONS_HELPED:
-        return tl_exit_code(TL_OK);
-    case TL_OPTIONS_WRONG:
-        break;
-    }
-    return tl_exit_code(TL_BAD_USAGE);
-}
-
 int tl_command_line_run(int argc, char **argv) {
     const char *first = argc > 1 ? argv[1] : "";
     tl_verb verb = find_verb(first);
-    const tl_verb_program *program = tl_verb_program_find(first);
+    const verb_program *program = find_program(first);
     if (argc < 2) {
-        tl_options_print_usage(stderr);
+        print_usage(stderr);
         return tl_exit_code(TL_BAD_USAGE);
     }
     if (verb != TL_VERB_COUNT) {
-        return run_verb(verb, argc - 1, argv + 1);
+        tl_options options;
+        tl_options_outcome outcome = tl_options_read(verb, argc - 1, argv + 1, &options);
+        return outcome == TL_OPTIONS_READ ? RUN[verb](&options)
+                                          : tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
     }
     if (program != NULL) {
-        return tl_verb_program_run(program, argc - 1, argv + 1);
+        return run_program(program, argc - 1, argv + 1);
     }
     if (strcmp(first, "help") == 0) {
         return help(argc > 2 ? argv[2] : NULL);

@@ -99,7 +99,7 @@ static tl_status next_recorded(tl_emulation *emulation, tl_emulation_row *row, b
 
 /* ---- from FMUs ---- */
 
-tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *driving, uint64_t seed,
+tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error) {
     const tl_config *config = model->config;
     tl_emulation *opened = calloc(1, sizeof *opened);
@@ -108,15 +108,10 @@ tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *d
     }
     tl_status status = tl_recording_open(driving, config, &opened->driving, error);
     if (status == TL_OK) {
-        const tl_twin_feed_settings settings = {
-            .config = config,
-            .account = model->account,
-            .recording = opened->driving,
-            .child = model->child,
-            .assembly = model->assembly,
-            .tells = TL_TELLS_OUTPUTS,
-            .plant = true,
-        };
+        tl_twin_feed_settings settings = *model;
+        settings.recording = opened->driving;
+        settings.tells = TL_TELLS_OUTPUTS;
+        settings.plant = true;
         status = tl_twin_feed_open(&settings, &opened->feed, error);
     }
     if (status != TL_OK) {

@@ -51,16 +51,9 @@ typedef struct tl_emulation_row {
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
-/* A built twin that plays the plant. */
-typedef struct tl_emulation_model {
-    const tl_config *config; /* has `emulate` */
-    const tl_account *account;
-    tl_twin_child *child;  /* the twin in a process of its own; NULL: */
-    tl_assembly *assembly; /* the one in this process */
-} tl_emulation_model;
-
-/* The rows that the model makes; `driving` is the recording of what drives it. */
-tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *driving, uint64_t seed,
+/* The rows that a built twin makes as the plant. `model` has its configuration, with `emulate`, its account, and the process or the assembly; `driving` is the
+ * recording of what drives it. */
+tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);
 
 size_t tl_emulation_column_count(const tl_emulation *emulation);

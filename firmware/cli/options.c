@@ -10,7 +10,6 @@
 #include "firmware/base/change.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/cli/verb_program.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/report/show.h"
 
@@ -291,44 +290,6 @@ const tl_option_table tl_verb_table = {.verbs = tl_verb_rows,
                                        .options = OPTIONS,
                                        .option_count = sizeof OPTIONS / sizeof OPTIONS[0],
                                        .widest = 16};
-
-/* ---- usage ---- */
-
-enum { EXITS_OF_A_LINE = 4 };
-
-/* What is said of each status that a process can end with. */
-static const struct {
-    tl_status status;
-    const char *meaning;
-} EXITS[] = {
-    {TL_OK, "done"},
-    {TL_BAD_USAGE, "wrong usage"},
-    {TL_NOT_LOCKED, "not in lock"},
-    {TL_BAD_DATA, "bad configuration or data"},
-    {TL_PLANT_DOWN, "plant I/O"},
-    {TL_FMU_FAILED, "FMU"},
-    {TL_TRY_AGAIN, "try again"},
-};
-
-void tl_options_print_usage(FILE *file) {
-    const char *before = "Exit codes: ";
-    (void)fputs("usage: twinlock VERB …\n\n"
-                "Keeps the simulation of a plant locked to the plant, and records what it had to correct.\n\n",
-                file);
-    for (size_t i = 0; i < TL_VERB_COUNT; i++) {
-        (void)fprintf(file, "  %-8s %s\n", tl_verb_rows[i].name, tl_verb_rows[i].purpose);
-    }
-    for (size_t i = 0; i < TL_VERB_PROGRAMS; i++) {
-        (void)fprintf(file, "  %-8s %s\n", tl_verb_programs[i].name, tl_verb_programs[i].purpose);
-    }
-    (void)fputs(
-        "\n`twinlock help VERB` and `twinlock VERB --help` say more. `twinlock --version` prints the version.\n", file);
-    for (size_t i = 0; i < sizeof EXITS / sizeof EXITS[0]; i++) {
-        (void)fprintf(file, "%s%d %s", before, tl_exit_code(EXITS[i].status), EXITS[i].meaning);
-        before = i + 1 == EXITS_OF_A_LINE ? ",\n            " : ", ";
-    }
-    (void)fputs(".\n", file);
-}
 
 /* ---- the command line ---- */
 

@@ -99,11 +99,16 @@ typedef struct tl_options {
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option_table tl_verb_table;
 
-/* What is printed by `twinlock --help`: verbs and exit codes. */
-void tl_options_print_usage(FILE *file);
-
 /* Reads what is behind the verb: argv[1] is the first word of it. See tl_program_options_read(). */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
+
+/* The verbs: each runs with options that were read and checked, and returns the exit code of the process. */
+int tl_verb_check(const tl_options *options);
+int tl_verb_plant(const tl_options *options);
+int tl_verb_reload(const tl_options *options);
+int tl_verb_replay(const tl_options *options);
+int tl_verb_run(const tl_options *options);
+int tl_verb_show(const tl_options *options);
 
 /* The path of the recording: the one given, else the one configured. TL_BAD_USAGE if there is neither, TL_BAD_DATA
  * if the file is only there with other letters' case; else who opens it says what is wrong with it. */

@@ -34,16 +34,12 @@ static void put_multiplexors(const tl_can_channel *channel, uint8_t *data) {
     }
 }
 
-static bool is_same_id(const tl_can_channel *one, const tl_can_channel *other) {
-    return one->id == other->id && one->extended == other->extended;
-}
-
 /* Is this channel in a frame that another one needs anyway? */
 static bool is_carried(const tl_can_channel *channels, size_t count, size_t index) {
     uint8_t data[TL_CAN_BYTES];
     for (size_t i = 0; i < count; i++) {
-        if (channels[i].condition_count > channels[index].condition_count &&
-            is_same_id(&channels[i], &channels[index])) {
+        if (channels[i].condition_count > channels[index].condition_count && channels[i].id == channels[index].id &&
+            channels[i].extended == channels[index].extended) {
             put_multiplexors(&channels[i], data);
             if (tl_can_is_present(&channels[index], data)) {
                 return true;
@@ -160,13 +156,6 @@ tl_plant_bus_counts tl_plant_bus_count(const tl_plant_bus *bus) {
 
 /* ---- open and close ---- */
 
-/* Interfaces without hardware are below this folder. */
-static bool is_virtual(const char *interface) {
-    char path[64 + IFNAMSIZ];
-    (void)snprintf(path, sizeof path, "/sys/devices/virtual/net/%s", interface);
-    return access(path, F_OK) == 0;
-}
-
 static bool needs_fd(const tl_plant_bus *bus) {
     for (size_t i = 0; i < bus->frame_count; i++) {
         if (bus->frames[i].fd) {
@@ -178,6 +167,8 @@ static bool needs_fd(const tl_plant_bus *bus) {
 
 static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) {
     tl_can_state state;
+    char path[64 + IFNAMSIZ]; /* interfaces without hardware are there */
+    (void)snprintf(path, sizeof path, "/sys/devices/virtual/net/%s", bus->interface);
     bus->socket = open_socket(bus);
     if (bus->socket < 0) {
         return tl_fail(error, TL_TRY_AGAIN,
@@ -185,7 +176,7 @@ static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) 
                        "%s type vcan` and `ip link set %s up`",
                        bus->interface, tl_can_interface_failure(errno), bus->interface, bus->interface);
     }
-    if (!real && !is_virtual(bus->interface)) {
+    if (!real && access(path, F_OK) != 0) {
         return tl_fail(error, TL_BAD_USAGE,
                        "CAN interface %s is hardware, and what is sent there reaches whatever is on "
                        "its bus: use a virtual interface (vcan), or say --real-bus where that is meant",

@@ -64,31 +64,15 @@ struct tl_plant_server {
 
 /* ---- the registers ---- */
 
+enum { ANY_TABLE = 0 };
+
 static region *find_region(const tl_plant_server *server, uint8_t unit_id, int table) {
     for (size_t i = 0; i < server->region_count; i++) {
-        if (server->regions[i].unit_id == unit_id && (int)server->regions[i].table == table) {
+        if (server->regions[i].unit_id == unit_id && (table == ANY_TABLE || (int)server->regions[i].table == table)) {
             return &server->regions[i];
         }
     }
     return NULL;
-}
-
-static bool has_unit(const tl_plant_server *server, uint8_t unit_id) {
-    for (size_t i = 0; i < server->region_count; i++) {
-        if (server->regions[i].unit_id == unit_id) {
-            return true;
-        }
-    }
-    return false;
-}
-
-static tl_status check_channel(const tl_modbus_channel *channel, size_t index, tl_error *error) {
-    if (channel->table < TL_MODBUS_COIL || channel->table > TL_MODBUS_INPUT ||
-        tl_modbus_is_bit_table(channel->table) != (channel->type == TL_MODBUS_BIT) ||
-        channel->address + tl_modbus_registers(channel->type) > 65536) {
-        return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: channel %zu does not fit into its table", index);
-    }
-    return TL_OK;
 }
 
 /* Makes room in its region for one channel; `words` come later. */
@@ -113,9 +97,6 @@ static tl_status make_regions(tl_plant_server *server, const tl_plant_server_set
     server->regions = calloc(room, sizeof *server->regions);
     bool complete = server->channels != NULL && server->regions != NULL;
     for (size_t i = 0; complete && i < settings->channel_count; i++) {
-        if (check_channel(&settings->channels[i], i, error) != TL_OK) {
-            return TL_BAD_DATA;
-        }
         server->channels[i] = settings->channels[i];
         server->channel_count++;
         grow(server, &settings->channels[i]);
@@ -127,17 +108,13 @@ static tl_status make_regions(tl_plant_server *server, const tl_plant_server_set
     return complete ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
 }
 
-static void store(tl_plant_server *server, size_t index, double value) {
-    const tl_modbus_channel *channel = &server->channels[index];
-    const region *own = find_region(server, channel->unit_id, (int)channel->table);
-    tl_modbus_encode(channel, value, own->words + (channel->address - own->first));
-}
-
 void tl_plant_server_set_all(tl_plant_server *server, const double *values, const bool *present) {
     (void)pthread_mutex_lock(&server->lock);
     for (size_t i = 0; i < server->channel_count; i++) {
         if (present == NULL || present[i]) {
-            store(server, i, values[i]);
+            const tl_modbus_channel *channel = &server->channels[i];
+            const region *own = find_region(server, channel->unit_id, (int)channel->table);
+            tl_modbus_encode(channel, values[i], own->words + (channel->address - own->first));
         }
     }
     (void)pthread_mutex_unlock(&server->lock);
@@ -178,7 +155,7 @@ static size_t put_values(const region *own, size_t first, size_t count, uint8_t 
 static uint8_t objection(const tl_plant_server *server, const uint8_t *request, size_t size) {
     uint8_t unit_id = request[HEADER - 1];
     uint8_t function = request[HEADER];
-    if (!has_unit(server, unit_id)) {
+    if (find_region(server, unit_id, ANY_TABLE) == NULL) {
         return NO_SUCH_UNIT;
     }
     if (function < TL_MODBUS_COIL || function > TL_MODBUS_INPUT) {
@@ -277,12 +254,6 @@ static void welcome(tl_plant_server *server) {
     set_client_count(server, server->client_count + 1);
 }
 
-static void dismiss(tl_plant_server *server, size_t index) {
-    (void)close(server->clients[index].socket);
-    server->clients[index] = server->clients[server->client_count - 1];
-    set_client_count(server, server->client_count - 1);
-}
-
 static void *run(void *context) {
     tl_plant_server *server = context;
     tl_locale_use();
@@ -303,7 +274,9 @@ static void *run(void *context) {
         /* From the last on: whoever leaves is replaced by one that has been seen to already. */
         for (size_t i = server->client_count; i-- > 0;) {
             if (ready[2 + i].revents != 0 && !serve(server, &server->clients[i])) {
-                dismiss(server, i);
+                (void)close(server->clients[i].socket);
+                server->clients[i] = server->clients[server->client_count - 1];
+                set_client_count(server, server->client_count - 1);
             }
         }
         if (ready[1].revents != 0) {
@@ -337,9 +310,7 @@ static uint16_t port_of(int listener) {
     memset(&own, 0, sizeof own);
     socklen_t size = sizeof own;
     (void)getsockname(listener, (struct sockaddr *)&own, &size);
-    char service[8] = "0";
-    (void)getnameinfo((struct sockaddr *)&own, size, NULL, 0, service, sizeof service, NI_NUMERICSERV);
-    return (uint16_t)strtoul(service, NULL, 10);
+    return ntohs(((const struct sockaddr_in *)(const void *)&own)->sin_port); /* where that of IPv6 is, too */
 }
 
 static tl_status open_listener(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {

@@ -37,8 +37,8 @@ typedef struct tl_plant_server_counts {
 
 typedef struct tl_plant_server tl_plant_server;
 
-/* Copies what it needs. All values are 0 raw. Errors: TL_BAD_DATA for a host that does not resolve or a channel that
- * does not fit its table, TL_TRY_AGAIN where the port is taken or not allowed, or a resource is missing. */
+/* Copies what it needs. Channels are those of a configuration that was read. All values are 0 raw. Errors: TL_BAD_DATA for a host
+ * that does not resolve, TL_TRY_AGAIN where the port is taken or not allowed, or a resource is missing. */
 tl_status tl_plant_server_start(const tl_plant_server_settings *settings, tl_plant_server **server, tl_error *error);
 
 /* The port it listens at. */

@@ -1,13 +1,13 @@
 /* Writes CSV rows without ever waiting long.
  *
- * At most one text is on its way: the header, or a row of which the first bytes were taken. The next row waits for the
- * rest of it, within its 50 ms, so the reader sees whole rows or none.
+ * A row is shorter than PIPE_BUF, and so a FIFO takes all of it or nothing: the reader sees whole rows or none.
  */
 #include "firmware/cli/plant_stream.h"
 
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <math.h>
 #include <poll.h>
 #include <signal.h>
@@ -18,10 +18,13 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
+#include "master/base/signal.h"
 
 #define PATIENCE (TL_SECOND / 20)
 
-enum { NUMBER = 32 }; /* bytes of one cell and its comma */
+enum { NUMBER = 32, ROW = NUMBER * (TL_MAX_SIGNALS + 2) }; /* bytes of a cell and its comma, and of a row */
+
+_Static_assert(ROW <= PIPE_BUF, "a FIFO takes a row as a whole");
 
 struct tl_plant_stream {
     char *path;
@@ -29,108 +32,60 @@ struct tl_plant_stream {
     int file; /* −1: nobody reads */
     size_t column_count;
     char *header;
-    char *text;  /* on its way; room for the header and for any row */
-    size_t room; /* of it */
-    size_t length;
-    size_t sent;
+    size_t header_size;
     int failure; /* errno of a file that cannot be written; 0: none */
     tl_plant_stream_counts counts;
 };
 
 /* ---- texts ---- */
 
-/* Writes a cell of the header, quoted where its name needs it, and what ends it. Returns where the next one goes. */
-static char *put_name(char *to, const char *name, char end) {
-    bool quoted = name[strcspn(name, "\",; \t")] != '\0';
-    if (quoted) {
-        *to++ = '"';
-    }
+/* Writes a cell of the header, quoted where its name needs it. */
+static void put_name(FILE *file, const char *name) {
+    const char *quote = name[strcspn(name, "\",; \t")] != '\0' ? "\"" : "";
+    (void)fputs(quote, file);
     for (; *name != '\0'; name++) {
-        if (*name == '"') {
-            *to++ = '"';
-        }
-        *to++ = *name;
+        (void)fputs(*name == '"' ? "\"" : "", file);
+        (void)fputc(*name, file);
     }
-    if (quoted) {
-        *to++ = '"';
-    }
-    *to++ = end;
-    return to;
+    (void)fputs(quote, file);
 }
 
-/* The most that a name takes: each character doubled, two quotes, a comma, a zero byte. */
-static size_t room_of(const char *name) {
-    return 2 * strlen(name) + 4;
-}
-
-static bool make_texts(tl_plant_stream *stream, const tl_plant_stream_settings *settings) {
-    size_t header_room = room_of(settings->time_column);
-    for (size_t i = 0; i < settings->column_count; i++) {
-        header_room += room_of(settings->columns[i]);
-    }
-    size_t row_room = NUMBER * (settings->column_count + 2);
-    stream->room = header_room > row_room ? header_room : row_room;
-    stream->header = malloc(header_room);
-    stream->text = malloc(stream->room);
-    if (stream->header == NULL || stream->text == NULL) {
+static bool make_header(tl_plant_stream *stream, const tl_plant_stream_settings *settings) {
+    FILE *file = open_memstream(&stream->header, &stream->header_size);
+    if (file == NULL) {
         return false;
     }
-    char *to = put_name(stream->header, settings->time_column, settings->column_count > 0 ? ',' : '\n');
+    put_name(file, settings->time_column);
     for (size_t i = 0; i < settings->column_count; i++) {
-        to = put_name(to, settings->columns[i], i + 1 < settings->column_count ? ',' : '\n');
+        (void)fputc(',', file);
+        put_name(file, settings->columns[i]);
     }
-    *to = '\0';
-    return true;
-}
-
-static void put_header(tl_plant_stream *stream) {
-    stream->length = strlen(stream->header);
-    memcpy(stream->text, stream->header, stream->length);
-    stream->sent = 0;
+    (void)fputc('\n', file);
+    return fclose(file) == 0;
 }
 
 /* Numbers come back as the same bits; the time is exact to the nanosecond. */
-static void put_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present) {
+static size_t format_row(const tl_plant_stream *stream, tl_time time, const double *values, const bool *present,
+                         char text[ROW]) {
     uint64_t size = time < 0 ? 0 - (uint64_t)time : (uint64_t)time;
-    int length = snprintf(stream->text, stream->room, "%s%" PRIu64 ".%09" PRIu64, time < 0 ? "-" : "",
-                          size / (uint64_t)TL_SECOND, size % (uint64_t)TL_SECOND);
+    int length = snprintf(text, ROW, "%s%" PRIu64 ".%09" PRIu64, time < 0 ? "-" : "", size / (uint64_t)TL_SECOND,
+                          size % (uint64_t)TL_SECOND);
     for (size_t i = 0; i < stream->column_count; i++) {
         bool empty = (present != NULL && !present[i]) || !isfinite(values[i]);
-        stream->text[length++] = ',';
+        text[length++] = ',';
         if (!empty) {
-            length += snprintf(stream->text + length, stream->room - (size_t)length, "%.17g", values[i]);
+            length += snprintf(text + length, ROW - (size_t)length, "%.17g", values[i]);
         }
     }
-    stream->text[length] = '\n';
-    stream->length = (size_t)length + 1;
-    stream->sent = 0;
+    text[length] = '\n';
+    return (size_t)length + 1;
 }
 
 /* ---- writing ---- */
 
-/* Is there somebody to write to? A new one gets the header first. */
-static bool has_reader(tl_plant_stream *stream) {
-    if (stream->file < 0 && stream->is_fifo) {
-        stream->file = open(stream->path, O_WRONLY | O_NONBLOCK | O_CLOEXEC);
-        put_header(stream);
-    }
-    return stream->file >= 0;
-}
-
 static void lose_reader(tl_plant_stream *stream) {
     (void)close(stream->file);
     stream->file = -1;
-    stream->length = 0;
-    stream->sent = 0;
-}
-
-/* A FIFO loses its reader and may get another one; a file stays as it is. */
-static void fail(tl_plant_stream *stream, int reason) {
-    if (stream->is_fifo) {
-        lose_reader(stream);
-    } else {
-        stream->failure = reason;
-    }
 }
 
 /* Waits until more can be written. false where it is too late for that. */
@@ -140,39 +95,44 @@ static bool wait_for_room(const tl_plant_stream *stream, tl_time deadline) {
     return left > 0 && poll(&room, 1, (int)(left / 1000000) + 1) != 0;
 }
 
-/* Writes what is on its way. false where not all of it is gone by then. */
-static bool flush(tl_plant_stream *stream, tl_time deadline) {
-    while (stream->sent < stream->length) {
-        ssize_t count = write(stream->file, stream->text + stream->sent, stream->length - stream->sent);
+/* False where not all of it is gone by then: a FIFO loses its reader and may get another one; a file stays as it is. */
+static bool write_text(tl_plant_stream *stream, const char *text, size_t size, tl_time deadline) {
+    for (size_t sent = 0; sent < size;) {
+        ssize_t count = write(stream->file, text + sent, size - sent);
         if (count >= 0) {
-            stream->sent += (size_t)count;
+            sent += (size_t)count;
         } else if (errno == EAGAIN) {
             if (!wait_for_room(stream, deadline)) {
                 return false;
             }
         } else if (errno != EINTR) {
-            fail(stream, errno);
+            stream->failure = stream->is_fifo ? 0 : errno;
+            if (stream->is_fifo) {
+                lose_reader(stream);
+            }
             return false;
         }
     }
     return true;
 }
 
-static bool write_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present) {
-    tl_time deadline = tl_clock_now(NULL) + PATIENCE;
-    if (!has_reader(stream) || !flush(stream, deadline)) {
-        return false;
+/* A new reader gets the header first. */
+static bool has_reader(tl_plant_stream *stream, tl_time deadline) {
+    if (stream->file < 0 && stream->is_fifo) {
+        stream->file = open(stream->path, O_WRONLY | O_NONBLOCK | O_CLOEXEC);
+        if (stream->file >= 0 && !write_text(stream, stream->header, stream->header_size, deadline) &&
+            stream->file >= 0) {
+            lose_reader(stream);
+        }
     }
-    put_row(stream, time, values, present);
-    if (!flush(stream, deadline) && (stream->sent == 0 || stream->failure != 0)) {
-        stream->length = 0;
-        return false;
-    }
-    return true; /* what is left of it goes before the next one */
+    return stream->file >= 0;
 }
 
 bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present) {
-    bool written = write_row(stream, time, values, present);
+    char text[ROW];
+    tl_time deadline = tl_clock_now(NULL) + PATIENCE;
+    bool written = has_reader(stream, deadline) &&
+                   write_text(stream, text, format_row(stream, time, values, present, text), deadline);
     stream->counts.written += written ? 1 : 0;
     stream->counts.dropped += written ? 0 : 1;
     return written;
@@ -207,8 +167,7 @@ static tl_status open_path(tl_plant_stream *stream, const tl_plant_stream_settin
                        : is_there                        ? "; give the name of a file that is not there yet"
                                                          : "");
     }
-    put_header(stream);
-    (void)flush(stream, 0);
+    (void)write_text(stream, stream->header, stream->header_size, 0);
     return tl_plant_stream_check(stream, error);
 }
 
@@ -222,7 +181,7 @@ tl_status tl_plant_stream_open(const tl_plant_stream_settings *settings, tl_plan
     made->column_count = settings->column_count;
     made->path = strdup(settings->path);
     tl_status status = TL_OK;
-    if (made->path == NULL || !make_texts(made, settings)) {
+    if (made->path == NULL || !make_header(made, settings)) {
         status = tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     } else {
         status = open_path(made, settings, error);
@@ -241,6 +200,5 @@ void tl_plant_stream_close(tl_plant_stream *stream) {
     }
     free(stream->path);
     free(stream->header);
-    free(stream->text);
     free(stream);
 }

@@ -22,7 +22,7 @@ typedef struct tl_plant_stream_settings {
     bool make_fifo; /* where the path does not exist: a FIFO, else a file */
     const char *time_column;
     const char *const *columns;
-    size_t column_count;
+    size_t column_count; /* TL_MAX_SIGNALS at most */
 } tl_plant_stream_settings;
 
 typedef struct tl_plant_stream_counts {

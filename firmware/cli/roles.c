@@ -12,25 +12,25 @@
 
 const tl_twin_role_tasks tl_roles_twin_tasks = {.print_page = tl_check_page_print, .live = tl_live_twin};
 
-static bool begins_with(const char *title, const char *role) {
-    return strncmp(title, role, strlen(role)) == 0;
-}
+/* A title that begins with another one's stands before it. */
+static const struct {
+    const char *title;
+    int (*run)(void); /* or, if it calls FMUs: */
+    int (*run_tasks)(const tl_twin_role_tasks *tasks);
+} ROLES[] = {
+    {"twin", NULL, tl_twin_role_run},
+    {TL_TWIN_READER, NULL, tl_twin_role_run},
+    {TL_LIVE_IO, tl_io_role_run, NULL},
+    {TL_LIVE_RECORDER, tl_recorder_role_run, NULL},
+    {TL_LIVE_ACTIVATOR, tl_activator_role_run, NULL},
+    {TL_WORKER, NULL, tl_worker_role_run},
+};
 
 int tl_roles_run(const char *title) {
-    if (begins_with(title, "twin") || begins_with(title, TL_TWIN_READER)) {
-        return tl_twin_role_run(&tl_roles_twin_tasks);
-    }
-    if (begins_with(title, TL_LIVE_IO)) {
-        return tl_io_role_run();
-    }
-    if (begins_with(title, TL_LIVE_RECORDER)) {
-        return tl_recorder_role_run();
-    }
-    if (begins_with(title, TL_LIVE_ACTIVATOR)) {
-        return tl_activator_role_run();
-    }
-    if (begins_with(title, TL_WORKER)) {
-        return tl_worker_role_run(&tl_roles_twin_tasks);
+    for (size_t i = 0; i < sizeof ROLES / sizeof ROLES[0]; i++) {
+        if (strncmp(title, ROLES[i].title, strlen(ROLES[i].title)) == 0) {
+            return ROLES[i].run != NULL ? ROLES[i].run() : ROLES[i].run_tasks(&tl_roles_twin_tasks);
+        }
     }
     (void)fprintf(stderr, "twinlock: there is no role \"%s\"\n", title);
     return tl_exit_code(TL_BAD_USAGE);

@@ -7,9 +7,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
-#include "firmware/cli/advice.h"
 #include "firmware/cli/verb_job.h"
-#include "firmware/cli/verbs.h"
 #include "firmware/monitor/proposal.h"
 #include "firmware/monitor/survey.h"
 #include "firmware/plant/recording.h"
@@ -23,11 +21,11 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
     enum { INDENT = 2, LONGEST = sizeof pair->text + 400 };
     char text[LONGEST];
     const char *where = pair->component[0] != '\0' ? "." : "";
+    if (pair->kind == TL_PAIR_UNKNOWN && pair->text[0] == '\0') {
+        return;
+    }
     switch (pair->kind) {
     case TL_PAIR_UNKNOWN:
-        if (pair->text[0] == '\0') {
-            return;
-        }
         (void)snprintf(text, sizeof text, "not looked at, since there is no second instance here: %s", pair->text);
         break;
     case TL_PAIR_SAME:
@@ -40,6 +38,7 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
             "components%s%s: not deterministic: %s; what it was given leads it elsewhere the next time, so that "
             "neither replaying a run nor rolling back by replay can be exact",
             where, pair->component, pair->text);
+        (*warnings)++;
         break;
     case TL_PAIR_ONE_PER_PROCESS:
         (void)snprintf(
@@ -47,9 +46,9 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
             "components%s%s: one per process: %s; alone it does not do so, but beside another instance of it: use it "
             "in one component only",
             where, pair->component, pair->text);
+        (*warnings)++;
         break;
     }
-    *warnings += pair->kind == TL_PAIR_NOT_DETERMINISTIC || pair->kind == TL_PAIR_ONE_PER_PROCESS ? 1 : 0;
     (void)fputs("determinism\n", output);
     tl_wrapped_print(output, text, INDENT, 2 * INDENT);
 }
@@ -81,25 +80,6 @@ static tl_status log_other_ways(const tl_verb_job *job, const tl_twin_ways *chec
     return status;
 }
 
-/* The error of the check stays, unless the search is interrupted. */
-static tl_status find_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_status status,
-                                 tl_error *error) {
-    tl_error interrupted;
-    if (checked->cannot_return == 0 || log_other_ways(job, checked, &interrupted) == TL_OK) {
-        return status;
-    }
-    *error = interrupted;
-    return TL_INTERRUPTED;
-}
-
-static void print_verdict(uint32_t warnings, FILE *output) {
-    (void)fputs("no problem found", output);
-    if (warnings > 0) {
-        (void)fprintf(output, ", %" PRIu32 " warning%s", warnings, warnings == 1 ? "" : "s");
-    }
-    (void)fputc('\n', output);
-}
-
 static tl_status check(tl_verb_job *job) {
     tl_error error = {TL_OK, ""};
     job->order.task = TL_TASK_CHECK;
@@ -112,17 +92,27 @@ static tl_status check(tl_verb_job *job) {
         status = tl_twin_child_check(job->child, &found, &error);
         tl_twin_child_ways(job->child, &ways);
     }
-    if (status != TL_OK && status != TL_INTERRUPTED) {
-        status = find_other_ways(job, &ways, status, &error);
+    if (status != TL_OK && status != TL_INTERRUPTED && ways.cannot_return != 0) {
+        tl_error interrupted; /* else the error of the check stays */
+        if (log_other_ways(job, &ways, &interrupted) != TL_OK) {
+            status = TL_INTERRUPTED;
+            error = interrupted;
+        }
     }
     if (status == TL_OK) {
-        status = tl_verb_job_end_child(job, &error);
+        status = tl_twin_child_wait(job->child, &error);
     }
     if (status == TL_OK) {
+        tl_twin_child_close(job->child);
+        job->child = NULL;
         status = compare_pair(job, &found.warnings, &error);
     }
     if (status == TL_OK) {
-        print_verdict(found.warnings, job->output);
+        (void)fputs("no problem found", job->output);
+        if (found.warnings > 0) {
+            (void)fprintf(job->output, ", %" PRIu32 " warning%s", found.warnings, found.warnings == 1 ? "" : "s");
+        }
+        (void)fputc('\n', job->output);
     }
     if (error.text[0] != '\0') {
         tl_log(TL_LOG_ERROR, "%s", error.text);

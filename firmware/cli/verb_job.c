@@ -48,15 +48,6 @@ tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *pag
     return tl_twin_child_start(&settings, &job->child, error);
 }
 
-tl_status tl_verb_job_end_child(tl_verb_job *job, tl_error *error) {
-    tl_status status = tl_twin_child_wait(job->child, error);
-    if (status == TL_OK) {
-        tl_twin_child_close(job->child);
-        job->child = NULL;
-    }
-    return status;
-}
-
 /* A failure that comes of FMUs, as they are or as they were let. */
 static bool is_of_fmus(tl_status status) {
     return status == TL_FMU_FAILED || status == TL_FMU_FATAL || status == TL_BAD_DATA;

@@ -35,9 +35,6 @@ tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *pag
 /* With what it is started. */
 tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_config *config, FILE *page);
 
-/* Its work is done: waits until it has ended, and closes it. Errors: TL_FMU_FAILED if it did not end as it should. */
-tl_status tl_verb_job_end_child(tl_verb_job *job, tl_error *error);
-
 /* Ends the process, if there is one, and frees all. Says on the log what it did wrong in its end. The exit code. */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);
 

@@ -13,7 +13,6 @@
 #include "firmware/cli/plant_server.h"
 #include "firmware/cli/plant_stream.h"
 #include "firmware/cli/verb_job.h"
-#include "firmware/cli/verbs.h"
 #include "firmware/config/drivers.h"
 #include "firmware/process/interrupt.h"
 
@@ -76,7 +75,7 @@ static tl_status open_emulation(player *self, const tl_config *config, tl_error 
     if (status != TL_OK) {
         return status;
     }
-    const tl_emulation_model model = {.config = &self->model, .account = &self->account, .child = self->job->child};
+    const tl_twin_feed_settings model = {.config = &self->model, .account = &self->account, .child = self->job->child};
     return tl_emulation_open_model(&model, path, self->options->seed, &self->emulation, error);
 }
 
@@ -109,69 +108,48 @@ static tl_status find_signals(const player *self, const tl_config *listener, siz
     return TL_OK;
 }
 
-static tl_status serve_modbus(const player *self, const tl_config_source *source, const void *channels,
-                              served_source *served, tl_error *error) {
-    const tl_modbus_settings *modbus = source->settings;
-    const tl_plant_server_settings settings = {
-        .host = modbus->host,
-        .port = modbus->port,
-        .channels = channels,
-        .channel_count = served->channel_count,
-    };
-    (void)self;
-    tl_status status = tl_plant_server_start(&settings, &served->server, error);
-    if (status == TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
-               source->name, served->channel_count, served->channel_count == 1 ? "" : "s", modbus->host,
-               (unsigned)tl_plant_server_port(served->server));
-    }
-    return status;
+static bool is_modbus(const tl_config_source *source) {
+    return strcmp(source->driver->name, "modbus_tcp") == 0;
 }
 
-static tl_status serve_can(const player *self, const tl_config_source *source, const void *channels,
-                           served_source *served, tl_error *error) {
+static tl_status open_source(const player *self, const tl_config_source *source, const void *channels,
+                             served_source *served, tl_error *error) {
+    size_t count = served->channel_count;
+    const char *plural = count == 1 ? "" : "s";
+    if (is_modbus(source)) {
+        const tl_modbus_settings *modbus = source->settings;
+        const tl_plant_server_settings settings = {modbus->host, modbus->port, channels, count};
+        tl_status status = tl_plant_server_start(&settings, &served->server, error);
+        if (status == TL_OK) {
+            tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by Modbus TCP at %s:%u; playing starts with the first request",
+                   source->name, count, plural, modbus->host, (unsigned)tl_plant_server_port(served->server));
+        }
+        return status;
+    }
     const tl_can_settings *can = source->settings;
-    const tl_plant_bus_settings settings = {
-        .interface = can->interface,
-        .real = self->options->real_bus,
-        .channels = channels,
-        .channel_count = served->channel_count,
-    };
+    const tl_plant_bus_settings settings = {can->interface, self->options->real_bus, channels, count};
     tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
     if (status == TL_OK) {
-        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name,
-               served->channel_count, served->channel_count == 1 ? "" : "s", can->interface);
+        tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name, count, plural,
+               can->interface);
     }
     return status;
 }
 
-typedef tl_status serve_source_function(const player *self, const tl_config_source *source, const void *channels,
-                                        served_source *served, tl_error *error);
-
-/* Who serves sources of this kind; NULL: nobody. Signals of a CSV source are written by --fifo. */
-static serve_source_function *find_server(const tl_config_source *source) {
-    static const struct {
-        const char *kind;
-        serve_source_function *serve;
-    } servers[] = {{"modbus_tcp", serve_modbus}, {"can", serve_can}};
-    for (size_t i = 0; i < sizeof servers / sizeof servers[0]; i++) {
-        if (strcmp(source->driver->name, servers[i].kind) == 0) {
-            return servers[i].serve;
-        }
-    }
+/* Signals of a CSV source are written by --fifo. */
+static bool is_served(const tl_config_source *source) {
     if (source->driver->not_played != NULL) {
         tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name, source->driver->not_played);
     }
-    return NULL;
+    return is_modbus(source) || strcmp(source->driver->name, "can") == 0;
 }
 
 /* Serves one source of the listener; one without signals is left out. */
 static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
     const tl_config_source *source = &listener->sources[index];
     served_source *served = &self->served[self->served_count];
-    serve_source_function *serve = find_server(source);
     size_t signals[TL_MAX_SIGNALS];
-    if (serve == NULL) {
+    if (!is_served(source)) {
         return TL_OK;
     }
     tl_status status = find_signals(self, listener, index, served, signals, error);
@@ -179,7 +157,7 @@ static tl_status serve_source(player *self, const tl_config *listener, size_t in
         return status;
     }
     void *channels = tl_driver_gather(source->driver, listener, signals, served->channel_count);
-    status = channels != NULL ? serve(self, source, channels, served, error)
+    status = channels != NULL ? open_source(self, source, channels, served, error)
                               : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the signals of %s", source->name);
     free(channels);
     self->served_count += status == TL_OK ? 1 : 0;
@@ -251,13 +229,6 @@ static void wait_for_listener(player *self) {
     }
 }
 
-/* The first row comes at once; a file is written as fast as it can be. */
-static void pace(const player *self, uint64_t rows, tl_time instant) {
-    if (self->options->record == NULL && rows != 0) {
-        tl_clock_sleep_until(instant);
-    }
-}
-
 static tl_status play(player *self, tl_error *error) {
     bool end = false;
     uint64_t rows = 0;
@@ -267,7 +238,9 @@ static tl_status play(player *self, tl_error *error) {
     tl_time started = tl_clock_now(NULL);
     tl_progress_begin(&progress, "row", 0);
     while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
-        pace(self, rows, started + row.time);
+        if (self->options->record == NULL && rows != 0) { /* a file is written as fast as it can be */
+            tl_clock_sleep_until(started + row.time);
+        }
         if (tl_interrupt_requested() != NULL) {
             break;
         }
@@ -289,26 +262,19 @@ static tl_status play(player *self, tl_error *error) {
     return status;
 }
 
-static void close_bus(tl_plant_bus *bus) {
-    tl_plant_bus_counts counts = tl_plant_bus_count(bus);
-    tl_log(TL_LOG_NOTICE, "%" PRIu64 " frames sent, %" PRIu64 " that the interface did not take", counts.sent,
-           counts.dropped);
-    tl_plant_bus_close(bus);
-}
-
-static void close_server(tl_plant_server *server) {
-    tl_plant_server_counts counts = tl_plant_server_count(server);
-    tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused", counts.requests,
-           counts.refused_writes);
-    tl_plant_server_stop(server);
-}
-
 static void close_all(player *self) {
     for (size_t i = 0; i < self->served_count; i++) {
-        if (self->served[i].bus != NULL) {
-            close_bus(self->served[i].bus);
+        served_source *served = &self->served[i];
+        if (served->bus != NULL) {
+            tl_plant_bus_counts counts = tl_plant_bus_count(served->bus);
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " frames sent, %" PRIu64 " that the interface did not take", counts.sent,
+                   counts.dropped);
+            tl_plant_bus_close(served->bus);
         } else {
-            close_server(self->served[i].server);
+            tl_plant_server_counts counts = tl_plant_server_count(served->server);
+            tl_log(TL_LOG_NOTICE, "%" PRIu64 " requests answered, %" PRIu64 " attempts to write refused",
+                   counts.requests, counts.refused_writes);
+            tl_plant_server_stop(served->server);
         }
     }
     if (self->stream != NULL) {
@@ -326,10 +292,10 @@ static void close_all(player *self) {
 }
 
 static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
+    bool writes = self->options->fifo != NULL || self->options->record != NULL;
     tl_status status = open_emulation(self, config, error);
     if (status == TL_OK) {
-        status = self->options->fifo != NULL || self->options->record != NULL ? open_stream(self, listener, error)
-                                                                              : open_servers(self, listener, error);
+        status = writes ? open_stream(self, listener, error) : open_servers(self, listener, error);
     }
     return status == TL_OK ? play(self, error) : status;
 }

@@ -10,7 +10,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/base/text.h"
-#include "firmware/cli/verbs.h"
+#include "firmware/cli/options.h"
 #include "firmware/retune/control.h"
 #include "firmware/retune/talk.h"
 
@@ -27,11 +27,19 @@ typedef struct reload {
 
 /* ---- what is asked ---- */
 
-/* Of an open file, or of standard input. */
-static tl_status read_text(reload *self, int file, tl_error *error) {
+static tl_status read_subject(reload *self, tl_error *error) {
+    if (self->is_input && isatty(STDIN_FILENO) == 1) {
+        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
+                       self->page.subject);
+    }
+    int file = self->is_input ? STDIN_FILENO : open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
     ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, self->text, sizeof self->text);
+    int cause = errno;
+    if (file > STDIN_FILENO) {
+        (void)close(file);
+    }
     if (size < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->page.subject, strerror(errno));
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->page.subject, strerror(cause));
     }
     if (size == 0 || size > TL_CONTROL_MOST) {
         return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->page.subject,
@@ -39,22 +47,6 @@ static tl_status read_text(reload *self, int file, tl_error *error) {
     }
     self->size = (size_t)size;
     return TL_OK;
-}
-
-static tl_status read_subject(reload *self, tl_error *error) {
-    if (!self->is_input) {
-        int file = open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
-        tl_status status = read_text(self, file, error);
-        if (file >= 0) {
-            (void)close(file);
-        }
-        return status;
-    }
-    if (isatty(STDIN_FILENO) == 1) {
-        return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
-                       self->page.subject);
-    }
-    return read_text(self, STDIN_FILENO, error);
 }
 
 static tl_control_verb verb_of(const tl_options *options) {

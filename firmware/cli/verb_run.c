@@ -5,7 +5,6 @@
 #include "firmware/base/log.h"
 #include "firmware/cli/roles.h"
 #include "firmware/cli/verb_job.h"
-#include "firmware/cli/verbs.h"
 #include "firmware/live/tree.h"
 #include "firmware/process/role.h"
 #include "firmware/retune/version_start.h"

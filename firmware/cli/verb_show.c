@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "firmware/base/log.h"
-#include "firmware/cli/verbs.h"
+#include "firmware/cli/options.h"
 #include "firmware/report/show.h"
 
 /* ---- Since when -------------------------------------------------------------------------------------------------- */
@@ -51,16 +51,6 @@ static tl_status choose_since(tl_show_request *request, const tl_options_since *
 
 /* ---- The verb ---------------------------------------------------------------------------------------------------- */
 
-static tl_status print(const tl_show_request *request, const tl_options *options, tl_error *error) {
-    if (options->table != TL_OPTIONS_NO_TABLE) {
-        return tl_show_csv(request, (tl_show_csv_table)options->table, stdout, error);
-    }
-    if (options->report != NULL) {
-        return tl_show_report(request, options->report, error);
-    }
-    return options->json ? tl_show_json(request, stdout, error) : tl_show_page(request, stdout, error);
-}
-
 static tl_status show(const tl_options *options, tl_error *error) {
     tl_show_request request = {
         .path = options->subject, .all_events = options->events, .style = tl_show_style_of(stdout)};
@@ -72,7 +62,11 @@ static tl_status show(const tl_options *options, tl_error *error) {
         status = choose_since(&request, &options->since, error);
     }
     if (status == TL_OK) {
-        status = print(&request, options, error);
+        status = options->table != TL_OPTIONS_NO_TABLE
+                     ? tl_show_csv(&request, (tl_show_csv_table)options->table, stdout, error)
+                 : options->report != NULL ? tl_show_report(&request, options->report, error)
+                 : options->json           ? tl_show_json(&request, stdout, error)
+                                           : tl_show_page(&request, stdout, error);
     }
     if (status == TL_BAD_DATA) {
         tl_history_diagnose(request.history, error);

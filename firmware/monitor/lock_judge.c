@@ -71,12 +71,6 @@ static void forgive(tl_lock_rescue *rescue, const tl_lock_tally *tally) {
     }
 }
 
-static void note_reset(tl_lock_rescue *rescue) {
-    uint32_t longer = 2 * rescue->pause;
-    rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
-    rescue->passed = 0;
-}
-
 bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const tl_lock_change **change) {
     const tl_lock_tally *tally = &rescue->judge.tally;
     *change = tl_lock_judge_step(&rescue->judge, record);
@@ -89,7 +83,9 @@ bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const 
     bool is_due = tl_lock_judge_is_astray(&rescue->judge) && rescue->passed >= rescue->pause &&
                   rescue->judge.config->event.start.signal == NULL;
     if (is_due) {
-        note_reset(rescue);
+        uint32_t longer = 2 * rescue->pause;
+        rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
+        rescue->passed = 0;
     }
     return is_due;
 }
@@ -327,13 +323,6 @@ static void widen(tl_lock_range *range, double value, bool first) {
     range->most = first || value > range->most ? value : range->most;
 }
 
-/* How far a measurement goes at once: the largest step so far, fading. Readings come in messages, and stand still in between. */
-static void see_stride(tl_lock_judge *judge, size_t i, const tl_record *record) {
-    double step = fabs(record->y_hat[i] - judge->y_hat[i]);
-    double faded = FADING * judge->stride[i];
-    judge->stride[i] = step > faded ? step : faded;
-}
-
 /* A matched output that has gone far from one step to the next, and further than its measurement does. */
 static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *record) {
     const struct tl_lock_measure by = measure(judge, i);
@@ -345,7 +334,9 @@ static bool has_jumped(const tl_lock_judge *judge, size_t i, const tl_record *re
 static void see_outputs(tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
     bool jumped = false;
     for (size_t i = 0; i < judge->config->match_count && judge->u_count != 0; i++) {
-        see_stride(judge, i, record);
+        double step = fabs(record->y_hat[i] - judge->y_hat[i]);
+        double faded = FADING * judge->stride[i];
+        judge->stride[i] = step > faded ? step : faded; /* readings come in messages, and stand still in between */
         jumped = has_jumped(judge, i, record) || jumped;
     }
     part->jumps += jumped ? 1 : 0;
@@ -520,19 +511,6 @@ static const char *units(const tl_lock_judge *judge) {
     return is_by_strokes(judge) ? "strokes" : "steps";
 }
 
-static void tell_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                   HUNDRED * share(count_compared(all) == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
-                   units(judge), HUNDRED * FREE.enter);
-}
-
-static void tell_cycle(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
-    size_t length = strlen(cause);
-    const tl_lock_range *u = &all->u[found->which];
-    (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
-                   judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
-}
-
 static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
     uint32_t compared = count_compared(all);
     if (found->ran_away) {
@@ -551,7 +529,10 @@ static void tell_lost(const tl_lock_judge *judge, const window *all, const findi
                        HUNDRED * (found->cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
     }
     if (found->cycles) {
-        tell_cycle(judge, all, found, cause);
+        size_t length = strlen(cause);
+        const tl_lock_range *u = &all->u[found->which];
+        (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
+                       judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
     }
 }
 
@@ -585,16 +566,13 @@ static void tell_tracking(const tl_lock_judge *judge, const window *all, const f
     }
 }
 
-static void tell_locked(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = count_compared(all);
-    (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
-                   HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
-}
-
 static void tell_cause(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
+    uint32_t compared = count_compared(all);
     switch (found->state) {
     case TL_LOCK_FREE:
-        tell_free(judge, all, cause);
+        (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
+                       HUNDRED * share(compared == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
+                       units(judge), HUNDRED * FREE.enter);
         break;
     case TL_LOCK_LOST:
         tell_lost(judge, all, found, cause);
@@ -606,7 +584,8 @@ static void tell_cause(const tl_lock_judge *judge, const window *all, const find
         tell_tracking(judge, all, found, cause);
         break;
     case TL_LOCK_LOCKED:
-        tell_locked(judge, all, cause);
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
+                       HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
         break;
     }
 }

@@ -54,17 +54,6 @@ double tl_lock_tally_percent(const tl_lock_tally *tally) {
     return percent(tally, tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING]);
 }
 
-/* ", 3.2 % degraded", for each state that is not told otherwise. */
-static int append_others(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE], int length) {
-    for (int i = 0; i < TL_LOCK_STATES && length < TL_LOCK_SENTENCE; i++) {
-        if (i != TL_LOCK_LOCKED && tally->steps[i] != 0) {
-            length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), ", %.1f %% %s",
-                               percent(tally, tally->steps[i]), tl_lock_state_name((tl_lock_state)i));
-        }
-    }
-    return length;
-}
-
 bool tl_lock_tally_is_enough(const tl_lock_tally *tally, double least) {
     bool ever = tl_lock_tally_percent(tally) > 0.0;
     bool was_within = ever || tally->within >= ENOUGH || tally->windows == 0;
@@ -84,7 +73,12 @@ void tl_lock_tally_write(const tl_lock_tally *tally, char text[TL_LOCK_SENTENCE]
     bool ever = tally->steps[TL_LOCK_LOCKED] + tally->steps[TL_LOCK_TRACKING] != 0;
     int length = snprintf(text, TL_LOCK_SENTENCE, "%s at the end; %s%.1f %% locked", tl_lock_state_name(tally->state),
                           ever ? "" : "never locked, ", percent(tally, tally->steps[TL_LOCK_LOCKED]));
-    length = append_others(tally, text, length);
+    for (int i = 0; i < TL_LOCK_STATES && length < TL_LOCK_SENTENCE; i++) {
+        if (i != TL_LOCK_LOCKED && tally->steps[i] != 0) {
+            length += snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), ", %.1f %% %s",
+                               percent(tally, tally->steps[i]), tl_lock_state_name((tl_lock_state)i));
+        }
+    }
     if (tally->ran_away != 0 && length < TL_LOCK_SENTENCE) {
         (void)snprintf(text + length, (size_t)(TL_LOCK_SENTENCE - length), "; ran away in %" PRIu64 " steps",
                        tally->ran_away);

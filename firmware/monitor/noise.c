@@ -191,7 +191,6 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance) {
 
 /* ---- noise watch ---- */
 
-static const double TOLERANCES_WATCH = 3.0;
 static const double REPEATED = 1.0 / 3.0; /* more: they are polls of one value, and tell nothing */
 
 /* Of "plant.NAME"; SIZE_MAX: there is none. */
@@ -234,7 +233,7 @@ static tl_noise_turn judge(tl_noise_watch *watch, size_t match, double *sigma) {
         watch->is_told[match] = true;
         return TL_NOISE_IS_LARGE;
     }
-    if (watch->is_told[match] && tolerance >= TOLERANCES_WATCH * found.sigma) {
+    if (watch->is_told[match] && tolerance >= TOLERANCES * found.sigma) {
         watch->is_told[match] = false;
         return TL_NOISE_IS_SMALL;
     }

@@ -375,23 +375,28 @@ static void print_match(const tl_config *config, size_t index, const tl_proposal
     }
 }
 
-static size_t print_warnings(const tl_config *config, const tl_survey *survey, const tl_proposal *proposal,
-                             FILE *file) {
-    size_t count = 0;
+static void print_warnings(const tl_config *config, const tl_survey *survey, const tl_proposal *proposal, FILE *file) {
+    const char *title = "warnings\n";
     for (size_t i = 0; i < proposal->match_count; i++) {
         const tl_proposal_match *match = &proposal->match[i];
         if (match->is_within_noise) {
-            (void)fputs(count++ == 0 ? "warnings\n" : "", file);
+            (void)fputs(title, file);
+            title = "";
             print(
                 file, INDENT,
                 "%s: its tolerance, %g, is below three times the noise of its readings, %.3g: the twin follows the noise, and states behind its outputs may drift",
                 config->match[i].where, config->match[i].tolerance, survey->signals[match->signal].sigma);
         }
     }
-    return count;
 }
 
 /* ---- the proposal as JSON ---- */
+
+static void add_optional(tl_json_writer *json, const char *key, double value, bool is_there, bool nulls) {
+    if (is_there || nulls) {
+        tl_json_add_number(json, key, is_there ? value : (double)NAN);
+    }
+}
 
 static void add_condition(tl_json_writer *json, const tl_condition *condition, bool nulls) {
     if (!tl_condition_is_needed(condition)) {
@@ -401,21 +406,9 @@ static void add_condition(tl_json_writer *json, const tl_condition *condition, b
         return;
     }
     tl_json_open_object(json, "condition");
-    if (condition->gate > 0.0) {
-        tl_json_add_number(json, "gate", condition->gate);
-    } else if (nulls) {
-        tl_json_add_null(json, "gate");
-    }
-    if (condition->median > 1) {
-        tl_json_add_count(json, "median", condition->median);
-    } else if (nulls) {
-        tl_json_add_null(json, "median");
-    }
-    if (condition->low_pass > 0) {
-        tl_json_add_number(json, "low_pass_s", tl_seconds(condition->low_pass));
-    } else if (nulls) {
-        tl_json_add_null(json, "low_pass_s");
-    }
+    add_optional(json, "gate", condition->gate, condition->gate > 0.0, nulls);
+    add_optional(json, "median", condition->median, condition->median > 1, nulls);
+    add_optional(json, "low_pass_s", tl_seconds(condition->low_pass), condition->low_pass > 0, nulls);
     tl_json_close(json);
 }
 
@@ -489,7 +482,7 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
             print(file, DEEPER, "between \"%s\": %s", BETWEEN[input->between], input->why.text);
         }
     }
-    (void)print_warnings(config, survey, proposal, file);
+    print_warnings(config, survey, proposal, file);
     (void)fputs("to be put into the configuration\n", file);
     tl_json_writer_begin(&json);
     add_proposal(&json, config, survey, proposal, false);

@@ -173,24 +173,19 @@ static double find_quantum(const double *sorted, size_t count, size_t *values) {
     return least > 0.0 && isfinite(least) && are_whole ? least : 0.0;
 }
 
+static bool repeats(const tl_noise_point *one, const tl_noise_point *before) {
+    return !(one->value < before->value) && !(one->value > before->value);
+}
+
 /* Those that change only. */
 static void drop_repeats(tl_survey_signal *signal) {
     size_t kept = signal->kept_count > 0 ? 1 : 0;
     for (size_t i = 1; i < signal->kept_count; i++) {
-        if (signal->kept[i].value < signal->kept[kept - 1].value ||
-            signal->kept[i].value > signal->kept[kept - 1].value) {
+        if (!repeats(&signal->kept[i], &signal->kept[kept - 1])) {
             signal->kept[kept++] = signal->kept[i];
         }
     }
     signal->kept_count = kept;
-}
-
-static void count_repeats(tl_survey_signal *signal) {
-    for (size_t i = 1; i < signal->kept_count; i++) {
-        bool changes =
-            signal->kept[i].value < signal->kept[i - 1].value || signal->kept[i].value > signal->kept[i - 1].value;
-        signal->repeats += changes ? 0 : 1;
-    }
 }
 
 /* The half of all changes that are larger; 0: there are none. */
@@ -215,7 +210,9 @@ static void tell_values(tl_survey_signal *signal, double *room) {
     qsort(room, signal->kept_count, sizeof *room, compare);
     signal->quantum = find_quantum(room, signal->kept_count, &values);
     signal->is_switched = values <= TL_SURVEY_SWITCH;
-    count_repeats(signal);
+    for (size_t i = 1; i < signal->kept_count; i++) {
+        signal->repeats += repeats(&signal->kept[i], &signal->kept[i - 1]) ? 1 : 0;
+    }
     bool often = (double)signal->repeats >= POLLED * (double)signal->kept_count;
     bool is_coarse = signal->quantum > 0.0 && usual_change(signal, room) < A_FEW_STEPS * signal->quantum;
     signal->is_polled = often && !is_coarse && !signal->is_switched;
@@ -225,13 +222,6 @@ static void tell_values(tl_survey_signal *signal, double *room) {
 }
 
 /* ---- noise ---- */
-
-static void measure(tl_noise_meter *meter, const tl_survey_signal *signal) {
-    bool is_outlier = false;
-    for (size_t i = 0; i < signal->kept_count; i++) {
-        (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
-    }
-}
 
 /* The second time: outliers are taken out, and how far they were is put into `room`. */
 static void drop_outliers(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
@@ -287,8 +277,11 @@ static bool is_at_rest(const tl_survey_signal *signal) {
 
 static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
     tl_noise_found first;
+    bool is_outlier = false;
     tl_noise_meter_init(meter, 0);
-    measure(meter, signal);
+    for (size_t i = 0; i < signal->kept_count; i++) {
+        (void)tl_noise_meter_put(meter, signal->kept[i].stamp, signal->kept[i].value, &is_outlier);
+    }
     tl_noise_meter_tell(meter, &first);
     tl_noise_meter_init(meter, 0);
     tl_noise_meter_know(meter, &first);

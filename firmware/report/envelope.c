@@ -9,9 +9,8 @@ tl_status tl_envelope_init(tl_envelope *envelope, size_t channels, size_t room, 
     size_t count = channels * room;
     *envelope = (tl_envelope){.channels = channels, .room = room, .width = 1};
     envelope->values = malloc((count + 1) * 2 * sizeof *envelope->values);
-    envelope->falls = calloc(count + 1, 1);
     envelope->marks = calloc(count + 1, 1);
-    if (envelope->values == NULL || envelope->falls == NULL || envelope->marks == NULL) {
+    if (envelope->values == NULL || envelope->marks == NULL) {
         tl_envelope_free(envelope);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu curves of %zu points", channels, room);
     }
@@ -23,29 +22,34 @@ tl_status tl_envelope_init(tl_envelope *envelope, size_t channels, size_t room, 
 
 void tl_envelope_free(tl_envelope *envelope) {
     free(envelope->values);
-    free(envelope->falls);
     free(envelope->marks);
     *envelope = (tl_envelope){0};
 }
 
+/* One more value of a bucket, later than those that it has. */
+static void widen_pair(double pair[2], double value) {
+    double least = fmin(pair[0], pair[1]);
+    double largest = fmax(pair[0], pair[1]);
+    if (!isfinite(value)) {
+        return;
+    }
+    if (isnan(pair[0])) {
+        pair[0] = value;
+        pair[1] = value;
+    } else if (value < least || value > largest) {
+        pair[0] = value < least ? largest : least;
+        pair[1] = value;
+    }
+}
+
 /* Bucket `to` becomes what `first` and `second` were together. */
 static void merge(tl_envelope *envelope, size_t to, size_t first, size_t second) {
-    const double *one = &envelope->values[2 * first];
-    const double *other = &envelope->values[2 * second];
-    bool lower = !(one[0] <= other[0]); /* the second has the least; also where the first has none */
-    bool higher = !(one[1] >= other[1]);
-    if (isnan(other[0])) {
-        lower = false;
-        higher = false;
-    }
-    uint8_t falls = lower == higher ? envelope->falls[lower ? second : first] : lower;
-    double least = lower ? other[0] : one[0];
-    double largest = higher ? other[1] : one[1];
-    uint8_t marks = envelope->marks[first] | envelope->marks[second];
-    envelope->values[2 * to] = least;
-    envelope->values[2 * to + 1] = largest;
-    envelope->falls[to] = falls;
-    envelope->marks[to] = marks;
+    const double *later = &envelope->values[2 * second];
+    double pair[2] = {envelope->values[2 * first], envelope->values[2 * first + 1]};
+    widen_pair(pair, later[0]);
+    widen_pair(pair, later[1]);
+    memcpy(&envelope->values[2 * to], pair, sizeof pair);
+    envelope->marks[to] = envelope->marks[first] | envelope->marks[second];
 }
 
 static void clear(tl_envelope *envelope, size_t from, size_t count) {
@@ -53,7 +57,6 @@ static void clear(tl_envelope *envelope, size_t from, size_t count) {
         envelope->values[2 * i] = (double)NAN;
         envelope->values[2 * i + 1] = (double)NAN;
     }
-    memset(&envelope->falls[from], 0, count);
     memset(&envelope->marks[from], 0, count);
 }
 
@@ -83,20 +86,7 @@ static size_t bucket_of(tl_envelope *envelope, size_t channel, int64_t position)
 
 void tl_envelope_put(tl_envelope *envelope, size_t channel, int64_t position, double value) {
     size_t bucket = bucket_of(envelope, channel, position);
-    double *pair = &envelope->values[2 * bucket];
-    if (!isfinite(value)) {
-        return;
-    }
-    if (isnan(pair[0])) {
-        pair[0] = value;
-        pair[1] = value;
-    } else if (value < pair[0]) {
-        pair[0] = value;
-        envelope->falls[bucket] = 1;
-    } else if (value > pair[1]) {
-        pair[1] = value;
-        envelope->falls[bucket] = 0;
-    }
+    widen_pair(&envelope->values[2 * bucket], value);
 }
 
 void tl_envelope_mark(tl_envelope *envelope, size_t channel, int64_t position, uint8_t bits) {
@@ -104,10 +94,7 @@ void tl_envelope_mark(tl_envelope *envelope, size_t channel, int64_t position, u
 }
 
 void tl_envelope_get(const tl_envelope *envelope, size_t channel, size_t bucket, double pair[2]) {
-    size_t index = channel * envelope->room + bucket;
-    uint8_t falls = envelope->falls[index];
-    pair[0] = envelope->values[2 * index + falls];
-    pair[1] = envelope->values[2 * index + (1 - falls)];
+    memcpy(pair, &envelope->values[2 * (channel * envelope->room + bucket)], 2 * sizeof *pair);
 }
 
 uint8_t tl_envelope_marks(const tl_envelope *envelope, size_t channel, size_t bucket) {

@@ -21,8 +21,7 @@ typedef struct tl_envelope {
     size_t used;    /* buckets up to the last that has a value */
     int64_t width;  /* steps per bucket: a power of 2 */
     int64_t steps;  /* 1 + the last position that was put */
-    double *values; /* least and largest of each bucket, channel by channel; NaN: none */
-    uint8_t *falls; /* 1: the largest came before the least */
+    double *values; /* least and largest of each bucket, channel by channel, in their order of arrival; NaN: none */
     uint8_t *marks;
 } tl_envelope;
 

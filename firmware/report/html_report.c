@@ -32,8 +32,22 @@ struct tl_html_report {
     tl_html_entry events[TL_HTML_EVENTS];
 };
 
-static size_t tl_html_match_channel(const tl_html_report *report, size_t match);
-static size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust);
+/* What is written of a page. */
+typedef struct filling {
+    const tl_html_report *report;
+    const tl_run_figures *figures;
+    const char *ended;
+    FILE *file;
+} filling;
+
+/* The first of the three channels. */
+static size_t match_channel(size_t match) {
+    return TL_HTML_STEP_CHANNELS + 3 * match;
+}
+
+static size_t adjust_channel(const tl_html_report *report, size_t adjust) {
+    return match_channel(report->settings.match_count + adjust);
+}
 
 /* ---- html text ---- */
 
@@ -67,21 +81,17 @@ void tl_html_put_text(FILE *file, const char *text) {
     }
 }
 
-static void put_string_character(FILE *file, char character) {
-    if ((unsigned char)character < ' ' || strchr("\"\\<>&'", character) != NULL) {
-        (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)character);
-    } else {
-        (void)fputc(character, file);
-    }
-}
-
 void tl_html_put_string(FILE *file, const char *text) {
     (void)fputc('"', file);
     while (*text != '\0') {
         char shown[SHOWN];
         text = take(text, shown);
         for (const char *c = shown; *c != '\0'; c++) {
-            put_string_character(file, *c);
+            if ((unsigned char)*c < ' ' || strchr("\"\\<>&'", *c) != NULL) {
+                (void)fprintf(file, "\\u%04x", (unsigned)(unsigned char)*c);
+            } else {
+                (void)fputc(*c, file);
+            }
         }
     }
     (void)fputc('"', file);
@@ -106,10 +116,6 @@ void tl_html_put_count(FILE *file, uint64_t count) {
     }
 }
 
-static uint32_t hexadecimal(char digit) {
-    return (uint32_t)(digit <= '9' ? digit - '0' : digit - 'a' + 10);
-}
-
 void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     char digits[TL_SHA256_TEXT + 2];
@@ -118,7 +124,8 @@ void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     digits[65] = '0';
     char *end = text + sprintf(text, "sha256-");
     for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
-        uint32_t bits = hexadecimal(digits[i]) << 8 | hexadecimal(digits[i + 1]) << 4 | hexadecimal(digits[i + 2]);
+        const char three[] = {digits[i], digits[i + 1], digits[i + 2], '\0'};
+        unsigned long bits = strtoul(three, NULL, 16);
         *end++ = letters[bits >> 6];
         *end++ = letters[bits & 63];
     }
@@ -185,7 +192,7 @@ static void put_signal(const tl_recorder_signal *signal, FILE *file) {
 static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     static const char *const keys[] = {"y", "measured", "delta"};
     const tl_html_settings *settings = &report->settings;
-    size_t channel = tl_html_match_channel(report, match);
+    size_t channel = match_channel(match);
     (void)fputs(match == 0 ? "" : ",", file);
     put_signal(&settings->match[match], file);
     (void)fputs(",\"to\":", file);
@@ -198,15 +205,10 @@ static void put_match(const tl_html_report *report, size_t match, FILE *file) {
     (void)fputc('}', file);
 }
 
-static void put_adjust(const tl_html_report *report, size_t adjust, FILE *file) {
+static void put_data(const filling *page) {
     static const char *const keys[] = {"u", "nominal", "delta"};
-    (void)fputs(adjust == 0 ? "" : ",", file);
-    put_signal(&report->settings.adjust[adjust], file);
-    put_channels(report, keys, tl_html_adjust_channel(report, adjust), file);
-    (void)fputc('}', file);
-}
-
-static void tl_html_put_data(const tl_html_report *report, FILE *file) {
+    const tl_html_report *report = page->report;
+    FILE *file = page->file;
     const tl_html_settings *settings = &report->settings;
     const tl_envelope *curves = &report->curves;
     (void)fprintf(file, "{\"step\":%.9f,\"first\":%" PRId64 ",\"steps\":%" PRId64 ",\"width\":%" PRId64, //
@@ -223,7 +225,10 @@ static void tl_html_put_data(const tl_html_report *report, FILE *file) {
     }
     (void)fputs("],\n\"adjust\":[", file);
     for (size_t i = 0; i < settings->adjust_count; i++) {
-        put_adjust(report, i, file);
+        (void)fputs(i == 0 ? "" : ",", file);
+        put_signal(&settings->adjust[i], file);
+        put_channels(report, keys, adjust_channel(report, i), file);
+        (void)fputc('}', file);
     }
     (void)fputs("],\n", file);
     put_channel(report, "executions", TL_HTML_EXECUTIONS, file);
@@ -276,42 +281,41 @@ static void put_count_cell(FILE *file, const char *key, size_t index, const char
     (void)fputs("</td>", file);
 }
 
-static void put_name_cell(FILE *file, const char *name) {
-    (void)fputs("<td class=\"name\">", file);
-    tl_html_put_text(file, name);
-    (void)fputs("</td>", file);
+/* Text within markup of ours. */
+static void put_within(FILE *file, const char *before, const char *text, const char *after) {
+    (void)fputs(before, file);
+    tl_html_put_text(file, text);
+    (void)fputs(after, file);
 }
 
-static void put_unit_between(FILE *file, const char *before, const char *unit, const char *after) {
-    (void)fprintf(file, "<td class=\"unit\">%s", before);
-    tl_html_put_text(file, unit);
-    (void)fprintf(file, "%s</td>", after);
+static void put_name_cell(FILE *file, const char *name) {
+    put_within(file, "<td class=\"name\">", name, "</td>");
 }
 
 static void put_unit_cell(FILE *file, const char *unit) {
-    put_unit_between(file, "", unit, "");
+    put_within(file, "<td class=\"unit\">", unit, "</td>");
 }
 
 /* "(rad/s)²"; a dimension of its own is not squared. */
 static void put_square(FILE *file, const char *unit) {
-    bool squared = unit[0] != '\0';
-    put_unit_between(file, squared ? "(" : "", unit, squared ? ")²" : "");
+    if (unit[0] == '\0') {
+        put_unit_cell(file, unit);
+    } else {
+        put_within(file, "<td class=\"unit\">(", unit, ")²</td>");
+    }
 }
 
 /* ---- Facts ------------------------------------------------------------------------------------------------------- */
+
+static const char FACT_END[] = "</dd></div>\n";
 
 static void begin_fact(FILE *file, const char *name) {
     (void)fprintf(file, "<div><dt>%s</dt><dd>", name);
 }
 
-static void end_fact(FILE *file) {
-    (void)fputs("</dd></div>\n", file);
-}
-
 static void put_fact(FILE *file, const char *name, const char *text) {
     begin_fact(file, name);
-    tl_html_put_text(file, text);
-    end_fact(file);
+    put_within(file, "", text, FACT_END);
 }
 
 /* "2026-11-21 10:02:03 UTC" of "2026-11-21T10:02:03.456Z". */
@@ -325,33 +329,34 @@ static void put_solver(const tl_html_settings *settings, FILE *file) {
     begin_fact(file, "Solver");
     tl_html_put_text(file, settings->solver[0] == '\0' ? "none: the twin runs free" : settings->solver);
     if (settings->fallback[0] != '\0') {
-        (void)fputs(", then ", file);
-        tl_html_put_text(file, settings->fallback);
+        put_within(file, ", then ", settings->fallback, "");
     }
-    end_fact(file);
+    (void)fputs(FACT_END, file);
 }
 
 /* Parts of the page; each writes what page.html has a place for. */
-static void tl_html_put_facts(const tl_html_report *report, const char *ended, FILE *file) {
+static void put_facts(const filling *page) {
+    const tl_html_report *report = page->report;
+    FILE *file = page->file;
     const tl_html_settings *settings = &report->settings;
     char duration[TEXT];
     tl_show_duration((double)report->recorded * tl_seconds(settings->step), duration, sizeof duration);
     put_fact(file, settings->live ? "Source" : "Recording", settings->source);
     begin_fact(file, settings->live ? "Begun" : "Made");
     put_utc(settings->begun, file);
-    end_fact(file);
+    (void)fputs(FACT_END, file);
     begin_fact(file, "Steps");
     tl_html_put_count(file, report->recorded);
     (void)fprintf(file, ", %s", duration);
-    end_fact(file);
+    (void)fputs(FACT_END, file);
     begin_fact(file, "Macro step, horizon");
     (void)fprintf(file, "T<sub>S</sub> = %.10g s, T<sub>P</sub> = %" PRIu32 ", ", tl_seconds(settings->step),
                   settings->prediction);
     tl_html_put_text(file, settings->measurements);
-    end_fact(file);
+    (void)fputs(FACT_END, file);
     put_solver(settings, file);
     put_fact(file, "Program", settings->version);
-    put_fact(file, "End", ended);
+    put_fact(file, "End", page->ended);
 }
 
 /* ---- Key figures at a glance ------------------------------------------------------------------------------------- */
@@ -387,10 +392,8 @@ static void put_deviation_tile(const tl_html_report *report, const tl_run_figure
     size_t i = worst_match(report, figures);
     begin_tile(file, "Largest deviation");
     put_value(file, "tile", i, "max", tl_run_figures_maximum(figures, i), false);
-    (void)fputs(" <small>", file);
-    tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
-    (void)fputs("</small></p><p class=\"sub\">", file);
-    tl_html_put_text(file, settings->match[i].name);
+    put_within(file, " <small>", tl_show_unit(settings->match[i].unit), "</small>");
+    put_within(file, "</p><p class=\"sub\">", settings->match[i].name, "");
     if (settings->tolerance[i] > 0.0) {
         (void)fprintf(file, ", tolerance %.4g ", settings->tolerance[i]);
         tl_html_put_text(file, tl_show_unit(settings->match[i].unit));
@@ -569,7 +572,10 @@ static void put_steps(const tl_html_report *report, const tl_run_figures *figure
     end_table(file);
 }
 
-static void tl_html_put_figures(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
+static void put_figures(const filling *page) {
+    const tl_html_report *report = page->report;
+    const tl_run_figures *figures = page->figures;
+    FILE *file = page->file;
     (void)fputs("<section id=\"figures\">\n<h2>Key figures</h2>\n<div class=\"tiles\">\n", file);
     put_deviation_tile(report, figures, file);
     put_lock_tile(report, figures, file);
@@ -586,7 +592,9 @@ static void tl_html_put_figures(const tl_html_report *report, const tl_run_figur
 
 /* ---- Course ------------------------------------------------------------------------------------------------------ */
 
-static void tl_html_put_thinning(const tl_html_report *report, FILE *file) {
+static void put_thinning(const filling *page) {
+    const tl_html_report *report = page->report;
+    FILE *file = page->file;
     if (report->curves.width > 1) {
         (void)fputs(
             "<p class=\"note\" id=\"thinning\">Thinned: the plots show the least and the largest value of every ",
@@ -614,9 +622,7 @@ static double axis_time(const tl_html_settings *settings, const tl_html_entry *e
 
 static void put_event(const tl_html_settings *settings, const tl_html_entry *entry, FILE *file) {
     double time = axis_time(settings, entry);
-    (void)fputs("<tr class=\"", file);
-    tl_html_put_text(file, entry->severity);
-    (void)fputc('"', file);
+    put_within(file, "<tr class=\"", entry->severity, "\"");
     if (isfinite(time)) {
         (void)fprintf(file, " data-time=\"%.15g\"", time);
     }
@@ -626,16 +632,14 @@ static void put_event(const tl_html_settings *settings, const tl_html_entry *ent
     } else if (isfinite(time)) {
         (void)fprintf(file, "%.10g s", time);
     }
-    (void)fputs("</td><td><span class=\"severity\">", file);
-    tl_html_put_text(file, entry->severity);
-    (void)fputs("</span></td><td>", file);
-    tl_html_put_text(file, entry->source);
-    (void)fputs("</td><td class=\"text\">", file);
-    tl_html_put_text(file, entry->text);
-    (void)fputs("</td></tr>\n", file);
+    put_within(file, "</td><td><span class=\"severity\">", entry->severity, "</span></td>");
+    put_within(file, "<td>", entry->source, "</td>");
+    put_within(file, "<td class=\"text\">", entry->text, "</td></tr>\n");
 }
 
-static void tl_html_put_events(const tl_html_report *report, FILE *file) {
+static void put_events(const filling *page) {
+    const tl_html_report *report = page->report;
+    FILE *file = page->file;
     uint64_t count = report->event_count;
     uint64_t first = count > TL_HTML_EVENTS ? count - TL_HTML_EVENTS : 0;
     (void)fputs("<section id=\"events\">\n<h2>Events</h2>\n", file);
@@ -658,17 +662,6 @@ static void tl_html_put_events(const tl_html_report *report, FILE *file) {
 
 /* ---- The page of a report: page.html, with its places filled. */
 
-typedef struct filling {
-    const tl_html_report *report;
-    const tl_run_figures *figures;
-    const char *ended;
-    FILE *file;
-} filling;
-
-static void put(FILE *file, const tl_html_resource *resource) {
-    (void)fwrite(resource->bytes, 1, resource->size, file);
-}
-
 static void put_name(const filling *page) {
     tl_html_put_text(page->file, page->report->settings.name);
 }
@@ -686,88 +679,50 @@ static void put_policy(const filling *page) {
     (void)fprintf(page->file, "default-src 'none'; style-src 'unsafe-inline'; script-src '%s' '%s'", library, script);
 }
 
-static void put_library_style(const filling *page) {
-    put(page->file, &tl_html_library_style);
-}
-
-static void put_style(const filling *page) {
-    put(page->file, &tl_html_style);
-}
-
-static void put_library(const filling *page) {
-    put(page->file, &tl_html_library);
-}
-
-static void put_script(const filling *page) {
-    put(page->file, &tl_html_script);
-}
-
-static void put_licence(const filling *page) {
-    put(page->file, &tl_html_licence);
-}
-
-static void put_facts(const filling *page) {
-    tl_html_put_facts(page->report, page->ended, page->file);
-}
-
-static void put_figures(const filling *page) {
-    tl_html_put_figures(page->report, page->figures, page->file);
-}
-
-static void put_thinning(const filling *page) {
-    tl_html_put_thinning(page->report, page->file);
-}
-
-static void put_events(const filling *page) {
-    tl_html_put_events(page->report, page->file);
-}
-
-static void put_data(const filling *page) {
-    tl_html_put_data(page->report, page->file);
-}
-
 static const struct {
     const char *name;
+    const tl_html_resource *resource; /* what stands there, or NULL: */
     void (*put)(const filling *page);
 } places[] = {
-    {"name", put_name},   {"version", put_version}, {"policy", put_policy}, {"library-style", put_library_style},
-    {"style", put_style}, {"library", put_library}, {"script", put_script}, {"licence", put_licence},
-    {"facts", put_facts}, {"figures", put_figures}, {"events", put_events}, {"thinning", put_thinning},
-    {"data", put_data},
+    {"name", NULL, put_name},          {"version", NULL, put_version},
+    {"policy", NULL, put_policy},      {"library-style", &tl_html_library_style, NULL},
+    {"style", &tl_html_style, NULL},   {"library", &tl_html_library, NULL},
+    {"script", &tl_html_script, NULL}, {"licence", &tl_html_licence, NULL},
+    {"facts", NULL, put_facts},        {"figures", NULL, put_figures},
+    {"events", NULL, put_events},      {"thinning", NULL, put_thinning},
+    {"data", NULL, put_data},
 };
 
 /* `name` has `length` characters. One that is not listed stays as it is, for a test to find. */
 static void fill(const filling *page, const char *name, size_t length) {
     for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
-        if (strlen(places[i].name) == length && memcmp(places[i].name, name, length) == 0) {
-            places[i].put(page);
-            return;
+        if (strlen(places[i].name) != length || memcmp(places[i].name, name, length) != 0) {
+            continue;
         }
+        if (places[i].resource != NULL) {
+            (void)fwrite(places[i].resource->bytes, 1, places[i].resource->size, page->file);
+        } else {
+            places[i].put(page);
+        }
+        return;
     }
     (void)fprintf(page->file, "{{%.*s}}", (int)length, name);
-}
-
-/* Where `mark` begins in what is left, or the end. */
-static const char *find(const char *from, const char *end, const char *mark) {
-    while (end - from >= 2 && memcmp(from, mark, 2) != 0) {
-        from++;
-    }
-    return end - from >= 2 ? from : end;
 }
 
 void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file) {
     const filling page = {report, figures, ended, file};
     const char *at = (const char *)tl_html_frame.bytes;
     const char *end = at + tl_html_frame.size;
-    while (at < end) {
-        const char *open = find(at, end, "{{");
-        const char *close = find(open, end, "}}");
-        (void)fwrite(at, 1, (size_t)(open - at), file);
-        if (close < end) {
-            fill(&page, open + 2, (size_t)(close - open) - 2);
+    for (const char *open; (open = memmem(at, (size_t)(end - at), "{{", 2)) != NULL;) {
+        const char *close = memmem(open, (size_t)(end - open), "}}", 2);
+        if (close == NULL) {
+            break;
         }
-        at = close < end ? close + 2 : end;
+        (void)fwrite(at, 1, (size_t)(open - at), file);
+        fill(&page, open + 2, (size_t)(close - open) - 2);
+        at = close + 2;
     }
+    (void)fwrite(at, 1, (size_t)(end - at), file);
 }
 
 /* ---- html report ---- */
@@ -811,62 +766,82 @@ void tl_html_report_destroy(tl_html_report *report) {
     }
 }
 
-/* The first of the three channels. */
-static size_t tl_html_match_channel(const tl_html_report *report, size_t match) {
-    (void)report;
-    return TL_HTML_STEP_CHANNELS + 3 * match;
-}
-
-static size_t tl_html_adjust_channel(const tl_html_report *report, size_t adjust) {
-    return TL_HTML_STEP_CHANNELS + 3 * (report->settings.match_count + adjust);
-}
-
-void tl_html_report_add_step(tl_html_report *report, const tl_record *record) {
-    int64_t position = record->step - report->settings.first;
+static void add_step(void *context, const tl_history_step *step) {
+    tl_html_report *report = context;
+    int64_t position = step->step - report->settings.first;
     tl_envelope *curves = &report->curves;
-    tl_envelope_put(curves, TL_HTML_EXECUTIONS, position, (double)record->executions);
-    tl_envelope_put(curves, TL_HTML_EVALUATIONS, position, (double)record->evaluations);
-    tl_envelope_put(curves, TL_HTML_USED, position, (double)record->used / 1e6);
+    tl_envelope_put(curves, TL_HTML_EXECUTIONS, position, (double)step->executions);
+    tl_envelope_put(curves, TL_HTML_EVALUATIONS, position, (double)step->evaluations);
+    tl_envelope_put(curves, TL_HTML_USED, position, (double)step->used / 1e6);
     report->recorded++;
 }
 
-void tl_html_report_add_output(tl_html_report *report, int64_t step, size_t match, double y, double y_hat,
-                               tl_quality quality) {
-    int64_t position = step - report->settings.first;
-    size_t channel = tl_html_match_channel(report, match);
-    bool good = quality == TL_GOOD;
-    tl_envelope_put(&report->curves, channel, position, y);
-    tl_envelope_put(&report->curves, channel + 1, position, good ? y_hat : (double)NAN);
-    tl_envelope_put(&report->curves, channel + 2, position, good ? y - y_hat : (double)NAN);
+/* A quality of a newer program is not good, and no more is known of it. */
+static void add_output(void *context, const tl_history_output *output) {
+    tl_html_report *report = context;
+    int64_t position = output->step - report->settings.first;
+    size_t channel = match_channel(output->signal);
+    bool good = output->quality == TL_GOOD;
+    bool is_known = output->quality >= TL_GOOD && output->quality <= TL_OUTLIER;
+    tl_envelope_put(&report->curves, channel, position, output->y);
+    tl_envelope_put(&report->curves, channel + 1, position, good ? output->y_hat : (double)NAN);
+    tl_envelope_put(&report->curves, channel + 2, position, good ? output->y - output->y_hat : (double)NAN);
     if (!good) {
-        tl_envelope_mark(&report->curves, channel, position, (uint8_t)(1U << (unsigned)quality));
+        unsigned quality = is_known ? (unsigned)output->quality : (unsigned)TL_NOT_A_NUMBER;
+        tl_envelope_mark(&report->curves, channel, position, (uint8_t)(1U << quality));
     }
 }
 
-void tl_html_report_add_adjustment(tl_html_report *report, int64_t step, size_t adjust, double u, double u_hat) {
-    int64_t position = step - report->settings.first;
-    size_t channel = tl_html_adjust_channel(report, adjust);
-    tl_envelope_put(&report->curves, channel, position, u);
-    tl_envelope_put(&report->curves, channel + 1, position, u_hat);
-    tl_envelope_put(&report->curves, channel + 2, position, u - u_hat);
+static void add_adjustment(void *context, const tl_history_adjustment *adjustment) {
+    tl_html_report *report = context;
+    int64_t position = adjustment->step - report->settings.first;
+    size_t channel = adjust_channel(report, adjustment->signal);
+    tl_envelope_put(&report->curves, channel, position, adjustment->u);
+    tl_envelope_put(&report->curves, channel + 1, position, adjustment->u_hat);
+    tl_envelope_put(&report->curves, channel + 2, position, adjustment->u - adjustment->u_hat);
 }
 
-void tl_html_report_add_record(tl_html_report *report, const tl_record *record) {
-    tl_html_report_add_step(report, record);
-    for (size_t i = 0; i < report->settings.match_count; i++) {
-        tl_html_report_add_output(report, record->step, i, record->y[i], record->y_hat[i],
-                                  (tl_quality)record->y_hat_quality[i]);
-    }
-    for (size_t i = 0; i < report->settings.adjust_count; i++) {
-        tl_html_report_add_adjustment(report, record->step, i, record->u[i], record->u_hat[i]);
-    }
-}
-
-void tl_html_report_add_event(tl_html_report *report, const tl_html_event *event) {
+static void add_event(void *context, const tl_history_event *event) {
+    tl_html_report *report = context;
     tl_html_entry *entry = &report->events[report->event_count++ % TL_HTML_EVENTS];
-    entry->tick = event->tick;
+    entry->tick = event->has_tick ? event->tick : -1;
     (void)snprintf(entry->at, sizeof entry->at, "%s", event->at);
     (void)snprintf(entry->severity, sizeof entry->severity, "%s", event->severity);
     (void)snprintf(entry->source, sizeof entry->source, "%s", event->source);
     (void)snprintf(entry->text, sizeof entry->text, "%s", event->text);
+}
+
+tl_history_visitor tl_html_report_visitor(tl_html_report *report) {
+    return (tl_history_visitor){
+        .context = report,
+        .signals =
+            {[TL_HISTORY_MATCH] = report->settings.match_count, [TL_HISTORY_ADJUST] = report->settings.adjust_count},
+        .step = add_step,
+        .output = add_output,
+        .adjustment = add_adjustment,
+        .event = add_event,
+    };
+}
+
+void tl_html_report_add_record(tl_html_report *report, const tl_record *record) {
+    const tl_history_step step = {
+        .step = record->step,
+        .evaluations = record->evaluations,
+        .executions = record->executions,
+        .used = record->used,
+    };
+    add_step(report, &step);
+    for (size_t i = 0; i < report->settings.match_count; i++) {
+        const tl_history_output output = {record->step, i, record->y[i], record->y_hat[i],
+                                          .quality = record->y_hat_quality[i]};
+        add_output(report, &output);
+    }
+    for (size_t i = 0; i < report->settings.adjust_count; i++) {
+        const tl_history_adjustment adjustment = {record->step, i, record->u[i], record->u_hat[i]};
+        add_adjustment(report, &adjustment);
+    }
+}
+
+void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event) {
+    add_event(report, event);
 }

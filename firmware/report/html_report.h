@@ -12,7 +12,7 @@
 
 #include "firmware/base/text.h"
 #include "firmware/report/run_figures.h"
-#include "firmware/store/run_types.h"
+#include "firmware/store/history.h"
 #include "master/plan/plan.h"
 #include "master/twin/twin.h"
 
@@ -74,15 +74,6 @@ typedef struct tl_html_settings {
     const double *tolerance; /* of each match; 0: none */
 } tl_html_settings;
 
-/* Texts are copied, and cut to what an entry holds. */
-typedef struct tl_html_event {
-    const char *at;       /* UTC; "" in a replay */
-    int64_t tick;         /* −1: none */
-    const char *severity; /* "info", "warning", "error" */
-    const char *source;
-    const char *text;
-} tl_html_event;
-
 typedef struct tl_html_report tl_html_report;
 
 /* The tolerance of a match; 0 where it is only compared, and so has none. */
@@ -93,18 +84,14 @@ tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report
 /* NULL is allowed. */
 void tl_html_report_destroy(tl_html_report *report);
 
-/* Each kind in the order of the steps; the kinds may follow each other. Of a record only what these arguments say is
- * used. */
-void tl_html_report_add_step(tl_html_report *report, const tl_record *record);
-void tl_html_report_add_output(tl_html_report *report, int64_t step, size_t match, double y, double y_hat,
-                               tl_quality quality);
-void tl_html_report_add_adjustment(tl_html_report *report, int64_t step, size_t adjust, double u, double u_hat);
+/* Adds rows of a database: each kind in the order of the steps; the kinds may follow each other. */
+tl_history_visitor tl_html_report_visitor(tl_html_report *report);
 
-/* All three of one record. */
+/* Adds a step of a run that is not read from a database. */
 void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 
-/* In the order in which they were. */
-void tl_html_report_add_event(tl_html_report *report, const tl_html_event *event);
+/* In the order in which they were. Texts are copied, and cut to what an entry holds; `at` is "" in a replay. */
+void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event);
 
 /* The page. Of the figures, those of the signals are in the order of the settings. `ended` says why the run ended, in words. What could not
  * be written is seen on the stream. */

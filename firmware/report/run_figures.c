@@ -1,16 +1,17 @@
 /* Figures of a run: counted, and as JSON: see run_figures.h. */
 #include "firmware/report/run_figures.h"
 
+#include <inttypes.h>
 #include <math.h>
 
 /* ---- run figures ---- */
 
-void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, tl_time period) {
+void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *step, tl_time period) {
     figures->steps += step->outcome == TL_MADE_UP || step->outcome == TL_FOLLOWED ? 0 : 1;
-    figures->evaluations += step->evaluations;
+    figures->evaluations += (uint64_t)step->evaluations;
     figures->optimised_steps += step->evaluations > 1 ? 1 : 0;
-    figures->rested += step->rests ? 1 : 0;
-    figures->time_limited += step->time_limited ? 1 : 0;
+    figures->rested += (step->flags & TL_FLAG_RESTS) != 0 ? 1 : 0;
+    figures->time_limited += step->stop == TL_STOP_TIME ? 1 : 0;
     figures->late += step->used > period ? 1 : 0;
     figures->longest = step->used > figures->longest ? step->used : figures->longest;
     if (step->outcome >= TL_FREE && step->outcome < TL_OUTCOMES) {
@@ -45,6 +46,17 @@ void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *acco
 
 uint64_t tl_run_figures_committed(const tl_run_figures *figures) {
     return figures->steps + figures->outcomes[TL_MADE_UP] + figures->outcomes[TL_FOLLOWED];
+}
+
+bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file) {
+    const char *separator = before;
+    for (int i = 0; i < TL_OUTCOMES; i++) {
+        if (figures->outcomes[i] != 0) {
+            (void)fprintf(file, "%s%" PRIu64 " %s", separator, figures->outcomes[i], tl_outcome_name((tl_outcome)i));
+            separator = ", ";
+        }
+    }
+    return separator != before;
 }
 
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match) {
@@ -102,6 +114,17 @@ void tl_figures_json_add_outcomes(tl_json_writer *json, const tl_run_figures *fi
         tl_json_add_count(json, tl_outcome_name((tl_outcome)i), figures->outcomes[i]);
     }
     tl_json_close(json);
+}
+
+void tl_figures_json_add_match(tl_json_writer *json, const tl_run_figures *figures, size_t match, const char *unit) {
+    tl_json_add_number(json, "mse", tl_run_figures_mse(figures, match));
+    tl_json_add_number(json, "max", tl_run_figures_maximum(figures, match));
+    tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(figures, match));
+    tl_json_add_text(json, "unit", unit);
+    tl_json_add_count(json, "pairs", figures->match[match].pairs);
+    tl_json_add_count(json, "left_out", figures->match[match].left_out);
+    tl_json_add_count(json, "readings", figures->readings[match].pairs);
+    tl_json_add_count(json, "rejected", figures->readings[match].left_out);
 }
 
 static void add_component(tl_json_writer *json, const char *name, const tl_recorder_component *counts) {

@@ -8,9 +8,11 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "firmware/base/json.h"
 #include "firmware/monitor/lock_tally.h"
+#include "firmware/store/history.h"
 #include "firmware/store/run_types.h"
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
@@ -20,15 +22,6 @@
  * Purpose: what a run is judged by is added up, and named, in one place, whether it comes from the twin as it steps or from a database.
  * Thread:  plain data; one thread at a time.
  */
-
-/* What is added up of one committed step. */
-typedef struct tl_run_step {
-    int64_t outcome; /* a tl_outcome; one that is none of this program's counts as a step, and nowhere else */
-    bool time_limited;
-    uint64_t evaluations;
-    tl_time used; /* ns */
-    bool rests;   /* u was nominal since a free twin was nearer */
-} tl_run_step;
 
 /* An adjusted variable; all zeros if `count` is 0. */
 typedef struct tl_run_adjusted {
@@ -57,8 +50,8 @@ typedef struct tl_run_figures {
     uint32_t nodes_peak; /* used at most in the caches; 0: not known */
 } tl_run_figures;
 
-/* `period` is what `late` is measured by. */
-void tl_run_figures_add_step(tl_run_figures *figures, const tl_run_step *step, tl_time period);
+/* `period` is what `late` is measured by. An outcome that this program does not know counts as a step, and nowhere else. */
+void tl_run_figures_add_step(tl_run_figures *figures, const tl_history_step *step, tl_time period);
 
 /* What one committed step said of one adjusted variable. */
 void tl_run_figures_add_adjusted(tl_run_figures *figures, size_t adjust, double u, double nominal);
@@ -68,6 +61,9 @@ void tl_run_figures_take_account(tl_run_figures *figures, const tl_account *acco
 
 /* All committed steps: rows of a database. */
 uint64_t tl_run_figures_committed(const tl_run_figures *figures);
+
+/* "7 free, 3 optimised": those that were, behind `before`. False: none was, and nothing is printed. */
+bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file);
 
 /* MSE and MAX; NaN if there are too few pairs to tell. */
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
@@ -95,6 +91,9 @@ int64_t tl_run_component_difference(const tl_recorder_component *counts);
 
 /* "outcomes" */
 void tl_figures_json_add_outcomes(tl_json_writer *json, const tl_run_figures *figures);
+
+/* MSE, MAX and counts of a match, into its object, which is open. */
+void tl_figures_json_add_match(tl_json_writer *json, const tl_run_figures *figures, size_t match, const char *unit);
 
 /* "components" and "total", into the ledger that is open. */
 void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *figures);

@@ -40,6 +40,9 @@ tl_status tl_show_json(const tl_show_request *request, FILE *file, tl_error *err
 /* With a header, quoted as RFC 4180 says; numbers so that they read back as they were. */
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error);
 
+/* A comma and a cell of a header: a name, and what of it. */
+void tl_show_csv_name(FILE *file, const char *name, const char *what);
+
 /* An HTML page (html_report.h) as a file of its own, which may not be the database. Errors: those of os.h too. */
 tl_status tl_show_report(const tl_show_request *request, const char *path, tl_error *error);
 

@@ -13,17 +13,29 @@ enum { MOST_FIELDS = 4 * TL_MAX_SIGNALS, NUMBER = 40 };
 
 typedef char csv_field[NUMBER];
 
+/* A column of a signal: its own name, or that of what it is matched with, and what of it. */
+typedef struct csv_column {
+    bool is_to;
+    const char *what;
+} csv_column;
+
+typedef struct csv_table {
+    tl_history_table rows;
+    tl_history_kind kind; /* of the signals */
+    const char *head;     /* behind the time */
+    size_t per_signal;
+    csv_column columns[4];
+    tl_history_visitor visitor;
+} csv_table;
+
 /* One line while its rows come. Fields are in the order of the header, `per_signal` for each signal. */
 typedef struct csv_line {
     const tl_show_request *request;
     FILE *file;
-    tl_history_table table;
-    tl_history_visitor visitor;
+    const csv_table *table;
+    const tl_recorder_signal *signal; /* of the table's kind; of steps those that may be held */
     size_t signals;
-    size_t per_signal;
-    int64_t number;                     /* of the step or tick; −1: none begun */
-    const tl_recorder_signal *adjusted; /* for the names of those that were held */
-    size_t adjusted_count;
+    int64_t number; /* of the step or tick; −1: none begun */
     csv_field fields[MOST_FIELDS];
 } csv_line;
 
@@ -45,8 +57,11 @@ static void put_text(FILE *file, const char *text) {
     (void)fputs(quoted ? "\"" : "", file);
 }
 
-static void end_line(FILE *file) {
-    (void)fputc('\n', file);
+void tl_show_csv_name(FILE *file, const char *name, const char *what) {
+    char text[512];
+    (void)snprintf(text, sizeof text, "%s%s", name, what);
+    (void)fputc(',', file);
+    put_text(file, text);
 }
 
 /* Empty for NaN: what was not finite. */
@@ -70,10 +85,6 @@ static void put_instant(const csv_line *line, int64_t step) {
     }
 }
 
-static void put_instant_header(const csv_line *line) {
-    (void)fputs(tl_show_is_live(line->request->run) ? "time,at" : "time", line->file);
-}
-
 /* ---- Lines of several rows --------------------------------------------------------------------------------------- */
 
 static void flush_line(csv_line *line) {
@@ -81,13 +92,13 @@ static void flush_line(csv_line *line) {
         return;
     }
     /* y belongs to the end of its step, u and a sample to the beginning. */
-    put_instant(line, line->table == TL_HISTORY_OUTPUTS ? line->number + 1 : line->number);
+    put_instant(line, line->table->rows == TL_HISTORY_OUTPUTS ? line->number + 1 : line->number);
     (void)fprintf(line->file, ",%lld", (long long)line->number);
-    for (size_t i = 0; i < line->signals * line->per_signal; i++) {
+    for (size_t i = 0; i < line->signals * line->table->per_signal; i++) {
         (void)fprintf(line->file, ",%s", line->fields[i]);
         line->fields[i][0] = '\0';
     }
-    end_line(line->file);
+    (void)fputc('\n', line->file);
     line->number = -1;
 }
 
@@ -101,7 +112,7 @@ static csv_field *fields_of(csv_line *line, int64_t number, size_t signal) {
         flush_line(line);
         line->number = number;
     }
-    return &line->fields[signal * line->per_signal];
+    return &line->fields[signal * line->table->per_signal];
 }
 
 static void take_sample(void *context, const tl_history_sample *sample) {
@@ -126,14 +137,6 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     format_number(adjustment->u - adjustment->u_hat, fields[2]);
 }
 
-/* One column of the header: a name, and what of it. */
-static void put_header(const csv_line *line, const char *name, const char *what) {
-    char text[512];
-    (void)snprintf(text, sizeof text, "%s%s", name, what);
-    (void)fputc(',', line->file);
-    put_text(line->file, text);
-}
-
 /* As a recording's columns are named where nothing else is configured: "plant.torque" is in the column "torque". */
 static const char *column_of(const char *name) {
     static const char prefix[] = "plant.";
@@ -141,63 +144,27 @@ static const char *column_of(const char *name) {
 }
 
 static void put_signal_header(const csv_line *line, const tl_recorder_signal *signal) {
-    switch (line->table) {
-    case TL_HISTORY_SAMPLES:
-        put_header(line, column_of(signal->name), "");
-        put_header(line, column_of(signal->name), " quality");
-        break;
-    case TL_HISTORY_OUTPUTS:
-        put_header(line, signal->name, "");
-        put_header(line, signal->to == NULL ? "" : signal->to, "");
-        put_header(line, signal->name, " delta");
-        put_header(line, signal->to == NULL ? "" : signal->to, " quality");
-        break;
-    case TL_HISTORY_ADJUSTMENTS:
-        put_header(line, signal->name, "");
-        put_header(line, signal->name, " nominal");
-        put_header(line, signal->name, " delta");
-        break;
-    case TL_HISTORY_STEPS:
-        break;
+    for (size_t i = 0; i < line->table->per_signal; i++) {
+        const csv_column *column = &line->table->columns[i];
+        const char *name = line->table->rows == TL_HISTORY_SAMPLES ? column_of(signal->name) : signal->name;
+        tl_show_csv_name(line->file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
     }
-}
-
-static tl_status print_wide(csv_line *line, tl_history_kind kind, tl_error *error) {
-    const tl_show_request *request = line->request;
-    const tl_recorder_signal *signals = NULL;
-    int64_t range[2] = {0, 0};
-    bool any = false;
-    tl_status status = tl_history_signals(request->history, request->run, kind, &signals, &line->signals, error);
-    if (status == TL_OK) {
-        status = tl_history_range(request->history, request->run, line->table, request->from_step, range, &any, error);
-    }
-    if (status != TL_OK) {
-        return status;
-    }
-    put_instant_header(line);
-    (void)fputs(line->table == TL_HISTORY_SAMPLES ? ",tick" : ",step", line->file);
-    for (size_t i = 0; i < line->signals; i++) {
-        put_signal_header(line, &signals[i]);
-    }
-    end_line(line->file);
-    if (any) {
-        line->visitor.signals[kind] = line->signals;
-        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
-        flush_line(line);
-    }
-    return status;
 }
 
 /* ---- Lines of one row -------------------------------------------------------------------------------------------- */
+
+/* A name more in a list. */
+static void append(char *text, size_t size, const char *name) {
+    size_t length = strlen(text);
+    (void)snprintf(text + length, size - length, "%s%s", length > 0 ? ", " : "", name);
+}
 
 /* The names of the set bits. */
 static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
-        size_t length = strlen(text);
         if ((flags & bit) != 0) {
-            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "",
-                           tl_flag_name((tl_flag)bit));
+            append(text, sizeof text, tl_flag_name((tl_flag)bit));
         }
     }
     put_text(file, text);
@@ -205,56 +172,31 @@ static void put_flags(FILE *file, uint32_t flags) {
 
 static void put_held(const csv_line *line, uint32_t held) {
     char text[1024] = "";
-    for (size_t i = 0; i < line->adjusted_count; i++) {
-        size_t length = strlen(text);
+    for (size_t i = 0; i < line->signals; i++) {
         if ((held >> i & 1U) != 0) {
-            (void)snprintf(text + length, sizeof text - length, "%s%s", length > 0 ? ", " : "", line->adjusted[i].name);
+            append(text, sizeof text, line->signal[i].name);
         }
     }
     put_text(line->file, text);
 }
 
-static void put_number(const csv_line *line, double value) {
-    csv_field text;
-    format_number(value, text);
-    (void)fprintf(line->file, ",%s", text);
-}
-
 static void take_step(void *context, const tl_history_step *step) {
     const csv_line *line = context;
+    csv_field objective;
+    csv_field nominal;
+    format_number(step->objective, objective);
+    format_number(step->objective_nominal, nominal);
     put_instant(line, step->step);
-    (void)fprintf(line->file, ",%" PRId64 ",%s,%s", step->step,
+    (void)fprintf(line->file, ",%" PRId64 ",%s,%s,%s,%s,%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->step,
                   step->outcome < TL_FREE || step->outcome >= TL_OUTCOMES ? "unknown"
                                                                           : tl_outcome_name((tl_outcome)step->outcome),
                   step->stop < TL_STOP_NONE || step->stop > TL_STOP_TIME ? "unknown"
-                                                                         : tl_stop_name((tl_stop)step->stop));
-    put_number(line, step->objective);
-    put_number(line, step->objective_nominal);
-    (void)fprintf(line->file, ",%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",", step->evaluations, step->executions,
-                  step->used, step->predicted);
+                                                                         : tl_stop_name((tl_stop)step->stop),
+                  objective, nominal, step->evaluations, step->executions, step->used, step->predicted);
     put_flags(line->file, step->flags);
     (void)fputc(',', line->file);
     put_held(line, step->held);
-    end_line(line->file);
-}
-
-static tl_status print_steps(csv_line *line, tl_error *error) {
-    const tl_show_request *request = line->request;
-    int64_t range[2] = {0, 0};
-    bool any = false;
-    tl_status status =
-        tl_history_range(request->history, request->run, line->table, request->from_step, range, &any, error);
-    if (status == TL_OK) {
-        status = tl_history_signals(request->history, request->run, TL_HISTORY_ADJUST, &line->adjusted,
-                                    &line->adjusted_count, error);
-    }
-    put_instant_header(line);
-    (void)fputs(",step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held", line->file);
-    end_line(line->file);
-    if (status == TL_OK && any) {
-        status = tl_history_rows(request->history, request->run, range, &line->visitor, error);
-    }
-    return status;
+    (void)fputc('\n', line->file);
 }
 
 static void take_event(void *context, const tl_history_event *event) {
@@ -269,29 +211,70 @@ static void take_event(void *context, const tl_history_event *event) {
         (void)fputc(',', line->file);
         put_text(line->file, texts[i]);
     }
-    end_line(line->file);
+    (void)fputc('\n', line->file);
 }
+
+/* ---- The tables -------------------------------------------------------------------------------------------------- */
 
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
-    (void)fputs("at,tick,severity,source,text", line->file);
-    end_line(line->file);
     const tl_history_visitor visitor = {.context = line, .event = take_event};
+    (void)fputs("at,tick,severity,source,text\n", line->file);
     return tl_history_events(request->history, request->run, request->from_at, -1, &visitor, error);
+}
+
+static tl_status print_rows(csv_line *line, tl_error *error) {
+    const tl_show_request *request = line->request;
+    const csv_table *table = line->table;
+    tl_history_visitor visitor = table->visitor;
+    int64_t range[2] = {0, 0};
+    bool any = false;
+    tl_status status =
+        tl_history_range(request->history, request->run, table->rows, request->from_step, range, &any, error);
+    if (status == TL_OK) {
+        status = tl_history_signals(request->history, request->run, table->kind, &line->signal, &line->signals, error);
+    }
+    if (status != TL_OK) {
+        return status;
+    }
+    (void)fprintf(line->file, "time%s,%s", tl_show_is_live(request->run) ? ",at" : "", table->head);
+    for (size_t i = 0; i < line->signals; i++) {
+        put_signal_header(line, &line->signal[i]);
+    }
+    (void)fputc('\n', line->file);
+    if (any) {
+        visitor.context = line;
+        visitor.signals[table->kind] = line->signals;
+        status = tl_history_rows(request->history, request->run, range, &visitor, error);
+        flush_line(line);
+    }
+    return status;
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
     static csv_line line; /* too large for a small stack; `show` has one thread */
-    static const struct {
-        tl_history_table table;
-        size_t per_signal;
-        tl_history_kind kind;
-        tl_history_visitor visitor;
-    } tables[] = {
-        [TL_SHOW_OUTPUTS] = {TL_HISTORY_OUTPUTS, 4, TL_HISTORY_MATCH, {.output = take_output}},
-        [TL_SHOW_ADJUSTMENTS] = {TL_HISTORY_ADJUSTMENTS, 3, TL_HISTORY_ADJUST, {.adjustment = take_adjustment}},
-        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, 0, TL_HISTORY_PLANT, {.step = take_step}},
-        [TL_SHOW_SAMPLES] = {TL_HISTORY_SAMPLES, 2, TL_HISTORY_PLANT, {.sample = take_sample}},
+    static const csv_table tables[] = {
+        [TL_SHOW_OUTPUTS] = {TL_HISTORY_OUTPUTS,
+                             TL_HISTORY_MATCH,
+                             "step",
+                             4,
+                             {{false, ""}, {true, ""}, {false, " delta"}, {true, " quality"}},
+                             {.output = take_output}},
+        [TL_SHOW_ADJUSTMENTS] = {TL_HISTORY_ADJUSTMENTS,
+                                 TL_HISTORY_ADJUST,
+                                 "step",
+                                 3,
+                                 {{false, ""}, {false, " nominal"}, {false, " delta"}},
+                                 {.adjustment = take_adjustment}},
+        [TL_SHOW_STEPS] = {TL_HISTORY_STEPS, TL_HISTORY_ADJUST,
+                           "step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held",
+                           .visitor = {.step = take_step}},
+        [TL_SHOW_SAMPLES] = {TL_HISTORY_SAMPLES,
+                             TL_HISTORY_PLANT,
+                             "tick",
+                             2,
+                             {{false, ""}, {false, " quality"}},
+                             {.sample = take_sample}},
     };
     memset(&line, 0, sizeof line);
     line.request = request;
@@ -300,9 +283,6 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     if (table == TL_SHOW_EVENTS) {
         return print_events(&line, error);
     }
-    line.table = tables[table].table;
-    line.per_signal = tables[table].per_signal;
-    line.visitor = tables[table].visitor;
-    line.visitor.context = &line;
-    return table == TL_SHOW_STEPS ? print_steps(&line, error) : print_wide(&line, tables[table].kind, error);
+    line.table = &tables[table];
+    return print_rows(&line, error);
 }

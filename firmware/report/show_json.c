@@ -60,41 +60,13 @@ static void add_steps(tl_json_writer *json, const tl_show_summary *summary) {
     tl_figures_json_add_outcomes(json, figures);
 }
 
-static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
-    if (tl_lock_tally_total(lock) == 0) {
-        tl_json_add_null(json, "lock");
-    } else {
-        tl_json_open_object(json, "lock");
-        tl_figures_json_add_lock(json, lock);
-        tl_json_close(json);
-    }
-}
-
-static void add_ledger(tl_json_writer *json, const tl_run_figures *figures) {
-    if (figures->ledger_count == 0) {
-        tl_json_add_null(json, "ledger");
-        return;
-    }
-    tl_json_open_object(json, "ledger");
-    tl_figures_json_add_components(json, figures);
-    tl_json_close(json);
-}
-
 static void add_matches(tl_json_writer *json, const tl_show_summary *summary) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < summary->match_count; i++) {
         const tl_recorder_signal *signal = &summary->match[i];
-        const tl_metrics *metrics = &summary->figures.match[i];
         tl_json_open_object(json, signal->name);
         tl_json_add_text(json, "to", signal->to);
-        tl_json_add_number(json, "mse", tl_metrics_mse(metrics));
-        tl_json_add_number(json, "max", metrics->maximum);
-        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&summary->figures, i));
-        tl_json_add_text(json, "unit", signal->unit);
-        tl_json_add_count(json, "pairs", metrics->pairs);
-        tl_json_add_count(json, "left_out", metrics->left_out);
-        tl_json_add_count(json, "readings", summary->figures.readings[i].pairs);
-        tl_json_add_count(json, "rejected", summary->figures.readings[i].left_out);
+        tl_figures_json_add_match(json, &summary->figures, i, signal->unit);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -192,10 +164,22 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
     }
     tl_json_add_number(json, "run", (double)request->run->run);
     add_steps(json, &summary);
-    add_lock(json, &summary.lock);
+    if (tl_lock_tally_total(&summary.lock) == 0) {
+        tl_json_add_null(json, "lock");
+    } else {
+        tl_json_open_object(json, "lock");
+        tl_figures_json_add_lock(json, &summary.lock);
+        tl_json_close(json);
+    }
     add_matches(json, &summary);
     add_adjusted(json, request, &summary);
-    add_ledger(json, &summary.figures);
+    if (summary.figures.ledger_count == 0) {
+        tl_json_add_null(json, "ledger");
+    } else {
+        tl_json_open_object(json, "ledger");
+        tl_figures_json_add_components(json, &summary.figures);
+        tl_json_close(json);
+    }
     status = add_tunings(json, request, error);
     return status == TL_OK ? add_events(json, request, error) : status;
 }

@@ -43,6 +43,13 @@ static const char *clean(const show_page *page, const char *text, char *buffer, 
     return buffer;
 }
 
+static void begin_table(tl_show_table *table, const show_page *page, const char *alignment, const char *const *names) {
+    tl_show_table_begin(table, page->request->style, alignment);
+    for (; *names != NULL; names++) {
+        tl_show_table_add(table, "%s", *names);
+    }
+}
+
 /* ---- Runs -------------------------------------------------------------------------------------------------------- */
 
 /* "2026-11-21 10:02:03" of "2026-11-21T10:02:03.456Z". */
@@ -85,7 +92,7 @@ static void add_run(tl_show_table *table, const show_page *page, const tl_histor
 
 static tl_status print_runs(const show_page *page, tl_error *error) {
     static const char *const names[] = {"",     "run",           "started (UTC)", "lasted", "verb",
-                                        "name", "configuration", "steps",         "end"};
+                                        "name", "configuration", "steps",         "end",    NULL};
     const tl_history_run *runs = NULL;
     size_t count = 0;
     tl_show_table table;
@@ -98,10 +105,7 @@ static tl_status print_runs(const show_page *page, tl_error *error) {
     if (first > 0) {
         (void)fprintf(page->file, "  (%zu older ones: --json lists them)\n", first);
     }
-    tl_show_table_begin(&table, page->request->style, "lrlrlllrl");
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        tl_show_table_add(&table, "%s", names[i]);
-    }
+    begin_table(&table, page, "lrlrlllrl", names);
     for (size_t i = first; i < count; i++) {
         add_run(&table, page, &runs[i]);
     }
@@ -139,15 +143,9 @@ static void print_steps(const show_page *page) {
                   (unsigned long long)steps, step, model, strokes ? "at strokes of at most " : "",
                   (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
                   tl_measurements_name(run->measurements));
-    const char *before = "                 ";
-    for (int i = TL_FREE; i < TL_OUTCOMES; i++) {
-        if (figures->outcomes[i] > 0) {
-            (void)fprintf(page->file, "%s%llu %s", before, (unsigned long long)figures->outcomes[i],
-                          tl_outcome_name((tl_outcome)i));
-            before = ", ";
-        }
+    if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
+        (void)fputc('\n', page->file);
     }
-    (void)fputs(steps > 0 ? "\n" : "", page->file);
     if (figures->time_limited > 0) {
         (void)fprintf(page->file, "                 the search ran out of time in %llu of them\n",
                       (unsigned long long)figures->time_limited);
@@ -156,15 +154,6 @@ static void print_steps(const show_page *page) {
         (void)fprintf(page->file,
                       "                 u rested at nominal in %llu of them: the twin left alone was nearer\n",
                       (unsigned long long)figures->rested);
-    }
-}
-
-/* In the words with which a run ends. */
-static void print_lock(const show_page *page) {
-    char text[TL_LOCK_SENTENCE];
-    if (tl_lock_tally_total(&page->summary.lock) > 0) {
-        tl_lock_tally_write(&page->summary.lock, text);
-        (void)fprintf(page->file, "  lock           %s\n", text);
     }
 }
 
@@ -215,7 +204,11 @@ static void print_run(const show_page *page) {
                   clean(page, run->configuration_hash, name, sizeof name),
                   clean(page, run->version, version, sizeof version));
     print_steps(page);
-    print_lock(page);
+    if (tl_lock_tally_total(&page->summary.lock) > 0) {
+        char text[TL_LOCK_SENTENCE];
+        tl_lock_tally_write(&page->summary.lock, text);
+        (void)fprintf(page->file, "  lock           %s\n", text);
+    }
     print_ledger(page);
     print_recorded(page);
 }
@@ -233,17 +226,14 @@ static void add_readings(tl_show_table *table, const tl_run_figures *figures, si
 }
 
 static tl_status print_match(const show_page *page, tl_error *error) {
-    const char *const names[] = {"output", "compared with",   "pairs",    "left out", page->square,
-                                 "MAX",    "MSE at readings", "readings", "rejected", "unit"};
+    const char *const names[] = {"output",          "compared with", "pairs",    "left out", page->square, "MAX",
+                                 "MSE at readings", "readings",      "rejected", "unit",     NULL};
     tl_show_table table;
     if (page->summary.match_count == 0) {
         return TL_OK;
     }
     heading(page, "How well the twin followed the plant");
-    tl_show_table_begin(&table, page->request->style, "llrrrrrrrl");
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        tl_show_table_add(&table, "%s", names[i]);
-    }
+    begin_table(&table, page, "llrrrrrrrl", names);
     for (size_t i = 0; i < page->summary.match_count; i++) {
         const tl_recorder_signal *signal = &page->summary.match[i];
         const tl_run_figures *figures = &page->summary.figures;
@@ -287,13 +277,10 @@ static const char *unit_of(const tl_recorder_signal *signal) {
 }
 
 static tl_status print_adjust(const show_page *page, tl_error *error) {
-    static const char *const names[] = {"variable", "first", "last", "mean", "least", "largest"};
+    static const char *const names[] = {"variable", "first", "last", "mean", "least", "largest", NULL};
     tl_show_table table;
     heading(page, "What had to be corrected");
-    tl_show_table_begin(&table, page->request->style, "lrrrrrrl");
-    for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
-        tl_show_table_add(&table, "%s", names[i]);
-    }
+    begin_table(&table, page, "lrrrrrrl", names);
     tl_show_table_add(&table, "mean %su", page->delta);
     tl_show_table_add(&table, "unit");
     for (size_t i = 0; i < page->summary.adjust_count; i++) {
@@ -502,11 +489,7 @@ tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *err
         print_run(&page);
         status = print_match(&page, error);
     }
-    if (status == TL_OK) {
-        status = print_corrections(&page, error);
-    }
-    if (status == TL_OK) {
-        status = print_tunings(&page, error);
-    }
+    status = status == TL_OK ? print_corrections(&page, error) : status;
+    status = status == TL_OK ? print_tunings(&page, error) : status;
     return status == TL_OK ? print_events(&page, error) : status;
 }

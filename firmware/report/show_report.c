@@ -93,63 +93,6 @@ static void describe(recorded_run *run) {
     };
 }
 
-/* ---- Rows -------------------------------------------------------------------------------------------------------- */
-
-static void take_step(void *context, const tl_history_step *step) {
-    const recorded_run *run = context;
-    const tl_record record = {
-        .step = step->step,
-        .evaluations = (uint32_t)step->evaluations,
-        .executions = (uint32_t)step->executions,
-        .used = step->used,
-    };
-    tl_html_report_add_step(run->report, &record);
-}
-
-/* A quality of a newer program is not good, and no more is known of it. */
-static tl_quality quality_of(int64_t code) {
-    return code >= TL_GOOD && code <= TL_OUTLIER ? (tl_quality)code : TL_NOT_A_NUMBER;
-}
-
-static void take_output(void *context, const tl_history_output *output) {
-    const recorded_run *run = context;
-    tl_html_report_add_output(run->report, output->step, output->signal, output->y, output->y_hat,
-                              quality_of(output->quality));
-}
-
-static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
-    const recorded_run *run = context;
-    tl_html_report_add_adjustment(run->report, adjustment->step, adjustment->signal, adjustment->u, adjustment->u_hat);
-}
-
-static void take_event(void *context, const tl_history_event *taken) {
-    const recorded_run *run = context;
-    const tl_html_event event = {
-        .at = taken->at,
-        .tick = taken->has_tick ? taken->tick : -1,
-        .severity = taken->severity,
-        .source = taken->source,
-        .text = taken->text,
-    };
-    tl_html_report_add_event(run->report, &event);
-}
-
-static tl_status gather(recorded_run *run, tl_error *error) {
-    tl_history *history = run->request->history;
-    const tl_history_run *recorded = run->request->run;
-    const tl_show_summary *summary = &run->summary;
-    const tl_history_visitor visitor = {
-        .context = run,
-        .signals = {[TL_HISTORY_MATCH] = summary->match_count, [TL_HISTORY_ADJUST] = summary->adjust_count},
-        .step = take_step,
-        .output = take_output,
-        .adjustment = take_adjustment,
-        .event = take_event,
-    };
-    tl_status status = summary->any ? tl_history_rows(history, recorded, summary->range, &visitor, error) : TL_OK;
-    return status == TL_OK ? tl_history_events(history, recorded, run->request->from_at, -1, &visitor, error) : status;
-}
-
 /* ---- The page ---------------------------------------------------------------------------------------------------- */
 
 /* The file is begun when all is known: a reader that is interrupted leaves none behind. */
@@ -167,7 +110,8 @@ static tl_status write_page(const recorded_run *run, const char *path, tl_error 
 
 static tl_status report_into(recorded_run *run, const char *path, tl_error *error) {
     const tl_show_request *request = run->request;
-    tl_status status = tl_show_summarise(request->history, request->run, request->from_step, &run->summary, error);
+    tl_history *history = request->history;
+    tl_status status = tl_show_summarise(history, request->run, request->from_step, &run->summary, error);
     if (status == TL_OK) {
         status = read_configuration(run, error);
     }
@@ -176,8 +120,15 @@ static tl_status report_into(recorded_run *run, const char *path, tl_error *erro
     }
     describe(run);
     status = tl_html_report_create(&run->settings, &run->report, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    const tl_history_visitor visitor = tl_html_report_visitor(run->report);
+    if (run->summary.any) {
+        status = tl_history_rows(history, request->run, run->summary.range, &visitor, error);
+    }
     if (status == TL_OK) {
-        status = gather(run, error);
+        status = tl_history_events(history, request->run, request->from_at, -1, &visitor, error);
     }
     return status == TL_OK ? write_page(run, path, error) : status;
 }

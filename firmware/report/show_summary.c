@@ -139,14 +139,7 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
 
 static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
-    const tl_run_step taken = {
-        .outcome = step->outcome,
-        .time_limited = step->stop == TL_STOP_TIME,
-        .evaluations = (uint64_t)step->evaluations,
-        .used = step->used,
-        .rests = (step->flags & TL_FLAG_RESTS) != 0,
-    };
-    tl_run_figures_add_step(&summary->figures, &taken, summary->period);
+    tl_run_figures_add_step(&summary->figures, step, summary->period);
 }
 
 static void take_output(void *context, const tl_history_output *output) {
@@ -183,31 +176,22 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     add_part(&adjust->points[part_of(summary, step, summary->points)], delta);
 }
 
-static tl_status name_signals(tl_history *history, const tl_history_run *run, tl_show_summary *summary,
-                              tl_error *error) {
-    tl_status status =
-        tl_history_signals(history, run, TL_HISTORY_MATCH, &summary->match, &summary->match_count, error);
-    return status == TL_OK
-               ? tl_history_signals(history, run, TL_HISTORY_ADJUST, &summary->adjust, &summary->adjust_count, error)
-               : status;
-}
-
-static tl_status add_ledger(tl_history *history, const tl_history_run *run, tl_run_figures *figures, tl_error *error) {
-    const tl_run_component *components = NULL;
-    tl_status status = tl_history_ledger(history, run, &components, &figures->ledger_count, error);
-    for (size_t i = 0; status == TL_OK && i < figures->ledger_count; i++) {
-        figures->ledger[i] = components[i];
-    }
-    return status;
-}
-
 tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int64_t from_step, tl_show_summary *summary,
                             tl_error *error) {
     memset(summary, 0, sizeof *summary);
     summary->period = run->step;
-    tl_status status = name_signals(history, run, summary, error);
+    const tl_run_component *components = NULL;
+    size_t *count = &summary->figures.ledger_count;
+    tl_status status =
+        tl_history_signals(history, run, TL_HISTORY_MATCH, &summary->match, &summary->match_count, error);
     if (status == TL_OK) {
-        status = add_ledger(history, run, &summary->figures, error);
+        status = tl_history_signals(history, run, TL_HISTORY_ADJUST, &summary->adjust, &summary->adjust_count, error);
+    }
+    if (status == TL_OK) {
+        status = tl_history_ledger(history, run, &components, count, error);
+    }
+    if (status == TL_OK && *count != 0) {
+        memcpy(summary->figures.ledger, components, *count * sizeof components[0]);
     }
     if (status == TL_OK) {
         status = tl_history_range(history, run, TL_HISTORY_STEPS, from_step, summary->range, &summary->any, error);

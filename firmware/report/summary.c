@@ -11,28 +11,24 @@
 
 /* ---- run end ---- */
 
-/* Its names are pointers, which are filled in by who prints it. */
-static bool has_no_pointers(const tl_run_figures *figures) {
-    return figures->ledger_count == 0;
-}
-
 bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, const tl_config *config) {
     bool fits = account->components == config->component_count + 1 && account->matches == config->match_count &&
                 account->adjusts == config->adjust_count;
     bool goes_on = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
     bool judged = (unsigned)summary->lock.state < (unsigned)TL_LOCK_STATES;
-    return fits && judged && goes_on && has_no_pointers(&summary->figures) && tl_account_is_sound(account);
+    return fits && judged && goes_on && summary->figures.ledger_count == 0 /* its names are pointers */ &&
+           tl_account_is_sound(account);
 }
 
 /* ---- summary ---- */
 
 void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_record *record) {
-    const tl_run_step step = {
+    const tl_history_step step = {
         .outcome = record->outcome,
-        .time_limited = record->stop == TL_STOP_TIME,
+        .stop = record->stop,
         .evaluations = record->evaluations,
         .used = record->used,
-        .rests = (record->flags & TL_FLAG_RESTS) != 0,
+        .flags = record->flags,
     };
     for (size_t i = 0; i < config->adjust_count; i++) {
         tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->u_hat[i]);
@@ -93,14 +89,6 @@ static double or_zero(const tl_run_adjusted *adjusted, double value) {
     return adjusted->count == 0 ? 0.0 : value;
 }
 
-/* What no event tells is here only. */
-static void add_lock(tl_json_writer *json, const tl_lock_tally *lock) {
-    tl_json_open_object(json, "lock");
-    tl_figures_json_add_lock(json, lock);
-    tl_json_add_count(json, "ran_away", lock->ran_away);
-    tl_json_close(json);
-}
-
 static void add_executions(tl_json_writer *json, const tl_account *account) {
     tl_json_open_object(json, "executions");
     tl_json_add_count(json, "total", tl_account_executions(account));
@@ -136,14 +124,7 @@ static void add_matches(tl_json_writer *json, const printing *page) {
     tl_json_open_object(json, "match");
     for (size_t i = 0; i < page->config->match_count; i++) {
         tl_json_open_object(json, page->config->match[i].variable);
-        tl_json_add_number(json, "mse", tl_run_figures_mse(&page->figures, i));
-        tl_json_add_number(json, "max", tl_run_figures_maximum(&page->figures, i));
-        tl_json_add_number(json, "mse_readings", tl_run_figures_mse_readings(&page->figures, i));
-        tl_json_add_text(json, "unit", page->account->match[i].unit);
-        tl_json_add_count(json, "pairs", page->figures.match[i].pairs);
-        tl_json_add_count(json, "left_out", page->figures.match[i].left_out);
-        tl_json_add_count(json, "readings", page->figures.readings[i].pairs);
-        tl_json_add_count(json, "rejected", page->figures.readings[i].left_out);
+        tl_figures_json_add_match(json, &page->figures, i, page->account->match[i].unit);
         tl_json_close(json);
     }
     tl_json_close(json);
@@ -169,18 +150,14 @@ static double measured_delay(const tl_config *config, const tl_twin_delay *found
     return tl_seconds(found->delay + (config->delays->has_input ? config->delays->input.delay : 0));
 }
 
-static const char *state_name(tl_delay_state state) {
-    static const char *const names[] = {
-        [TL_DELAY_UNKNOWN] = "unknown", [TL_DELAY_KNOWN] = "known", [TL_DELAY_LOST] = "lost"};
-    return names[state];
-}
-
 /* What cannot be told is null: no data must not look like a perfect fit. */
 static void add_seconds(tl_json_writer *json, const char *key, double seconds, bool known) {
     tl_json_add_number(json, key, known ? seconds : (double)NAN);
 }
 
 static void add_delays(tl_json_writer *json, const tl_config *config, const tl_account *account) {
+    static const char *const states[] = {
+        [TL_DELAY_UNKNOWN] = "unknown", [TL_DELAY_KNOWN] = "known", [TL_DELAY_LOST] = "lost"};
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
         return;
@@ -191,7 +168,7 @@ static void add_delays(tl_json_writer *json, const tl_config *config, const tl_a
     if (delays->measure) {
         const tl_twin_delay *found = &account->delay;
         add_seconds(json, "measured_s", measured_delay(config, found), found->state != TL_DELAY_UNKNOWN);
-        tl_json_add_text(json, "state", state_name(found->state));
+        tl_json_add_text(json, "state", states[found->state]);
         tl_json_add_number(json, "confidence", found->confidence);
     }
     tl_json_close(json);
@@ -220,24 +197,6 @@ static void add_cache(tl_json_writer *json, const tl_run_figures *figures) {
     tl_json_close(json);
 }
 
-/* What the graph predicts against what was done. */
-static void add_ledger(tl_json_writer *json, const printing *page) {
-    tl_json_open_object(json, "ledger");
-    tl_json_add_truth(json, "complete", page->account->complete != 0);
-    tl_figures_json_add_components(json, &page->figures);
-    tl_json_close(json);
-}
-
-/* Only if there are any. */
-static void add_tunings(tl_json_writer *json, const tl_summary *summary) {
-    if (summary->tunings != 0) {
-        tl_json_open_object(json, "tunings");
-        tl_json_add_count(json, "recorded", summary->tunings);
-        tl_json_add_count(json, "followed", summary->tunings - summary->tunings_left_out);
-        tl_json_close(json);
-    }
-}
-
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 FILE *file, tl_error *error) {
     printing page;
@@ -246,7 +205,10 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     tl_json_writer_begin(&json);
     tl_json_add_count(&json, "steps", page.figures.steps);
     if (config->adjust_count != 0) {
-        add_lock(&json, &summary->lock);
+        tl_json_open_object(&json, "lock");
+        tl_figures_json_add_lock(&json, &summary->lock);
+        tl_json_add_count(&json, "ran_away", summary->lock.ran_away); /* no event tells it */
+        tl_json_close(&json);
     }
     add_executions(&json, account);
     add_verified(&json, account);
@@ -259,37 +221,26 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     add_adjusted(&json, &page);
     add_delays(&json, config, account);
     add_cache(&json, &page.figures);
-    add_ledger(&json, &page);
+    tl_json_open_object(&json, "ledger");
+    tl_json_add_truth(&json, "complete", account->complete != 0);
+    tl_figures_json_add_components(&json, &page.figures);
+    tl_json_close(&json);
     tl_figures_json_add_outcomes(&json, &page.figures);
     tl_json_add_count(&json, "ticks", summary->ticks);
     tl_json_add_count(&json, "skipped", page.figures.skipped);
     tl_json_add_count(&json, "deadline_misses", summary->deadline_misses);
     tl_json_add_count(&json, "time_limited", page.figures.time_limited);
     tl_figures_json_add_resumption(&json, &summary->resumption);
-    add_tunings(&json, summary);
+    if (summary->tunings != 0) {
+        tl_json_open_object(&json, "tunings");
+        tl_json_add_count(&json, "recorded", summary->tunings);
+        tl_json_add_count(&json, "followed", summary->tunings - summary->tunings_left_out);
+        tl_json_close(&json);
+    }
     tl_json_add_number(&json, "wall_s", summary->wall_s);
     tl_status status = tl_json_writer_print(&json, file, error);
     tl_json_writer_free(&json);
     return status;
-}
-
-static void print_outcomes(const tl_run_figures *figures, FILE *file) {
-    const char *separator = "";
-    for (int i = 0; i < TL_OUTCOMES; i++) {
-        if (figures->outcomes[i] != 0) {
-            (void)fprintf(file, "%s%" PRIu64 " %s", separator, figures->outcomes[i], tl_outcome_name((tl_outcome)i));
-            separator = ", ";
-        }
-    }
-    (void)fputc('\n', file);
-}
-
-static void print_lock(const tl_summary *summary, const tl_config *config, FILE *file) {
-    char text[TL_LOCK_SENTENCE];
-    if (config->adjust_count != 0) {
-        tl_lock_tally_write(&summary->lock, text);
-        (void)fprintf(file, "  lock         %s\n", text);
-    }
 }
 
 static void print_free_twin(const tl_run_figures *figures, const tl_account *account, FILE *file) {
@@ -445,21 +396,18 @@ static void print_delays(const tl_config *config, const tl_account *account, FIL
     }
 }
 
-static void print_tunings(const tl_summary *summary, FILE *file) {
-    if (summary->tunings != 0) {
-        (void)fprintf(
-            file, "  tunings      %" PRIu64 " taken while it ran%s\n", summary->tunings,
-            summary->tunings_left_out == 0 ? "" : ", and not followed: this is another configuration than the run's");
-    }
-}
-
 void tl_summary_print_table(const tl_summary *summary, const tl_config *config, const tl_account *account, FILE *file) {
     printing page;
     begin_printing(&page, summary, config, account);
     (void)fprintf(file, "%s\n", config->name);
     (void)fprintf(file, "  steps        %" PRIu64 " of %g s: ", page.figures.steps, tl_seconds(config->step));
-    print_outcomes(&page.figures, file);
-    print_lock(summary, config, file);
+    (void)tl_run_figures_print_outcomes(&page.figures, "", file);
+    (void)fputc('\n', file);
+    if (config->adjust_count != 0) {
+        char text[TL_LOCK_SENTENCE];
+        tl_lock_tally_write(&summary->lock, text);
+        (void)fprintf(file, "  lock         %s\n", text);
+    }
     print_free_twin(&page.figures, account, file);
     print_executions(&page.figures, account, file);
     if (config->adjust_count != 0) {
@@ -469,7 +417,11 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
     print_inputs(summary, config, file);
     print_adjusted(&page, file);
     print_delays(config, account, file);
-    print_tunings(summary, file);
+    if (summary->tunings != 0) {
+        (void)fprintf(
+            file, "  tunings      %" PRIu64 " taken while it ran%s\n", summary->tunings,
+            summary->tunings_left_out == 0 ? "" : ", and not followed: this is another configuration than the run's");
+    }
     if (summary->ticks != 0) {
         (void)fprintf(file,
                       "  real time    %" PRIu64 " ticks, %" PRIu64 " skipped, %" PRIu64

@@ -6,17 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-/* A comma and a name, quoted where it has what CSV takes for its own: variables of FMUs may be called "x[1,2]". */
-static void put_name(FILE *file, const char *name, const char *ending) {
-    bool quoted = name[strcspn(name, "\",\r\n")] != '\0';
-    (void)fputs(quoted ? ",\"" : ",", file);
-    for (const char *c = name; *c != '\0'; c++) {
-        (void)fputs(*c == '"' ? "\"" : "", file);
-        (void)fputc(*c, file);
-    }
-    (void)fputs(ending, file);
-    (void)fputs(quoted ? "\"" : "", file);
-}
+#include "firmware/report/show.h"
 
 tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *config, FILE **file, tl_error *error) {
     *file = strcmp(path, "-") == 0 ? output : fopen(path, "w");
@@ -25,13 +15,13 @@ tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *co
     }
     (void)fputs("time,step,outcome,evaluations,J", *file);
     for (size_t i = 0; i < config->match_count; i++) {
-        put_name(*file, config->match[i].variable, "");
-        put_name(*file, config->match[i].to, "");
-        put_name(*file, config->match[i].to, " quality");
+        tl_show_csv_name(*file, config->match[i].variable, "");
+        tl_show_csv_name(*file, config->match[i].to, "");
+        tl_show_csv_name(*file, config->match[i].to, " quality");
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
-        put_name(*file, config->adjust[i].variable, "");
-        put_name(*file, config->adjust[i].variable, " nominal");
+        tl_show_csv_name(*file, config->adjust[i].variable, "");
+        tl_show_csv_name(*file, config->adjust[i].variable, " nominal");
     }
     (void)fputc('\n', *file);
     return TL_OK;

@@ -2,6 +2,7 @@
 #include "firmware/serve/address.h"
 
 #include <arpa/inet.h>
+#include <netdb.h>
 #include <netinet/in.h>
 #include <stddef.h>
 #include <stdio.h>
@@ -104,36 +105,29 @@ void tl_address_text(const struct sockaddr *socket, char text[TL_ADDRESS_TEXT]) 
     }
 }
 
-static bool parse_port(const char *text, unsigned *port) {
+static bool is_port(const char *text) {
     size_t digits = strspn(text, "0123456789");
-    unsigned long number = digits <= LONGEST_PORT ? strtoul(text, NULL, 10) : LAST_PORT + 1UL;
-    *port = (unsigned)number;
-    return digits > 0 && text[digits] == '\0' && number <= LAST_PORT;
+    return digits > 0 && digits <= LONGEST_PORT && text[digits] == '\0' && strtoul(text, NULL, 10) <= LAST_PORT;
 }
 
-bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size, unsigned *port) {
+bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size) {
     char host[TL_ADDRESS_TEXT];
     const char *colon = strrchr(text, ':');
+    size_t length = colon == NULL ? 0 : (size_t)(colon - text);
     bool is_ipv6 = text[0] == '[';
-    if (colon == NULL || colon == text || (size_t)(colon - text) >= sizeof host || !parse_port(colon + 1, port)) {
+    const struct addrinfo hints = {.ai_flags = AI_NUMERICHOST | AI_NUMERICSERV,
+                                   .ai_family = is_ipv6 ? AF_INET6 : AF_INET,
+                                   .ai_socktype = SOCK_STREAM};
+    struct addrinfo *found = NULL;
+    if (length == 0 || length >= sizeof host || !is_port(colon + 1) || (is_ipv6 && text[length - 1] != ']')) {
         return false;
     }
-    memcpy(host, text, (size_t)(colon - text));
-    host[colon - text] = '\0';
-    memset(socket, 0, sizeof *socket);
-    if (!is_ipv6) {
-        struct sockaddr_in *ipv4 = (struct sockaddr_in *)(void *)socket;
-        *size = sizeof *ipv4;
-        ipv4->sin_family = AF_INET;
-        ipv4->sin_port = htons((uint16_t)*port);
-        return inet_pton(AF_INET, host, &ipv4->sin_addr) == 1;
+    (void)snprintf(host, sizeof host, "%.*s", (int)length - (is_ipv6 ? 2 : 0), text + (is_ipv6 ? 1 : 0));
+    if (getaddrinfo(host, colon + 1, &hints, &found) != 0) {
+        return false;
     }
-    struct sockaddr_in6 *ipv6 = (struct sockaddr_in6 *)(void *)socket;
-    size_t last = strlen(host) - 1;
-    bool is_closed = last > 0 && host[last] == ']';
-    host[last] = '\0';
-    *size = sizeof *ipv6;
-    ipv6->sin6_family = AF_INET6;
-    ipv6->sin6_port = htons((uint16_t)*port);
-    return is_closed && inet_pton(AF_INET6, host + 1, &ipv6->sin6_addr) == 1;
+    memcpy(socket, found->ai_addr, found->ai_addrlen);
+    *size = found->ai_addrlen;
+    freeaddrinfo(found);
+    return true;
 }

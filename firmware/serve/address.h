@@ -61,6 +61,6 @@ bool tl_address_is(const tl_address *one, const tl_address *other);
 void tl_address_text(const struct sockaddr *socket, char text[TL_ADDRESS_TEXT]);
 
 /* "127.0.0.1:8443", "[::1]:8443", to listen on. False: it is none. */
-bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size, unsigned *port);
+bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size);
 
 #endif

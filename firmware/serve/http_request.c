@@ -17,13 +17,11 @@
  * Thread: pure.
  */
 
-enum { TL_HTTP_QUERY_FAULT = 128 };
-
 /* ---- http query ---- */
 
-enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY, LONGEST_PROBATION = 604800, LONGEST_SHADOW = 3600 };
+enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY };
 
-static const uint64_t MOST_VERSION = UINT64_C(1) << 53;
+#define MOST_VERSION (UINT64_C(1) << 53)
 static const double MOST_PERCENT = 100;
 
 /* One "name=value", decoded. */
@@ -34,32 +32,31 @@ typedef struct query_pair {
 
 /* ---- values ---- */
 
-static bool set_flag(const char *value, uint32_t flag, tl_control_request *control) {
-    if (strcmp(value, "1") == 0) {
-        control->flags |= flag;
-    }
-    return strcmp(value, "1") == 0 || strcmp(value, "0") == 0;
-}
+typedef enum key_kind { FLAG, SECONDS, PERCENT, WHY, VERSION } key_kind;
 
-static bool set_check(const char *value, tl_control_request *control) {
-    return set_flag(value, TL_CONTROL_ONLY_CHECK, control);
-}
+typedef struct query_key {
+    const char *name;
+    key_kind kind;
+    uint32_t flag; /* FLAG: of the request */
+    size_t offset; /* SECONDS: of the uint32_t in the request */
+    uint64_t most; /* SECONDS, VERSION */
+    const char *expected;
+} query_key;
 
-static bool set_restart(const char *value, tl_control_request *control) {
-    return set_flag(value, TL_CONTROL_MAY_RESTART, control);
-}
-
-static bool set_confirm(const char *value, tl_control_request *control) {
-    return set_flag(value, TL_CONTROL_BY_PERSON, control);
-}
-
-static bool set_wait(const char *value, tl_control_request *control) {
-    return set_flag(value, TL_CONTROL_WAIT, control);
-}
-
-static bool set_accept(const char *value, tl_control_request *control) {
-    return set_flag(value, TL_CONTROL_EVEN_WORSE, control);
-}
+static const query_key KEYS[] = {
+    {"check", FLAG, .flag = TL_CONTROL_ONLY_CHECK, .expected = "0 or 1"},
+    {"restart", FLAG, .flag = TL_CONTROL_MAY_RESTART, .expected = "0 or 1"},
+    {"confirm", FLAG, .flag = TL_CONTROL_BY_PERSON, .expected = "0 or 1"},
+    {"wait", FLAG, .flag = TL_CONTROL_WAIT, .expected = "0 or 1"},
+    {"accept_worse", FLAG, .flag = TL_CONTROL_EVEN_WORSE, .expected = "0 or 1"},
+    {"probation", SECONDS, .offset = offsetof(tl_control_request, probation_s), .most = 604800,
+     .expected = "whole seconds from 1 to 604800"},
+    {"shadow", SECONDS, .offset = offsetof(tl_control_request, shadow_s), .most = 3600,
+     .expected = "whole seconds from 1 to 3600"},
+    {"require_lock", PERCENT, .expected = "a percentage from 0 to 100"},
+    {"why", WHY, .expected = "plain text of at most 255 bytes"},
+    {"version", VERSION, .most = MOST_VERSION, .expected = "a whole number from 1 on"},
+};
 
 static bool read_number(const char *value, uint64_t most, uint64_t *number) {
     size_t digits = strspn(value, "0123456789");
@@ -68,60 +65,36 @@ static bool read_number(const char *value, uint64_t most, uint64_t *number) {
     return digits > 0 && value[digits] == '\0' && errno == 0 && *number >= 1 && *number <= most;
 }
 
-static bool set_probation(const char *value, tl_control_request *control) {
-    uint64_t number = 0;
-    bool is_good = read_number(value, LONGEST_PROBATION, &number);
-    control->probation_s = (uint32_t)number;
-    return is_good;
-}
-
-static bool set_shadow(const char *value, tl_control_request *control) {
-    uint64_t number = 0;
-    bool is_good = read_number(value, LONGEST_SHADOW, &number);
-    control->shadow_s = (uint32_t)number;
-    return is_good;
-}
-
-static bool set_version(const char *value, tl_control_request *control) {
-    return read_number(value, MOST_VERSION, &control->version);
-}
-
-static bool set_lock(const char *value, tl_control_request *control) {
+static bool read_percent(const char *value, double *percent) {
     char *end = NULL;
-    control->require_lock = strtod(value, &end);
+    *percent = strtod(value, &end);
     bool is_plain = value[0] != '\0' && value[strspn(value, "0123456789.")] == '\0' && *end == '\0';
-    return is_plain && control->require_lock <= MOST_PERCENT;
+    return is_plain && *percent <= MOST_PERCENT;
 }
 
-static bool set_why(const char *value, tl_control_request *control) {
-    (void)snprintf(control->why, sizeof control->why, "%s", value);
-    return tl_text_is_plain(value);
+static bool set_value(const query_key *key, const char *value, tl_control_request *control) {
+    bool is_good = false;
+    uint64_t number = 0;
+    switch (key->kind) {
+    case FLAG:
+        control->flags |= strcmp(value, "1") == 0 ? key->flag : 0U;
+        return strcmp(value, "1") == 0 || strcmp(value, "0") == 0;
+    case SECONDS:
+        is_good = read_number(value, key->most, &number);
+        *(uint32_t *)((char *)control + key->offset) = (uint32_t)number;
+        return is_good;
+    case PERCENT:
+        return read_percent(value, &control->require_lock);
+    case WHY:
+        (void)snprintf(control->why, sizeof control->why, "%s", value);
+        return tl_text_is_plain(value);
+    case VERSION:
+        return read_number(value, key->most, &control->version);
+    }
+    return false;
 }
-
-static const struct {
-    const char *name;
-    bool (*set)(const char *value, tl_control_request *control);
-    const char *expected;
-} KEYS[] = {
-    {"check", set_check, "0 or 1"},
-    {"restart", set_restart, "0 or 1"},
-    {"confirm", set_confirm, "0 or 1"},
-    {"wait", set_wait, "0 or 1"},
-    {"accept_worse", set_accept, "0 or 1"},
-    {"probation", set_probation, "whole seconds from 1 to 604800"},
-    {"shadow", set_shadow, "whole seconds from 1 to 3600"},
-    {"require_lock", set_lock, "a percentage from 0 to 100"},
-    {"why", set_why, "plain text of at most 255 bytes"},
-    {"version", set_version, "a whole number from 1 on"},
-};
 
 /* ---- decoding ---- */
-
-static int digit_of(char letter) {
-    const char *digits = "0123456789abcdef";
-    const char *found = letter == '\0' ? NULL : strchr(digits, tolower((unsigned char)letter));
-    return found == NULL ? -1 : (int)(found - digits);
-}
 
 /* "%C3%A9+x" up to `end`. False: it is not well formed, holds a NUL, or does not fit. */
 static bool decode(const char *from, const char *end, char *to, size_t room) {
@@ -129,13 +102,15 @@ static bool decode(const char *from, const char *end, char *to, size_t room) {
     while (from < end && used + 1 < room) {
         char letter = *from == '+' ? ' ' : *from;
         if (letter == '%') {
-            int high = end - from > 2 ? digit_of(from[1]) : -1;
-            int low = high < 0 ? -1 : digit_of(from[2]);
-            if (low < 0 || (high == 0 && low == 0)) {
+            if (end - from <= 2 || isxdigit((unsigned char)from[1]) == 0 || isxdigit((unsigned char)from[2]) == 0) {
                 return false;
             }
-            letter = (char)(high * 16 + low);
+            const char digits[] = {from[1], from[2], '\0'};
+            letter = (char)strtoul(digits, NULL, 16);
             from += 2;
+        }
+        if (letter == '\0') {
+            return false;
         }
         to[used] = letter;
         used++;
@@ -165,34 +140,33 @@ static bool is_among(const char *word, const char *list) {
     return false;
 }
 
-static bool take_pair(const query_pair *read, const char *allowed, tl_control_request *control, char *fault) {
+static bool take_pair(const query_pair *read, const char *allowed, tl_control_request *control, char *sentence) {
     for (size_t i = 0; i < sizeof KEYS / sizeof KEYS[0] && is_among(read->name, allowed); i++) {
         if (strcmp(read->name, KEYS[i].name) != 0) {
             continue;
         }
-        bool is_set = KEYS[i].set(read->value, control);
+        bool is_set = set_value(&KEYS[i], read->value, control);
         if (!is_set) {
-            (void)snprintf(fault, TL_HTTP_QUERY_FAULT, "%s: expected %s", KEYS[i].name, KEYS[i].expected);
+            (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s: expected %s", KEYS[i].name, KEYS[i].expected);
         }
         return is_set;
     }
-    (void)snprintf(fault, TL_HTTP_QUERY_FAULT, "the query has a key that is not known here: expected one of %s",
+    (void)snprintf(sentence, TL_HTTP_SENTENCE, "the query has a key that is not known here: expected one of %s",
                    allowed[0] != '\0' ? allowed : "none");
     return false;
 }
 
 /* Sets what it says in `control`: check, restart, confirm, wait (each 0 or 1), probation, shadow, require_lock, why, version. `allowed` are those that the
- * address takes: "check wait why". False: `fault` says what is wrong. */
-static bool tl_http_query_read(const char *query, const char *allowed, tl_control_request *control,
-                               char fault[TL_HTTP_QUERY_FAULT]) {
+ * address takes: "check wait why". False: `sentence` says what is wrong. */
+static bool read_query(const char *query, const char *allowed, tl_control_request *control, char *sentence) {
     query_pair read;
     for (const char *from = query; *from != '\0';) {
         const char *end = from + strcspn(from, "&");
         if (!read_pair(from, end, &read)) {
-            (void)snprintf(fault, TL_HTTP_QUERY_FAULT, "the query is no list of name=value, or a value is too long");
+            (void)snprintf(sentence, TL_HTTP_SENTENCE, "the query is no list of name=value, or a value is too long");
             return false;
         }
-        if (!take_pair(&read, allowed, control, fault)) {
+        if (!take_pair(&read, allowed, control, sentence)) {
             return false;
         }
         from = *end == '&' ? end + 1 : end;
@@ -203,7 +177,6 @@ static bool tl_http_query_read(const char *query, const char *allowed, tl_contro
 /* ---- http request ---- */
 
 static const char ROOT[] = "/api/v1/plants";
-static const uint64_t MOST_VERSION_REQUEST = UINT64_C(1) << 53;
 
 /* What there is: below /api/v1/plants/NAME. */
 typedef struct route {
@@ -253,13 +226,7 @@ static bool fits(const route *one, const char *path, uint64_t *version) {
     if (length == 0 || one->path[length - 1] != '/') {
         return strcmp(path, one->path) == 0;
     }
-    const char *digits = path + length;
-    if (strncmp(path, one->path, length) != 0 || strlen(digits) > 16 || digits[0] == '\0' ||
-        digits[strspn(digits, "0123456789")] != '\0') {
-        return false;
-    }
-    *version = strtoull(digits, NULL, 10);
-    return *version >= 1 && *version <= MOST_VERSION_REQUEST;
+    return strncmp(path, one->path, length) == 0 && read_number(path + length, MOST_VERSION, version);
 }
 
 static tl_http_status find_route(const char *path, const char *method, tl_http_request *request, const route **found,
@@ -357,7 +324,6 @@ static tl_http_status read_plants(const tl_http_words *words, const char *query,
 
 static tl_http_status read_plant(const tl_http_words *words, const char *path, const char *query,
                                  tl_http_request *request, char *sentence) {
-    char fault[TL_HTTP_QUERY_FAULT] = "";
     const route *found = NULL;
     tl_http_status status = find_route(path, words->method, request, &found, sentence);
     if (status != TL_HTTP_OK) {
@@ -366,10 +332,8 @@ static tl_http_status read_plant(const tl_http_words *words, const char *path, c
     request->is_change = found->is_change;
     request->control.verb = found->verb;
     request->control.flags = strcmp(found->method, "DELETE") == 0 ? TL_CONTROL_ONLY_PENDING : 0U;
-    if (!tl_http_query_read(query, found->query, &request->control, fault)) {
-        return refuse(sentence, TL_HTTP_BAD_REQUEST, fault);
-    }
-    return read_body(words, found, request, sentence);
+    return read_query(query, found->query, &request->control, sentence) ? read_body(words, found, request, sentence)
+                                                                        : TL_HTTP_BAD_REQUEST;
 }
 
 tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,

@@ -5,13 +5,17 @@
 #include <libgen.h>
 #include <limits.h>
 #include <netinet/in.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "firmware/base/change.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/base/program_options.h"
+#include "firmware/base/text.h"
 #include "firmware/process/confine.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/service.h"
@@ -24,10 +28,23 @@
 
 /* ---- options ---- */
 
-typedef struct token_words {
+/* Texts are those of the command line. */
+typedef struct serve_options {
+    const char *listen; /* "127.0.0.1:8443" */
+    tl_option_list hosts;
+    const char *certificate; /* NULL: one of our own */
+    const char *key;
+    const char *state; /* folder of that */
+    const char *tokens;
+    const char *plants;
+    bool fingerprint;
+    bool unconfined;
+} serve_options;
+
+typedef struct token_options {
     const char *role;
     const char *tokens;
-} token_words;
+} token_options;
 
 enum { SERVE = 1 << 0, TOKEN = 1 << 1 }; /* by the rows of VERBS */
 
@@ -44,28 +61,28 @@ static const tl_verb_row *const SERVE_VERB = &VERBS[0], *const TOKEN_VERB = &VER
 #define SETS(type, member) .offset = offsetof(type, member)
 
 static const tl_option OPTIONS[] = {
-    {SERVE, "listen", "ADDRESS", tl_option_text, SETS(tl_serve_options, listen),
+    {SERVE, "listen", "ADDRESS", tl_option_text, SETS(serve_options, listen),
      "an address of this box with a port, such as 192.0.2.7:8443 or [::]:8443; default\n127.0.0.1:8443, which nobody outside of the box reaches"},
-    {SERVE, "host", "NAME", tl_option_listed, SETS(tl_serve_options, hosts),
+    {SERVE, "host", "NAME", tl_option_listed, SETS(serve_options, hosts),
      "a name that others call this box by, besides its addresses and its own name; may be\ngiven several times",
      .expected = "at most 8 of them"},
-    {SERVE, "certificate", "FILE", tl_option_text, SETS(tl_serve_options, certificate),
+    {SERVE, "certificate", "FILE", tl_option_text, SETS(serve_options, certificate),
      "a certificate of your own (PEM, with those that signed it); default: one that is made\nhere at the first start"},
-    {SERVE, "key", "FILE", tl_option_text, SETS(tl_serve_options, key), "its key (PEM); default: in the same file",
+    {SERVE, "key", "FILE", tl_option_text, SETS(serve_options, key), "its key (PEM); default: in the same file",
      .needs = "certificate"},
-    {SERVE, "state", "DIR", tl_option_text, SETS(tl_serve_options, state),
+    {SERVE, "state", "DIR", tl_option_text, SETS(serve_options, state),
      "where the certificate that is made here lies; default /var/lib/twinlock-serve"},
-    {SERVE, "tokens", "FILE", tl_option_text, SETS(tl_serve_options, tokens),
+    {SERVE, "tokens", "FILE", tl_option_text, SETS(serve_options, tokens),
      "who may do what, as `twinlock token` writes it; default /etc/twinlock-serve/tokens"},
-    {SERVE, "plants", "DIR", tl_option_text, SETS(tl_serve_options, plants),
+    {SERVE, "plants", "DIR", tl_option_text, SETS(serve_options, plants),
      "where plants have their control sockets, as NAME/control; default /run/twinlock"},
-    {SERVE, "fingerprint", NULL, tl_option_switch, SETS(tl_serve_options, fingerprint),
+    {SERVE, "fingerprint", NULL, tl_option_switch, SETS(serve_options, fingerprint),
      "print the pin of this box's key, for `curl --pinnedpubkey`, and the SHA-256 of its\ncertificate, as browsers show it; then end"},
-    {SERVE, "unconfined", NULL, tl_option_switch, SETS(tl_serve_options, unconfined),
+    {SERVE, "unconfined", NULL, tl_option_switch, SETS(serve_options, unconfined),
      "keep what the user may do: files, programs, connections"},
-    {TOKEN, "role", "ROLE", tl_option_text, SETS(token_words, role),
+    {TOKEN, "role", "ROLE", tl_option_text, SETS(token_options, role),
      "read: see how plants are; retune: and change values of theirs; commission: and name\nother hosts, devices, files and components"},
-    {TOKEN, "tokens", "FILE", tl_option_text, SETS(token_words, tokens),
+    {TOKEN, "tokens", "FILE", tl_option_text, SETS(token_options, tokens),
      "the file of tokens; default /etc/twinlock-serve/tokens"},
     {SERVE | TOKEN, "help", .help = "this text"},
 };
@@ -87,58 +104,6 @@ static tl_options_outcome read_options(const tl_verb_row *verb, int argc, char *
     return outcome;
 }
 
-tl_options_outcome tl_serve_options_read(int argc, char **argv, tl_serve_options *options) {
-    char **words = NULL;
-    *options = (tl_serve_options){
-        .listen = "127.0.0.1:8443",
-        .state = "/var/lib/twinlock-serve",
-        .tokens = TL_TOKENS_FILE,
-        .plants = TL_CONTROL_FOLDER,
-    };
-    return read_options(SERVE_VERB, argc, argv, options, &words, 0, 0);
-}
-
-static tl_options_outcome take_name(const char *name, tl_token_options *options) {
-    if (name == NULL) {
-        return tl_options_refuse(TOKEN_VERB, "a name is missing, for example anna");
-    }
-    if (!tl_plain_name(name) || strlen(name) >= TL_TOKEN_NAME) {
-        return tl_options_refuse(TOKEN_VERB, "a token's name has at most 31 letters, digits, - _ and .");
-    }
-    options->name = name;
-    return TL_OPTIONS_READ;
-}
-
-static tl_options_outcome take_role(const char *role, tl_token_options *options) {
-    if (role == NULL || !tl_change_right_of(role, &options->role)) {
-        return tl_options_refuse(TOKEN_VERB, "add needs --role read, retune or commission");
-    }
-    return TL_OPTIONS_READ;
-}
-
-tl_options_outcome tl_token_options_read(int argc, char **argv, tl_token_options *options) {
-    char **words = NULL;
-    token_words given = {.tokens = TL_TOKENS_FILE};
-    tl_options_outcome outcome = read_options(TOKEN_VERB, argc, argv, &given, &words, 1, 2);
-    if (outcome != TL_OPTIONS_READ) {
-        return outcome;
-    }
-    *options = (tl_token_options){.tokens = given.tokens, .action = TL_TOKEN_LIST};
-    if (strcmp(words[0], "list") == 0) {
-        return TL_OPTIONS_READ;
-    }
-    if (strcmp(words[0], "revoke") == 0) {
-        options->action = TL_TOKEN_REVOKE;
-        return take_name(words[1], options);
-    }
-    if (strcmp(words[0], "add") == 0) {
-        options->action = TL_TOKEN_ADD;
-        outcome = take_name(words[1], options);
-        return outcome == TL_OPTIONS_READ ? take_role(given.role, options) : outcome;
-    }
-    return tl_options_refuse(TOKEN_VERB, "expected add, list or revoke");
-}
-
 /* ---- serve verb ---- */
 
 enum { BACKLOG = 128, MEMORY = 64 * 1024 * 1024 };
@@ -150,9 +115,8 @@ static const tl_time TURN = TL_SECOND;
 static tl_status listen_on(const char *text, int *listener, tl_error *error) {
     struct sockaddr_storage address;
     socklen_t size = 0;
-    unsigned port = 0;
     int on = 1;
-    if (!tl_address_parse(text, &address, &size, &port)) {
+    if (!tl_address_parse(text, &address, &size)) {
         return tl_fail(error, TL_BAD_USAGE,
                        "--listen: found \"%.64s\", expected an address with a port, such as 192.0.2.7:8443", text);
     }
@@ -175,9 +139,7 @@ static unsigned port_of(int listener) {
     socklen_t size = sizeof address;
     memset(&address, 0, sizeof address);
     (void)getsockname(listener, (struct sockaddr *)&address, &size);
-    in_port_t port = address.ss_family == AF_INET6 ? ((const struct sockaddr_in6 *)(const void *)&address)->sin6_port
-                                                   : ((const struct sockaddr_in *)(const void *)&address)->sin_port;
-    return ntohs(port);
+    return ntohs(((const struct sockaddr_in *)(const void *)&address)->sin_port); /* where that of IPv6 is, too */
 }
 
 /* ---- serving ---- */
@@ -197,7 +159,7 @@ static void serve(tl_server *server) {
 }
 
 /* From now on it has its listener, local sockets, and two folders to look into. */
-static tl_status confine(const tl_serve_options *options, tl_error *error) {
+static tl_status confine(const serve_options *options, tl_error *error) {
     char folder[PATH_MAX];
     tl_confine_facts facts;
     if (options->unconfined) {
@@ -223,7 +185,7 @@ static tl_status confine(const tl_serve_options *options, tl_error *error) {
     return status;
 }
 
-static tl_status serve_on(const tl_serve_options *options, int listener, const tl_certificate *certificate,
+static tl_status serve_on(const serve_options *options, int listener, const tl_certificate *certificate,
                           tl_error *error) {
     tl_server *server = NULL;
     const tl_host_names names = tl_host_names_of(&options->hosts);
@@ -245,14 +207,11 @@ static tl_status serve_on(const tl_serve_options *options, int listener, const t
     return TL_OK;
 }
 
-static void print_fingerprint(const tl_fingerprint *fingerprint) {
-    (void)printf("pin          %s\ncertificate  %s\n", fingerprint->pin, fingerprint->certificate);
-}
-
-static tl_status run(const tl_serve_options *options, const tl_certificate *certificate, tl_error *error) {
+static tl_status run(const serve_options *options, const tl_certificate *certificate, tl_error *error) {
     int listener = -1;
     if (options->fingerprint) {
-        print_fingerprint(&certificate->fingerprint);
+        (void)printf("pin          %s\ncertificate  %s\n", certificate->fingerprint.pin,
+                     certificate->fingerprint.certificate);
         return TL_OK;
     }
     tl_interrupt_install();
@@ -264,16 +223,111 @@ static tl_status run(const tl_serve_options *options, const tl_certificate *cert
     return status;
 }
 
-int tl_serve_verb_run(const tl_serve_options *options) {
+static int exit_code_of(tl_options_outcome outcome) {
+    return tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
+}
+
+int tl_serve_verb_run(int argc, char **argv) {
+    serve_options options = {
+        .listen = "127.0.0.1:8443",
+        .state = "/var/lib/twinlock-serve",
+        .tokens = TL_TOKENS_FILE,
+        .plants = TL_CONTROL_FOLDER,
+    };
     tl_certificate certificate;
     tl_error error = {TL_OK, ""};
-    const char *chain = options->certificate;
-    const char *key = options->key != NULL ? options->key : chain;
+    char **words = NULL;
+    tl_options_outcome outcome = read_options(SERVE_VERB, argc, argv, &options, &words, 0, 0);
+    if (outcome != TL_OPTIONS_READ) {
+        return exit_code_of(outcome);
+    }
+    const char *chain = options.certificate;
+    const char *key = options.key != NULL ? options.key : chain;
     tl_status status = chain != NULL ? tl_certificate_load(chain, key, &certificate, &error)
-                                     : tl_certificate_have(options->state, &certificate, &error);
+                                     : tl_certificate_have(options.state, &certificate, &error);
     if (status == TL_OK) {
-        status = run(options, &certificate, &error);
+        status = run(&options, &certificate, &error);
         tl_certificate_free(&certificate);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    return tl_exit_code(status);
+}
+
+/* ---- token verb ---- */
+
+static tl_status add_token(const char *path, const char *name, tl_change_right role, tl_tokens *tokens,
+                           tl_error *error) {
+    char secret[TL_TOKEN_SECRET];
+    tl_token *made = &tokens->rows[tokens->count];
+    if (tl_tokens_named(tokens, name) != tokens->count) {
+        return tl_fail(error, TL_BAD_USAGE, "there is a token %s: revoke it first, or take another name", name);
+    }
+    if (tokens->count == TL_TOKENS) {
+        return tl_fail(error, TL_BAD_USAGE, "there are %d tokens, which is all that fit: revoke one first", TL_TOKENS);
+    }
+    tl_status status = tl_token_make_secret(secret, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    *made = (tl_token){.role = role};
+    memcpy(made->name, name, strlen(name) + 1);
+    tl_sha256(secret, strlen(secret), made->hash);
+    tl_utc_text(tl_utc_now(), made->made);
+    tokens->count++;
+    status = tl_tokens_write(path, tokens, error);
+    if (status == TL_OK) {
+        (void)printf("%s\n", secret);
+        (void)fprintf(stderr, "This is the token of %s. It is shown now and never again.\n", made->name);
+    }
+    return status;
+}
+
+static tl_status revoke_token(const char *path, const char *name, tl_tokens *tokens, tl_error *error) {
+    size_t place = tl_tokens_named(tokens, name);
+    if (place == tokens->count) {
+        return tl_fail(error, TL_BAD_USAGE, "there is no token %s: `twinlock token list` names those there are", name);
+    }
+    tokens->count--;
+    memmove(&tokens->rows[place], &tokens->rows[place + 1], (tokens->count - place) * sizeof tokens->rows[0]);
+    return tl_tokens_write(path, tokens, error);
+}
+
+int tl_token_verb_run(int argc, char **argv) {
+    token_options options = {.tokens = TL_TOKENS_FILE};
+    tl_tokens tokens;
+    tl_change_right role = TL_RIGHT_READ;
+    tl_error error = {TL_OK, ""};
+    char **words = NULL;
+    tl_options_outcome outcome = read_options(TOKEN_VERB, argc, argv, &options, &words, 1, 2);
+    if (outcome != TL_OPTIONS_READ) {
+        return exit_code_of(outcome);
+    }
+    bool lists = strcmp(words[0], "list") == 0;
+    bool adds = strcmp(words[0], "add") == 0;
+    const char *name = words[1];
+    if (!lists && !adds && strcmp(words[0], "revoke") != 0) {
+        return exit_code_of(tl_options_refuse(TOKEN_VERB, "expected add, list or revoke"));
+    }
+    if (!lists && name == NULL) {
+        return exit_code_of(tl_options_refuse(TOKEN_VERB, "a name is missing, for example anna"));
+    }
+    if (!lists && (!tl_plain_name(name) || strlen(name) >= TL_TOKEN_NAME)) {
+        return exit_code_of(tl_options_refuse(TOKEN_VERB, "a token's name has at most 31 letters, digits, - _ and ."));
+    }
+    if (adds && (options.role == NULL || !tl_change_right_of(options.role, &role))) {
+        return exit_code_of(tl_options_refuse(TOKEN_VERB, "add needs --role read, retune or commission"));
+    }
+    tl_status status = tl_tokens_read(options.tokens, &tokens, &error);
+    if (status == TL_OK && lists) {
+        for (size_t i = 0; i < tokens.count; i++) {
+            const tl_token *token = &tokens.rows[i];
+            (void)printf("%-31s  %-10s  %s\n", token->name, tl_change_rights[token->role], token->made);
+        }
+    } else if (status == TL_OK) {
+        status = adds ? add_token(options.tokens, name, role, &tokens, &error)
+                      : revoke_token(options.tokens, name, &tokens, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

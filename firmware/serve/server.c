@@ -62,20 +62,10 @@ struct tl_server {
 /* ---- The audit: One line for each request that may change something, once its end is known. */
 
 static const char *verb_of(const tl_control_request *control) {
-    switch ((tl_control_verb)control->verb) {
-    case TL_CONTROL_TAKE:
+    if (control->verb == TL_CONTROL_TAKE) {
         return (control->flags & TL_CONTROL_ONLY_CHECK) != 0 ? "check" : "change";
-    case TL_CONTROL_CONFIRM:
-        return "confirm";
-    case TL_CONTROL_RETURN:
-        return "return";
-    case TL_CONTROL_SHOW:
-    case TL_CONTROL_READ:
-    case TL_CONTROL_VERSIONS:
-    case TL_CONTROL_VERBS:
-        break;
     }
-    return "ask";
+    return control->verb == TL_CONTROL_CONFIRM ? "confirm" : "return";
 }
 
 /* An entry for a request that may change something. */
@@ -362,9 +352,9 @@ static enum MHD_Result answer(tl_server *server, tl_visit *visit) {
 /* ---- the request ---- */
 
 static bool has_large_body(struct MHD_Connection *connection) {
-    const char *length = MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_CONTENT_LENGTH);
+    const char *length = header(connection, MHD_HTTP_HEADER_CONTENT_LENGTH);
     return (length != NULL && strtoull(length, NULL, 10) > LARGE_BODY) ||
-           MHD_lookup_connection_value(connection, MHD_HEADER_KIND, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
+           header(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
 }
 
 /* Judges the request by its head. The body of a refused request is read and dropped before the answer: closing a
@@ -522,14 +512,6 @@ static int find_place(tl_server *server, const tl_address *address, tl_time now)
     return place;
 }
 
-static void find_local(int socket, char text[TL_ADDRESS_TEXT]) {
-    struct sockaddr_storage local;
-    socklen_t size = sizeof local;
-    memset(&local, 0, sizeof local);
-    (void)getsockname(socket, (struct sockaddr *)&local, &size);
-    tl_address_text((const struct sockaddr *)&local, text);
-}
-
 static void admit(tl_server *server, int socket, const struct sockaddr *from, socklen_t size) {
     tl_address address = tl_address_of(from);
     int place = find_place(server, &address, tl_clock_now(NULL));
@@ -539,8 +521,11 @@ static void admit(tl_server *server, int socket, const struct sockaddr *from, so
     }
     tl_visit *visit = &server->visits[place];
     *visit = (tl_visit){.place = place, .socket = socket, .address = address, .dialogue = {.socket = -1}};
+    struct sockaddr_storage local = {.ss_family = AF_UNSPEC};
+    socklen_t local_size = sizeof local;
     tl_address_text(from, visit->from);
-    find_local(socket, visit->local);
+    (void)getsockname(socket, (struct sockaddr *)&local, &local_size);
+    tl_address_text((const struct sockaddr *)&local, visit->local);
     server->arriving = place;
     if (MHD_add_connection(server->daemon, socket, from, size) != MHD_YES) {
         tl_guests_leave(&server->guests, place);
@@ -621,14 +606,6 @@ static void follow(tl_server *server, tl_visit *visit) {
     }
 }
 
-static void follow_all(tl_server *server) {
-    for (int i = 0; i < TL_GUESTS; i++) {
-        if (server->guests.rows[i].is_there) {
-            follow(server, &server->visits[i]);
-        }
-    }
-}
-
 /* A plant that does not answer is told of; a guest who does not go on is put out. */
 static void end_overdue(tl_server *server) {
     tl_time now = tl_clock_now(NULL);
@@ -652,7 +629,11 @@ void tl_server_turn(tl_server *server, tl_time most) {
         tl_log_limited(&server->says, TL_LOG_ERROR, "nothing can be waited for: %s", strerror(errno));
     }
     open_door(server);
-    follow_all(server);
+    for (int i = 0; i < TL_GUESTS; i++) {
+        if (server->guests.rows[i].is_there) {
+            follow(server, &server->visits[i]);
+        }
+    }
     end_overdue(server);
     (void)MHD_run(server->daemon);
 }

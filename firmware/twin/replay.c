@@ -270,7 +270,7 @@ static void tl_replay_report_add(tl_replay_report *report, const tl_record *reco
 
 static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
     tl_replay_report *report = context;
-    const tl_html_event event = {"", tick, tl_severity_name(severity), source, text};
+    const tl_history_event event = {"", tick >= 0, tick, tl_severity_name(severity), source, text};
     tl_html_report_add_event(report->report, &event);
 }
 

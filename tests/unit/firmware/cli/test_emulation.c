@@ -106,7 +106,7 @@ static void test_no_recording(void) {
 /* Opens config/motor/plant.json with a part of its text replaced. */
 static tl_status emulate(const char *driving, uint64_t seed) {
     static tl_account account;
-    const tl_emulation_model model = {.config = &assembly.config, .account = &account, .assembly = &assembly};
+    const tl_twin_feed_settings model = {.config = &assembly.config, .account = &account, .assembly = &assembly};
     tl_account_take(assembly.twin, &account);
     return tl_emulation_open_model(&model, driving, seed, &emulation, &error);
 }

@@ -400,21 +400,6 @@ static void test_hosts_that_are_none_of_ours(void) {
     expect_refused(TL_TRY_AGAIN, "192.0.2.1", 0, CHANNELS, "cannot listen at 192.0.2.1");
 }
 
-static void test_channels_that_are_wrong(void) {
-    tl_modbus_channel channel = CHANNELS[0];
-    channel.type = TL_MODBUS_BIT;
-    expect_refused(TL_BAD_DATA, "127.0.0.1", 0, &channel, "channel 0 does not fit into its table");
-    channel = CHANNELS[3];
-    channel.type = TL_MODBUS_INT16;
-    expect_refused(TL_BAD_DATA, "127.0.0.1", 0, &channel, "does not fit");
-    channel = CHANNELS[1];
-    channel.address = 65535;
-    expect_refused(TL_BAD_DATA, "127.0.0.1", 0, &channel, "does not fit");
-    channel = CHANNELS[1];
-    channel.table = (tl_modbus_table)5;
-    expect_refused(TL_BAD_DATA, "127.0.0.1", 0, &channel, "does not fit");
-}
-
 static void test_a_device_without_channels(void) {
     (void)close(client);
     tl_plant_server_stop(server);
@@ -447,7 +432,6 @@ int main(void) {
     RUN_TEST(test_stop_hangs_up_and_frees_the_port);
     RUN_TEST(test_a_port_that_is_taken);
     RUN_TEST(test_hosts_that_are_none_of_ours);
-    RUN_TEST(test_channels_that_are_wrong);
     RUN_TEST(test_a_device_without_channels);
     return UNITY_END();
 }

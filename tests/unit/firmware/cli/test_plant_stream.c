@@ -260,12 +260,12 @@ static void test_readers_come_and_go(void) {
     expect_counts(3, 3);
 }
 
-/* Two columns, and four hundred: rows that a pipe takes as a whole, and rows that it may take in pieces. */
-static const char *WIDE[400];
+/* Two columns, and as many as a plant can have. */
+static const char *WIDE[TL_MAX_SIGNALS];
 
 static void make_wide_names(void) {
-    static char names[400][16];
-    for (int i = 0; i < 400; i++) {
+    static char names[TL_MAX_SIGNALS][16];
+    for (int i = 0; i < TL_MAX_SIGNALS; i++) {
         (void)snprintf(names[i], sizeof names[i], "c%d", i);
         WIDE[i] = names[i];
     }
@@ -273,7 +273,7 @@ static void make_wide_names(void) {
 
 /* The values are easy to check: each is the row's number and a seventh. */
 static bool numbered_row(int number, size_t columns) {
-    double values[400];
+    double values[TL_MAX_SIGNALS];
     for (size_t i = 0; i < columns; i++) {
         values[i] = number + 1.0 / 7.0;
     }
@@ -332,7 +332,7 @@ static void fill_and_empty(size_t columns) {
         }
         read_more(text, SIZE);
     }
-    TEST_ASSERT_TRUE(numbered_row(number, columns)); /* brings the rest of the one before it */
+    TEST_ASSERT_TRUE(numbered_row(number, columns));
     written[count++] = number;
     read_more(text, SIZE);
     expect_counts((uint64_t)count, 6);
@@ -344,23 +344,23 @@ static void test_a_reader_that_does_not_read(void) {
 }
 
 static void test_a_reader_that_does_not_read_wide_rows(void) {
-    fill_and_empty(400);
+    fill_and_empty(TL_MAX_SIGNALS);
 }
 
-static void test_a_reader_that_leaves_in_the_middle_of_a_row(void) {
-    expect_open(true, WIDE, 400);
+static void test_a_reader_that_leaves_while_the_pipe_is_full(void) {
+    expect_open(true, WIDE, TL_MAX_SIGNALS);
     open_reader();
     int number = 0;
-    while (numbered_row(number, 400)) {
+    while (numbered_row(number, TL_MAX_SIGNALS)) {
         number++;
     }
     close_reader();
-    TEST_ASSERT_FALSE(numbered_row(++number, 400));
+    TEST_ASSERT_FALSE(numbered_row(++number, TL_MAX_SIGNALS));
     open_reader();
-    TEST_ASSERT_TRUE(numbered_row(++number, 400));
+    TEST_ASSERT_TRUE(numbered_row(++number, TL_MAX_SIGNALS));
     char *text = read_all();
     TEST_ASSERT_EQUAL_STRING_LEN("time,c0,c1,", text, 11);
-    expect_whole_rows(text, &number, 1, 400);
+    expect_whole_rows(text, &number, 1, TL_MAX_SIGNALS);
     free(text);
 }
 
@@ -423,7 +423,7 @@ int main(void) {
     RUN_TEST(test_readers_come_and_go);
     RUN_TEST(test_a_reader_that_does_not_read);
     RUN_TEST(test_a_reader_that_does_not_read_wide_rows);
-    RUN_TEST(test_a_reader_that_leaves_in_the_middle_of_a_row);
+    RUN_TEST(test_a_reader_that_leaves_while_the_pipe_is_full);
     RUN_TEST(test_the_live_driver_reads_it);
     return tl_scratch_finish(&scratch, UNITY_END());
 }

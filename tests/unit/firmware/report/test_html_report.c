@@ -176,7 +176,7 @@ static void test_names_are_text(void) {
     adjust[0] = (tl_recorder_signal){hostile, unit, NULL, TL_REAL};
     create();
     add(0, 1.0, TL_GOOD);
-    const tl_html_event event = {hostile, 0, "\"><i>", hostile, hostile};
+    const tl_history_event event = {hostile, true, 0, "\"><i>", hostile, hostile};
     tl_html_report_add_event(report, &event);
     write_page();
     TEST_ASSERT_EQUAL_size_t(0, count("<script>alert"));
@@ -217,7 +217,7 @@ static void test_the_newest_events_are_listed(void) {
     for (int i = 0; i < TL_HTML_EVENTS + 5; i++) {
         char text[32];
         (void)snprintf(text, sizeof text, "event %d.", i);
-        const tl_html_event event = {"", i, "info", "twin", text};
+        const tl_history_event event = {"", true, i, "info", "twin", text};
         tl_html_report_add_event(report, &event);
     }
     write_page();
@@ -232,8 +232,9 @@ static void test_the_newest_events_are_listed(void) {
 static void test_an_event_without_a_tick(void) {
     settings.live = true;
     create();
-    tl_html_report_add_event(report, &(tl_html_event){"1970-01-01T00:00:02.500Z", -1, "error", "cycle", "late"});
-    tl_html_report_add_event(report, &(tl_html_event){"rubbish", -1, "error", "cycle", "never"});
+    tl_html_report_add_event(report,
+                             &(tl_history_event){"1970-01-01T00:00:02.500Z", false, -1, "error", "cycle", "late"});
+    tl_html_report_add_event(report, &(tl_history_event){"rubbish", false, -1, "error", "cycle", "never"});
     write_page();
     expect_once("<tr class=\"error\" data-time=\"2500\">");
     expect_once("<tr class=\"error\">");

@@ -12,7 +12,7 @@ void setUp(void) {
 void tearDown(void) {}
 
 static void add(int64_t outcome, uint64_t evaluations, tl_time used) {
-    const tl_run_step step = {.outcome = outcome, .evaluations = evaluations, .used = used};
+    const tl_history_step step = {.outcome = outcome, .evaluations = (int64_t)evaluations, .used = used};
     tl_run_figures_add_step(&figures, &step, 100);
 }
 
@@ -41,7 +41,7 @@ static void test_an_outcome_that_is_not_known_is_a_step_and_no_more(void) {
 }
 
 static void test_searches_that_time_ended(void) {
-    const tl_run_step step = {.outcome = TL_BEST_SO_FAR, .time_limited = true};
+    const tl_history_step step = {.outcome = TL_BEST_SO_FAR, .stop = TL_STOP_TIME};
     tl_run_figures_add_step(&figures, &step, 100);
     TEST_ASSERT_EQUAL_UINT64(1, figures.time_limited);
 }
