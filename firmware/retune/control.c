@@ -5,7 +5,6 @@
 #include <linux/magic.h>
 #include <math.h>
 #include <poll.h>
-#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -19,67 +18,65 @@
 
 /* ---- control words ---- */
 
-static const char *const step_names[TL_CONTROL_STEPS] = {
-    [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
-    [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
-    [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
-    [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
-};
-
-static const char *const result_names[TL_CONTROL_RESULTS] = {
-    [TL_CONTROL_DONE] = "done",
-    [TL_CONTROL_SAME] = "same",
-    [TL_CONTROL_BAD] = "bad request",
-    [TL_CONTROL_FORBIDDEN] = "forbidden",
-    [TL_CONTROL_CHANGED] = "changed",
-    [TL_CONTROL_INVALID] = "invalid",
-    [TL_CONTROL_RESTART] = "needs a restart",
-    [TL_CONTROL_BUSY] = "busy",
-    [TL_CONTROL_ABSENT] = "absent",
-    [TL_CONTROL_FAILED] = "failed",
-    [TL_CONTROL_UNDONE] = "undone",
-    [TL_CONTROL_CANCELLED] = "cancelled",
-};
-
 const char *tl_control_step_name(tl_control_step step) {
-    return step_names[step];
+    static const char *const names[TL_CONTROL_STEPS] = {
+        [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
+        [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
+        [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
+        [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
+    };
+    return names[step];
 }
+
+/* Names, and exit codes as sysexits.h and a tl_status have them. */
+static const struct {
+    const char *name;
+    tl_status status;
+} results[TL_CONTROL_RESULTS] = {
+    [TL_CONTROL_DONE] = {"done", TL_OK},
+    [TL_CONTROL_SAME] = {"same", TL_OK},
+    [TL_CONTROL_BAD] = {"bad request", TL_BAD_USAGE},
+    [TL_CONTROL_FORBIDDEN] = {"forbidden", TL_OK}, /* TL_CONTROL_NOT_PERMITTED */
+    [TL_CONTROL_CHANGED] = {"changed", TL_TRY_AGAIN},
+    [TL_CONTROL_INVALID] = {"invalid", TL_BAD_DATA},
+    [TL_CONTROL_RESTART] = {"needs a restart", TL_BAD_USAGE},
+    [TL_CONTROL_BUSY] = {"busy", TL_TRY_AGAIN},
+    [TL_CONTROL_ABSENT] = {"absent", TL_PLANT_DOWN},
+    [TL_CONTROL_FAILED] = {"failed", TL_TRY_AGAIN},
+    [TL_CONTROL_UNDONE] = {"undone", TL_NOT_LOCKED},
+    [TL_CONTROL_CANCELLED] = {"cancelled", TL_TRY_AGAIN},
+};
 
 const char *tl_control_result_name(tl_control_result result) {
-    return result_names[result];
+    return results[result].name;
 }
 
-/* As sysexits.h and a tl_status have them. */
 int tl_control_exit_code(tl_control_result result) {
-    switch (result) {
-    case TL_CONTROL_DONE:
-    case TL_CONTROL_SAME:
-        return 0;
-    case TL_CONTROL_BAD:
-    case TL_CONTROL_RESTART:
-        return tl_exit_code(TL_BAD_USAGE);
-    case TL_CONTROL_UNDONE:
-        return tl_exit_code(TL_NOT_LOCKED);
-    case TL_CONTROL_INVALID:
-        return tl_exit_code(TL_BAD_DATA);
-    case TL_CONTROL_ABSENT:
-        return tl_exit_code(TL_PLANT_DOWN);
-    case TL_CONTROL_FORBIDDEN:
-        return TL_CONTROL_NOT_PERMITTED;
-    case TL_CONTROL_CHANGED:
-    case TL_CONTROL_BUSY:
-    case TL_CONTROL_FAILED:
-    case TL_CONTROL_CANCELLED:
-    case TL_CONTROL_RESULTS:
-        break;
-    }
-    return tl_exit_code(TL_TRY_AGAIN);
+    return result == TL_CONTROL_FORBIDDEN ? TL_CONTROL_NOT_PERMITTED : tl_exit_code(results[result].status);
 }
 
-const char *tl_control_right_note(const char *right) {
-    return strcmp(right, "commission") == 0   ? ", takes the right to commission"
-           : strcmp(right, "on the box") == 0 ? ", on the box only"
-                                              : "";
+tl_control_reply tl_control_new_reply(tl_control_kind kind) {
+    tl_control_reply reply;
+    memset(&reply, 0, sizeof reply);
+    reply.kind = (uint32_t)kind;
+    return reply;
+}
+
+tl_control_reply tl_control_new_step(tl_control_step step, uint32_t left_s, const char *text) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STEP);
+    reply.as.progress.step = (uint32_t)step;
+    reply.as.progress.left_s = left_s;
+    (void)snprintf(reply.as.progress.text, sizeof reply.as.progress.text, "%s", text);
+    return reply;
+}
+
+tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_END);
+    reply.as.end.result = (uint32_t)result;
+    reply.as.end.version = version;
+    (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
+    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
+    return reply;
 }
 
 /* ---- control packet ---- */
@@ -258,19 +255,8 @@ bool tl_control_is_knocked_at(int listener) {
 }
 
 bool tl_control_accept(int listener, tl_control_peer *peer) {
-    struct ucred who = {0};
-    socklen_t size = sizeof who;
     *peer = (tl_control_peer){.socket = accept4(listener, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)};
-    if (peer->socket < 0) {
-        return false;
-    }
-    if (getsockopt(peer->socket, SOL_SOCKET, SO_PEERCRED, &who, &size) != 0) {
-        tl_control_close(peer);
-        return false;
-    }
-    peer->user = who.uid;
-    peer->process = who.pid;
-    return true;
+    return peer->socket >= 0;
 }
 
 /* ---- requests ---- */
@@ -336,34 +322,27 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
 /* ---- replies ---- */
 
 /* Nobody waits for a client that does not take what we say. */
-bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
-    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, NULL, 0)) {
+static bool send_reply(tl_control_peer *peer, const tl_control_reply *reply, const char *text, size_t size) {
+    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, text, size)) {
         tl_control_close(peer);
     }
     return peer->socket >= 0;
 }
 
+bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
+    return send_reply(peer, reply, NULL, 0);
+}
+
 bool tl_control_send_text(tl_control_peer *peer, const tl_control_version *version, const char *text, size_t size) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_CONFIGURATION;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
     reply.more = (uint32_t)size;
     reply.as.version = *version;
-    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, &reply, sizeof reply, text, size)) {
-        tl_control_close(peer);
-    }
-    return peer->socket >= 0;
+    return send_reply(peer, &reply, text, size);
 }
 
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
                        const char *text) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_END;
-    reply.as.end.result = result;
-    reply.as.end.version = version;
-    (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
-    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
+    const tl_control_reply reply = tl_control_new_end(result, version, hash, text);
     (void)tl_control_send(peer, &reply);
     tl_control_close(peer);
 }
@@ -429,57 +408,38 @@ tl_status tl_control_ask(int socket_, const tl_control_request *request, const c
 
 /* ---- what comes back ---- */
 
-static void end_text(char *text, size_t room) {
-    text[room - 1] = '\0';
-}
+/* All texts of replies. */
+#define TEXT(kind, member)                                                                                             \
+    { kind, offsetof(tl_control_reply, as.member), sizeof((tl_control_reply *)NULL)->as.member }
 
-#define END_TEXT(text) end_text(text, sizeof(text))
-
-static void end_version(tl_control_version *version) {
-    END_TEXT(version->hash);
-    END_TEXT(version->kind);
-    END_TEXT(version->origin);
-    END_TEXT(version->right);
-    END_TEXT(version->who);
-    END_TEXT(version->why);
-    END_TEXT(version->at);
-    END_TEXT(version->result);
-}
+static const struct {
+    tl_control_kind kind;
+    size_t at, room;
+} texts[] = {
+    TEXT(TL_CONTROL_STATE, state.plant),      TEXT(TL_CONTROL_STATE, state.hash),
+    TEXT(TL_CONTROL_STATE, state.lock),       TEXT(TL_CONTROL_STATE, state.line),
+    TEXT(TL_CONTROL_VERSION, version.hash),   TEXT(TL_CONTROL_VERSION, version.kind),
+    TEXT(TL_CONTROL_VERSION, version.origin), TEXT(TL_CONTROL_VERSION, version.right),
+    TEXT(TL_CONTROL_VERSION, version.who),    TEXT(TL_CONTROL_VERSION, version.why),
+    TEXT(TL_CONTROL_VERSION, version.at),     TEXT(TL_CONTROL_VERSION, version.result),
+    TEXT(TL_CONTROL_CHANGE, change.path),     TEXT(TL_CONTROL_CHANGE, change.before),
+    TEXT(TL_CONTROL_CHANGE, change.after),    TEXT(TL_CONTROL_CHANGE, change.kind),
+    TEXT(TL_CONTROL_CHANGE, change.right),    TEXT(TL_CONTROL_PROBLEM, problem.path),
+    TEXT(TL_CONTROL_PROBLEM, problem.text),   TEXT(TL_CONTROL_STEP, progress.text),
+    TEXT(TL_CONTROL_END, end.hash),           TEXT(TL_CONTROL_END, end.text),
+};
 
 /* False: there is no such reply. All texts end afterwards. */
 static bool is_sound_client(tl_control_reply *reply) {
-    switch (reply->kind) {
-    case TL_CONTROL_STATE:
-        END_TEXT(reply->as.state.plant);
-        END_TEXT(reply->as.state.hash);
-        END_TEXT(reply->as.state.lock);
-        END_TEXT(reply->as.state.line);
-        return reply->as.state.step < TL_CONTROL_STEPS;
-    case TL_CONTROL_VERSION:
-    case TL_CONTROL_CONFIGURATION:
-        end_version(&reply->as.version);
-        return true;
-    case TL_CONTROL_CHANGE:
-        END_TEXT(reply->as.change.path);
-        END_TEXT(reply->as.change.before);
-        END_TEXT(reply->as.change.after);
-        END_TEXT(reply->as.change.kind);
-        END_TEXT(reply->as.change.right);
-        return true;
-    case TL_CONTROL_PROBLEM:
-        END_TEXT(reply->as.problem.path);
-        END_TEXT(reply->as.problem.text);
-        return true;
-    case TL_CONTROL_STEP:
-        END_TEXT(reply->as.progress.text);
-        return reply->as.progress.step < TL_CONTROL_STEPS;
-    case TL_CONTROL_END:
-        END_TEXT(reply->as.end.hash);
-        END_TEXT(reply->as.end.text);
-        return reply->as.end.result < TL_CONTROL_RESULTS;
-    default:
-        return false;
+    uint32_t kind = reply->kind == TL_CONTROL_CONFIGURATION ? TL_CONTROL_VERSION : reply->kind;
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        if (texts[i].kind == kind) {
+            ((char *)reply)[texts[i].at + texts[i].room - 1] = '\0';
+        }
     }
+    return kind < TL_CONTROL_KINDS && (kind != TL_CONTROL_STATE || reply->as.state.step < TL_CONTROL_STEPS) &&
+           (kind != TL_CONTROL_STEP || reply->as.progress.step < TL_CONTROL_STEPS) &&
+           (kind != TL_CONTROL_END || reply->as.end.result < TL_CONTROL_RESULTS);
 }
 
 static bool wait_for(int socket_, tl_time time) {
@@ -506,34 +466,4 @@ tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, ch
         return tl_fail(error, TL_BAD_DATA, "the plant's twin answers what is no answer: it is of another version");
     }
     return TL_OK;
-}
-
-/* ---- last word ---- */
-
-static const char *volatile said;
-
-static void say(int signal_) {
-    const char *word = said;
-    if (word != NULL) {
-        (void)!write(STDERR_FILENO, "\n", 1);
-        (void)!write(STDERR_FILENO, word, strlen(word));
-        (void)!write(STDERR_FILENO, "\n", 1);
-    }
-    (void)raise(signal_); /* by default now, once this returns */
-}
-
-static void claim(int signal_) {
-    struct sigaction action = {.sa_handler = SIG_DFL};
-    if (sigaction(signal_, NULL, &action) != 0 || action.sa_handler != SIG_DFL) {
-        return;
-    }
-    action = (struct sigaction){.sa_handler = say, .sa_flags = (int)SA_RESETHAND};
-    (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(signal_, &action, NULL);
-}
-
-void tl_last_word_set(const char *word) {
-    said = word;
-    claim(SIGINT);
-    claim(SIGTERM);
 }
