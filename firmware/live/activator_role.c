@@ -96,12 +96,12 @@ static tl_status open_activator(activator_process *self, tl_error *error) {
     const tl_activator_settings settings = {
         .listener = TL_LIVE_KNOCKER,
         .state = self->job.state,
-        .plant = self->config.name,
-        .path = self->config.path,
-        .allowed = self->job.allowed,
-        .memory_limit = self->job.memory_limit,
-        .unconfined = self->job.unconfined,
-        .host = &self->functions,
+        .activation = {.plant = self->config.name,
+                       .path = self->config.path,
+                       .allowed = self->job.allowed,
+                       .memory_limit = self->job.memory_limit,
+                       .unconfined = self->job.unconfined,
+                       .host = &self->functions},
     };
     return tl_activator_open(&settings, &self->activator, error);
 }

@@ -181,18 +181,18 @@ static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
     tl_latest_publish(&tuning_of_run(context)->yardstick, yardstick, sizeof *yardstick);
 }
 
-static bool tune(void *context, const tl_activation_tuning *tuning) {
+static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
     tl_live_host *self = context;
-    tl_live_tuning_head head = {.size = (uint32_t)tuning->size, .tuning = *tuning->tuning};
+    tl_live_tuning_head head = {.size = (uint32_t)version->size, .tuning = *tuning};
     if (!is_kept(self)) {
         return false;
     }
-    copy_words(head.hash, sizeof head.hash, tuning->hash);
-    copy_words(head.who, sizeof head.who, tuning->who);
-    copy_words(head.origin, sizeof head.origin, tuning->origin);
-    copy_words(head.why, sizeof head.why, tuning->why);
+    copy_words(head.hash, sizeof head.hash, version->hash);
+    copy_words(head.who, sizeof head.who, version->who);
+    copy_words(head.origin, sizeof head.origin, tl_change_origins[version->origin]);
+    copy_words(head.why, sizeof head.why, why);
     tl_live_tuning_skip(tuning_of_run(self), newest_tuning(self));
-    self->given = tl_live_tuning_write(tuning_of_run(self), &head, tuning->text);
+    self->given = tl_live_tuning_write(tuning_of_run(self), &head, text);
     return true;
 }
 
@@ -230,12 +230,12 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
     tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
-    self->pulse->order.needs = (tl_live_needs){.match = candidate->needs.match,
-                                               .adjust = candidate->needs.adjust,
-                                               .components = candidate->needs.components,
-                                               .unconfined = candidate->needs.unconfined ? 1 : 0,
-                                               .fmu_bytes = candidate->needs.fmu_bytes,
-                                               .signals = candidate->needs.signals};
+    self->pulse->order.needs = (tl_live_needs){.match = candidate->needs->match,
+                                               .adjust = candidate->needs->adjust,
+                                               .components = candidate->needs->components,
+                                               .unconfined = candidate->needs->unconfined,
+                                               .fmu_bytes = candidate->needs->fmu_bytes,
+                                               .signals = candidate->needs->signals};
     order(self, TL_LIVE_SHADOW);
     return true;
 }

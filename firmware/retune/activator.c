@@ -74,12 +74,11 @@ static const char *lock_of(const tl_activation_view *view) {
 static void show(tl_activator *self, visitor *who) {
     const tl_version *active = active_of(self);
     tl_activation_view view = {.step_s = 0.0};
-    tl_control_reply reply;
-    self->settings.host->look(self->settings.host->context, &view);
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_STATE;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
+    const tl_activation_settings *settings = &self->activation.settings;
+    settings->host->look(settings->host->context, &view);
     tl_control_state *state = &reply.as.state;
-    (void)snprintf(state->plant, sizeof state->plant, "%s", self->settings.plant);
+    (void)snprintf(state->plant, sizeof state->plant, "%s", settings->plant);
     if (active != NULL) {
         memcpy(state->hash, active->hash, sizeof state->hash);
         state->version = active->number;
@@ -114,37 +113,17 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
-/* It never was a version, and has no number. */
-static void describe_refusal(const tl_refused *refusal, tl_control_version *told) {
-    memset(told, 0, sizeof *told);
-    memcpy(told->hash, refusal->hash, sizeof told->hash);
-    (void)snprintf(told->origin, sizeof told->origin, "%s", refusal->origin);
-    (void)snprintf(told->who, sizeof told->who, "%s", refusal->who);
-    (void)snprintf(told->why, sizeof told->why, "%s", refusal->why);
-    (void)snprintf(told->at, sizeof told->at, "%s", refusal->at);
-    (void)snprintf(told->result, sizeof told->result, "%s: %.*s", refusal->result, (int)sizeof told->result - 24,
-                   refusal->reason);
-}
-
-static void list_refusals(tl_activator *self, visitor *who) {
-    for (size_t i = self->refusals.count; i > 0; i--) {
-        tl_control_reply reply;
-        memset(&reply, 0, sizeof reply);
-        reply.kind = TL_CONTROL_VERSION;
-        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
-        (void)tl_control_send(&who->peer, &reply);
-    }
-}
-
 static void list_versions(tl_activator *self, visitor *who) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
-        tl_control_reply reply;
-        memset(&reply, 0, sizeof reply);
-        reply.kind = TL_CONTROL_VERSION;
         describe(self, &self->versions.list[i - 1], &reply.as.version);
         (void)tl_control_send(&who->peer, &reply);
     }
-    list_refusals(self, who);
+    for (size_t i = self->refusals.count; i > 0; i--) {
+        reply.as.version = self->refusals.list[i - 1];
+        reply.as.version.version = 0; /* it never was one */
+        (void)tl_control_send(&who->peer, &reply);
+    }
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
@@ -261,13 +240,10 @@ static void bring_back(tl_activator *self, visitor *who, const tl_control_reques
     free(text);
 }
 
-static bool changes(tl_control_verb verb) {
-    return verb == TL_CONTROL_TAKE || verb == TL_CONTROL_CONFIRM || verb == TL_CONTROL_RETURN;
-}
-
 static void answer(tl_activator *self, visitor *who, const tl_control_request *request, size_t size) {
     tl_control_verb verb = (tl_control_verb)request->verb;
-    if (changes(verb) && request->right < TL_RIGHT_RETUNE) {
+    bool changes = verb == TL_CONTROL_TAKE || verb == TL_CONTROL_CONFIRM || verb == TL_CONTROL_RETURN;
+    if (changes && request->right < TL_RIGHT_RETUNE) {
         finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
         return;
     }
@@ -332,15 +308,6 @@ static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
     }
 }
 
-static bool is_anybody_there(const tl_activator *self) {
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (self->clients[i].peer.socket >= 0) {
-            return true;
-        }
-    }
-    return false;
-}
-
 /* The listener last; a place without a client is passed over by the kernel. If none is free the others wait in its queue. */
 static void wait_for_something(tl_activator *self) {
     struct pollfd waited[TL_CONTROL_CLIENTS + 1];
@@ -353,6 +320,7 @@ static void wait_for_something(tl_activator *self) {
 }
 
 bool tl_activator_work(tl_activator *activator) {
+    bool is_busy = false;
     wait_for_something(activator);
     tl_time now = tl_clock_now(NULL);
     accept_clients(activator, now);
@@ -363,7 +331,10 @@ bool tl_activator_work(tl_activator *activator) {
     }
     tl_activation_look(&activator->activation);
     look_at_waiter(activator);
-    if (is_anybody_there(activator) || !tl_activation_is_idle(&activator->activation)) {
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        is_busy = is_busy || activator->clients[i].peer.socket >= 0;
+    }
+    if (is_busy || !tl_activation_is_idle(&activator->activation)) {
         activator->busy = now;
     }
     return now - activator->busy < IDLE;
@@ -388,21 +359,11 @@ tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator 
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         made->clients[i].peer.socket = -1;
     }
-    const tl_activation_settings activation = {
-        .host = settings->host,
-        .versions = &made->versions,
-        .refusals = &made->refusals,
-        .plant = settings->plant,
-        .path = settings->path,
-        .allowed = settings->allowed,
-        .memory_limit = settings->memory_limit,
-        .unconfined = settings->unconfined,
-        .be = settings->be,
-        .context = settings->context,
-        .say = say,
-        .listener = made,
-    };
-    tl_activation_begin(&made->activation, &activation);
+    made->settings.activation.versions = &made->versions;
+    made->settings.activation.refusals = &made->refusals;
+    made->settings.activation.say = say;
+    made->settings.activation.listener = made;
+    tl_activation_begin(&made->activation, &made->settings.activation);
     *activator = made;
     return TL_OK;
 }

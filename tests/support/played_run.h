@@ -17,7 +17,7 @@
 #include "firmware/retune/activation.h"
 #include "tests/support/scratch.h"
 
-enum { TL_PLAYED_SAID = 64, TL_PLAYED_TEXT = 2048 };
+enum { TL_PLAYED_SAID = 128, TL_PLAYED_TEXT = 2048 };
 
 typedef struct tl_played {
     tl_scratch scratch;
@@ -42,7 +42,7 @@ typedef struct tl_played {
     /* The twin in the other place. */
     tl_activation_shadow shadow;
     char other[TL_SHA256_TEXT]; /* of what it is of; "": there is none */
-    tl_activation_needs needs;  /* that it was begun with */
+    tl_trial_answer needs;      /* that it was begun with */
     tl_activation_news flipped; /* what comes of a flip */
     bool is_slow;               /* nothing is ordered at once */
     tl_run_status each;         /* look: so much more is done by the shadow, */
