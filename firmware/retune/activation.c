@@ -27,14 +27,14 @@ typedef enum outcome {
 
 /* A row of the table at the end of this file. */
 typedef struct step_row {
-    tl_control_step step;                                 /* as clients read it */
-    unsigned ways;                                        /* bits of tl_activation_way, of a candidate; 0: always */
-    outcome (*begin)(tl_activation *self);                /* NULL: nothing to do */
-    outcome (*poll)(tl_activation *self, tl_time passed); /* NULL: nothing to wait for */
-    tl_time limit;                                        /* 0: none, or that of the worker process */
-    const char *late;                                     /* why the step fails then */
-    const char *slow;                                     /* said once, after SILENCE */
-    void (*progress)(const tl_activation *self);          /* says how far it is, after each PROGRESS without a word */
+    tl_control_step step;                        /* as clients read it */
+    unsigned ways;                               /* bits of tl_activation_way, of a candidate; 0: always */
+    outcome (*begin)(tl_activation *self);       /* NULL: nothing to do */
+    outcome (*poll)(tl_activation *self);        /* NULL: nothing to wait for */
+    tl_time limit;                               /* 0: none, or that of the worker process */
+    const char *late;                            /* why the step fails then */
+    const char *slow;                            /* said once, after SILENCE */
+    void (*progress)(const tl_activation *self); /* says how far it is, after each PROGRESS without a word */
 } step_row;
 
 static const tl_time SILENCE = 2 * TL_SECOND;
@@ -91,17 +91,15 @@ static tl_activation_shadow look_at_shadow(const tl_activation *self) {
     return shadow;
 }
 
-/* Whether the twin in the other place is of the version that the probation would return to. */
-static bool has_former(const tl_activation *self, bool *runs) {
+/* What the twin in the other place does if it is of the version that the probation would return to; else there is none. */
+static tl_activation_phase phase_of_former(const tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = is_on_probation(self) ? tl_versions_get(versions, versions->probation.return_to) : NULL;
-    *runs = false;
     if (before == NULL) {
-        return false;
+        return TL_ACTIVATION_NO_SHADOW;
     }
     const tl_activation_shadow shadow = look_at_shadow(self);
-    *runs = shadow.phase == TL_ACTIVATION_SHADOW_LIVE;
-    return shadow.phase != TL_ACTIVATION_NO_SHADOW && strcmp(shadow.hash, before->hash) == 0;
+    return strcmp(shadow.hash, before->hash) == 0 ? shadow.phase : TL_ACTIVATION_NO_SHADOW;
 }
 
 /* ---- messages ---- */
@@ -431,9 +429,8 @@ static const char *plural(uint32_t problems) {
     return problems == 1 ? "problem" : "problems";
 }
 
-static outcome poll_validation(tl_activation *self, tl_time passed) {
+static outcome poll_validation(tl_activation *self) {
     char why[TL_ERRAND_WHY];
-    (void)passed;
     tl_errand_state state = tl_errand_look(&self->errand);
     if (state == TL_ERRAND_GOES_ON) {
         return RUNNING;
@@ -513,9 +510,8 @@ static void say_patience(const tl_activation *self) {
              (int)(TRIAL_LIMIT / TL_SECOND));
 }
 
-static outcome poll_trial(tl_activation *self, tl_time passed) {
+static outcome poll_trial(tl_activation *self) {
     char why[TL_ERRAND_WHY];
-    (void)passed;
     tl_errand_state state = tl_errand_look(&self->errand);
     if (state == TL_ERRAND_GOES_ON) {
         return RUNNING;
@@ -610,16 +606,14 @@ static outcome begin_shadow(tl_activation *self) {
     return RUNNING;
 }
 
-static outcome poll_order(tl_activation *self, tl_time passed) {
+static outcome poll_order(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
-    bool runs = false;
-    bool takes_place = has_former(self, &runs);
+    bool takes_place = phase_of_former(self) != TL_ACTIVATION_NO_SHADOW;
     const tl_activation_candidate candidate = {.text = self->text,
                                                .size = self->size,
                                                .hash = self->request.hash,
                                                .needs = &self->answer,
                                                .yardstick = &self->verdict.yardstick};
-    (void)passed;
     self->rehearsal.is_begun = host->begin_shadow(host->context, &candidate);
     if (!self->rehearsal.is_begun) {
         return RUNNING;
@@ -653,10 +647,9 @@ static void say_loading(const tl_activation *self) {
 }
 
 /* Loads FMUs, and runs over recorded samples. */
-static outcome poll_loading(tl_activation *self, tl_time passed) {
+static outcome poll_loading(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
     const tl_activation_shadow shadow = look_at_shadow(self);
-    (void)passed;
     if (shadow.phase == TL_ACTIVATION_SHADOW_LIVE) {
         return DONE;
     }
@@ -684,13 +677,13 @@ static void say_live(const tl_activation *self) {
              tl_seconds(length_of_shadow(self)), lock);
 }
 
-static outcome poll_live(tl_activation *self, tl_time passed) {
+static outcome poll_live(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
     const tl_activation_shadow shadow = look_at_shadow(self);
     if (shadow.phase != TL_ACTIVATION_SHADOW_LIVE) {
         return fail_shadow(self, &shadow, true);
     }
-    rehearsal->live += passed;
+    rehearsal->live += self->passed;
     if (!rehearsal->is_compared && rehearsal->live >= lead_in_of(self)) {
         rehearsal->is_compared = true;
         tl_comparison_begin(&rehearsal->comparison, &rehearsal->before, &shadow);
@@ -853,11 +846,10 @@ static outcome begin_activation(tl_activation *self) {
 }
 
 /* The twin that runs gets the tuning, or the one beside it the order to take over. */
-static outcome poll_handover(tl_activation *self, tl_time passed) {
+static outcome poll_handover(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     const tl_version *active = active_of(self);
     const char *why = self->cause == TL_ACTIVATION_RETURN ? self->reason : active->why;
-    (void)passed;
     bool is_handed = self->way == TL_ACTIVATION_BY_FLIP
                          ? host->flip(host->context)
                          : host->tune(host->context, active, why, self->text, &self->verdict.tuning);
@@ -884,10 +876,9 @@ static outcome give_up(tl_activation *self, const char *why) {
     return settle_run(self); /* a twin that was only slow must not take it after all */
 }
 
-static outcome poll_answer(tl_activation *self, tl_time passed) {
+static outcome poll_answer(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     char why[TL_ACTIVATION_WHY] = "";
-    (void)passed;
     switch (self->way == TL_ACTIVATION_BY_FLIP ? host->has_flipped(host->context, why)
                                                : host->was_taken(host->context, why)) {
     case TL_ACTIVATION_TAKEN:
@@ -981,18 +972,15 @@ static outcome begin_probation(tl_activation *self) {
 
 /* By the twin that was the run's before, if it is there; else as any change. */
 static outcome go_back(tl_activation *self) {
-    bool runs = false;
-    bool is_there = has_former(self, &runs);
+    tl_activation_phase phase = phase_of_former(self);
     self->pause = PAUSE;
     self->cause = TL_ACTIVATION_RETURN;
     self->row = TL_ACTIVATION_ROW_VALIDATE;
     (void)snprintf(self->reason, sizeof self->reason, "%s", self->probation.why);
-    if (is_there && runs) {
+    if (phase == TL_ACTIVATION_SHADOW_LIVE) {
         self->way = TL_ACTIVATION_BY_FLIP;
         self->row = TL_ACTIVATION_ROW_ACTIVATE;
-        return AGAIN;
-    }
-    if (is_there) {
+    } else if (phase != TL_ACTIVATION_NO_SHADOW) {
         tell(self, TL_EVENT_WARNING, "the twin before does not run any more: it cannot take over again");
         end_shadow(self);
     }
@@ -1046,13 +1034,13 @@ static bool keep_version(tl_activation *self) {
 }
 
 /* A probation also goes on while another candidate is looked at. */
-static tl_probation_result pass_probation(tl_activation *self, tl_time passed) {
+static tl_probation_result pass_probation(tl_activation *self) {
     tl_error error;
     const tl_activation_view now = view_now(self);
-    tl_probation_result result = tl_probation_feed(&self->probation, now.waits ? 0 : passed, &now.figures);
-    self->pause = self->pause > passed ? self->pause - passed : 0;
+    tl_probation_result result = tl_probation_feed(&self->probation, now.waits ? 0 : self->passed, &now.figures);
+    self->pause = self->pause > self->passed ? self->pause - self->passed : 0;
     if (result == TL_PROBATION_GOES_ON) {
-        self->unsaved += passed;
+        self->unsaved += self->passed;
         if (self->unsaved >= SAVING) {
             self->unsaved = 0;
             bool is_written = tl_versions_pass(self->settings.versions, &self->probation.account, &error) == TL_OK;
@@ -1062,9 +1050,9 @@ static tl_probation_result pass_probation(tl_activation *self, tl_time passed) {
     return result;
 }
 
-static outcome poll_probation(tl_activation *self, tl_time passed) {
+static outcome poll_probation(tl_activation *self) {
     char text[TL_CONTROL_TEXT];
-    tl_probation_result result = pass_probation(self, passed);
+    tl_probation_result result = pass_probation(self);
     if (self->pause == 0 && result == TL_PROBATION_RETURN) {
         return go_back(self);
     }
@@ -1132,8 +1120,8 @@ static void run_steps(tl_activation *self, outcome came) {
 }
 
 /* While a candidate is looked at, the version in force may end its probation, and the run may go to safe hold. */
-static outcome poll_run(tl_activation *self, tl_time passed) {
-    tl_probation_result result = is_on_probation(self) ? pass_probation(self, passed) : TL_PROBATION_GOES_ON;
+static outcome poll_run(tl_activation *self) {
+    tl_probation_result result = is_on_probation(self) ? pass_probation(self) : TL_PROBATION_GOES_ON;
     if (self->step != TL_CONTROL_SHADOW) {
         return RUNNING; /* it can wait that long */
     }
@@ -1150,38 +1138,42 @@ static outcome poll_run(tl_activation *self, tl_time passed) {
 void tl_activation_look(tl_activation *activation) {
     const step_row *row = &rows[activation->row];
     tl_time now = tl_clock_now(NULL);
-    tl_time passed = now - activation->looked;
     tl_time before = activation->waited;
     outcome came = RUNNING;
+    activation->passed = now - activation->looked;
     activation->looked = now;
-    activation->waited += passed;
+    activation->waited += activation->passed;
     show_yardstick(activation);
-    if (row->step < TL_CONTROL_ACTIVATE && row->poll != NULL) {
-        came = poll_run(activation, passed);
+    if (row->poll == NULL) {
+        return;
     }
-    if (came == RUNNING && row->poll != NULL) {
-        came = row->poll(activation, passed);
+    if (row->step < TL_CONTROL_ACTIVATE) {
+        came = poll_run(activation);
     }
-    if (came == RUNNING && row->late != NULL && activation->waited > row->limit) {
-        came = row->step == TL_CONTROL_SHADOW ? make_no_room(activation, row->late) : give_up(activation, row->late);
-    } else if (came == RUNNING && row->slow != NULL && activation->waited > SILENCE && before <= SILENCE) {
+    if (came == RUNNING) {
+        came = row->poll(activation);
+    }
+    if (came != RUNNING) {
+        run_steps(activation, came);
+    } else if (row->late != NULL && activation->waited > row->limit) {
+        run_steps(activation, row->step == TL_CONTROL_SHADOW ? make_no_room(activation, row->late)
+                                                             : give_up(activation, row->late));
+    } else if (row->slow != NULL && activation->waited > SILENCE && before <= SILENCE) {
         say_step(activation, row->step, "%s", row->slow);
-    } else if (came == RUNNING && row->progress != NULL && activation->waited - activation->told >= PROGRESS) {
+    } else if (row->progress != NULL && activation->waited - activation->told >= PROGRESS) {
         activation->told = activation->waited;
         row->progress(activation);
     }
-    run_steps(activation, came);
 }
 
 /* ---- activation ---- */
 
 void tl_activation_begin(tl_activation *activation, const tl_activation_settings *settings) {
-    bool runs = false;
     *activation = (tl_activation){.settings = *settings, .looked = tl_clock_now(NULL)};
     if (is_on_probation(activation)) {
         tl_probation_resume(&activation->probation, &settings->versions->probation.account);
     }
-    if (!has_former(activation, &runs)) {
+    if (phase_of_former(activation) == TL_ACTIVATION_NO_SHADOW) {
         end_shadow(activation); /* of a candidate that was given up */
     }
     run_steps(activation, settle_run(activation));
@@ -1249,9 +1241,10 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
         return false;
     }
     activation->pause = 0;
+    activation->passed = 0;
     tl_probation_result result = tl_probation_confirm(&activation->probation, who);
     if (!considers) {
-        run_steps(activation, poll_probation(activation, 0));
+        run_steps(activation, poll_probation(activation));
     } else if (result == TL_PROBATION_KEPT) {
         (void)keep_version(activation);
     }
@@ -1266,9 +1259,10 @@ bool tl_activation_refuse(tl_activation *activation, const char *who) {
     }
     (void)snprintf(why, sizeof why, "%s has returned from it", who);
     activation->pause = 0;
+    activation->passed = 0;
     activation->is_wanted = true;
     (void)tl_probation_refuse(&activation->probation, why);
-    run_steps(activation, poll_probation(activation, 0));
+    run_steps(activation, poll_probation(activation));
     return true;
 }
 

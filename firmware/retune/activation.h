@@ -105,6 +105,7 @@ typedef struct tl_activation {
     uint32_t problems;     /* of values, that it has told */
     tl_rehearsal rehearsal;
     char leaving[TL_SHA256_TEXT]; /* of what the run was of before a flip */
+    tl_time passed;               /* since the last look, */
     tl_time waited;               /* since the step began, */
     tl_time told;                 /* and until something was said of it last */
     tl_probation probation;

@@ -146,23 +146,15 @@ static size_t find_descriptors(struct msghdr *message, int found[DESCRIPTORS]) {
     return count;
 }
 
-/* Any other file could be slow to read, or end the reader. */
-static bool is_memory(int descriptor, size_t *size) {
+/* From memory only: any other file could be slow to read, or end the reader. */
+static bool copy_text(int descriptor, char *text, size_t *length) {
     struct stat about;
     struct statfs system;
-    bool is = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode) && fstatfs(descriptor, &system) == 0 &&
-              (unsigned long)system.f_type == TMPFS_MAGIC && about.st_size > 0 && about.st_size <= TL_CONTROL_MOST;
-    *size = is ? (size_t)about.st_size : 0;
-    return is;
-}
-
-static bool copy_text(int descriptor, char *text, size_t *length) {
-    size_t size = 0;
-    if (!is_memory(descriptor, &size)) {
-        return false;
-    }
-    ssize_t got = pread(descriptor, text, size, 0);
-    *length = got == (ssize_t)size ? size : 0;
+    bool is_memory = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode) && fstatfs(descriptor, &system) == 0 &&
+                     (unsigned long)system.f_type == TMPFS_MAGIC && about.st_size > 0 &&
+                     about.st_size <= TL_CONTROL_MOST;
+    ssize_t got = is_memory ? pread(descriptor, text, (size_t)about.st_size, 0) : -1;
+    *length = is_memory && got == about.st_size ? (size_t)got : 0;
     text[*length] = '\0';
     return *length != 0;
 }

@@ -1,7 +1,6 @@
 /* A client's dialogue with a plant, over restarts, and what is printed of it: see talk.h. */
 #include "firmware/retune/talk.h"
 
-#include <libgen.h>
 #include <pwd.h>
 #include <signal.h>
 #include <string.h>
@@ -141,22 +140,17 @@ static void end_talk(talk *self, const tl_control_reply *reply) {
 /* ---- names ---- */
 
 tl_status tl_talk_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error) {
-    char copy[PATH_MAX];
-    int length = 0;
+    const char *slash = strrchr(subject, '/');
+    const char *name = slash == NULL ? subject : slash + 1;
+    size_t size = strlen(name);
+    size_t end = strlen(".json");
     if (given == NULL && strcmp(subject, TL_TALK_INPUT) == 0) {
         return tl_fail(error, TL_BAD_USAGE, "standard input names no run (expected --control SOCKET)");
     }
-    if (given != NULL) {
-        length = snprintf(path, PATH_MAX, "%s", given);
-    } else {
-        (void)snprintf(copy, sizeof copy, "%s", subject);
-        char *name = basename(copy);
-        size_t end = strlen(name);
-        if (end > strlen(".json") && strcmp(name + end - strlen(".json"), ".json") == 0) {
-            name[end - strlen(".json")] = '\0';
-        }
-        length = snprintf(path, PATH_MAX, "%s/%s/%s", TL_CONTROL_FOLDER, name, TL_CONTROL_SOCKET);
-    }
+    size -= size > end && strcmp(name + size - end, ".json") == 0 ? end : 0;
+    int length = given != NULL
+                     ? snprintf(path, PATH_MAX, "%s", given)
+                     : snprintf(path, PATH_MAX, "%s/%.*s/%s", TL_CONTROL_FOLDER, (int)size, name, TL_CONTROL_SOCKET);
     return length > 0 && length < PATH_MAX
                ? TL_OK
                : tl_fail(error, TL_BAD_USAGE, "the name of the control socket is too long; give --control");
