@@ -1,14 +1,12 @@
 /* A change of the configuration, from the candidate to the end of its probation: see activation.h. */
 #include "firmware/retune/activation.h"
 
-#include <fcntl.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
@@ -754,14 +752,9 @@ static uint32_t length_of_probation(const tl_activation *self) {
 
 /* Whether the candidate is what the run's own file has by now. */
 static bool is_own_file(const tl_activation *self) {
-    char *bytes = malloc(self->size + 1);
-    int file = open(self->settings.path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
-    bool is = bytes != NULL && file >= 0 && tl_file_bytes_read(file, bytes, self->size + 1) == (ssize_t)self->size &&
-              memcmp(bytes, self->text, self->size) == 0;
-    if (file >= 0) {
-        (void)close(file);
-    }
-    free(bytes);
+    char *file = tl_box_read_file(self->settings.path);
+    bool is = file != NULL && strcmp(file, self->text) == 0;
+    free(file);
     return is;
 }
 

@@ -29,9 +29,11 @@ struct tl_activator {
     visitor *listener; /* who hears of the change that is under way; NULL: nobody */
     visitor *
         waiter; /* who waits for what comes of the version on probation, while another candidate is looked at; NULL: nobody, */
-    uint64_t awaited; /* which that is */
-    tl_time busy;     /* when there was something to do last */
+    uint64_t awaited;           /* which that is */
+    tl_time busy;               /* when there was something to do last */
+    tl_control_request request; /* that is answered, */
     char text[TL_CONTROL_MOST + 1];
+    size_t size; /* and the candidate that came with it */
 };
 
 /* ---- who hears of a change ---- */
@@ -67,10 +69,6 @@ static void finish(tl_activator *self, visitor *who, tl_control_result result, c
 
 /* ---- what can be looked at ---- */
 
-static const char *lock_of(const tl_activation_view *view) {
-    return view->holds ? "hold" : !view->figures.twin_alive ? "" : tl_lock_state_name(view->figures.lock.state);
-}
-
 static void show(tl_activator *self, visitor *who) {
     const tl_version *active = active_of(self);
     tl_activation_view view = {.step_s = 0.0};
@@ -85,7 +83,10 @@ static void show(tl_activator *self, visitor *who) {
     }
     state->step = (uint32_t)self->activation.step;
     state->left_s = tl_activation_left_s(&self->activation);
-    (void)snprintf(state->lock, sizeof state->lock, "%s", lock_of(&view));
+    const char *lock = view.holds                 ? "hold"
+                       : !view.figures.twin_alive ? ""
+                                                  : tl_lock_state_name(view.figures.lock.state);
+    (void)snprintf(state->lock, sizeof state->lock, "%s", lock);
     state->step_s = view.step_s;
     state->ticks = view.figures.ticks;
     state->steps = view.figures.steps;
@@ -127,11 +128,12 @@ static void list_versions(tl_activator *self, visitor *who) {
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
-static void read_version(tl_activator *self, visitor *who, uint64_t number) {
+static void read_version(tl_activator *self, visitor *who) {
     tl_control_version told;
     tl_error error;
     char *text = NULL;
-    const tl_version *version = tl_versions_get(&self->versions, number == 0 ? self->versions.active : number);
+    const tl_version *version =
+        tl_versions_get(&self->versions, self->request.version == 0 ? self->versions.active : self->request.version);
     if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT, "there is no such version");
     } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
@@ -146,7 +148,7 @@ static void read_version(tl_activator *self, visitor *who, uint64_t number) {
 
 /* ---- what changes something ---- */
 
-static void take(tl_activator *self, visitor *who, const tl_control_request *request, const char *text, size_t size) {
+static void take_text(tl_activator *self, visitor *who, const char *text, size_t size) {
     char why[TL_CONTROL_TEXT];
     if (tl_activation_is_busy(&self->activation)) {
         tl_activation_describe(&self->activation, why);
@@ -158,7 +160,11 @@ static void take(tl_activator *self, visitor *who, const tl_control_request *req
         self->awaited = self->versions.active;
     }
     self->listener = who;
-    tl_activation_take(&self->activation, request, text, size);
+    tl_activation_take(&self->activation, &self->request, text, size);
+}
+
+static void take(tl_activator *self, visitor *who) {
+    take_text(self, who, self->text, self->size);
 }
 
 /* A candidate that becomes nothing takes nobody's place. */
@@ -179,13 +185,13 @@ static void look_at_waiter(tl_activator *self) {
     }
 }
 
-static void confirm(tl_activator *self, visitor *who, const tl_control_request *request) {
+static void confirm(tl_activator *self, visitor *who) {
     bool is_done = false;
-    if (request->right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+    if (self->request.right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
         finish(
             self, who, TL_CONTROL_FORBIDDEN,
             "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
-    } else if (!tl_activation_confirm(&self->activation, request->who, &is_done)) {
+    } else if (!tl_activation_confirm(&self->activation, self->request.who, &is_done)) {
         finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
     } else if (is_done) {
         finish(self, who, TL_CONTROL_DONE, "it is kept");
@@ -194,39 +200,33 @@ static void confirm(tl_activator *self, visitor *who, const tl_control_request *
     }
 }
 
-/* Who asks for it hears what comes of it; who has asked for the change, that it is no more. */
-static void go_back(tl_activator *self, visitor *who, const char *name) {
+/* The version on probation is left: its client is told so, and this one is told what comes of that. */
+static void go_back(tl_activator *self, visitor *who) {
     if (self->listener != NULL) {
         finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
     }
     self->listener = who;
-    (void)tl_activation_refuse(&self->activation, name);
+    (void)tl_activation_refuse(&self->activation, self->request.who);
 }
 
-/* The candidate that is on its way is gone; what is active stays. */
-static void cancel(tl_activator *self, visitor *who, const char *name) {
-    if (tl_activation_cancel(&self->activation, name)) {
-        finish(self, who, TL_CONTROL_DONE, "the change that was under way is cancelled; nothing was changed");
-    } else {
-        finish(self, who, TL_CONTROL_BUSY, "a change is being made just now, and cannot be cancelled: try again");
-    }
-}
-
-/* An older one is a candidate like any other. */
-static void bring_back(tl_activator *self, visitor *who, const tl_control_request *request) {
+/* What is under way or on probation is given up. An older version is a candidate like any other. */
+static void bring_back(tl_activator *self, visitor *who) {
+    tl_control_request *request = &self->request;
     const tl_version *active = active_of(self);
     uint64_t number = request->version != 0 ? request->version : active == NULL ? 0 : active->parent;
     const tl_version *version = tl_versions_get(&self->versions, number);
-    tl_control_request order = *request;
     tl_error error;
     char *text = NULL;
     if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && tl_activation_is_idle(&self->activation)) {
         finish(self, who, TL_CONTROL_ABSENT, "no change is under way, and none is on probation");
     } else if (request->version == 0 && tl_activation_is_busy(&self->activation)) {
-        cancel(self, who, request->who);
+        bool is_done = tl_activation_cancel(&self->activation, request->who);
+        finish(self, who, is_done ? TL_CONTROL_DONE : TL_CONTROL_BUSY,
+               is_done ? "the change that was under way is cancelled; nothing was changed"
+                       : "a change is being made just now, and cannot be cancelled: try again");
     } else if (self->activation.step == TL_CONTROL_PROBATION &&
                (request->version == 0 || request->version == self->versions.probation.return_to)) {
-        go_back(self, who, request->who);
+        go_back(self, who);
     } else if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT,
                request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
@@ -234,40 +234,25 @@ static void bring_back(tl_activator *self, visitor *who, const tl_control_reques
     } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
         finish(self, who, TL_CONTROL_FAILED, error.text);
     } else {
-        memcpy(order.hash, version->hash, sizeof order.hash);
-        take(self, who, &order, text, (size_t)version->size);
+        memcpy(request->hash, version->hash, sizeof request->hash);
+        take_text(self, who, text, (size_t)version->size);
     }
     free(text);
 }
 
-static void answer(tl_activator *self, visitor *who, const tl_control_request *request, size_t size) {
-    tl_control_verb verb = (tl_control_verb)request->verb;
-    bool changes = verb == TL_CONTROL_TAKE || verb == TL_CONTROL_CONFIRM || verb == TL_CONTROL_RETURN;
-    if (changes && request->right < TL_RIGHT_RETUNE) {
+static void answer(tl_activator *self, visitor *who) {
+    static const struct {
+        void (*answer)(tl_activator *self, visitor *who);
+        bool changes;
+    } verbs[TL_CONTROL_VERBS] = {
+        [TL_CONTROL_SHOW] = {show, false},        [TL_CONTROL_READ] = {read_version, false},
+        [TL_CONTROL_TAKE] = {take, true},         [TL_CONTROL_VERSIONS] = {list_versions, false},
+        [TL_CONTROL_RETURN] = {bring_back, true}, [TL_CONTROL_CONFIRM] = {confirm, true},
+    };
+    if (verbs[self->request.verb].changes && self->request.right < TL_RIGHT_RETUNE) {
         finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
-        return;
-    }
-    switch (verb) {
-    case TL_CONTROL_SHOW:
-        show(self, who);
-        break;
-    case TL_CONTROL_READ:
-        read_version(self, who, request->version);
-        break;
-    case TL_CONTROL_VERSIONS:
-        list_versions(self, who);
-        break;
-    case TL_CONTROL_TAKE:
-        take(self, who, request, self->text, size);
-        break;
-    case TL_CONTROL_CONFIRM:
-        confirm(self, who, request);
-        break;
-    case TL_CONTROL_RETURN:
-        bring_back(self, who, request);
-        break;
-    case TL_CONTROL_VERBS:
-        break;
+    } else {
+        verbs[self->request.verb].answer(self, who);
     }
 }
 
@@ -291,11 +276,9 @@ static void accept_clients(tl_activator *self, tl_time now) {
 }
 
 static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
-    tl_control_request request;
-    size_t size = 0;
-    switch (tl_control_receive(&who->peer, &request, self->text, &size)) {
+    switch (tl_control_receive(&who->peer, &self->request, self->text, &self->size)) {
     case TL_CONTROL_ASKED:
-        answer(self, who, &request, size);
+        answer(self, who);
         break;
     case TL_CONTROL_GONE:
         hang_up(self, who);

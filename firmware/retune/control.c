@@ -274,11 +274,13 @@ static bool is_sound(const tl_control_request *request) {
            is_clean(request->why, sizeof request->why);
 }
 
+static const char FOREIGN[] = "the request is none: twinlock is of another version there";
+
 /* What is wrong with what came, or NULL. */
 static const char *fault_of(const tl_control_request *request, const char *text, size_t size) {
     char hash[TL_SHA256_TEXT] = "";
     if (!is_sound(request)) {
-        return "the request is none: twinlock is of another version there";
+        return FOREIGN;
     }
     if ((request->verb == TL_CONTROL_TAKE) != (size != 0)) {
         return "the request comes without a configuration, or with one that nobody asked for";
@@ -290,19 +292,19 @@ static const char *fault_of(const tl_control_request *request, const char *text,
 }
 
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
+    const char *fault = FOREIGN;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
     case TL_CONTROL_NONE:
         return TL_CONTROL_NOTHING;
     case TL_CONTROL_CLOSED:
         tl_control_close(peer);
         return TL_CONTROL_GONE;
-    case TL_CONTROL_GARBAGE:
-        tl_control_finish(peer, TL_CONTROL_BAD, 0, "", "the request is none: twinlock is of another version there");
-        return TL_CONTROL_GONE;
     case TL_CONTROL_PACKET:
+        fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
+        break;
+    case TL_CONTROL_GARBAGE:
         break;
     }
-    const char *fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
     if (fault != NULL) {
         tl_control_finish(peer, TL_CONTROL_BAD, 0, "", fault);
         return TL_CONTROL_GONE;
@@ -434,16 +436,12 @@ static bool is_sound_client(tl_control_reply *reply) {
            (kind != TL_CONTROL_END || reply->as.end.result < TL_CONTROL_RESULTS);
 }
 
-static bool wait_for(int socket_, tl_time time) {
-    struct pollfd waited = {.fd = socket_, .events = POLLIN};
-    int most = time > (tl_time)1000000 * 1000000 ? 1000000 : (int)((time + 999999) / 1000000);
-    return poll(&waited, 1, most) > 0;
-}
-
 tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
     size_t length = 0;
     tl_control_arrival arrival = TL_CONTROL_NONE;
-    if (wait_for(socket_, time)) {
+    struct pollfd waited = {.fd = socket_, .events = POLLIN};
+    tl_time most = 1000 * TL_SECOND; /* the caller asks again */
+    if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {
         arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
     }
     if (arrival == TL_CONTROL_NONE) {

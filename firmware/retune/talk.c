@@ -4,7 +4,6 @@
 #include <pwd.h>
 #include <signal.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
@@ -88,12 +87,18 @@ static void print_problem(const char *subject, const tl_control_reply *reply) {
     }
 }
 
-static void print_end(const tl_control_end *end, FILE *output) {
-    tl_control_result result = (tl_control_result)end->result;
+static void print_step(const talk *self, tl_control_step step, const char *text) {
+    (void)fprintf(self->settings->output, "%-10s  %s\n", tl_control_step_name(step), text);
+    (void)fflush(self->settings->output);
+}
+
+static void end_talk(talk *self, tl_control_result result, const char *text) {
+    self->has_ended = true;
+    self->result = result;
     if (result != TL_CONTROL_DONE && result != TL_CONTROL_SAME) {
-        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), end->text);
-    } else if (end->text[0] != '\0') {
-        (void)fprintf(output, "%s\n", end->text);
+        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), text);
+    } else if (text[0] != '\0') {
+        (void)fprintf(self->settings->output, "%s\n", text);
     }
 }
 
@@ -113,28 +118,14 @@ static void print_reply(const talk *self, const tl_control_reply *reply) {
         print_problem(self->settings->subject, reply);
         break;
     case TL_CONTROL_STEP:
-        (void)fprintf(output, "%-10s  %s\n", tl_control_step_name((tl_control_step)reply->as.progress.step),
-                      reply->as.progress.text);
+        print_step(self, (tl_control_step)reply->as.progress.step, reply->as.progress.text);
         break;
     case TL_CONTROL_END:
-        print_end(&reply->as.end, output);
-        break;
     case TL_CONTROL_CONFIGURATION:
     case TL_CONTROL_KINDS:
         break;
     }
     (void)fflush(output);
-}
-
-static void print_step(const talk *self, tl_control_step step, uint32_t left_s, const char *text) {
-    const tl_control_reply reply = tl_control_new_step(step, left_s, text);
-    print_reply(self, &reply);
-}
-
-static void end_talk(talk *self, const tl_control_reply *reply) {
-    self->has_ended = true;
-    self->result = (tl_control_result)reply->as.end.result;
-    print_reply(self, reply);
 }
 
 /* ---- names ---- */
@@ -202,12 +193,12 @@ static void take_end(talk *self, const tl_control_reply *reply) {
     if (waits(self) && self->is_active && end->result == TL_CONTROL_DONE) {
         memcpy(self->hash, end->hash, sizeof self->hash);
         self->version = end->version;
-        print_step(self, TL_CONTROL_ACTIVATE, 0, end->text);
+        print_step(self, TL_CONTROL_ACTIVATE, end->text);
         follow(self);
         return;
     }
     hang_up(self);
-    end_talk(self, reply);
+    end_talk(self, (tl_control_result)end->result, end->text);
 }
 
 static tl_status fail_to_hear(talk *self, tl_status status, tl_error *error) {
@@ -218,7 +209,7 @@ static tl_status fail_to_hear(talk *self, tl_status status, tl_error *error) {
         return TL_OK;
     }
     if (status == TL_PLANT_DOWN && waits(self) && self->is_active && is_known) {
-        print_step(self, self->is_tried ? TL_CONTROL_PROBATION : TL_CONTROL_ACTIVATE, 0,
+        print_step(self, self->is_tried ? TL_CONTROL_PROBATION : TL_CONTROL_ACTIVATE,
                    "the run has hung up before it said what came of it: it is waited for, for 60 s at most");
         follow(self);
         return TL_OK;
@@ -233,9 +224,9 @@ static tl_status fail_to_hear(talk *self, tl_status status, tl_error *error) {
     return status;
 }
 
-static tl_status listen(talk *self, tl_time time, tl_error *error) {
+static tl_status listen(talk *self, tl_error *error) {
     tl_control_reply reply;
-    tl_status status = tl_control_next(self->socket, time, &reply, NULL, error);
+    tl_status status = tl_control_next(self->socket, TL_SECOND, &reply, NULL, error);
     if (status != TL_OK) {
         return fail_to_hear(self, status, error);
     }
@@ -291,15 +282,12 @@ static void end_following(talk *self, const tl_control_state *state, bool is_kep
         why = colon != NULL ? colon + strlen(": ") : reply.as.version.result;
     }
     self->follows = false;
-    print_step(self, is_kept ? TL_CONTROL_KEPT : TL_CONTROL_RETURNED, 0, why);
-    if (is_kept) {
-        (void)snprintf(text, sizeof text, "version %llu is kept", (unsigned long long)state->version);
-    } else {
-        (void)snprintf(text, sizeof text, "%s", why[0] != '\0' ? why : "another version is active");
-    }
-    const tl_control_reply end =
-        tl_control_new_end(is_kept ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, state->version, state->hash, text);
-    end_talk(self, &end);
+    print_step(self, is_kept ? TL_CONTROL_KEPT : TL_CONTROL_RETURNED, why);
+    (void)snprintf(text, sizeof text, "version %llu is kept", (unsigned long long)state->version);
+    end_talk(self, is_kept ? TL_CONTROL_DONE : TL_CONTROL_UNDONE,
+             is_kept          ? text
+             : why[0] != '\0' ? why
+                              : "another version is active");
 }
 
 static void take_state(talk *self, const tl_control_state *state) {
@@ -312,14 +300,13 @@ static void take_state(talk *self, const tl_control_state *state) {
     } else if (state->step == TL_CONTROL_PROBATION && state->lock[0] != '\0' && !self->is_tried) {
         self->is_tried = true;
         (void)snprintf(text, sizeof text, "%u s are left", state->left_s);
-        print_step(self, TL_CONTROL_PROBATION, state->left_s, text);
+        print_step(self, TL_CONTROL_PROBATION, text);
     }
 }
 
-static tl_status ask_next_run(talk *self, tl_time time, tl_error *error) {
+static tl_status ask_next_run(talk *self, tl_error *error) {
     tl_control_reply reply;
-    const struct timespec pause = {.tv_sec = (time_t)(time / TL_SECOND), .tv_nsec = (long)(time % TL_SECOND)};
-    (void)nanosleep(&pause, NULL);
+    tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND);
     if (inquire(self, TL_CONTROL_SHOW, 0, &reply)) {
         take_state(self, &reply.as.state);
     } else if (tl_clock_now(NULL) - self->heard > COMING_BACK) {
@@ -373,7 +360,7 @@ tl_status tl_talk_run(const tl_talk_settings *settings, const tl_control_request
         claim_signals(say_last_word);
     }
     while (status == TL_OK && !self.has_ended) {
-        status = self.follows ? ask_next_run(&self, TL_SECOND, error) : listen(&self, TL_SECOND, error);
+        status = self.follows ? ask_next_run(&self, error) : listen(&self, error);
     }
     claim_signals(SIG_DFL);
     hang_up(&self);
