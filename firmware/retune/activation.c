@@ -52,13 +52,12 @@ static bool is_on_probation(const tl_activation *self) {
 }
 
 static tl_activation_view view_now(const tl_activation *self) {
-    tl_activation_view view = {.step_s = 0.0};
+    tl_activation_view view;
     self->settings.host->look(self->settings.host->context, &view);
     return view;
 }
 
 static void find_in_force(const tl_activation *self, char hash[TL_SHA256_TEXT]) {
-    hash[0] = '\0';
     self->settings.host->in_force(self->settings.host->context, hash);
 }
 
@@ -84,7 +83,6 @@ static void end_shadow(tl_activation *self) {
 
 static tl_activation_shadow look_at_shadow(const tl_activation *self) {
     tl_activation_shadow shadow;
-    memset(&shadow, 0, sizeof shadow);
     self->settings.host->look_at_shadow(self->settings.host->context, &shadow);
     return shadow;
 }
@@ -277,56 +275,30 @@ static outcome send_worker(tl_activation *self, const char *kind, const tl_erran
     return tl_errand_send(&self->errand, &settings, &error) == TL_OK ? RUNNING : fail(self, error.text);
 }
 
-/* NULL: there is no such version, or it cannot be read. */
-static char *read_text_of(const tl_activation *self, const tl_version *version) {
-    tl_error ignored;
-    char *text = NULL;
-    if (version != NULL) {
-        (void)tl_versions_read(self->settings.versions, version->number, &text, &ignored);
-    }
-    return text;
-}
-
 /* The text of a version, the caller's to free(). If it is damaged on disk it is taken from the run's memory, written again, and that is told. */
-static char *read_or_mend(const tl_activation *self, const tl_version *version, tl_error *error) {
+static char *read_text(const tl_activation *self, uint64_t number, tl_error *error) {
     const tl_activation_host *host = self->settings.host;
+    const tl_version *version = tl_versions_get(self->settings.versions, number);
     tl_error cause;
     size_t size = 0;
     char *text = NULL;
-    tl_status status = tl_versions_read(self->settings.versions, version->number, &text, &cause);
+    tl_status status = tl_versions_read(self->settings.versions, number, &text, &cause);
     if (status == TL_OK) {
         return text;
     }
-    text = malloc(TL_CONTROL_MOST + 1);
+    text = version == NULL ? NULL : malloc(TL_CONTROL_MOST + 1);
     if (text == NULL || !host->text(host->context, version->hash, text, &size)) {
         free(text);
         (void)tl_fail(error, status, "%.700s; start the run anew: it begins with the newest version that can be read",
                       cause.text);
         return NULL;
     }
-    bool is_mended = tl_versions_mend(self->settings.versions, version->number, text, size, error) == TL_OK;
+    bool is_mended = tl_versions_mend(self->settings.versions, number, text, size, error) == TL_OK;
     tell(
         self, is_mended ? TL_EVENT_WARNING : TL_EVENT_ERROR,
-        "the text of version %" PRIu64 " was damaged on disk, and %s%s", version->number,
+        "the text of version %" PRIu64 " was damaged on disk, and %s%s", number,
         is_mended ? "is written anew from the run's memory" : "cannot be written anew: ", is_mended ? "" : error->text);
     return text;
-}
-
-/* The text of the version that the run is to be of, unless a candidate was sent. */
-static bool load_version(tl_activation *self, tl_error *error) {
-    const tl_versions *versions = self->settings.versions;
-    uint64_t number = self->cause == TL_ACTIVATION_RETURN ? versions->probation.return_to : versions->active;
-    const tl_version *version = tl_versions_get(versions, number);
-    if (self->cause == TL_ACTIVATION_CANDIDATE) {
-        return true;
-    }
-    if (version == NULL) {
-        (void)tl_fail(error, TL_BAD_DATA, "the version to return to is not there");
-        return false;
-    }
-    self->text = read_or_mend(self, version, error);
-    self->size = (size_t)version->size;
-    return self->text != NULL;
 }
 
 /* Compares with what the run is of. */
@@ -343,12 +315,18 @@ static outcome begin_validation(tl_activation *self) {
     if (in_force == NULL) {
         return fail(self, "no version is active");
     }
-    char *before = load_version(self, &error) ? read_or_mend(self, in_force, &error) : NULL;
+    if (self->cause != TL_ACTIVATION_CANDIDATE) {
+        bool is_return = self->cause == TL_ACTIVATION_RETURN;
+        self->text = read_text(self, is_return ? versions->probation.return_to : versions->active, &error);
+        self->size = self->text == NULL ? 0 : strlen(self->text);
+    }
+    char *before = self->text == NULL ? NULL : read_text(self, in_force->number, &error);
     if (before == NULL) {
         return fail(self, error.text);
     }
-    char *kept = read_text_of(self, tl_versions_get(versions, versions->probation.return_to));
-    char *commissioned = read_text_of(self, tl_versions_commissioned(versions));
+    const tl_version *last = tl_versions_commissioned(versions);
+    char *commissioned = last == NULL ? NULL : read_text(self, last->number, &error);
+    char *kept = is_on_probation(self) ? read_text(self, versions->probation.return_to, &error) : NULL;
     char *list = list_path == NULL ? NULL : tl_box_read_list(list_path, fault);
     char *file = tl_box_read_file(self->settings.path);
     if (fault[0] != '\0') {
