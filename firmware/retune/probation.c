@@ -15,40 +15,30 @@ static tl_time least(tl_time a, tl_time b) {
     return a < b ? a : b;
 }
 
-static void enter(tl_probation *probation, uint64_t left_ms) {
-    probation->account.left_ms = left_ms;
-    probation->left = (tl_time)left_ms * MILLISECOND;
-    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
-}
-
 /* What is read from a disk may be anything. */
-static tl_probation_terms possible_terms(const tl_probation_terms *terms) {
-    tl_probation_terms possible = *terms;
-    possible.given_s = possible.given_s < 1 ? 1 : possible.given_s;
-    possible.given_s = possible.given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : possible.given_s;
-    possible.require_lock = fmax(0.0, fmin(100.0, possible.require_lock));
-    return possible;
+void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
+    *probation = (tl_probation){.account = *account};
+    tl_probation_terms *terms = &probation->account.terms;
+    terms->given_s = terms->given_s < 1 ? 1 : terms->given_s;
+    terms->given_s = terms->given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : terms->given_s;
+    terms->require_lock = fmax(0.0, fmin(100.0, terms->require_lock));
+    uint64_t given_ms = 1000 * (uint64_t)terms->given_s;
+    probation->account.left_ms = account->left_ms < given_ms ? account->left_ms : given_ms;
+    probation->left = (tl_time)probation->account.left_ms * MILLISECOND;
+    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
 }
 
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
                         const tl_run_status *now) {
-    *probation = (tl_probation){
-        .account = {.terms = possible_terms(terms),
-                    .before_steps = before->steps,
-                    .before_misses = before->deadline_misses},
-        .has_last = true,
-    };
+    const tl_probation_account account = {.terms = *terms,
+                                          .before_steps = before->steps,
+                                          .before_misses = before->deadline_misses,
+                                          .left_ms = UINT64_MAX}; /* all that is given */
+    tl_probation_resume(probation, &account);
+    probation->has_last = true;
     if (now != NULL) {
         probation->last = *now;
     }
-    enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
-}
-
-void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
-    *probation = (tl_probation){.account = *account};
-    probation->account.terms = possible_terms(&account->terms);
-    uint64_t given_ms = 1000 * (uint64_t)probation->account.terms.given_s;
-    enter(probation, account->left_ms < given_ms ? account->left_ms : given_ms);
 }
 
 /* ---- counting ---- */
