@@ -19,8 +19,8 @@
 typedef enum outcome {
     RUNNING, /* the step is polled again; or nothing is under way */
     DONE,    /* the next step begins */
-    FAILED,  /* nothing more is to be done, and the end was told */
-    AGAIN    /* self->row names the step that begins now */
+    ENDED, /* the change is over: it failed, or it was only checked, or the run restarts for it. The client was told */
+    AGAIN  /* self->row names the step that begins now */
 } outcome;
 
 /* A row of the table at the end of this file. */
@@ -189,7 +189,7 @@ static void forget_change(tl_activation *self) {
 static outcome fail(const tl_activation *self, const char *text) {
     tell(self, TL_EVENT_ERROR, "the configuration could not be changed: %s", text);
     say_end(self, TL_CONTROL_FAILED, text);
-    return FAILED;
+    return ENDED;
 }
 
 /* Nothing comes of the candidate. That is kept, unless it was only to be checked. */
@@ -210,7 +210,7 @@ static outcome refuse(const tl_activation *self, tl_control_result result, const
                               &error);
     }
     say_end(self, result, text);
-    return FAILED;
+    return ENDED;
 }
 
 /* ---- authorise ---- */
@@ -242,7 +242,7 @@ static outcome begin_authorisation(tl_activation *self) {
     }
     if (is_active_already(self)) {
         say_end(self, TL_CONTROL_SAME, "that is what is active");
-        return FAILED;
+        return ENDED;
     }
     if (memchr(self->text, '\0', self->size) != NULL) {
         return refuse(self, TL_CONTROL_INVALID, "it holds a byte 0: it is no text");
@@ -779,7 +779,7 @@ static outcome restart_run(tl_activation *self) {
     say_end(self, is_return && !self->is_wanted ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
             is_return ? self->reason : "the run ends, and begins anew with it; then its probation begins");
     self->settings.host->restart(self->settings.host->context);
-    return FAILED; /* this run does nothing more of it */
+    return ENDED; /* this run does nothing more of it */
 }
 
 static outcome begin_activation(tl_activation *self) {
@@ -794,10 +794,10 @@ static outcome begin_activation(tl_activation *self) {
     tl_status status = TL_OK;
     if (self->cause == TL_ACTIVATION_CANDIDATE && (self->request.flags & TL_CONTROL_ONLY_CHECK) != 0) {
         say_end(self, TL_CONTROL_DONE, checked[self->way]);
-        return FAILED;
+        return ENDED;
     }
     if (self->cause == TL_ACTIVATION_SETTLES && !is_unfinished(self)) {
-        return FAILED; /* a flip that was ordered before has come meanwhile */
+        return ENDED; /* a flip that was ordered before has come meanwhile */
     }
     say_step(self, TL_CONTROL_ACTIVATE, "%s", words[self->way]);
     find_in_force(self, self->leaving);
@@ -1085,7 +1085,7 @@ static void run_steps(tl_activation *self, outcome came) {
         came = row->begin == NULL ? RUNNING : row->begin(self);
         self->looked = tl_clock_now(NULL);
     }
-    if (came == FAILED) {
+    if (came == ENDED) {
         forget_change(self);
     }
 }

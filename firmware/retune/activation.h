@@ -1,5 +1,10 @@
 /* A change of the configuration, from the candidate to the end of its probation.
  *
+ * Steps:   rows of a table: what begins the step, what polls it, its time limit, what is said while it waits. One driver goes through the rows in their order,
+ *          skips those that a change does not need, enforces the limits and ends what fails.
+ * Disk:    the new version is active on disk before the run gets it. A process that begins compares the two: an unfinished change is completed, or rolled back if
+ *          the disk still has the version before. What a probation has come to is saved every 10 s.
+ * Waiting: for the disk, and for a fork. Not for a worker process, a twin or a client.
  * Thread:  the activator's.
  */
 #ifndef TL_FIRMWARE_RETUNE_ACTIVATION_H

@@ -258,23 +258,6 @@ static void answer(tl_activator *self, visitor *who) {
 
 /* ---- clients ---- */
 
-static visitor *free_place(tl_activator *self) {
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (self->clients[i].peer.socket < 0) {
-            return &self->clients[i];
-        }
-    }
-    return NULL;
-}
-
-static void accept_clients(tl_activator *self, tl_time now) {
-    visitor *place = free_place(self);
-    while (place != NULL && tl_control_accept(self->settings.listener, &place->peer)) {
-        place->came = now;
-        place = free_place(self);
-    }
-}
-
 static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
     switch (tl_control_receive(&who->peer, &self->request, self->text, &self->size)) {
     case TL_CONTROL_ASKED:
@@ -291,25 +274,31 @@ static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
     }
 }
 
-/* The listener last; a place without a client is passed over by the kernel. If none is free the others wait in its queue. */
+/* The kernel passes over a place without a client. If none is free the others wait in the listener's queue. */
 static void wait_for_something(tl_activator *self) {
     struct pollfd waited[TL_CONTROL_CLIENTS + 1];
+    bool is_full = true;
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         waited[i] = (struct pollfd){.fd = self->clients[i].peer.socket, .events = POLLIN};
+        is_full = is_full && waited[i].fd >= 0;
     }
-    waited[TL_CONTROL_CLIENTS] =
-        (struct pollfd){.fd = free_place(self) != NULL ? self->settings.listener : -1, .events = POLLIN};
+    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->settings.listener, .events = POLLIN};
     (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_ACTIVATOR_LOOK / (TL_SECOND / 1000)));
 }
 
 bool tl_activator_work(tl_activator *activator) {
+    bool is_knocked = true;
     bool is_busy = false;
     wait_for_something(activator);
     tl_time now = tl_clock_now(NULL);
-    accept_clients(activator, now);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (activator->clients[i].peer.socket >= 0) {
-            look_at_client(activator, &activator->clients[i], now);
+        visitor *who = &activator->clients[i];
+        if (who->peer.socket < 0 && is_knocked) {
+            is_knocked = tl_control_accept(activator->settings.listener, &who->peer);
+            who->came = now;
+        }
+        if (who->peer.socket >= 0) {
+            look_at_client(activator, who, now);
         }
     }
     tl_activation_look(&activator->activation);
