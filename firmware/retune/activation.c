@@ -442,11 +442,10 @@ static bool say_problem(const tl_activation *self, const char *text) {
         return false;
     }
     const char *rest = text + length + 2;
-    if (strncmp(rest, "line ", strlen("line ")) == 0) {
-        unsigned long number = strtoul(rest + strlen("line "), &end, 10);
-        bool is_number = end != rest + strlen("line ") && strncmp(end, ": ", 2) == 0;
-        problem->line = is_number ? (uint32_t)number : 0;
-        rest = is_number ? end + 2 : rest;
+    unsigned long number = strncmp(rest, "line ", strlen("line ")) == 0 ? strtoul(rest + strlen("line "), &end, 10) : 0;
+    if (end != NULL && strncmp(end, ": ", 2) == 0) {
+        problem->line = (uint32_t)number;
+        rest = end + 2;
     }
     const char *colon = strstr(rest, ": ");
     size_t key = colon == NULL ? 0 : (size_t)(colon - rest);
@@ -1047,22 +1046,37 @@ enum { NEW_TWIN = 1U << TL_ACTIVATION_BY_FLIP | 1U << TL_ACTIVATION_BY_RESTART, 
 
 /* The steps in their order. One with `ways` is for candidates that go one of these ways; others skip it. */
 static const step_row rows[TL_ACTIVATION_ROWS] = {
-    [TL_ACTIVATION_ROW_IDLE] = {TL_CONTROL_IDLE},
-    [TL_ACTIVATION_ROW_AUTHORISE] = {TL_CONTROL_AUTHORISE, .begin = begin_authorisation},
-    [TL_ACTIVATION_ROW_VALIDATE] = {TL_CONTROL_VALIDATE, .begin = begin_validation, .poll = poll_validation},
-    [TL_ACTIVATION_ROW_TRY] = {TL_CONTROL_TRY, NEW_TWIN, begin_trial, poll_trial, .progress = say_patience},
-    [TL_ACTIVATION_ROW_PREDICT] = {TL_CONTROL_PREDICT, NEW_TWIN, begin_forecast},
-    [TL_ACTIVATION_ROW_ORDER] = {TL_CONTROL_SHADOW, FLIP, begin_shadow, poll_order, 60 * TL_SECOND,
-                                 "its twin could not be ordered for 60 s", WAITING},
-    [TL_ACTIVATION_ROW_LOAD] = {TL_CONTROL_SHADOW, FLIP, NULL, poll_loading, 900 * TL_SECOND,
-                                "its twin was not at the plant's ticks after 15 minutes", .progress = say_loading},
-    [TL_ACTIVATION_ROW_LIVE] = {TL_CONTROL_SHADOW, FLIP, begin_live, poll_live, .progress = say_live},
-    [TL_ACTIVATION_ROW_COMPARE] = {TL_CONTROL_COMPARE, FLIP, begin_comparison},
-    [TL_ACTIVATION_ROW_ACTIVATE] = {TL_CONTROL_ACTIVATE, .begin = begin_activation},
-    [TL_ACTIVATION_ROW_HAND_OVER] = {TL_CONTROL_ACTIVATE, 0, NULL, poll_handover, 60 * TL_SECOND, LATE, WAITING},
-    [TL_ACTIVATION_ROW_ANSWER] = {TL_CONTROL_ACTIVATE, 0, NULL, poll_answer, 60 * TL_SECOND, LATE,
-                                  "the twin has not answered yet; it has 60 s"},
-    [TL_ACTIVATION_ROW_PROBATION] = {TL_CONTROL_PROBATION, .begin = begin_probation, .poll = poll_probation},
+    [TL_ACTIVATION_ROW_IDLE] = {.step = TL_CONTROL_IDLE},
+    [TL_ACTIVATION_ROW_AUTHORISE] = {.step = TL_CONTROL_AUTHORISE, .begin = begin_authorisation},
+    [TL_ACTIVATION_ROW_VALIDATE] = {.step = TL_CONTROL_VALIDATE, .begin = begin_validation, .poll = poll_validation},
+    [TL_ACTIVATION_ROW_TRY] =
+        {.step = TL_CONTROL_TRY, .ways = NEW_TWIN, .begin = begin_trial, .poll = poll_trial, .progress = say_patience},
+    [TL_ACTIVATION_ROW_PREDICT] = {.step = TL_CONTROL_PREDICT, .ways = NEW_TWIN, .begin = begin_forecast},
+    [TL_ACTIVATION_ROW_ORDER] = {.step = TL_CONTROL_SHADOW,
+                                 .ways = FLIP,
+                                 .begin = begin_shadow,
+                                 .poll = poll_order,
+                                 .limit = 60 * TL_SECOND,
+                                 .late = "its twin could not be ordered for 60 s",
+                                 .slow = WAITING},
+    [TL_ACTIVATION_ROW_LOAD] = {.step = TL_CONTROL_SHADOW,
+                                .ways = FLIP,
+                                .poll = poll_loading,
+                                .limit = 900 * TL_SECOND,
+                                .late = "its twin was not at the plant's ticks after 15 minutes",
+                                .progress = say_loading},
+    [TL_ACTIVATION_ROW_LIVE] =
+        {.step = TL_CONTROL_SHADOW, .ways = FLIP, .begin = begin_live, .poll = poll_live, .progress = say_live},
+    [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .ways = FLIP, .begin = begin_comparison},
+    [TL_ACTIVATION_ROW_ACTIVATE] = {.step = TL_CONTROL_ACTIVATE, .begin = begin_activation},
+    [TL_ACTIVATION_ROW_HAND_OVER] =
+        {.step = TL_CONTROL_ACTIVATE, .poll = poll_handover, .limit = 60 * TL_SECOND, .late = LATE, .slow = WAITING},
+    [TL_ACTIVATION_ROW_ANSWER] = {.step = TL_CONTROL_ACTIVATE,
+                                  .poll = poll_answer,
+                                  .limit = 60 * TL_SECOND,
+                                  .late = LATE,
+                                  .slow = "the twin has not answered yet; it has 60 s"},
+    [TL_ACTIVATION_ROW_PROBATION] = {.step = TL_CONTROL_PROBATION, .begin = begin_probation, .poll = poll_probation},
 };
 
 static bool is_skipped(const tl_activation *self) {

@@ -263,6 +263,7 @@ static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
     case TL_CONTROL_ASKED:
         answer(self, who);
         break;
+    case TL_CONTROL_GARBAGE:
     case TL_CONTROL_GONE:
         hang_up(self, who);
         break;

@@ -159,8 +159,8 @@ static bool copy_text(int descriptor, char *text, size_t *length) {
     return *length != 0;
 }
 
-/* Takes what is there. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
-static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
+/* Takes what is there: ASKED is a packet of exactly `size` bytes. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
+static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
     room_for_descriptors room = {.header = {0}};
     struct iovec part = {.iov_base = bytes, .iov_len = size};
     struct msghdr message = {
@@ -170,7 +170,7 @@ static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t
     ssize_t got = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
     if (got < 0) {
         bool is_later = errno == EAGAIN || errno == EINTR;
-        return is_later ? TL_CONTROL_NONE : TL_CONTROL_CLOSED;
+        return is_later ? TL_CONTROL_NOTHING : TL_CONTROL_GONE;
     }
     size_t count = find_descriptors(&message, found);
     bool is_whole = got == (ssize_t)size && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0;
@@ -180,7 +180,7 @@ static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t
     for (size_t i = 0; i < count; i++) {
         (void)close(found[i]);
     }
-    return got == 0 ? TL_CONTROL_CLOSED : is_whole ? TL_CONTROL_PACKET : TL_CONTROL_GARBAGE;
+    return got == 0 ? TL_CONTROL_GONE : is_whole ? TL_CONTROL_ASKED : TL_CONTROL_GARBAGE;
 }
 
 /* ---- control server ---- */
@@ -294,12 +294,12 @@ static const char *fault_of(const tl_control_request *request, const char *text,
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
     const char *fault = FOREIGN;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
-    case TL_CONTROL_NONE:
+    case TL_CONTROL_NOTHING:
         return TL_CONTROL_NOTHING;
-    case TL_CONTROL_CLOSED:
+    case TL_CONTROL_GONE:
         tl_control_close(peer);
         return TL_CONTROL_GONE;
-    case TL_CONTROL_PACKET:
+    case TL_CONTROL_ASKED:
         fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
         break;
     case TL_CONTROL_GARBAGE:
@@ -438,16 +438,16 @@ static bool is_sound_client(tl_control_reply *reply) {
 
 tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
     size_t length = 0;
-    tl_control_arrival arrival = TL_CONTROL_NONE;
+    tl_control_news arrival = TL_CONTROL_NOTHING;
     struct pollfd waited = {.fd = socket_, .events = POLLIN};
     tl_time most = 1000 * TL_SECOND; /* the caller asks again */
     if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {
         arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
     }
-    if (arrival == TL_CONTROL_NONE) {
+    if (arrival == TL_CONTROL_NOTHING) {
         return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not answer");
     }
-    if (arrival == TL_CONTROL_CLOSED) {
+    if (arrival == TL_CONTROL_GONE) {
         return tl_fail(error, TL_PLANT_DOWN, "the plant's twin has hung up: it ended, or too many others ask");
     }
     bool is_text = reply->kind == TL_CONTROL_CONFIGURATION;

@@ -225,13 +225,6 @@ tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, 
 /* Sends `size` bytes as one packet, with `length` bytes of text in memory unless `text` is NULL. False, and errno: it could not be. */
 bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length);
 
-typedef enum tl_control_arrival {
-    TL_CONTROL_NONE,    /* nothing is there yet */
-    TL_CONTROL_PACKET,  /* exactly `size` bytes */
-    TL_CONTROL_GARBAGE, /* something else */
-    TL_CONTROL_CLOSED
-} tl_control_arrival;
-
 /* ---- The answering end of a control socket.
  *
  * Purpose: the socket itself, and connections of which each asks once.
@@ -259,8 +252,9 @@ typedef struct tl_control_peer {
 
 typedef enum tl_control_news {
     TL_CONTROL_NOTHING,
-    TL_CONTROL_ASKED, /* the request is there, and the candidate of a TAKE */
-    TL_CONTROL_GONE   /* it is closed: by the other end, or since what it said was none, or nobody took what we said */
+    TL_CONTROL_ASKED,   /* the request is there, and the candidate of a TAKE */
+    TL_CONTROL_GARBAGE, /* something else; a peer that sends it is GONE */
+    TL_CONTROL_GONE /* it is closed: by the other end, or since what it said was none, or nobody took what we said */
 } tl_control_news;
 
 /* The next one that waits; false: nobody does. */

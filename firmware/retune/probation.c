@@ -158,54 +158,47 @@ static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
     return tl_lock_tally_percent(&tally);
 }
 
-/* Its time is over, and no step was judged. */
-static tl_probation_result judge_unjudged(tl_probation *probation, const tl_run_status *now) {
-    if (now->pairs == 0 && now->steps > 0) {
-        return end(probation, TL_PROBATION_RETURN, "no matched signal was good: its lock could not be judged");
-    }
-    if (probation->account.steps > probation->account.skipped) {
-        return end(probation, TL_PROBATION_KEPT,
-                   "its time has passed without a failure; nothing came that its lock is judged by");
-    }
-    return end(probation, TL_PROBATION_RETURN, "it was too short to tell whether the twin is in lock");
-}
-
-/* Its time is over. */
+/* Its time is over: the first rule that holds decides. */
 static tl_probation_result judge(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
     const tl_probation_terms *terms = &account->terms;
     char widened[WIDENED];
+    char lost[TL_PROBATION_WHY];
     uint64_t judged = 0;
+    (void)snprintf(lost, sizeof lost,
+                   "by the tolerances of the version before, the lock was lost when its time was over%s",
+                   write_widened(account, widened));
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         judged += account->lock[i];
     }
-    if (terms->must_confirm) {
-        return end(probation, TL_PROBATION_RETURN, "nobody confirmed it");
+    const struct {
+        bool holds;
+        tl_probation_result result;
+        const char *why;
+    } rules[] = {
+        {terms->must_confirm, TL_PROBATION_RETURN, "nobody confirmed it"},
+        {!now->twin_alive, TL_PROBATION_RETURN, "the twin did not run when its time was over"},
+        {now->plant_is_shut, TL_PROBATION_RETURN, "the plant's sources could not be opened in its time"},
+        {tl_lock_yardstick_is_there(&account->yardstick) && is_lost(now, &now->lock_before), TL_PROBATION_RETURN, lost},
+        {terms->require_lock == 0.0, TL_PROBATION_KEPT, "its time has passed without a failure"},
+        {judged == 0 && now->pairs == 0 && now->steps > 0, TL_PROBATION_RETURN,
+         "no matched signal was good: its lock could not be judged"},
+        {judged == 0 && account->steps > account->skipped, TL_PROBATION_KEPT,
+         "its time has passed without a failure; nothing came that its lock is judged by"},
+        {judged == 0, TL_PROBATION_RETURN, "it was too short to tell whether the twin is in lock"},
+    };
+    for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        if (rules[i].holds) {
+            return end(probation, rules[i].result, "%s", rules[i].why);
+        }
     }
-    if (!now->twin_alive) {
-        return end(probation, TL_PROBATION_RETURN, "the twin did not run when its time was over");
-    }
-    if (now->plant_is_shut) {
-        return end(probation, TL_PROBATION_RETURN, "the plant's sources could not be opened in its time");
-    }
-    if (tl_lock_yardstick_is_there(&account->yardstick) && is_lost(now, &now->lock_before)) {
-        return end(probation, TL_PROBATION_RETURN,
-                   "by the tolerances of the version before, the lock was lost when its time was over%s",
-                   write_widened(account, widened));
-    }
-    if (terms->require_lock == 0.0) {
-        return end(probation, TL_PROBATION_KEPT, "its time has passed without a failure");
-    }
-    if (judged == 0) {
-        return judge_unjudged(probation, now);
-    }
-    double by_before = percent_of(account->lock_before);
     double by_own = percent_of(account->lock);
-    double in_lock = fmin(by_own, by_before);
+    double in_lock = fmin(by_own, percent_of(account->lock_before));
+    bool is_by_before = in_lock < by_own;
     return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN,
                "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
-               in_lock < by_own ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
-               in_lock < by_own ? write_widened(account, widened) : "");
+               is_by_before ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
+               is_by_before ? widened : "");
 }
 
 tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now) {
