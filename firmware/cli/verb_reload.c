@@ -17,8 +17,7 @@
 typedef struct reload {
     const tl_options *options;
     bool is_input; /* the configuration is read from standard input */
-    tl_talk_page page;
-    tl_talk talk;
+    tl_talk_settings talk;
     char path[PATH_MAX]; /* of the socket */
     char text[TL_CONTROL_MOST + 1];
     size_t size;
@@ -30,7 +29,7 @@ typedef struct reload {
 static tl_status read_subject(reload *self, tl_error *error) {
     if (self->is_input && isatty(STDIN_FILENO) == 1) {
         return tl_fail(error, TL_BAD_USAGE, "%s: is a terminal (expected a file or a pipe); add `< FILE`",
-                       self->page.subject);
+                       self->talk.subject);
     }
     int file = self->is_input ? STDIN_FILENO : open(self->options->subject, O_RDONLY | O_CLOEXEC | O_NOCTTY);
     ssize_t size = file < 0 ? -1 : tl_file_bytes_read(file, self->text, sizeof self->text);
@@ -39,10 +38,10 @@ static tl_status read_subject(reload *self, tl_error *error) {
         (void)close(file);
     }
     if (size < 0) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->page.subject, strerror(cause));
+        return tl_fail(error, TL_BAD_DATA, "%s: %s", self->talk.subject, strerror(cause));
     }
     if (size == 0 || size > TL_CONTROL_MOST) {
-        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->page.subject,
+        return tl_fail(error, TL_BAD_DATA, "%s: %s (expected a configuration of 1 to %d bytes)", self->talk.subject,
                        size == 0 ? "is empty" : "is too large", (int)TL_CONTROL_MOST);
     }
     self->size = (size_t)size;
@@ -80,51 +79,25 @@ static void fill_request(reload *self) {
     }
 }
 
-/* ---- what is answered ---- */
-
-static void hear(void *context, const tl_control_reply *reply) {
-    const reload *self = context;
-    tl_talk_page_print(&self->page, reply);
-}
-
-static tl_status ask(reload *self, tl_error *error) {
-    bool takes = self->request.verb == TL_CONTROL_TAKE;
-    const tl_talk_settings settings = {.path = self->path, .hear = hear, .context = self};
-    tl_status status = tl_talk_open(&self->talk, &settings, error);
-    if (status == TL_OK) {
-        status = tl_talk_ask(&self->talk, &self->request, takes ? self->text : NULL, self->size, error);
-    }
-    bool changes = takes || self->request.verb == TL_CONTROL_RETURN;
-    if (status == TL_OK && changes) {
-        tl_last_word_set(
-            "the change goes on in the run: `twinlock reload --state` shows how it is, and `twinlock reload "
-            "--rollback` cancels it, or returns from it");
-    }
-    while (status == TL_OK && !self->talk.ended) {
-        status = tl_talk_look(&self->talk, TL_SECOND, error);
-    }
-    tl_last_word_set(NULL);
-    tl_talk_close(&self->talk);
-    return status;
-}
-
 int tl_verb_reload(const tl_options *options) {
     static reload self; /* it is large */
+    tl_control_result result = TL_CONTROL_FAILED;
     tl_error error;
     self = (reload){.options = options, .is_input = strcmp(options->subject, TL_TALK_INPUT) == 0};
-    self.page =
-        (tl_talk_page){.output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
+    self.talk = (tl_talk_settings){
+        .path = self.path, .output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
     tl_status status = tl_talk_find(options->subject, options->control, self.path, &error);
     fill_request(&self);
-    if (status == TL_OK && self.request.verb == TL_CONTROL_TAKE) {
+    bool takes = self.request.verb == TL_CONTROL_TAKE;
+    if (status == TL_OK && takes) {
         status = read_subject(&self, &error);
     }
     if (status == TL_OK) {
-        status = ask(&self, &error);
+        status = tl_talk_run(&self.talk, &self.request, takes ? self.text : NULL, self.size, &result, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    status = tl_output_finish(self.page.output, status);
-    return status == TL_OK ? tl_control_exit_code(self.talk.result) : tl_exit_code(status);
+    status = tl_output_finish(self.talk.output, status);
+    return status == TL_OK ? tl_control_exit_code(result) : tl_exit_code(status);
 }

@@ -53,12 +53,12 @@ static tl_status open_activator(activator_process *self, tl_error *error) {
     const tl_activator_settings settings = {
         .listener = TL_LIVE_KNOCKER,
         .state = self->given.job.state,
-        .plant = self->given.config.name,
-        .path = self->given.config.path,
-        .allowed = self->given.job.allowed,
-        .memory_limit = self->given.job.memory_limit,
-        .unconfined = self->given.job.unconfined,
-        .host = &self->functions,
+        .activation = {.plant = self->given.config.name,
+                       .path = self->given.config.path,
+                       .allowed = self->given.job.allowed,
+                       .memory_limit = self->given.job.memory_limit,
+                       .unconfined = self->given.job.unconfined,
+                       .host = &self->functions},
     };
     return tl_activator_open(&settings, &self->activator, error);
 }

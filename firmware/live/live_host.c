@@ -170,18 +170,18 @@ static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
     tl_latest_publish(&tuning_of_run(context)->yardstick, yardstick, sizeof *yardstick);
 }
 
-static bool tune(void *context, const tl_activation_tuning *tuning) {
+static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
     tl_live_host *self = context;
-    tl_live_tuning_head head = {.size = (uint32_t)tuning->size, .tuning = *tuning->tuning};
+    tl_live_tuning_head head = {.size = (uint32_t)version->size, .tuning = *tuning};
     if (!is_kept(self)) {
         return false;
     }
-    copy_words(head.hash, sizeof head.hash, tuning->hash);
-    copy_words(head.who, sizeof head.who, tuning->who);
-    copy_words(head.origin, sizeof head.origin, tuning->origin);
-    copy_words(head.why, sizeof head.why, tuning->why);
+    copy_words(head.hash, sizeof head.hash, version->hash);
+    copy_words(head.who, sizeof head.who, version->who);
+    copy_words(head.origin, sizeof head.origin, tl_change_origins[version->origin]);
+    copy_words(head.why, sizeof head.why, why);
     tl_live_tuning_skip(tuning_of_run(self), newest_tuning(self));
-    self->given = tl_live_tuning_write(tuning_of_run(self), &head, tuning->text);
+    self->given = tl_live_tuning_write(tuning_of_run(self), &head, text);
     return true;
 }
 

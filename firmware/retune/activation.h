@@ -1,5 +1,10 @@
 /* A change of the configuration, from the candidate to the end of its probation.
  *
+ * Steps:   rows of a table: what begins the step, what polls it, its time limit, what is said while it waits. One driver goes through the rows in their order,
+ *          skips those that a change does not need, enforces the limits and ends what fails.
+ * Disk:    the new version is active on disk before the run gets it. A process that begins compares the two: an unfinished change is completed, or rolled back if
+ *          the disk still has the version before. What a probation has come to is saved every 10 s.
+ * Waiting: for the disk, and for a fork. Not for a worker process, a twin or a client.
  * Thread:  the activator's.
  */
 #ifndef TL_FIRMWARE_RETUNE_ACTIVATION_H
@@ -49,34 +54,51 @@ typedef struct tl_activation_settings {
 typedef struct tl_rehearsal {
     bool is_begun;    /* the host knows of it */
     bool has_run;     /* it was seen to compute */
-    bool is_live;     /* at the plant's ticks */
-    bool is_told;     /* that its order waits */
     bool is_compared; /* the window has begun */
-    tl_time waited;   /* since the step began */
     tl_time live;
-    tl_time unsaid;                /* since something was said of it, */
-    double said;                   /* and how much of it was done then: 0 … 1 */
-    tl_run_status before;          /* the run's twin, before */
-    tl_activation_shadow recorded; /* as it was seen last over recorded samples */
+    tl_run_status before;   /* the run's twin, before */
+    tl_run_status recorded; /* the shadow, as it was seen last over recorded samples */
     tl_comparison comparison;
 } tl_rehearsal;
+
+/* Why the run changes. */
+typedef enum tl_activation_cause {
+    TL_ACTIVATION_CANDIDATE, /* it was sent */
+    TL_ACTIVATION_RETURN,    /* from the version on probation to the one before */
+    TL_ACTIVATION_SETTLES    /* nothing changes on disk: the run is brought to what is there */
+} tl_activation_cause;
+
+/* The steps, in their order. Several are one step for clients (tl_control_step). Private. */
+typedef enum tl_activation_row {
+    TL_ACTIVATION_ROW_IDLE,
+    TL_ACTIVATION_ROW_AUTHORISE,
+    TL_ACTIVATION_ROW_VALIDATE,
+    TL_ACTIVATION_ROW_TRY,
+    TL_ACTIVATION_ROW_PREDICT,
+    TL_ACTIVATION_ROW_ORDER, /* the shadow: */
+    TL_ACTIVATION_ROW_LOAD,
+    TL_ACTIVATION_ROW_LIVE,
+    TL_ACTIVATION_ROW_COMPARE,
+    TL_ACTIVATION_ROW_ACTIVATE, /* the disk, */
+    TL_ACTIVATION_ROW_HAND_OVER,
+    TL_ACTIVATION_ROW_ANSWER, /* the twin has it */
+    TL_ACTIVATION_ROW_PROBATION,
+    TL_ACTIVATION_ROWS
+} tl_activation_row;
 
 /* Fields are private. */
 typedef struct tl_activation {
     tl_activation_settings settings;
-    tl_control_step step;
+    tl_activation_row row;
+    tl_control_step step; /* of that row */
     tl_activation_way way;
-    bool is_return;      /* to a version that is there already */
-    bool is_wanted;      /* by somebody */
-    bool settles;        /* nothing changes on disk: the run is to be brought to what is there */
-    bool is_handed;      /* the twin has been given the tuning, or the flip was ordered */
+    tl_activation_cause cause;
+    bool is_wanted;      /* of a return: somebody has asked for it */
     bool has_other_fmus; /* the text is that of the active one, and an FMU's file is not */
-    bool is_awaited;     /* who asked is told more than that it is active */
-    uint64_t target;     /* of a return */
+    bool is_measured;    /* the trial has answered */
     tl_control_request request;
     char *text; /* the candidate's, with a NUL; NULL: there is none */
     size_t size;
-    char *before;                /* the active one's, while it is validated */
     char reason[TL_VERSION_WHY]; /* of a return */
     tl_worker worker;
     tl_verdict verdict;
@@ -86,8 +108,9 @@ typedef struct tl_activation {
     uint32_t problems;     /* of values, that it has told */
     tl_rehearsal rehearsal;
     char leaving[TL_SHA256_TEXT]; /* of what the run was of before a flip */
-    tl_time waited;               /* since the activation, or since the trial began, */
-    tl_time told;                 /* and until something was said of that last */
+    tl_time passed;               /* since the last look, */
+    tl_time waited;               /* since the step began, */
+    tl_time told;                 /* and until something was said of it last */
     tl_probation probation;
     tl_time unsaved;   /* since the probation was written */
     tl_time pause;     /* before its end is tried again */

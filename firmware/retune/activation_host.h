@@ -13,6 +13,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/monitor/run_status.h"
 #include "firmware/retune/probation.h"
+#include "firmware/retune/versions.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/live_stage.h"
 #include "master/plan/tuning.h"
@@ -27,15 +28,6 @@ typedef struct tl_activation_view {
     bool waits;                    /* because it may not begin yet: this is no time of a probation */
     char line[TL_ACTIVATION_LINE]; /* the status line */
 } tl_activation_view;
-
-/* What a twin is to take. */
-typedef struct tl_activation_tuning {
-    const tl_tuning *tuning;
-    const char *text; /* of the configuration that it is of, with a NUL behind it */
-    size_t size;
-    const char *hash;
-    const char *who, *origin, *why;
-} tl_activation_tuning;
 
 typedef enum tl_activation_news {
     TL_ACTIVATION_WAITS,  /* for the twin, or for the recorder to have kept the one before */
@@ -79,19 +71,18 @@ typedef struct tl_activation_host {
     /* The hash of the configuration that the run is of now, or will be from its next tick on. */
     void (*in_force)(void *context, char hash[TL_SHA256_TEXT]);
 
-    /* The text of a configuration with this hash that is in the run's memory, with a NUL behind it; room for TL_CONTROL_MOST + 1 bytes. False: none is. NULL: as
-     * if none were. */
+    /* The text of a configuration with this hash that is in the run's memory, with a NUL behind it; room for TL_CONTROL_MOST + 1 bytes. False: none is. */
     bool (*text)(void *context, const char *hash, char *text, size_t *size);
 
     /* The files of the FMUs that this text names, which is in force, are others than those that the run's twin has loaded. False: they are the same, or nobody can
-     * say. NULL: nobody can. Reads them all. */
+     * say. Reads them all. */
     bool (*has_other_fmus)(void *context, const char *text, size_t size);
 
     /* The lock of the run's twin is judged by this yardstick as well (lock_before), from one of its next ticks on; zeroed: by none. */
     void (*judge_by)(void *context, const tl_lock_yardstick *yardstick);
 
-    /* Hands it over. False: not yet, since the recorder has not kept the one before. */
-    bool (*tune)(void *context, const tl_activation_tuning *tuning);
+    /* Hands a version's tuning and text, with a NUL behind it, to the run's twin. False: not yet, since the recorder has not kept the one before. */
+    bool (*tune)(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning);
 
     /* What came of the newest one. */
     tl_activation_news (*was_taken)(void *context, char why[TL_ACTIVATION_WHY]);

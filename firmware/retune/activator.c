@@ -29,9 +29,11 @@ struct tl_activator {
     visitor *listener; /* who hears of the change that is under way; NULL: nobody */
     visitor *
         waiter; /* who waits for what comes of the version on probation, while another candidate is looked at; NULL: nobody, */
-    uint64_t awaited; /* which that is */
-    tl_time busy;     /* when there was something to do last */
+    uint64_t awaited;           /* which that is */
+    tl_time busy;               /* when there was something to do last */
+    tl_control_request request; /* that is answered, */
     char text[TL_CONTROL_MOST + 1];
+    size_t size; /* and the candidate that came with it */
 };
 
 /* ---- who hears of a change ---- */
@@ -67,26 +69,24 @@ static void finish(tl_activator *self, visitor *who, tl_control_result result, c
 
 /* ---- what can be looked at ---- */
 
-static const char *lock_of(const tl_activation_view *view) {
-    return view->holds ? "hold" : !view->figures.twin_alive ? "" : tl_lock_state_name(view->figures.lock.state);
-}
-
 static void show(tl_activator *self, visitor *who) {
     const tl_version *active = active_of(self);
     tl_activation_view view = {.step_s = 0.0};
-    tl_control_reply reply;
-    self->settings.host->look(self->settings.host->context, &view);
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_STATE;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
+    const tl_activation_settings *settings = &self->activation.settings;
+    settings->host->look(settings->host->context, &view);
     tl_control_state *state = &reply.as.state;
-    (void)snprintf(state->plant, sizeof state->plant, "%s", self->settings.plant);
+    (void)snprintf(state->plant, sizeof state->plant, "%s", settings->plant);
     if (active != NULL) {
         memcpy(state->hash, active->hash, sizeof state->hash);
         state->version = active->number;
     }
     state->step = (uint32_t)self->activation.step;
     state->left_s = tl_activation_left_s(&self->activation);
-    (void)snprintf(state->lock, sizeof state->lock, "%s", lock_of(&view));
+    const char *lock = view.holds                 ? "hold"
+                       : !view.figures.twin_alive ? ""
+                                                  : tl_lock_state_name(view.figures.lock.state);
+    (void)snprintf(state->lock, sizeof state->lock, "%s", lock);
     state->step_s = view.step_s;
     state->ticks = view.figures.ticks;
     state->steps = view.figures.steps;
@@ -114,7 +114,6 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
-/* It never was a version, and has no number. */
 static void describe_refusal(const tl_refused *refusal, tl_control_version *told) {
     memset(told, 0, sizeof *told);
     memcpy(told->hash, refusal->hash, sizeof told->hash);
@@ -126,33 +125,25 @@ static void describe_refusal(const tl_refused *refusal, tl_control_version *told
                    refusal->reason);
 }
 
-static void list_refusals(tl_activator *self, visitor *who) {
-    for (size_t i = self->refusals.count; i > 0; i--) {
-        tl_control_reply reply;
-        memset(&reply, 0, sizeof reply);
-        reply.kind = TL_CONTROL_VERSION;
-        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
-        (void)tl_control_send(&who->peer, &reply);
-    }
-}
-
 static void list_versions(tl_activator *self, visitor *who) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
-        tl_control_reply reply;
-        memset(&reply, 0, sizeof reply);
-        reply.kind = TL_CONTROL_VERSION;
         describe(self, &self->versions.list[i - 1], &reply.as.version);
         (void)tl_control_send(&who->peer, &reply);
     }
-    list_refusals(self, who);
+    for (size_t i = self->refusals.count; i > 0; i--) {
+        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
+        (void)tl_control_send(&who->peer, &reply);
+    }
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
-static void read_version(tl_activator *self, visitor *who, uint64_t number) {
+static void read_version(tl_activator *self, visitor *who) {
     tl_control_version told;
     tl_error error;
     char *text = NULL;
-    const tl_version *version = tl_versions_get(&self->versions, number == 0 ? self->versions.active : number);
+    const tl_version *version =
+        tl_versions_get(&self->versions, self->request.version == 0 ? self->versions.active : self->request.version);
     if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT, "there is no such version");
     } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
@@ -167,7 +158,7 @@ static void read_version(tl_activator *self, visitor *who, uint64_t number) {
 
 /* ---- what changes something ---- */
 
-static void take(tl_activator *self, visitor *who, const tl_control_request *request, const char *text, size_t size) {
+static void take_text(tl_activator *self, visitor *who, const char *text, size_t size) {
     char why[TL_CONTROL_TEXT];
     if (tl_activation_is_busy(&self->activation)) {
         tl_activation_describe(&self->activation, why);
@@ -179,7 +170,11 @@ static void take(tl_activator *self, visitor *who, const tl_control_request *req
         self->awaited = self->versions.active;
     }
     self->listener = who;
-    tl_activation_take(&self->activation, request, text, size);
+    tl_activation_take(&self->activation, &self->request, text, size);
+}
+
+static void take(tl_activator *self, visitor *who) {
+    take_text(self, who, self->text, self->size);
 }
 
 /* A candidate that becomes nothing takes nobody's place. */
@@ -200,13 +195,13 @@ static void look_at_waiter(tl_activator *self) {
     }
 }
 
-static void confirm(tl_activator *self, visitor *who, const tl_control_request *request) {
+static void confirm(tl_activator *self, visitor *who) {
     bool is_done = false;
-    if (request->right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
+    if (self->request.right < TL_RIGHT_COMMISSION && tl_activation_is_lost_before(&self->activation)) {
         finish(
             self, who, TL_CONTROL_FORBIDDEN,
             "by the tolerances of the version before, the lock is lost: to confirm it takes the right to commission");
-    } else if (!tl_activation_confirm(&self->activation, request->who, &is_done)) {
+    } else if (!tl_activation_confirm(&self->activation, self->request.who, &is_done)) {
         finish(self, who, TL_CONTROL_ABSENT, "no version is on probation");
     } else if (is_done) {
         finish(self, who, TL_CONTROL_DONE, "it is kept");
@@ -215,39 +210,33 @@ static void confirm(tl_activator *self, visitor *who, const tl_control_request *
     }
 }
 
-/* Who asks for it hears what comes of it; who has asked for the change, that it is no more. */
-static void go_back(tl_activator *self, visitor *who, const char *name) {
+/* The version on probation is left: its client is told so, and this one is told what comes of that. */
+static void go_back(tl_activator *self, visitor *who) {
     if (self->listener != NULL) {
         finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
     }
     self->listener = who;
-    (void)tl_activation_refuse(&self->activation, name);
+    (void)tl_activation_refuse(&self->activation, self->request.who);
 }
 
-/* The candidate that is on its way is gone; what is active stays. */
-static void cancel(tl_activator *self, visitor *who, const char *name) {
-    if (tl_activation_cancel(&self->activation, name)) {
-        finish(self, who, TL_CONTROL_DONE, "the change that was under way is cancelled; nothing was changed");
-    } else {
-        finish(self, who, TL_CONTROL_BUSY, "a change is being made just now, and cannot be cancelled: try again");
-    }
-}
-
-/* An older one is a candidate like any other. */
-static void bring_back(tl_activator *self, visitor *who, const tl_control_request *request) {
+/* What is under way or on probation is given up. An older version is a candidate like any other. */
+static void bring_back(tl_activator *self, visitor *who) {
+    tl_control_request *request = &self->request;
     const tl_version *active = active_of(self);
     uint64_t number = request->version != 0 ? request->version : active == NULL ? 0 : active->parent;
     const tl_version *version = tl_versions_get(&self->versions, number);
-    tl_control_request order = *request;
     tl_error error;
     char *text = NULL;
     if ((request->flags & TL_CONTROL_ONLY_PENDING) != 0 && tl_activation_is_idle(&self->activation)) {
         finish(self, who, TL_CONTROL_ABSENT, "no change is under way, and none is on probation");
     } else if (request->version == 0 && tl_activation_is_busy(&self->activation)) {
-        cancel(self, who, request->who);
+        bool is_done = tl_activation_cancel(&self->activation, request->who);
+        finish(self, who, is_done ? TL_CONTROL_DONE : TL_CONTROL_BUSY,
+               is_done ? "the change that was under way is cancelled; nothing was changed"
+                       : "a change is being made just now, and cannot be cancelled: try again");
     } else if (self->activation.step == TL_CONTROL_PROBATION &&
                (request->version == 0 || request->version == self->versions.probation.return_to)) {
-        go_back(self, who, request->who);
+        go_back(self, who);
     } else if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT,
                request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
@@ -255,72 +244,36 @@ static void bring_back(tl_activator *self, visitor *who, const tl_control_reques
     } else if (tl_versions_read(&self->versions, number, &text, &error) != TL_OK) {
         finish(self, who, TL_CONTROL_FAILED, error.text);
     } else {
-        memcpy(order.hash, version->hash, sizeof order.hash);
-        take(self, who, &order, text, (size_t)version->size);
+        memcpy(request->hash, version->hash, sizeof request->hash);
+        take_text(self, who, text, (size_t)version->size);
     }
     free(text);
 }
 
-static bool changes(tl_control_verb verb) {
-    return verb == TL_CONTROL_TAKE || verb == TL_CONTROL_CONFIRM || verb == TL_CONTROL_RETURN;
-}
-
-static void answer(tl_activator *self, visitor *who, const tl_control_request *request, size_t size) {
-    tl_control_verb verb = (tl_control_verb)request->verb;
-    if (changes(verb) && request->right < TL_RIGHT_RETUNE) {
+static void answer(tl_activator *self, visitor *who) {
+    static const struct {
+        void (*answer)(tl_activator *self, visitor *who);
+        bool changes;
+    } verbs[TL_CONTROL_VERBS] = {
+        [TL_CONTROL_SHOW] = {show, false},        [TL_CONTROL_READ] = {read_version, false},
+        [TL_CONTROL_TAKE] = {take, true},         [TL_CONTROL_VERSIONS] = {list_versions, false},
+        [TL_CONTROL_RETURN] = {bring_back, true}, [TL_CONTROL_CONFIRM] = {confirm, true},
+    };
+    if (verbs[self->request.verb].changes && self->request.right < TL_RIGHT_RETUNE) {
         finish(self, who, TL_CONTROL_FORBIDDEN, "that takes the right to retune");
-        return;
-    }
-    switch (verb) {
-    case TL_CONTROL_SHOW:
-        show(self, who);
-        break;
-    case TL_CONTROL_READ:
-        read_version(self, who, request->version);
-        break;
-    case TL_CONTROL_VERSIONS:
-        list_versions(self, who);
-        break;
-    case TL_CONTROL_TAKE:
-        take(self, who, request, self->text, size);
-        break;
-    case TL_CONTROL_CONFIRM:
-        confirm(self, who, request);
-        break;
-    case TL_CONTROL_RETURN:
-        bring_back(self, who, request);
-        break;
-    case TL_CONTROL_VERBS:
-        break;
+    } else {
+        verbs[self->request.verb].answer(self, who);
     }
 }
 
 /* ---- clients ---- */
 
-static visitor *free_place(tl_activator *self) {
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (self->clients[i].peer.socket < 0) {
-            return &self->clients[i];
-        }
-    }
-    return NULL;
-}
-
-static void accept_clients(tl_activator *self, tl_time now) {
-    visitor *place = free_place(self);
-    while (place != NULL && tl_control_accept(self->settings.listener, &place->peer)) {
-        place->came = now;
-        place = free_place(self);
-    }
-}
-
 static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
-    tl_control_request request;
-    size_t size = 0;
-    switch (tl_control_receive(&who->peer, &request, self->text, &size)) {
+    switch (tl_control_receive(&who->peer, &self->request, self->text, &self->size)) {
     case TL_CONTROL_ASKED:
-        answer(self, who, &request, size);
+        answer(self, who);
         break;
+    case TL_CONTROL_GARBAGE:
     case TL_CONTROL_GONE:
         hang_up(self, who);
         break;
@@ -332,38 +285,39 @@ static void look_at_client(tl_activator *self, visitor *who, tl_time now) {
     }
 }
 
-static bool is_anybody_there(const tl_activator *self) {
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (self->clients[i].peer.socket >= 0) {
-            return true;
-        }
-    }
-    return false;
-}
-
-/* The listener last; a place without a client is passed over by the kernel. If none is free the others wait in its queue. */
+/* The kernel passes over a place without a client. If none is free the others wait in the listener's queue. */
 static void wait_for_something(tl_activator *self) {
     struct pollfd waited[TL_CONTROL_CLIENTS + 1];
+    bool is_full = true;
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         waited[i] = (struct pollfd){.fd = self->clients[i].peer.socket, .events = POLLIN};
+        is_full = is_full && waited[i].fd >= 0;
     }
-    waited[TL_CONTROL_CLIENTS] =
-        (struct pollfd){.fd = free_place(self) != NULL ? self->settings.listener : -1, .events = POLLIN};
+    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->settings.listener, .events = POLLIN};
     (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_ACTIVATOR_LOOK / (TL_SECOND / 1000)));
 }
 
 bool tl_activator_work(tl_activator *activator) {
+    bool is_knocked = true;
+    bool is_busy = false;
     wait_for_something(activator);
     tl_time now = tl_clock_now(NULL);
-    accept_clients(activator, now);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        if (activator->clients[i].peer.socket >= 0) {
-            look_at_client(activator, &activator->clients[i], now);
+        visitor *who = &activator->clients[i];
+        if (who->peer.socket < 0 && is_knocked) {
+            is_knocked = tl_control_accept(activator->settings.listener, &who->peer);
+            who->came = now;
+        }
+        if (who->peer.socket >= 0) {
+            look_at_client(activator, who, now);
         }
     }
     tl_activation_look(&activator->activation);
     look_at_waiter(activator);
-    if (is_anybody_there(activator) || !tl_activation_is_idle(&activator->activation)) {
+    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
+        is_busy = is_busy || activator->clients[i].peer.socket >= 0;
+    }
+    if (is_busy || !tl_activation_is_idle(&activator->activation)) {
         activator->busy = now;
     }
     return now - activator->busy < IDLE;
@@ -388,21 +342,11 @@ tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator 
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         made->clients[i].peer.socket = -1;
     }
-    const tl_activation_settings activation = {
-        .host = settings->host,
-        .versions = &made->versions,
-        .refusals = &made->refusals,
-        .plant = settings->plant,
-        .path = settings->path,
-        .allowed = settings->allowed,
-        .memory_limit = settings->memory_limit,
-        .unconfined = settings->unconfined,
-        .be = settings->be,
-        .context = settings->context,
-        .say = say,
-        .listener = made,
-    };
-    tl_activation_begin(&made->activation, &activation);
+    made->settings.activation.versions = &made->versions;
+    made->settings.activation.refusals = &made->refusals;
+    made->settings.activation.say = say;
+    made->settings.activation.listener = made;
+    tl_activation_begin(&made->activation, &made->settings.activation);
     *activator = made;
     return TL_OK;
 }

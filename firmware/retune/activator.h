@@ -1,8 +1,8 @@
 /* The activator: answers at a plant's control socket, and sees to it that one change after the other is made.
  *
  * Purpose: the work of a process that is begun when somebody knocks, or a probation is under way, and ends when nothing is to be done.
- * Trust:   it parses no configuration and no FMU: a validator and a trial do (worker.h). Who asks is known from the kernel; a right that is more than
- *          reading is believed of the plant's own user, of root, and of whom the socket's group lets in, who has checked it.
+ * Trust:   it parses no configuration and no FMU: a validator and a trial do (worker.h). A right that is claimed is believed: only root, the plant's own
+ *          user and the socket's group can ask.
  * Waiting: for clients and workers at once, at most `TL_ACTIVATOR_LOOK`.
  * Thread:  one, the main thread of its process.
  */
@@ -18,16 +18,9 @@
 #define TL_ACTIVATOR_LOOK (TL_SECOND / 20)
 
 typedef struct tl_activator_settings {
-    int listener;      /* control.h */
-    const char *state; /* the folder in which versions/ is */
-    const char *plant; /* the rest as in activation.h */
-    const char *path;
-    const char *allowed; /* as in activation.h */
-    uint64_t memory_limit;
-    bool unconfined;
-    const tl_activation_host *host;
-    int (*be)(const char *title, void *context);
-    void *context;
+    int listener;                      /* control.h */
+    const char *state;                 /* the folder in which versions/ is */
+    tl_activation_settings activation; /* versions, refusals, say and its listener are set here */
 } tl_activator_settings;
 
 typedef struct tl_activator tl_activator;

@@ -5,7 +5,6 @@
 #include <linux/magic.h>
 #include <math.h>
 #include <poll.h>
-#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
@@ -19,67 +18,65 @@
 
 /* ---- control words ---- */
 
-static const char *const step_names[TL_CONTROL_STEPS] = {
-    [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
-    [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
-    [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
-    [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
-};
-
-static const char *const result_names[TL_CONTROL_RESULTS] = {
-    [TL_CONTROL_DONE] = "done",
-    [TL_CONTROL_SAME] = "same",
-    [TL_CONTROL_BAD] = "bad request",
-    [TL_CONTROL_FORBIDDEN] = "forbidden",
-    [TL_CONTROL_CHANGED] = "changed",
-    [TL_CONTROL_INVALID] = "invalid",
-    [TL_CONTROL_RESTART] = "needs a restart",
-    [TL_CONTROL_BUSY] = "busy",
-    [TL_CONTROL_ABSENT] = "absent",
-    [TL_CONTROL_FAILED] = "failed",
-    [TL_CONTROL_UNDONE] = "undone",
-    [TL_CONTROL_CANCELLED] = "cancelled",
-};
-
 const char *tl_control_step_name(tl_control_step step) {
-    return step_names[step];
+    static const char *const names[TL_CONTROL_STEPS] = {
+        [TL_CONTROL_IDLE] = "idle",       [TL_CONTROL_AUTHORISE] = "authorise", [TL_CONTROL_VALIDATE] = "validate",
+        [TL_CONTROL_TRY] = "try",         [TL_CONTROL_PREDICT] = "predict",     [TL_CONTROL_SHADOW] = "shadow",
+        [TL_CONTROL_COMPARE] = "compare", [TL_CONTROL_ACTIVATE] = "activate",   [TL_CONTROL_PROBATION] = "probation",
+        [TL_CONTROL_KEPT] = "kept",       [TL_CONTROL_RETURNED] = "returned",
+    };
+    return names[step];
 }
+
+/* Names, and exit codes as sysexits.h and a tl_status have them. */
+static const struct {
+    const char *name;
+    tl_status status;
+} results[TL_CONTROL_RESULTS] = {
+    [TL_CONTROL_DONE] = {"done", TL_OK},
+    [TL_CONTROL_SAME] = {"same", TL_OK},
+    [TL_CONTROL_BAD] = {"bad request", TL_BAD_USAGE},
+    [TL_CONTROL_FORBIDDEN] = {"forbidden", TL_OK}, /* TL_CONTROL_NOT_PERMITTED */
+    [TL_CONTROL_CHANGED] = {"changed", TL_TRY_AGAIN},
+    [TL_CONTROL_INVALID] = {"invalid", TL_BAD_DATA},
+    [TL_CONTROL_RESTART] = {"needs a restart", TL_BAD_USAGE},
+    [TL_CONTROL_BUSY] = {"busy", TL_TRY_AGAIN},
+    [TL_CONTROL_ABSENT] = {"absent", TL_PLANT_DOWN},
+    [TL_CONTROL_FAILED] = {"failed", TL_TRY_AGAIN},
+    [TL_CONTROL_UNDONE] = {"undone", TL_NOT_LOCKED},
+    [TL_CONTROL_CANCELLED] = {"cancelled", TL_TRY_AGAIN},
+};
 
 const char *tl_control_result_name(tl_control_result result) {
-    return result_names[result];
+    return results[result].name;
 }
 
-/* As sysexits.h and a tl_status have them. */
 int tl_control_exit_code(tl_control_result result) {
-    switch (result) {
-    case TL_CONTROL_DONE:
-    case TL_CONTROL_SAME:
-        return 0;
-    case TL_CONTROL_BAD:
-    case TL_CONTROL_RESTART:
-        return tl_exit_code(TL_BAD_USAGE);
-    case TL_CONTROL_UNDONE:
-        return tl_exit_code(TL_NOT_LOCKED);
-    case TL_CONTROL_INVALID:
-        return tl_exit_code(TL_BAD_DATA);
-    case TL_CONTROL_ABSENT:
-        return tl_exit_code(TL_PLANT_DOWN);
-    case TL_CONTROL_FORBIDDEN:
-        return TL_CONTROL_NOT_PERMITTED;
-    case TL_CONTROL_CHANGED:
-    case TL_CONTROL_BUSY:
-    case TL_CONTROL_FAILED:
-    case TL_CONTROL_CANCELLED:
-    case TL_CONTROL_RESULTS:
-        break;
-    }
-    return tl_exit_code(TL_TRY_AGAIN);
+    return result == TL_CONTROL_FORBIDDEN ? TL_CONTROL_NOT_PERMITTED : tl_exit_code(results[result].status);
 }
 
-const char *tl_control_right_note(const char *right) {
-    return strcmp(right, "commission") == 0   ? ", takes the right to commission"
-           : strcmp(right, "on the box") == 0 ? ", on the box only"
-                                              : "";
+tl_control_reply tl_control_new_reply(tl_control_kind kind) {
+    tl_control_reply reply;
+    memset(&reply, 0, sizeof reply);
+    reply.kind = (uint32_t)kind;
+    return reply;
+}
+
+tl_control_reply tl_control_new_step(tl_control_step step, uint32_t left_s, const char *text) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STEP);
+    reply.as.progress.step = (uint32_t)step;
+    reply.as.progress.left_s = left_s;
+    (void)snprintf(reply.as.progress.text, sizeof reply.as.progress.text, "%s", text);
+    return reply;
+}
+
+tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_END);
+    reply.as.end.result = (uint32_t)result;
+    reply.as.end.version = version;
+    (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
+    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
+    return reply;
 }
 
 /* ---- control packet ---- */
@@ -149,29 +146,21 @@ static size_t find_descriptors(struct msghdr *message, int found[DESCRIPTORS]) {
     return count;
 }
 
-/* Any other file could be slow to read, or end the reader. */
-static bool is_memory(int descriptor, size_t *size) {
+/* From memory only: any other file could be slow to read, or end the reader. */
+static bool copy_text(int descriptor, char *text, size_t *length) {
     struct stat about;
     struct statfs system;
-    bool is = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode) && fstatfs(descriptor, &system) == 0 &&
-              (unsigned long)system.f_type == TMPFS_MAGIC && about.st_size > 0 && about.st_size <= TL_CONTROL_MOST;
-    *size = is ? (size_t)about.st_size : 0;
-    return is;
-}
-
-static bool copy_text(int descriptor, char *text, size_t *length) {
-    size_t size = 0;
-    if (!is_memory(descriptor, &size)) {
-        return false;
-    }
-    ssize_t got = pread(descriptor, text, size, 0);
-    *length = got == (ssize_t)size ? size : 0;
+    bool is_memory = fstat(descriptor, &about) == 0 && S_ISREG(about.st_mode) && fstatfs(descriptor, &system) == 0 &&
+                     (unsigned long)system.f_type == TMPFS_MAGIC && about.st_size > 0 &&
+                     about.st_size <= TL_CONTROL_MOST;
+    ssize_t got = is_memory ? pread(descriptor, text, (size_t)about.st_size, 0) : -1;
+    *length = is_memory && got == about.st_size ? (size_t)got : 0;
     text[*length] = '\0';
     return *length != 0;
 }
 
-/* Takes what is there. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
-static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
+/* Takes what is there: ASKED is a packet of exactly `size` bytes. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
+static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
     room_for_descriptors room = {.header = {0}};
     struct iovec part = {.iov_base = bytes, .iov_len = size};
     struct msghdr message = {
@@ -181,7 +170,7 @@ static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t
     ssize_t got = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
     if (got < 0) {
         bool is_later = errno == EAGAIN || errno == EINTR;
-        return is_later ? TL_CONTROL_NONE : TL_CONTROL_CLOSED;
+        return is_later ? TL_CONTROL_NOTHING : TL_CONTROL_GONE;
     }
     size_t count = find_descriptors(&message, found);
     bool is_whole = got == (ssize_t)size && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0;
@@ -191,7 +180,7 @@ static tl_control_arrival tl_control_packet_take(int socket, void *bytes, size_t
     for (size_t i = 0; i < count; i++) {
         (void)close(found[i]);
     }
-    return got == 0 ? TL_CONTROL_CLOSED : is_whole ? TL_CONTROL_PACKET : TL_CONTROL_GARBAGE;
+    return got == 0 ? TL_CONTROL_GONE : is_whole ? TL_CONTROL_ASKED : TL_CONTROL_GARBAGE;
 }
 
 /* ---- control server ---- */
@@ -258,19 +247,8 @@ bool tl_control_is_knocked_at(int listener) {
 }
 
 bool tl_control_accept(int listener, tl_control_peer *peer) {
-    struct ucred who = {0};
-    socklen_t size = sizeof who;
     *peer = (tl_control_peer){.socket = accept4(listener, NULL, NULL, SOCK_CLOEXEC | SOCK_NONBLOCK)};
-    if (peer->socket < 0) {
-        return false;
-    }
-    if (getsockopt(peer->socket, SOL_SOCKET, SO_PEERCRED, &who, &size) != 0) {
-        tl_control_close(peer);
-        return false;
-    }
-    peer->user = who.uid;
-    peer->process = who.pid;
-    return true;
+    return peer->socket >= 0;
 }
 
 /* ---- requests ---- */
@@ -296,11 +274,13 @@ static bool is_sound(const tl_control_request *request) {
            is_clean(request->why, sizeof request->why);
 }
 
+static const char FOREIGN[] = "the request is none: twinlock is of another version there";
+
 /* What is wrong with what came, or NULL. */
 static const char *fault_of(const tl_control_request *request, const char *text, size_t size) {
     char hash[TL_SHA256_TEXT] = "";
     if (!is_sound(request)) {
-        return "the request is none: twinlock is of another version there";
+        return FOREIGN;
     }
     if ((request->verb == TL_CONTROL_TAKE) != (size != 0)) {
         return "the request comes without a configuration, or with one that nobody asked for";
@@ -312,19 +292,19 @@ static const char *fault_of(const tl_control_request *request, const char *text,
 }
 
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size) {
+    const char *fault = FOREIGN;
     switch (tl_control_packet_take(peer->socket, request, sizeof *request, text, size)) {
-    case TL_CONTROL_NONE:
+    case TL_CONTROL_NOTHING:
         return TL_CONTROL_NOTHING;
-    case TL_CONTROL_CLOSED:
+    case TL_CONTROL_GONE:
         tl_control_close(peer);
         return TL_CONTROL_GONE;
+    case TL_CONTROL_ASKED:
+        fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
+        break;
     case TL_CONTROL_GARBAGE:
-        tl_control_finish(peer, TL_CONTROL_BAD, 0, "", "the request is none: twinlock is of another version there");
-        return TL_CONTROL_GONE;
-    case TL_CONTROL_PACKET:
         break;
     }
-    const char *fault = peer->has_asked ? "one request for each connection" : fault_of(request, text, *size);
     if (fault != NULL) {
         tl_control_finish(peer, TL_CONTROL_BAD, 0, "", fault);
         return TL_CONTROL_GONE;
@@ -336,34 +316,27 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
 /* ---- replies ---- */
 
 /* Nobody waits for a client that does not take what we say. */
-bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
-    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, NULL, 0)) {
+static bool send_reply(tl_control_peer *peer, const tl_control_reply *reply, const char *text, size_t size) {
+    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, text, size)) {
         tl_control_close(peer);
     }
     return peer->socket >= 0;
 }
 
+bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
+    return send_reply(peer, reply, NULL, 0);
+}
+
 bool tl_control_send_text(tl_control_peer *peer, const tl_control_version *version, const char *text, size_t size) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_CONFIGURATION;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
     reply.more = (uint32_t)size;
     reply.as.version = *version;
-    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, &reply, sizeof reply, text, size)) {
-        tl_control_close(peer);
-    }
-    return peer->socket >= 0;
+    return send_reply(peer, &reply, text, size);
 }
 
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
                        const char *text) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_END;
-    reply.as.end.result = result;
-    reply.as.end.version = version;
-    (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
-    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
+    const tl_control_reply reply = tl_control_new_end(result, version, hash, text);
     (void)tl_control_send(peer, &reply);
     tl_control_close(peer);
 }
@@ -429,75 +402,52 @@ tl_status tl_control_ask(int socket_, const tl_control_request *request, const c
 
 /* ---- what comes back ---- */
 
-static void end_text(char *text, size_t room) {
-    text[room - 1] = '\0';
-}
+/* All texts of replies. */
+#define TEXT(kind, member)                                                                                             \
+    { kind, offsetof(tl_control_reply, as.member), sizeof((tl_control_reply *)NULL)->as.member }
 
-#define END_TEXT(text) end_text(text, sizeof(text))
-
-static void end_version(tl_control_version *version) {
-    END_TEXT(version->hash);
-    END_TEXT(version->kind);
-    END_TEXT(version->origin);
-    END_TEXT(version->right);
-    END_TEXT(version->who);
-    END_TEXT(version->why);
-    END_TEXT(version->at);
-    END_TEXT(version->result);
-}
+static const struct {
+    tl_control_kind kind;
+    size_t at, room;
+} texts[] = {
+    TEXT(TL_CONTROL_STATE, state.plant),      TEXT(TL_CONTROL_STATE, state.hash),
+    TEXT(TL_CONTROL_STATE, state.lock),       TEXT(TL_CONTROL_STATE, state.line),
+    TEXT(TL_CONTROL_VERSION, version.hash),   TEXT(TL_CONTROL_VERSION, version.kind),
+    TEXT(TL_CONTROL_VERSION, version.origin), TEXT(TL_CONTROL_VERSION, version.right),
+    TEXT(TL_CONTROL_VERSION, version.who),    TEXT(TL_CONTROL_VERSION, version.why),
+    TEXT(TL_CONTROL_VERSION, version.at),     TEXT(TL_CONTROL_VERSION, version.result),
+    TEXT(TL_CONTROL_CHANGE, change.path),     TEXT(TL_CONTROL_CHANGE, change.before),
+    TEXT(TL_CONTROL_CHANGE, change.after),    TEXT(TL_CONTROL_CHANGE, change.kind),
+    TEXT(TL_CONTROL_CHANGE, change.right),    TEXT(TL_CONTROL_PROBLEM, problem.path),
+    TEXT(TL_CONTROL_PROBLEM, problem.text),   TEXT(TL_CONTROL_STEP, progress.text),
+    TEXT(TL_CONTROL_END, end.hash),           TEXT(TL_CONTROL_END, end.text),
+};
 
 /* False: there is no such reply. All texts end afterwards. */
 static bool is_sound_client(tl_control_reply *reply) {
-    switch (reply->kind) {
-    case TL_CONTROL_STATE:
-        END_TEXT(reply->as.state.plant);
-        END_TEXT(reply->as.state.hash);
-        END_TEXT(reply->as.state.lock);
-        END_TEXT(reply->as.state.line);
-        return reply->as.state.step < TL_CONTROL_STEPS;
-    case TL_CONTROL_VERSION:
-    case TL_CONTROL_CONFIGURATION:
-        end_version(&reply->as.version);
-        return true;
-    case TL_CONTROL_CHANGE:
-        END_TEXT(reply->as.change.path);
-        END_TEXT(reply->as.change.before);
-        END_TEXT(reply->as.change.after);
-        END_TEXT(reply->as.change.kind);
-        END_TEXT(reply->as.change.right);
-        return true;
-    case TL_CONTROL_PROBLEM:
-        END_TEXT(reply->as.problem.path);
-        END_TEXT(reply->as.problem.text);
-        return true;
-    case TL_CONTROL_STEP:
-        END_TEXT(reply->as.progress.text);
-        return reply->as.progress.step < TL_CONTROL_STEPS;
-    case TL_CONTROL_END:
-        END_TEXT(reply->as.end.hash);
-        END_TEXT(reply->as.end.text);
-        return reply->as.end.result < TL_CONTROL_RESULTS;
-    default:
-        return false;
+    uint32_t kind = reply->kind == TL_CONTROL_CONFIGURATION ? TL_CONTROL_VERSION : reply->kind;
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        if (texts[i].kind == kind) {
+            ((char *)reply)[texts[i].at + texts[i].room - 1] = '\0';
+        }
     }
-}
-
-static bool wait_for(int socket_, tl_time time) {
-    struct pollfd waited = {.fd = socket_, .events = POLLIN};
-    int most = time > (tl_time)1000000 * 1000000 ? 1000000 : (int)((time + 999999) / 1000000);
-    return poll(&waited, 1, most) > 0;
+    return kind < TL_CONTROL_KINDS && (kind != TL_CONTROL_STATE || reply->as.state.step < TL_CONTROL_STEPS) &&
+           (kind != TL_CONTROL_STEP || reply->as.progress.step < TL_CONTROL_STEPS) &&
+           (kind != TL_CONTROL_END || reply->as.end.result < TL_CONTROL_RESULTS);
 }
 
 tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, char *text, tl_error *error) {
     size_t length = 0;
-    tl_control_arrival arrival = TL_CONTROL_NONE;
-    if (wait_for(socket_, time)) {
+    tl_control_news arrival = TL_CONTROL_NOTHING;
+    struct pollfd waited = {.fd = socket_, .events = POLLIN};
+    tl_time most = 1000 * TL_SECOND; /* the caller asks again */
+    if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {
         arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
     }
-    if (arrival == TL_CONTROL_NONE) {
+    if (arrival == TL_CONTROL_NOTHING) {
         return tl_fail(error, TL_TRY_AGAIN, "the plant's twin does not answer");
     }
-    if (arrival == TL_CONTROL_CLOSED) {
+    if (arrival == TL_CONTROL_GONE) {
         return tl_fail(error, TL_PLANT_DOWN, "the plant's twin has hung up: it ended, or too many others ask");
     }
     bool is_text = reply->kind == TL_CONTROL_CONFIGURATION;
@@ -506,34 +456,4 @@ tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, ch
         return tl_fail(error, TL_BAD_DATA, "the plant's twin answers what is no answer: it is of another version");
     }
     return TL_OK;
-}
-
-/* ---- last word ---- */
-
-static const char *volatile said;
-
-static void say(int signal_) {
-    const char *word = said;
-    if (word != NULL) {
-        (void)!write(STDERR_FILENO, "\n", 1);
-        (void)!write(STDERR_FILENO, word, strlen(word));
-        (void)!write(STDERR_FILENO, "\n", 1);
-    }
-    (void)raise(signal_); /* by default now, once this returns */
-}
-
-static void claim(int signal_) {
-    struct sigaction action = {.sa_handler = SIG_DFL};
-    if (sigaction(signal_, NULL, &action) != 0 || action.sa_handler != SIG_DFL) {
-        return;
-    }
-    action = (struct sigaction){.sa_handler = say, .sa_flags = (int)SA_RESETHAND};
-    (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(signal_, &action, NULL);
-}
-
-void tl_last_word_set(const char *word) {
-    said = word;
-    claim(SIGINT);
-    claim(SIGTERM);
 }

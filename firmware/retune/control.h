@@ -8,7 +8,6 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <sys/types.h>
 
 #include "firmware/base/change.h"
 #include "firmware/base/identity.h"
@@ -21,7 +20,7 @@
  *          nothing else: `twinlock reload` on the box, and twinlock-serve for who is on the network.
  * Course:  one request for each connection, with a candidate's text in memory that it hands over by descriptor if it has one; then replies, the last of which is
  *          TL_CONTROL_END. Every message has exactly the size of its struct, in this machine's own byte order.
- * Trust:   the server believes nothing of a request, and who sends it is known from the kernel. The client believes no reply: each has a checked
+ * Trust:   the server believes nothing of a request but its right, since only the plant's user and group may enter the socket's folder. The client believes no reply: each has a checked
  *          kind, and ends its texts within their room.
  * Thread:  plain data.
  */
@@ -201,14 +200,19 @@ const char *tl_control_step_name(tl_control_step step);
 /* "done", "same", "bad request", "forbidden", …. */
 const char *tl_control_result_name(tl_control_result result);
 
-/* Behind the kind of a change, by the right that it takes (control.h): ", takes the right to commission", ", on the box only"; "": no more than to retune. */
-const char *tl_control_right_note(const char *right);
-
 /* Beside the exit codes of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
 /* The exit code of a program that has sent a request, such as `twinlock reload`. */
 int tl_control_exit_code(tl_control_result result);
+
+/* ---- Replies, all bytes of which are set: they go out whole. */
+
+tl_control_reply tl_control_new_reply(tl_control_kind kind);
+
+/* A text that does not fit is cut. */
+tl_control_reply tl_control_new_step(tl_control_step step, uint32_t left_s, const char *text);
+tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text);
 
 /* ---- A packet of a control socket: a message of an exact size, and memory that may come with it.
  *
@@ -221,17 +225,10 @@ int tl_control_exit_code(tl_control_result result);
 /* Sends `size` bytes as one packet, with `length` bytes of text in memory unless `text` is NULL. False, and errno: it could not be. */
 bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length);
 
-typedef enum tl_control_arrival {
-    TL_CONTROL_NONE,    /* nothing is there yet */
-    TL_CONTROL_PACKET,  /* exactly `size` bytes */
-    TL_CONTROL_GARBAGE, /* something else */
-    TL_CONTROL_CLOSED
-} tl_control_arrival;
-
 /* ---- The answering end of a control socket.
  *
  * Purpose: the socket itself, and connections of which each asks once.
- * Trust:   who asks is who the kernel says; what is asked has exactly its size, numbers that exist, texts that end. A candidate is copied out of
+ * Trust:   what is asked has exactly its size, numbers that exist, texts that end. A candidate is copied out of
  *          memory (no file that could be slow, or change), and has the hash that the request names.
  * Waiting: never. A client that does not take its replies is given up.
  * Thread:  one; the listening socket may be handed to another process.
@@ -250,15 +247,14 @@ bool tl_control_is_knocked_at(int listener);
 /* A connection. A zeroed one with socket −1 is none. */
 typedef struct tl_control_peer {
     int socket;
-    uid_t user;
-    pid_t process;
     bool has_asked;
 } tl_control_peer;
 
 typedef enum tl_control_news {
     TL_CONTROL_NOTHING,
-    TL_CONTROL_ASKED, /* the request is there, and the candidate of a TAKE */
-    TL_CONTROL_GONE   /* it is closed: by the other end, or since what it said was none, or nobody took what we said */
+    TL_CONTROL_ASKED,   /* the request is there, and the candidate of a TAKE */
+    TL_CONTROL_GARBAGE, /* something else; a peer that sends it is GONE */
+    TL_CONTROL_GONE /* it is closed: by the other end, or since what it said was none, or nobody took what we said */
 } tl_control_news;
 
 /* The next one that waits; false: nobody does. */
@@ -300,15 +296,5 @@ tl_status tl_control_ask(int socket, const tl_control_request *request, const ch
 /* The next reply, within `time` (ns; 0: if it is there). `text`, of TL_CONTROL_MOST + 1 bytes, is filled by a TL_CONTROL_CONFIGURATION: `more` bytes, and a NUL
  * behind them. All texts of a reply end. TL_TRY_AGAIN: none came in time. TL_PLANT_DOWN: the other end is gone before TL_CONTROL_END. */
 tl_status tl_control_next(int socket, tl_time time, tl_control_reply *reply, char *text, tl_error *error);
-
-/* ---- A last word: what somebody should know who ends this program while what it has begun goes on elsewhere.
- *
- * Purpose: Ctrl-C ends who follows a change, and not the change. The word is printed to standard error, and the program ends by the signal, as without it.
- * Signals: SIGINT and SIGTERM; one that is ignored stays so.
- * Thread:  one, in programs that do not end in good order by themselves (interrupt.h).
- */
-
-/* From now on. `word`: a line, without its end; it must stay. NULL: there is nothing to say any more. */
-void tl_last_word_set(const char *word);
 
 #endif

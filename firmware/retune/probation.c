@@ -3,8 +3,11 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
+
+#include "master/base/status.h"
 
 static const tl_time MILLISECOND = TL_SECOND / 1000;
 
@@ -12,40 +15,30 @@ static tl_time least(tl_time a, tl_time b) {
     return a < b ? a : b;
 }
 
-static void enter(tl_probation *probation, uint64_t left_ms) {
-    probation->account.left_ms = left_ms;
-    probation->left = (tl_time)left_ms * MILLISECOND;
-    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
-}
-
 /* What is read from a disk may be anything. */
-static tl_probation_terms possible_terms(const tl_probation_terms *terms) {
-    tl_probation_terms possible = *terms;
-    possible.given_s = possible.given_s < 1 ? 1 : possible.given_s;
-    possible.given_s = possible.given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : possible.given_s;
-    possible.require_lock = fmax(0.0, fmin(100.0, possible.require_lock));
-    return possible;
+void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
+    *probation = (tl_probation){.account = *account};
+    tl_probation_terms *terms = &probation->account.terms;
+    terms->given_s = terms->given_s < 1 ? 1 : terms->given_s;
+    terms->given_s = terms->given_s > TL_PROBATION_LONGEST_S ? TL_PROBATION_LONGEST_S : terms->given_s;
+    terms->require_lock = fmax(0.0, fmin(100.0, terms->require_lock));
+    uint64_t given_ms = 1000 * (uint64_t)terms->given_s;
+    probation->account.left_ms = account->left_ms < given_ms ? account->left_ms : given_ms;
+    probation->left = (tl_time)probation->account.left_ms * MILLISECOND;
+    probation->grace = least(TL_PROBATION_GRACE, probation->left / 2);
 }
 
 void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms, const tl_run_status *before,
                         const tl_run_status *now) {
-    *probation = (tl_probation){
-        .account = {.terms = possible_terms(terms),
-                    .before_steps = before->steps,
-                    .before_misses = before->deadline_misses},
-        .has_last = true,
-    };
+    const tl_probation_account account = {.terms = *terms,
+                                          .before_steps = before->steps,
+                                          .before_misses = before->deadline_misses,
+                                          .left_ms = UINT64_MAX}; /* all that is given */
+    tl_probation_resume(probation, &account);
+    probation->has_last = true;
     if (now != NULL) {
         probation->last = *now;
     }
-    enter(probation, 1000 * (uint64_t)probation->account.terms.given_s);
-}
-
-void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
-    *probation = (tl_probation){.account = *account};
-    probation->account.terms = possible_terms(&account->terms);
-    uint64_t given_ms = 1000 * (uint64_t)probation->account.terms.given_s;
-    enter(probation, account->left_ms < given_ms ? account->left_ms : given_ms);
 }
 
 /* ---- counting ---- */
@@ -95,7 +88,14 @@ static void measure(tl_probation *probation, tl_time passed, const tl_run_status
 
 /* ---- judging ---- */
 
-static tl_probation_result end(tl_probation *probation, tl_probation_result result) {
+static tl_probation_result end(tl_probation *probation, tl_probation_result result, const char *format, ...)
+    TL_PRINTF(3, 4);
+
+static tl_probation_result end(tl_probation *probation, tl_probation_result result, const char *format, ...) {
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(probation->why, TL_PROBATION_WHY, format, arguments);
+    va_end(arguments);
     return probation->result = result;
 }
 
@@ -109,10 +109,6 @@ bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_b
     return misses >= TL_PROBATION_MISSES && now > fmax(TL_PROBATION_MISS_PERCENT, TL_PROBATION_MISS_TIMES * before);
 }
 
-static bool misses_too_much(const tl_probation_account *account) {
-    return tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps);
-}
-
 enum { WIDENED = TL_PROBATION_WIDENED + 4 };
 
 /* " (motor.omega: tolerance 1 → 3)" */
@@ -122,35 +118,38 @@ static const char *write_widened(const tl_probation_account *account, char text[
     return text;
 }
 
-/* The twin cannot be left as it is; `why` says so. */
-static bool is_broken(tl_probation *probation, const tl_run_status *now) {
+/* Returns from it if the twin cannot be left as it is. */
+static tl_probation_result judge_twin(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
-    char *why = probation->why;
-    why[0] = '\0'; /* what was decided, and could not be written down, counts no more */
+    char widened[WIDENED];
     if (grown(probation->last.twin_failures, now->twin_failures) != 0) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the twin has failed%s%.*s", now->failure[0] != '\0' ? ": " : "",
-                       TL_RUN_FAILURE - 1, now->failure);
-    } else if (misses_too_much(account)) {
-        (void)snprintf(why, TL_PROBATION_WHY,
-                       "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64
-                       " ticks were skipped",
-                       account->misses, account->steps, share(account->misses, account->steps),
-                       share(account->before_misses, account->before_steps), account->skipped);
-    } else if (probation->lost >= TL_PROBATION_LOST) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the lock was lost for %.1f s without a break",
-                       tl_seconds(probation->lost));
-    } else if (probation->lost_before >= TL_PROBATION_LOST && !account->terms.must_confirm) {
-        char widened[WIDENED];
-        (void)snprintf(why, TL_PROBATION_WHY,
-                       "by the tolerances of the version before, the lock was lost for %.1f s without a break%s",
-                       tl_seconds(probation->lost_before), write_widened(account, widened));
-    } else if (probation->shut >= TL_PROBATION_SHUT) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the plant was not read for %.0f s: its sources could not be opened",
-                       tl_seconds(probation->shut));
-    } else if (probation->down >= TL_PROBATION_START) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the twin has not run for %.0f s", tl_seconds(probation->down));
+        return end(probation, TL_PROBATION_RETURN, "the twin has failed%s%.*s", now->failure[0] != '\0' ? ": " : "",
+                   TL_RUN_FAILURE - 1, now->failure);
     }
-    return why[0] != '\0';
+    if (tl_probation_is_too_many(account->misses, account->steps, account->before_misses, account->before_steps)) {
+        return end(probation, TL_PROBATION_RETURN,
+                   "%" PRIu64 " of %" PRIu64 " deadlines were missed: %.3g %%, and %.3g %% before; %" PRIu64
+                   " ticks were skipped",
+                   account->misses, account->steps, share(account->misses, account->steps),
+                   share(account->before_misses, account->before_steps), account->skipped);
+    }
+    if (probation->lost >= TL_PROBATION_LOST) {
+        return end(probation, TL_PROBATION_RETURN, "the lock was lost for %.1f s without a break",
+                   tl_seconds(probation->lost));
+    }
+    if (probation->lost_before >= TL_PROBATION_LOST && !account->terms.must_confirm) {
+        return end(probation, TL_PROBATION_RETURN,
+                   "by the tolerances of the version before, the lock was lost for %.1f s without a break%s",
+                   tl_seconds(probation->lost_before), write_widened(account, widened));
+    }
+    if (probation->shut >= TL_PROBATION_SHUT) {
+        return end(probation, TL_PROBATION_RETURN, "the plant was not read for %.0f s: its sources could not be opened",
+                   tl_seconds(probation->shut));
+    }
+    if (probation->down >= TL_PROBATION_START) {
+        return end(probation, TL_PROBATION_RETURN, "the twin has not run for %.0f s", tl_seconds(probation->down));
+    }
+    return end(probation, TL_PROBATION_GOES_ON, "%s", "");
 }
 
 static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
@@ -159,60 +158,47 @@ static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
     return tl_lock_tally_percent(&tally);
 }
 
-static bool is_unjudged(const tl_probation *probation) {
-    uint64_t judged = 0;
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        judged += probation->account.lock[i];
-    }
-    return judged == 0;
-}
-
-/* Its time is over. */
+/* Its time is over: the first rule that holds decides. */
 static tl_probation_result judge(tl_probation *probation, const tl_run_status *now) {
-    const tl_probation_terms *terms = &probation->account.terms;
-    double in_lock = tl_probation_in_lock(probation);
-    char *why = probation->why;
+    const tl_probation_account *account = &probation->account;
+    const tl_probation_terms *terms = &account->terms;
     char widened[WIDENED];
-    if (terms->must_confirm) {
-        (void)snprintf(why, TL_PROBATION_WHY, "nobody confirmed it");
-        return end(probation, TL_PROBATION_RETURN);
+    char lost[TL_PROBATION_WHY];
+    uint64_t judged = 0;
+    (void)snprintf(lost, sizeof lost,
+                   "by the tolerances of the version before, the lock was lost when its time was over%s",
+                   write_widened(account, widened));
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        judged += account->lock[i];
     }
-    if (!now->twin_alive) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the twin did not run when its time was over");
-        return end(probation, TL_PROBATION_RETURN);
+    const struct {
+        bool holds;
+        tl_probation_result result;
+        const char *why;
+    } rules[] = {
+        {terms->must_confirm, TL_PROBATION_RETURN, "nobody confirmed it"},
+        {!now->twin_alive, TL_PROBATION_RETURN, "the twin did not run when its time was over"},
+        {now->plant_is_shut, TL_PROBATION_RETURN, "the plant's sources could not be opened in its time"},
+        {tl_lock_yardstick_is_there(&account->yardstick) && is_lost(now, &now->lock_before), TL_PROBATION_RETURN, lost},
+        {terms->require_lock == 0.0, TL_PROBATION_KEPT, "its time has passed without a failure"},
+        {judged == 0 && now->pairs == 0 && now->steps > 0, TL_PROBATION_RETURN,
+         "no matched signal was good: its lock could not be judged"},
+        {judged == 0 && account->steps > account->skipped, TL_PROBATION_KEPT,
+         "its time has passed without a failure; nothing came that its lock is judged by"},
+        {judged == 0, TL_PROBATION_RETURN, "it was too short to tell whether the twin is in lock"},
+    };
+    for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
+        if (rules[i].holds) {
+            return end(probation, rules[i].result, "%s", rules[i].why);
+        }
     }
-    if (now->plant_is_shut) {
-        (void)snprintf(why, TL_PROBATION_WHY, "the plant's sources could not be opened in its time");
-        return end(probation, TL_PROBATION_RETURN);
-    }
-    if (tl_lock_yardstick_is_there(&probation->account.yardstick) && is_lost(now, &now->lock_before)) {
-        (void)snprintf(why, TL_PROBATION_WHY,
-                       "by the tolerances of the version before, the lock was lost when its time was over%s",
-                       write_widened(&probation->account, widened));
-        return end(probation, TL_PROBATION_RETURN);
-    }
-    if (terms->require_lock == 0.0) {
-        (void)snprintf(why, TL_PROBATION_WHY, "its time has passed without a failure");
-        return end(probation, TL_PROBATION_KEPT);
-    }
-    if (is_unjudged(probation) && now->pairs == 0 && now->steps > 0) {
-        (void)snprintf(why, TL_PROBATION_WHY, "no matched signal was good: its lock could not be judged");
-        return end(probation, TL_PROBATION_RETURN);
-    }
-    if (is_unjudged(probation) && probation->account.steps > probation->account.skipped) {
-        (void)snprintf(why, TL_PROBATION_WHY,
-                       "its time has passed without a failure; nothing came that its lock is judged by");
-        return end(probation, TL_PROBATION_KEPT);
-    }
-    if (is_unjudged(probation)) {
-        (void)snprintf(why, TL_PROBATION_WHY, "it was too short to tell whether the twin is in lock");
-        return end(probation, TL_PROBATION_RETURN);
-    }
-    bool is_by_before = in_lock < percent_of(probation->account.lock);
-    (void)snprintf(why, TL_PROBATION_WHY, "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
-                   is_by_before ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
-                   is_by_before ? write_widened(&probation->account, widened) : "");
-    return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN);
+    double by_own = percent_of(account->lock);
+    double in_lock = fmin(by_own, percent_of(account->lock_before));
+    bool is_by_before = in_lock < by_own;
+    return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN,
+               "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
+               is_by_before ? "by the tolerances of the version before, " : "", in_lock, terms->require_lock,
+               is_by_before ? widened : "");
 }
 
 tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now) {
@@ -228,34 +214,23 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
     measure(probation, passed, now);
     probation->left -= passed;
     probation->account.left_ms = (uint64_t)(probation->left / MILLISECOND);
-    if (is_broken(probation, now)) {
-        return end(probation, TL_PROBATION_RETURN);
+    if (judge_twin(probation, now) == TL_PROBATION_GOES_ON) {
+        probation->last = *now;
+        return probation->left > 0 ? TL_PROBATION_GOES_ON : judge(probation, now);
     }
-    probation->last = *now;
-    return probation->left > 0 ? TL_PROBATION_GOES_ON : judge(probation, now);
+    return TL_PROBATION_RETURN;
 }
 
 /* ---- by somebody ---- */
 
-static tl_probation_result decide(tl_probation *probation, tl_probation_result result, const char *why,
-                                  const char *rest) {
-    if (probation->result == TL_PROBATION_GOES_ON) {
-        probation->result = result;
-        (void)snprintf(probation->why, TL_PROBATION_WHY, "%s%s", why, rest);
-    }
-    return probation->result;
-}
-
 tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who) {
-    return decide(probation, TL_PROBATION_KEPT, who, " has confirmed it");
+    return probation->result != TL_PROBATION_GOES_ON ? probation->result
+                                                     : end(probation, TL_PROBATION_KEPT, "%s has confirmed it", who);
 }
 
 tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why) {
-    return decide(probation, TL_PROBATION_RETURN, why, "");
-}
-
-double tl_probation_in_lock(const tl_probation *probation) {
-    return fmin(percent_of(probation->account.lock), percent_of(probation->account.lock_before));
+    return probation->result != TL_PROBATION_GOES_ON ? probation->result
+                                                     : end(probation, TL_PROBATION_RETURN, "%s", why);
 }
 
 bool tl_probation_is_lost_before(const tl_probation *probation) {

@@ -97,9 +97,6 @@ tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why
 /* The rule of missed deadlines: so many of so many steps are too many, after so many of so many before. */
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);
 
-/* Percent of the probation's steps in lock, so far: by the yardstick that says less. */
-double tl_probation_in_lock(const tl_probation *probation);
-
 /* By the yardstick before, the lock was lost when it was looked at last. */
 bool tl_probation_is_lost_before(const tl_probation *probation);
 

@@ -1,16 +1,39 @@
 /* A client's dialogue with a plant, over restarts, and what is printed of it: see talk.h. */
 #include "firmware/retune/talk.h"
 
-#include <libgen.h>
 #include <pwd.h>
+#include <signal.h>
 #include <string.h>
-#include <time.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 
-/* ---- talk page ---- */
+/* An activator has to be begun first, perhaps, on a loaded box; and a disk may be slow. */
+static const tl_time PATIENCE = 200 * TL_SECOND;
+
+/* On probation nothing is said for as long as it lasts. */
+static const tl_time PATIENCE_ON_PROBATION = (tl_time)(8 * 24 * 3600) * TL_SECOND;
+
+/* A run that begins anew loads its FMUs before it can be asked; and its answer takes no time then. */
+static const tl_time COMING_BACK = 60 * TL_SECOND;
+static const tl_time ANSWER = 5 * TL_SECOND;
+
+typedef struct talk {
+    const tl_talk_settings *settings;
+    const tl_control_request *request;
+    tl_control_result result;
+    bool has_ended;            /* TL_CONTROL_END was printed */
+    bool is_tried;             /* the change is on probation */
+    bool is_active;            /* the step `activate` was printed, and none after it that says what came of it */
+    bool follows;              /* over a restart */
+    int socket;                /* −1: none */
+    char hash[TL_SHA256_TEXT]; /* what is to be active */
+    uint64_t version;          /* its number, 0: not known yet */
+    tl_time heard;             /* when something came last, or the run answered */
+} talk;
+
+/* ---- what is printed ---- */
 
 static void print_state(const tl_control_state *state, FILE *output) {
     (void)fprintf(output, "%s: %s\n", state->plant, state->lock[0] == '\0' ? "no twin runs" : state->lock);
@@ -40,39 +63,47 @@ static void print_version(const tl_control_version *version, FILE *output) {
 
 static void print_change(const tl_control_reply *reply, FILE *output) {
     const tl_control_change *change = &reply->as.change;
+    const char *note = strcmp(change->right, "commission") == 0   ? ", takes the right to commission"
+                       : strcmp(change->right, "on the box") == 0 ? ", on the box only"
+                                                                  : "";
     (void)fprintf(output, "            %s: %s → %s (%s%s)\n", change->path,
                   change->before[0] == '\0' ? "nothing" : change->before,
-                  change->after[0] == '\0' ? "nothing" : change->after, change->kind,
-                  tl_control_right_note(change->right));
+                  change->after[0] == '\0' ? "nothing" : change->after, change->kind, note);
     if (reply->more > 0) {
         (void)fprintf(output, "            and %u more\n", reply->more);
     }
 }
 
-static void print_problem(const tl_talk_page *page, const tl_control_reply *reply) {
+static void print_problem(const char *subject, const tl_control_reply *reply) {
     const tl_control_problem *problem = &reply->as.problem;
     const char *separator = problem->path[0] == '\0' ? "" : ": ";
     char line[32] = "";
     if (problem->line != 0) {
         (void)snprintf(line, sizeof line, "line %u: ", problem->line);
     }
-    tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", page->subject, line, problem->path, separator, problem->text);
+    tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", subject, line, problem->path, separator, problem->text);
     if (reply->more > 0) {
-        tl_log(TL_LOG_ERROR, "%s: and %u more", page->subject, reply->more);
+        tl_log(TL_LOG_ERROR, "%s: and %u more", subject, reply->more);
     }
 }
 
-static void print_end(const tl_control_end *end, FILE *output) {
-    tl_control_result result = (tl_control_result)end->result;
+static void print_step(const talk *self, tl_control_step step, const char *text) {
+    (void)fprintf(self->settings->output, "%-10s  %s\n", tl_control_step_name(step), text);
+    (void)fflush(self->settings->output);
+}
+
+static void end_talk(talk *self, tl_control_result result, const char *text) {
+    self->has_ended = true;
+    self->result = result;
     if (result != TL_CONTROL_DONE && result != TL_CONTROL_SAME) {
-        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), end->text);
-    } else if (end->text[0] != '\0') {
-        (void)fprintf(output, "%s\n", end->text);
+        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), text);
+    } else if (text[0] != '\0') {
+        (void)fprintf(self->settings->output, "%s\n", text);
     }
 }
 
-void tl_talk_page_print(const tl_talk_page *page, const tl_control_reply *reply) {
-    FILE *output = page->output;
+static void print_reply(const talk *self, const tl_control_reply *reply) {
+    FILE *output = self->settings->output;
     switch ((tl_control_kind)reply->kind) {
     case TL_CONTROL_STATE:
         print_state(&reply->as.state, output);
@@ -84,15 +115,12 @@ void tl_talk_page_print(const tl_talk_page *page, const tl_control_reply *reply)
         print_change(reply, output);
         break;
     case TL_CONTROL_PROBLEM:
-        print_problem(page, reply);
+        print_problem(self->settings->subject, reply);
         break;
     case TL_CONTROL_STEP:
-        (void)fprintf(output, "%-10s  %s\n", tl_control_step_name((tl_control_step)reply->as.progress.step),
-                      reply->as.progress.text);
+        print_step(self, (tl_control_step)reply->as.progress.step, reply->as.progress.text);
         break;
     case TL_CONTROL_END:
-        print_end(&reply->as.end, output);
-        break;
     case TL_CONTROL_CONFIGURATION:
     case TL_CONTROL_KINDS:
         break;
@@ -100,37 +128,20 @@ void tl_talk_page_print(const tl_talk_page *page, const tl_control_reply *reply)
     (void)fflush(output);
 }
 
-/* ---- talk ---- */
-
-/* An activator has to be begun first, perhaps, on a loaded box; and a disk may be slow. */
-static const tl_time PATIENCE = 200 * TL_SECOND;
-
-/* On probation nothing is said for as long as it lasts. */
-static const tl_time PATIENCE_ON_PROBATION = (tl_time)(8 * 24 * 3600) * TL_SECOND;
-
-/* A run that begins anew loads its FMUs before it can be asked; and its answer takes no time then. */
-static const tl_time COMING_BACK = 60 * TL_SECOND;
-static const tl_time ANSWER = 5 * TL_SECOND;
-
-/* ---- beginning ---- */
+/* ---- names ---- */
 
 tl_status tl_talk_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error) {
-    char copy[PATH_MAX];
-    int length = 0;
+    const char *slash = strrchr(subject, '/');
+    const char *name = slash == NULL ? subject : slash + 1;
+    size_t size = strlen(name);
+    size_t end = strlen(".json");
     if (given == NULL && strcmp(subject, TL_TALK_INPUT) == 0) {
         return tl_fail(error, TL_BAD_USAGE, "standard input names no run (expected --control SOCKET)");
     }
-    if (given != NULL) {
-        length = snprintf(path, PATH_MAX, "%s", given);
-    } else {
-        (void)snprintf(copy, sizeof copy, "%s", subject);
-        char *name = basename(copy);
-        size_t end = strlen(name);
-        if (end > strlen(".json") && strcmp(name + end - strlen(".json"), ".json") == 0) {
-            name[end - strlen(".json")] = '\0';
-        }
-        length = snprintf(path, PATH_MAX, "%s/%s/%s", TL_CONTROL_FOLDER, name, TL_CONTROL_SOCKET);
-    }
+    size -= size > end && strcmp(name + size - end, ".json") == 0 ? end : 0;
+    int length = given != NULL
+                     ? snprintf(path, PATH_MAX, "%s", given)
+                     : snprintf(path, PATH_MAX, "%s/%.*s/%s", TL_CONTROL_FOLDER, (int)size, name, TL_CONTROL_SOCKET);
     return length > 0 && length < PATH_MAX
                ? TL_OK
                : tl_fail(error, TL_BAD_USAGE, "the name of the control socket is too long; give --control");
@@ -147,68 +158,20 @@ void tl_talk_name(uid_t user, char who[TL_CONTROL_NAME]) {
     }
 }
 
-tl_status tl_talk_open(tl_talk *talk, const tl_talk_settings *settings, tl_error *error) {
-    *talk = (tl_talk){.settings = *settings, .socket = -1, .result = TL_CONTROL_FAILED};
-    return tl_control_connect(settings->path, &talk->socket, error);
-}
+/* ---- while the connection lasts ---- */
 
-tl_status tl_talk_ask(tl_talk *talk, const tl_control_request *request, const char *text, size_t size,
-                      tl_error *error) {
-    talk->request = *request;
-    talk->heard = tl_clock_now(NULL);
-    if (text != NULL) {
-        tl_sha256(text, size, talk->hash);
-    }
-    return tl_control_ask(talk->socket, request, text, size, error);
-}
-
-static void hang_up(tl_talk *self) {
+static void hang_up(talk *self) {
     if (self->socket >= 0) {
         (void)close(self->socket);
     }
     self->socket = -1;
 }
 
-void tl_talk_close(tl_talk *talk) {
-    hang_up(talk);
+static bool waits(const talk *self) {
+    return (self->request->flags & TL_CONTROL_WAIT) != 0;
 }
 
-/* ---- telling ---- */
-
-static void tell(const tl_talk *self, const tl_control_reply *reply) {
-    self->settings.hear(self->settings.context, reply);
-}
-
-static void tell_step(const tl_talk *self, tl_control_step step, uint32_t left_s, const char *text) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_STEP;
-    reply.as.progress.step = (uint32_t)step;
-    reply.as.progress.left_s = left_s;
-    (void)snprintf(reply.as.progress.text, sizeof reply.as.progress.text, "%s", text);
-    tell(self, &reply);
-}
-
-static void tell_end(tl_talk *self, tl_control_result result, const tl_control_state *state, const char *text) {
-    tl_control_reply reply;
-    memset(&reply, 0, sizeof reply);
-    reply.kind = TL_CONTROL_END;
-    reply.as.end.result = (uint32_t)result;
-    reply.as.end.version = state->version;
-    memcpy(reply.as.end.hash, state->hash, sizeof reply.as.end.hash);
-    (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
-    self->ended = true;
-    self->result = result;
-    tell(self, &reply);
-}
-
-/* ---- while the connection lasts ---- */
-
-static bool waits(const tl_talk *self) {
-    return (self->request.flags & TL_CONTROL_WAIT) != 0;
-}
-
-static void note_step(tl_talk *self, tl_control_step step) {
+static void note_step(talk *self, tl_control_step step) {
     self->is_tried = step == TL_CONTROL_PROBATION;
     if (step == TL_CONTROL_ACTIVATE) {
         self->is_active = true;
@@ -217,7 +180,7 @@ static void note_step(tl_talk *self, tl_control_step step) {
     }
 }
 
-static void follow(tl_talk *self) {
+static void follow(talk *self) {
     hang_up(self);
     self->follows = true;
     self->is_tried = false;
@@ -225,35 +188,34 @@ static void follow(tl_talk *self) {
 }
 
 /* Done, and nothing was told of what came of it: the run begins anew with it. */
-static void take_end(tl_talk *self, const tl_control_reply *reply) {
+static void take_end(talk *self, const tl_control_reply *reply) {
     const tl_control_end *end = &reply->as.end;
     if (waits(self) && self->is_active && end->result == TL_CONTROL_DONE) {
         memcpy(self->hash, end->hash, sizeof self->hash);
         self->version = end->version;
-        tell_step(self, TL_CONTROL_ACTIVATE, 0, end->text);
+        print_step(self, TL_CONTROL_ACTIVATE, end->text);
         follow(self);
         return;
     }
-    self->ended = true;
-    self->result = (tl_control_result)end->result;
     hang_up(self);
-    tell(self, reply);
+    end_talk(self, (tl_control_result)end->result, end->text);
 }
 
-static tl_status fail_to_hear(tl_talk *self, tl_status status, tl_error *error) {
+static tl_status fail_to_hear(talk *self, tl_status status, tl_error *error) {
     tl_time silence = tl_clock_now(NULL) - self->heard;
-    tl_time patience = self->is_tried ? PATIENCE_ON_PROBATION : PATIENCE + (tl_time)self->request.shadow_s * TL_SECOND;
+    tl_time patience = self->is_tried ? PATIENCE_ON_PROBATION : PATIENCE + (tl_time)self->request->shadow_s * TL_SECOND;
     bool is_known = self->hash[0] != '\0';
     if (status == TL_TRY_AGAIN && silence < patience) {
         return TL_OK;
     }
     if (status == TL_PLANT_DOWN && waits(self) && self->is_active && is_known) {
-        tell_step(self, self->is_tried ? TL_CONTROL_PROBATION : TL_CONTROL_ACTIVATE, 0, TL_TALK_WAITS);
+        print_step(self, self->is_tried ? TL_CONTROL_PROBATION : TL_CONTROL_ACTIVATE,
+                   "the run has hung up before it said what came of it: it is waited for, for 60 s at most");
         follow(self);
         return TL_OK;
     }
     hang_up(self);
-    if (status == TL_PLANT_DOWN && self->request.verb != TL_CONTROL_SHOW) {
+    if (status == TL_PLANT_DOWN && self->request->verb != TL_CONTROL_SHOW) {
         return tl_fail(
             error, status,
             "the plant's twin has hung up before it said what came of it: `twinlock reload --state` shows what "
@@ -262,9 +224,9 @@ static tl_status fail_to_hear(tl_talk *self, tl_status status, tl_error *error) 
     return status;
 }
 
-static tl_status listen(tl_talk *self, tl_time time, tl_error *error) {
+static tl_status listen(talk *self, tl_error *error) {
     tl_control_reply reply;
-    tl_status status = tl_control_next(self->socket, time, &reply, NULL, error);
+    tl_status status = tl_control_next(self->socket, TL_SECOND, &reply, NULL, error);
     if (status != TL_OK) {
         return fail_to_hear(self, status, error);
     }
@@ -276,14 +238,14 @@ static tl_status listen(tl_talk *self, tl_time time, tl_error *error) {
     if (reply.kind == TL_CONTROL_STEP) {
         note_step(self, (tl_control_step)reply.as.progress.step);
     }
-    tell(self, &reply);
+    print_reply(self, &reply);
     return TL_OK;
 }
 
 /* ---- over a restart ---- */
 
 /* One question to the run that is there now. `number`: of the version wanted. False: nobody answers. */
-static bool inquire(const tl_talk *self, tl_control_verb verb, uint64_t number, tl_control_reply *found) {
+static bool inquire(const talk *self, tl_control_verb verb, uint64_t number, tl_control_reply *found) {
     tl_control_request request;
     tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
     tl_error error;
@@ -291,8 +253,8 @@ static bool inquire(const tl_talk *self, tl_control_verb verb, uint64_t number, 
     bool is_found = false;
     memset(&request, 0, sizeof request);
     request.verb = (uint32_t)verb;
-    memcpy(request.who, self->request.who, sizeof request.who);
-    tl_status status = tl_control_connect(self->settings.path, &socket, &error);
+    memcpy(request.who, self->request->who, sizeof request.who);
+    tl_status status = tl_control_connect(self->settings->path, &socket, &error);
     if (status != TL_OK) {
         return false;
     }
@@ -310,56 +272,41 @@ static bool inquire(const tl_talk *self, tl_control_verb verb, uint64_t number, 
     return is_found;
 }
 
-/* What came of it, as the versions say: "kept: in lock for …"; "" if they do not. */
-static void ask_result(const tl_talk *self, char text[TL_CONTROL_WHY]) {
-    tl_control_reply reply;
-    text[0] = '\0';
-    if (self->version != 0 && inquire(self, TL_CONTROL_VERSIONS, self->version, &reply)) {
-        (void)snprintf(text, TL_CONTROL_WHY, "%s", reply.as.version.result);
-    }
-}
-
-static const char *behind_colon(const char *text) {
-    const char *colon = strstr(text, ": ");
-    return colon != NULL ? colon + strlen(": ") : text;
-}
-
-static void end_following(tl_talk *self, const tl_control_state *state, bool is_kept) {
-    char result[TL_CONTROL_WHY];
+/* The run that is there now says whether the change was kept, and its versions why. */
+static void end_following(talk *self, const tl_control_state *state, bool is_kept) {
     char text[TL_CONTROL_TEXT];
-    ask_result(self, result);
-    const char *why = behind_colon(result);
-    self->follows = false;
-    if (is_kept) {
-        (void)snprintf(text, sizeof text, "version %llu is kept", (unsigned long long)state->version);
-        tell_step(self, TL_CONTROL_KEPT, 0, why);
-        tell_end(self, TL_CONTROL_DONE, state, text);
-    } else {
-        tell_step(self, TL_CONTROL_RETURNED, 0, why);
-        tell_end(self, TL_CONTROL_UNDONE, state, why[0] != '\0' ? why : "another version is active");
+    tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
+    const char *why = "";
+    if (self->version != 0 && inquire(self, TL_CONTROL_VERSIONS, self->version, &reply)) {
+        const char *colon = strstr(reply.as.version.result, ": "); /* "kept: in lock for …" */
+        why = colon != NULL ? colon + strlen(": ") : reply.as.version.result;
     }
+    self->follows = false;
+    print_step(self, is_kept ? TL_CONTROL_KEPT : TL_CONTROL_RETURNED, why);
+    (void)snprintf(text, sizeof text, "version %llu is kept", (unsigned long long)state->version);
+    end_talk(self, is_kept ? TL_CONTROL_DONE : TL_CONTROL_UNDONE,
+             is_kept          ? text
+             : why[0] != '\0' ? why
+                              : "another version is active");
 }
 
-static void take_state(tl_talk *self, const tl_control_state *state) {
+static void take_state(talk *self, const tl_control_state *state) {
     char text[TL_CONTROL_TEXT];
     bool is_ours = strcmp(state->hash, self->hash) == 0;
     self->heard = tl_clock_now(NULL);
     self->version = is_ours ? state->version : self->version;
-    if (!is_ours) {
-        end_following(self, state, false);
-    } else if (state->step == TL_CONTROL_IDLE) {
-        end_following(self, state, true);
+    if (!is_ours || state->step == TL_CONTROL_IDLE) {
+        end_following(self, state, is_ours);
     } else if (state->step == TL_CONTROL_PROBATION && state->lock[0] != '\0' && !self->is_tried) {
         self->is_tried = true;
         (void)snprintf(text, sizeof text, "%u s are left", state->left_s);
-        tell_step(self, TL_CONTROL_PROBATION, state->left_s, text);
+        print_step(self, TL_CONTROL_PROBATION, text);
     }
 }
 
-static tl_status ask_next_run(tl_talk *self, tl_time time, tl_error *error) {
+static tl_status ask_next_run(talk *self, tl_error *error) {
     tl_control_reply reply;
-    const struct timespec pause = {.tv_sec = (time_t)(time / TL_SECOND), .tv_nsec = (long)(time % TL_SECOND)};
-    (void)nanosleep(&pause, NULL);
+    tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND);
     if (inquire(self, TL_CONTROL_SHOW, 0, &reply)) {
         take_state(self, &reply.as.state);
     } else if (tl_clock_now(NULL) - self->heard > COMING_BACK) {
@@ -371,6 +318,52 @@ static tl_status ask_next_run(tl_talk *self, tl_time time, tl_error *error) {
     return TL_OK;
 }
 
-tl_status tl_talk_look(tl_talk *talk, tl_time time, tl_error *error) {
-    return talk->follows ? ask_next_run(talk, time, error) : listen(talk, time, error);
+/* ---- Ctrl-C ends who follows a change, and not the change ---- */
+
+static void say_last_word(int signal_) {
+    static const char word[] =
+        "\nthe change goes on in the run: `twinlock reload --state` shows how it is, and `twinlock reload "
+        "--rollback` cancels it, or returns from it\n";
+    (void)!write(STDERR_FILENO, word, sizeof word - 1);
+    (void)raise(signal_); /* by default now, once this returns */
+}
+
+/* A signal that is ignored stays so. */
+static void claim_signal(int signal_, void (*handler)(int)) {
+    struct sigaction action = {.sa_handler = SIG_IGN};
+    if (sigaction(signal_, NULL, &action) != 0 || action.sa_handler == SIG_IGN) {
+        return;
+    }
+    action = (struct sigaction){.sa_handler = handler, .sa_flags = (int)SA_RESETHAND};
+    (void)sigemptyset(&action.sa_mask);
+    (void)sigaction(signal_, &action, NULL);
+}
+
+static void claim_signals(void (*handler)(int)) {
+    claim_signal(SIGINT, handler);
+    claim_signal(SIGTERM, handler);
+}
+
+/* ---- all of it ---- */
+
+tl_status tl_talk_run(const tl_talk_settings *settings, const tl_control_request *request, const char *text,
+                      size_t size, tl_control_result *result, tl_error *error) {
+    talk self = {.settings = settings, .request = request, .socket = -1, .heard = tl_clock_now(NULL)};
+    tl_status status = tl_control_connect(settings->path, &self.socket, error);
+    if (status == TL_OK) {
+        if (text != NULL) {
+            tl_sha256(text, size, self.hash);
+        }
+        status = tl_control_ask(self.socket, request, text, size, error);
+    }
+    if (status == TL_OK && (request->verb == TL_CONTROL_TAKE || request->verb == TL_CONTROL_RETURN)) {
+        claim_signals(say_last_word);
+    }
+    while (status == TL_OK && !self.has_ended) {
+        status = self.follows ? ask_next_run(&self, error) : listen(&self, error);
+    }
+    claim_signals(SIG_DFL);
+    hang_up(&self);
+    *result = self.result;
+    return status;
 }

@@ -336,7 +336,7 @@ def test_returned_from():
 
 
 def test_a_damaged_text():
-    """A worn-out card has lost the text of what runs: it is written anew from memory, and the change is made."""
+    """A worn-out card has lost the texts of what runs and of what would be returned to: they are written anew from memory, and the change is made."""
     with Device(OMEGA) as device, Retuned(device.port) as live:
         wait_for_run(live, live.database, 1)
         for value in 0.5, 0.6:
@@ -345,7 +345,7 @@ def test_a_damaged_text():
                     text.write_bytes(b"{}")
             code, out, err = live.reload(live.edited(tolerance(value)))
             expect(code == 0, f"{code}\n{out}{err}{live.log()}")
-        expect(live.log().count("is written anew from the run's memory") == 2, live.log())
+        expect(live.log().count("is written anew from the run's memory") == 3, live.log())
         end_orderly(live)
 
 

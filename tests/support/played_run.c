@@ -32,9 +32,12 @@ static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
     run->yardstick = *yardstick;
 }
 
-static bool tune(void *context, const tl_activation_tuning *tuning) {
+static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
     (void)context;
-    memcpy(run->given, tuning->hash, sizeof run->given);
+    (void)why;
+    (void)tuning;
+    TEST_ASSERT_EQUAL_size_t(version->size, strlen(text));
+    memcpy(run->given, version->hash, sizeof run->given);
     if (run->answer == TL_ACTIVATION_TAKEN) {
         memcpy(run->in_force, run->given, sizeof run->in_force);
     }
@@ -282,7 +285,7 @@ void tl_played_look_until(bool (*is_done)(void)) {
     while (!is_done()) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "waited in vain");
         run->activation.looked -= run->activation.step != TL_CONTROL_SHADOW ? 0
-                                  : run->activation.rehearsal.is_live       ? TL_SECOND / 10
+                                  : tl_played_is_live()                     ? TL_SECOND / 10
                                                                             : 5 * TL_SECOND; /* passes faster */
         tl_activation_look(&run->activation);
         tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND / 500);
@@ -298,7 +301,7 @@ bool tl_played_is_quiet(void) {
 }
 
 bool tl_played_is_live(void) {
-    return run->activation.step == TL_CONTROL_SHADOW && run->activation.rehearsal.is_live;
+    return run->activation.row == TL_ACTIVATION_ROW_LIVE;
 }
 
 void tl_played_offer(const char *tolerance, int prediction, unsigned flags) {

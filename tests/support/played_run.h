@@ -17,7 +17,7 @@
 #include "firmware/retune/activation.h"
 #include "tests/support/scratch.h"
 
-enum { TL_PLAYED_SAID = 64, TL_PLAYED_TEXT = 2048 };
+enum { TL_PLAYED_SAID = 128, TL_PLAYED_TEXT = 2048 };
 
 typedef struct tl_played {
     tl_scratch scratch;

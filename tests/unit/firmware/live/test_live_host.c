@@ -100,9 +100,9 @@ static const char *in_force(void) {
 }
 
 static bool tune(const char *of) {
-    const tl_activation_tuning given = {
-        .tuning = &values, .text = "{}", .size = 2, .hash = of, .who = "ann", .origin = "push", .why = ""};
-    return functions.tune(functions.context, &given);
+    tl_version version = {.size = 2, .origin = TL_ORIGIN_RELOAD, .who = "ann"};
+    (void)snprintf(version.hash, sizeof version.hash, "%s", of);
+    return functions.tune(functions.context, &version, "", "{}", &values);
 }
 
 static void publish(uint32_t place, tl_run_status *figures) {

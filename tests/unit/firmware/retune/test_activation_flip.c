@@ -35,7 +35,7 @@ static void test_a_flip(void) {
     run->shadow.work.tick = 1200;
     run->shadow.work.last = 6000;
     tl_played_add(&run->shadow.work, &misses); /* are not compared, nor what comes before the lead-in is over */
-    run->activation.looked -= 6 * TL_SECOND;
+    run->activation.looked -= 11 * TL_SECOND;
     tl_activation_look(&run->activation);
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "recorded samples: 1200 of 6000"));
     run->shadow.phase = TL_ACTIVATION_SHADOW_LIVE;
@@ -92,7 +92,7 @@ static void test_an_fmu_that_was_replaced(void) {
 static void test_a_flip_that_takes_long(void) {
     run->flipped = TL_ACTIVATION_WAITS;
     tl_played_offer("1", 2, 0);
-    while (run->activation.step != TL_CONTROL_ACTIVATE) {
+    while (run->activation.row != TL_ACTIVATION_ROW_ANSWER) {
         TEST_ASSERT_FALSE(tl_played_is_ended());
         run->activation.looked -= run->activation.step == TL_CONTROL_SHADOW ? TL_SECOND / 10 : 0;
         tl_activation_look(&run->activation);
@@ -199,7 +199,6 @@ static void test_a_death_beside_a_shadow(void) {
     tl_played_look_until(tl_played_is_live);
     tl_worker_close(&run->activation.worker);
     free(run->activation.text);
-    free(run->activation.before);
     tl_played_begin();
     TEST_ASSERT_EQUAL_STRING("", run->other);
     tl_activation_look(&run->activation);
