@@ -24,10 +24,10 @@ tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error
         tl_block_make("twinlock twin", sizeof *place->pulse, TL_BLOCK_THEY_WRITE, &place->pulse_block, error);
     if (status == TL_OK) {
         place->pulse = place->pulse_block.bytes;
-        status = tl_block_make_sparse("twinlock tuning", sizeof(tl_live_tuning), &place->tuning, error);
+        status = tl_block_make("twinlock tuning", sizeof(tl_live_tuning), TL_BLOCK_SPARSE, &place->tuning, error);
     }
     if (status == TL_OK && records) {
-        status = tl_block_make_sparse("twinlock past", TL_LIVE_PAST_BYTES, &place->past, error);
+        status = tl_block_make("twinlock past", TL_LIVE_PAST_BYTES, TL_BLOCK_SPARSE, &place->past, error);
     }
     return status;
 }
@@ -43,7 +43,7 @@ static void move_out(tl_live_place *place) {
 
 static tl_status make_outbox(tl_live_place *place, const tl_outbox_settings *settings, tl_error *error) {
     place->outbox_settings = *settings;
-    return tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(settings), &place->outbox, error);
+    return tl_block_make("twinlock outbox", tl_outbox_bytes(settings), TL_BLOCK_SPARSE, &place->outbox, error);
 }
 
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error) {
