@@ -16,10 +16,7 @@
 /* ---- live place ---- */
 
 tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error) {
-    *place = (tl_live_place){.pulse_block = {.descriptor = -1},
-                             .tuning = {.descriptor = -1},
-                             .past = {.descriptor = -1},
-                             .outbox = {.descriptor = -1}};
+    *place = (tl_live_place){.pulse = NULL};
     tl_status status =
         tl_block_make("twinlock twin", sizeof *place->pulse, TL_BLOCK_THEY_WRITE, &place->pulse_block, error);
     if (status == TL_OK) {
@@ -34,7 +31,6 @@ tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error
 
 static void move_out(tl_live_place *place) {
     tl_block_close(&place->outbox);
-    place->outbox = (tl_block){.descriptor = -1};
     free(place->copy);
     place->copy = NULL;
     place->text = NULL;
@@ -139,11 +135,10 @@ uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_ta
 }
 
 void tl_live_place_close(tl_live_place *place) {
-    tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past};
     move_out(place);
-    for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
-        tl_block_close(blocks[i]);
-    }
+    tl_block_close(&place->pulse_block);
+    tl_block_close(&place->tuning);
+    tl_block_close(&place->past);
     place->pulse = NULL;
 }
 
