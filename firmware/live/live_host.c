@@ -261,12 +261,6 @@ static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]
                                                                                : TL_ACTIVATION_WAITS;
 }
 
-static tl_activation_phase phase_of(const tl_run_status *status) {
-    return status->phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
-           : status->phase == TL_RUN_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
-                                              : TL_ACTIVATION_SHADOW_BEGINS;
-}
-
 static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
     const tl_live_host *self = context;
     uint32_t state = __atomic_load_n(&self->stage->shadow, __ATOMIC_ACQUIRE);
@@ -280,7 +274,9 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
         copy_why(self, shadow->why);
     } else if (state == TL_LIVE_SHADOW_LIVES) {
         read_status(self->twins[1 - place_of_run(self)], &shadow->work);
-        shadow->phase = phase_of(&shadow->work);
+        shadow->phase = shadow->work.phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
+                        : shadow->work.phase == TL_RUN_RECORDED ? TL_ACTIVATION_SHADOW_RECORDED
+                                                                : TL_ACTIVATION_SHADOW_BEGINS;
     }
 }
 

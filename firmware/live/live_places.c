@@ -17,25 +17,21 @@
 /* ---- live place ---- */
 
 tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error) {
-    *place = (tl_live_place){.pulse_block = {.descriptor = -1},
-                             .tuning = {.descriptor = -1},
-                             .past = {.descriptor = -1},
-                             .outbox = {.descriptor = -1}};
+    *place = (tl_live_place){.pulse = NULL};
     tl_status status =
         tl_block_make("twinlock twin", sizeof *place->pulse, TL_BLOCK_THEY_WRITE, &place->pulse_block, error);
     if (status == TL_OK) {
         place->pulse = place->pulse_block.bytes;
-        status = tl_block_make_sparse("twinlock tuning", sizeof(tl_live_tuning), &place->tuning, error);
+        status = tl_block_make("twinlock tuning", sizeof(tl_live_tuning), TL_BLOCK_SPARSE, &place->tuning, error);
     }
     if (status == TL_OK && records) {
-        status = tl_block_make_sparse("twinlock past", TL_LIVE_PAST_BYTES, &place->past, error);
+        status = tl_block_make("twinlock past", TL_LIVE_PAST_BYTES, TL_BLOCK_SPARSE, &place->past, error);
     }
     return status;
 }
 
 static void move_out(tl_live_place *place) {
     tl_block_close(&place->outbox);
-    place->outbox = (tl_block){.descriptor = -1};
     free(place->copy);
     place->copy = NULL;
     place->text = NULL;
@@ -44,7 +40,7 @@ static void move_out(tl_live_place *place) {
 
 static tl_status make_outbox(tl_live_place *place, const tl_outbox_settings *settings, tl_error *error) {
     place->outbox_settings = *settings;
-    return tl_block_make_sparse("twinlock outbox", tl_outbox_bytes(settings), &place->outbox, error);
+    return tl_block_make("twinlock outbox", tl_outbox_bytes(settings), TL_BLOCK_SPARSE, &place->outbox, error);
 }
 
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error) {
@@ -141,11 +137,10 @@ uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_ta
 }
 
 void tl_live_place_close(tl_live_place *place) {
-    tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past};
     move_out(place);
-    for (size_t i = 0; i < sizeof blocks / sizeof blocks[0]; i++) {
-        tl_block_close(blocks[i]);
-    }
+    tl_block_close(&place->pulse_block);
+    tl_block_close(&place->tuning);
+    tl_block_close(&place->past);
     place->pulse = NULL;
 }
 

@@ -47,8 +47,8 @@ tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error
 /* The run's own configuration, which was read here and stays. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error);
 
-/* A candidate (tl_live_candidate) beside the run of this step, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the one before is left in the pulse but its
- * number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the place is empty. */
+/* A candidate (tl_live_candidate) moves in beside the run of this step, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the
+ * one before is left in the pulse but its number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the place is empty. */
 tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *candidate, const tl_live_needs *needs,
                                           tl_time step, tl_error *error);
 

@@ -67,6 +67,7 @@ typedef struct live_twin {
     tl_journal journal;
     tl_fmu_thread *fmus; /* NULL if it holds */
     tl_cycle *cycle;
+    tl_status built; /* what came of building the twin */
     tl_summary resumed;
     tl_account account; /* for the units of what is matched */
     bool is_shadow;     /* now */
@@ -123,21 +124,15 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
 
 /* ---- the FMUs' files ---- */
 
-/* As many as are looked at. */
-static size_t take_descriptors(const tl_assembly *assembly, int descriptors[TL_IDENTITY_FILES]) {
-    size_t components = assembly->config.component_count;
-    size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES;
-    for (size_t i = 0; i < count; i++) {
-        descriptors[i] = assembly->files[i].descriptor;
-    }
-    return count;
-}
-
 /* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
 static void identify_files(live_twin *self) {
     tl_live_twin_pulse *pulse = self->pulse;
     int descriptors[TL_IDENTITY_FILES] = {0};
-    const size_t count = take_descriptors(self->assembly, descriptors);
+    const size_t components = self->config->component_count;
+    const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* as many as are looked at */
+    for (size_t i = 0; i < count; i++) {
+        descriptors[i] = self->assembly->files[i].descriptor;
+    }
     uint64_t number =
         tl_identity_number_of_open_files(descriptors, count); /* a checkpoint is of no use to another FMU */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
@@ -193,24 +188,6 @@ static void keep(void *context, const char *why) {
 /* io has opened all sources. */
 static bool is_plant_open(const live_twin *self) {
     return tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
-}
-
-/* A sample without unknown values is a better start; a dead device must not prevent one. */
-static void wait_for_readings(const live_twin *self) {
-    tl_time until = tl_clock_now(NULL) + FIRST_READING;
-    while (tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
-           !(is_plant_open(self) && tl_plant_input_is_complete(&self->input))) {
-        tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
-    }
-}
-
-/* A change by a restart, for example, leaves a gap between two runs. */
-static void tell_gap(live_twin *self) {
-    const tl_time gap = tl_clock_now(NULL) - self->ended;
-    if (self->ended != 0 && gap > 0) {
-        tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
-                         tl_seconds(gap), (long long)(gap / self->config->step));
-    }
 }
 
 /* The supervisor changes the scheduling of the FMUs' thread when it is asked; here the main thread waits for it. */
@@ -316,21 +293,24 @@ static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
 
 /* A job of the FMUs' thread, and what came of it. */
 typedef struct follow_job {
-    const tl_past_follow_settings *settings;
+    live_twin *twin;
     const tl_past *past;
-    tl_summary *summary;
     tl_past_outcome outcome;
     tl_error *error;
     tl_status status;
 } follow_job;
 
-static void do_follow(void *context) {
-    follow_job *job = context;
-    job->status = tl_past_follow(job->settings, job->past, job->summary, &job->outcome, job->error);
-}
-
 static void tell_past(void *context, tl_severity severity, const char *text) {
     tl_journal_event(context, -1, severity, "resume", "%s", text);
+}
+
+static void do_follow(void *context) {
+    follow_job *job = context;
+    const tl_past_follow_settings following = {.assembly = job->twin->assembly,
+                                               .outbox = &job->twin->outbox,
+                                               .tell = tell_past,
+                                               .context = &job->twin->journal};
+    job->status = tl_past_follow(&following, job->past, &job->twin->resumed, &job->outcome, job->error);
 }
 
 /* The number of the newest run in the database: of a shadow, that with which it will go on. 0: nothing is recorded. */
@@ -346,9 +326,7 @@ static void note_load(const live_twin *self, bool loads) {
 /* *refused: it is of no use, and an older one may be. */
 static tl_status follow(live_twin *self, const tl_past *past, bool *refused, tl_error *error) {
     const int64_t last = newest_run(self); /* before this one begins */
-    const tl_past_follow_settings following = {
-        .assembly = self->assembly, .outbox = &self->outbox, .tell = tell_past, .context = &self->journal};
-    follow_job job = {.settings = &following, .past = past, .summary = &self->resumed, .error = error};
+    follow_job job = {.twin = self, .past = past, .error = error};
     *refused = (self->has_crashed || self->unreadable) && past->checkpoint != NULL;
     if (*refused) {
         return TL_OK;
@@ -501,18 +479,13 @@ static tl_status begin_shadow(live_twin *self, tl_error *error) {
     return status;
 }
 
-/* No checkpoint is tried twice: not the one that this happened with, and no other one by this process. */
-static void tell_crash(live_twin *self) {
-    if (self->has_crashed) {
+static tl_status go_on(live_twin *self, tl_error *error) {
+    if (self->has_crashed) { /* no checkpoint is tried twice: not that one, and no other one by this process */
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
                          "the twin before has ended as it loaded a checkpoint: this one loads none, and inputs are run "
                          "again%s",
                          self->unreadable ? "; no more are saved, nor loaded, with these FMUs" : "");
     }
-}
-
-static tl_status go_on(live_twin *self, tl_error *error) {
-    tell_crash(self);
     if (self->are_others) {
         tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume",
                          "begins anew: the FMUs are not those of the run before");
@@ -553,8 +526,17 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         return status;
     }
     if (!self->is_shadow) {
-        wait_for_readings(self);
-        tell_gap(self);
+        /* A sample without unknown values is a better start; a dead device must not prevent one. */
+        for (tl_time until = tl_clock_now(NULL) + FIRST_READING;
+             tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
+             !(is_plant_open(self) && tl_plant_input_is_complete(&self->input));) {
+            tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
+        }
+        const tl_time gap = tl_clock_now(NULL) - self->ended; /* a change by a restart leaves one between two runs */
+        if (self->ended != 0 && gap > 0) {
+            tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
+                             tl_seconds(gap), (long long)(gap / self->config->step));
+        }
     }
     if (self->config->realtime_lock_memory) {
         tl_realtime_lock_memory(&self->journal);
@@ -724,17 +706,10 @@ static tl_status live(live_twin *self) {
 
 /* ---- the twin ---- */
 
-/* A job of the FMUs' thread, and what came of it. */
-typedef struct build_job {
-    tl_assembly *assembly;
-    bool has_failed; /* the twin before this one */
-    tl_status status;
-} build_job;
-
 static void do_build(void *context) {
-    build_job *job = context;
-    job->assembly->trusts_states = job->has_failed; /* a copy may have been what it failed by */
-    job->status = tl_assembly_build(job->assembly);
+    live_twin *self = context;
+    self->assembly->trusts_states = self->job.how.failures > 0; /* a copy may have been what the one before failed by */
+    self->built = tl_assembly_build(self->assembly);
 }
 
 static void do_free(void *context) {
@@ -744,14 +719,13 @@ static void do_free(void *context) {
 /* The FMUs' thread, and the twin built in it. */
 static tl_status build(live_twin *self) {
     tl_error error;
-    build_job job = {.assembly = self->assembly, .has_failed = self->job.how.failures > 0};
     tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return status;
     }
-    tl_fmu_thread_call(self->fmus, do_build, &job);
-    return job.status;
+    tl_fmu_thread_call(self->fmus, do_build, self);
+    return self->built;
 }
 
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
@@ -765,7 +739,6 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_interrupt_install();
     tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
     self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
     tl_live_role_open_journal(&self.journal, &self.outbox);

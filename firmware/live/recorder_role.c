@@ -154,19 +154,15 @@ static void note_words(void *context, tl_severity severity, const char *text) {
     }
 }
 
-/* Those that the twin has loaded, whatever lies in their places by now. */
-static const char *fmus_of_twin(recorder *self) {
+/* Of the FMUs that the twin has loaded, whatever lies in their places by now. */
+static void open_history(recorder *self) {
     memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
     self->fmus[TL_SHA256_TEXT - 1] = '\0';
-    return self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus;
-}
-
-static void open_history(recorder *self) {
     const tl_past_history_settings settings = {
         .config = &self->given.config,
         .path = tl_recorder_writer_path(self->writer),
         .before = INT64_MAX,
-        .fmus = fmus_of_twin(self),
+        .fmus = self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus,
         .boot = self->record.boot,
         .components = self->given.config.component_count + 1,
         .tell = note_words,

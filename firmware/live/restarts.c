@@ -115,14 +115,6 @@ static void keep(tl_restarts *restarts, bool running) {
 
 /* ---- the account ---- */
 
-/* Why there is a start, where the supervisor before ended without a word. */
-static const char *reason_of(const tl_restarts *restarts, const kept *before, bool watchdog) {
-    if (restarts->boot[0] != '\0' && strcmp(restarts->boot, before->boot) == 0) {
-        return "the supervisor was killed";
-    }
-    return watchdog ? "the box was reset by its watchdog" : "the box was reset, or lost its power";
-}
-
 /* A disk that can only be read, as after a fault of it, keeps no twin from its plant. */
 static bool is_read_only(const char *folder) {
     bool is = access(folder, W_OK | X_OK) != 0 && errno == EROFS;
@@ -170,7 +162,10 @@ tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *resta
         restarts->tries = (unsigned)(before.tries < TRIES_COUNTED ? before.tries : TRIES_COUNTED);
         restarts->interrupted = before.running;
         if (before.running) {
-            tl_restarts_excuse(restarts, reason_of(restarts, &before, watchdog));
+            bool is_same_boot = restarts->boot[0] != '\0' && strcmp(restarts->boot, before.boot) == 0;
+            tl_restarts_excuse(restarts, is_same_boot ? "the supervisor was killed"
+                                         : watchdog   ? "the box was reset by its watchdog"
+                                                      : "the box was reset, or lost its power");
         }
     }
     return status;

@@ -204,18 +204,6 @@ static tl_time pause_of_other(member *failed) {
     return pause_after(failed->failures);
 }
 
-/* Another one is needed. `reason` is told by who begins it. */
-static void note_failure(supervisor *self, tl_member which, tl_time now, const char *reason) {
-    member *failed = self->members[which];
-    if (which == TL_MEMBER_TWIN) {
-        self->bad_holds += self->held ? 1 : 0;
-        tl_restarts_fail(&self->restarts, reason);
-        rest(failed, now, pause_after(self->restarts.failures));
-    } else {
-        rest(failed, now, pause_of_other(failed));
-    }
-}
-
 static void end_all(supervisor *self, int code) {
     self->is_ending = true;
     self->code = self->code != 0 ? self->code : code;
@@ -465,7 +453,11 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         count_failure(self, which, now, reason);
     }
     tl_child_bury(&ended->child);
-    note_failure(self, which, now, reason);
+    if (which == TL_MEMBER_TWIN) { /* its next start tells the reason */
+        self->bad_holds += self->held ? 1 : 0;
+        tl_restarts_fail(&self->restarts, reason);
+    }
+    rest(ended, now, which == TL_MEMBER_TWIN ? pause_after(self->restarts.failures) : pause_of_other(ended));
 }
 
 /* ---- watching ---- */
@@ -651,13 +643,6 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
     }
 }
 
-/* A recorder that has only begun would die of it, and there is something to write. */
-static bool can_be_asked(const supervisor *self, tl_member which) {
-    const member *living = self->members[which];
-    return which != TL_MEMBER_RECORDER || !self->ran || tl_heartbeats_is_ready(living->child.beats) ||
-           living->lived >= GRACE_AGAIN;
-}
-
 /* Asks the next one to end. True: nobody is left. A dead disk may keep an activator that was killed from dying. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
@@ -666,7 +651,10 @@ static bool go_on_ending(supervisor *self, tl_time now) {
             (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == LIVING && next->child.killed)) {
             continue;
         }
-        if (next->state == LIVING && !next->child.asked && can_be_asked(self, end_order[i])) {
+        /* A recorder that has only begun would die of it, and there is something to write. */
+        bool is_young = end_order[i] == TL_MEMBER_RECORDER && self->ran && next->lived < GRACE_AGAIN &&
+                        !tl_heartbeats_is_ready(next->child.beats);
+        if (next->state == LIVING && !next->child.asked && !is_young) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
         if (end_order[i] == TL_MEMBER_IO || end_order[i] == TL_MEMBER_RECORDER) {

@@ -31,8 +31,8 @@
  * Shadow:  there on order, and asked to end once it is not ordered any more. Watched as the others are; but it is not begun again by itself, and its end,
  *          of which who orders it is told, is nobody's failure: no stroke, account, exit code or safe hold depends on it. When all end it is the first, and is
  *          killed after 2 s: nothing of it is kept.
- * Activator: begun on order, and ends by itself when it has nothing to do. One that failed is begun again after a pause that doubles from 0.25 s to 8 s, or after 1 s if it is ordered. It ends
- *          before the twin, and is killed after 2 s. The run does not depend on it, nor do exit code and account.
+ * Activator: begun on order; ends by itself when it has nothing to do. One that failed is begun again after a pause that doubles from 0.25 s to 8 s, or after
+ *          1 s if it is ordered then. It ends before the twin, and is killed after 2 s. The run, its exit code and the account do not depend on it.
  * Swap:    twin and shadow change places on order, with all that belongs to their processes: from then on the other one is the twin, and strokes, account and
  *          status are its. One that is dead by then is begun at once; its death is not in the account, which says whether a *run's* twin can live: whoever
  *          died as a shadow has done no run any harm, and if it cannot live as the twin either, that is soon in there. The old twin goes on as the shadow; if it

@@ -162,20 +162,6 @@ static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_er
     return role.pid;
 }
 
-static pid_t start_recorder(tl_tree *self, tl_error *error) {
-    tl_live_change_begin_recorder(&self->change);
-    self->job.flips = self->change.recorder_flips;
-    return start_plain(self, TL_LIVE_IS_RECORDER, self->change.recorder_place, error);
-}
-
-static pid_t start_activator(tl_tree *self, tl_error *error) {
-    self->was_activated = true;
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
-        memcpy(self->job.hash[i], self->places[i].hash, sizeof self->job.hash[i]);
-    }
-    return start_plain(self, TL_LIVE_IS_ACTIVATOR, tl_tree_stage(self)->place, error);
-}
-
 /* Nothing of the one before is left but what its successor goes on with. */
 static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint64_t unreadable) {
     pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
@@ -275,9 +261,15 @@ static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start
     case TL_MEMBER_IO:
         return start_plain(self, TL_LIVE_IS_IO, tl_tree_stage(self)->place, error);
     case TL_MEMBER_ACTIVATOR:
-        return start_activator(self, error);
+        self->was_activated = true;
+        for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+            memcpy(self->job.hash[i], self->places[i].hash, sizeof self->job.hash[i]);
+        }
+        return start_plain(self, TL_LIVE_IS_ACTIVATOR, tl_tree_stage(self)->place, error);
     default:
-        return start_recorder(self, error);
+        tl_live_change_begin_recorder(&self->change);
+        self->job.flips = self->change.recorder_flips;
+        return start_plain(self, TL_LIVE_IS_RECORDER, self->change.recorder_place, error);
     }
 }
 
@@ -289,19 +281,18 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
     static const struct {
         int number;
         const char *name;
-        bool is_sparse;
         bool of_recorder; /* there only if something is recorded */
         tl_block_writer writer;
     } made[] = {
-        {TL_LIVE_MAIL, "twinlock mail", true, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_IO_BEATS, "twinlock io", false, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_IO_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_ACTIVATOR_EVENTS, "twinlock events", false, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_STAGE, "twinlock stage", false, false, TL_BLOCK_WE_WRITE},
-        {TL_LIVE_CANDIDATE, "twinlock candidate", true, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, false, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_RECORDER_PULSE, "twinlock recorder", false, true, TL_BLOCK_THEY_WRITE},
-        {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", false, true, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_MAIL, "twinlock mail", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_IO_BEATS, "twinlock io", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_ACTIVATOR_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_STAGE, "twinlock stage", false, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_CANDIDATE, "twinlock candidate", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
     };
     const bool records = tl_tree_records(self);
     tl_config begun = *self->settings->config; /* whose text is in force first, */
@@ -313,8 +304,7 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
         tl_block *block = &self->blocks[made[i].number];
         const size_t size = sizes[made[i].number];
         if (records || !made[i].of_recorder) {
-            status = made[i].is_sparse ? tl_block_make_sparse(made[i].name, size, block, error)
-                                       : tl_block_make(made[i].name, size, made[i].writer, block, error);
+            status = tl_block_make(made[i].name, size, made[i].writer, block, error);
         }
     }
     for (size_t i = 0; i < TL_LIVE_PLACES && status == TL_OK; i++) {
@@ -432,21 +422,17 @@ static void look(void *context, bool ends, tl_orders *orders) {
     }
 }
 
-/* An event has room for less. */
-static void tell_states(tl_tree *self) {
-    char text[TL_EVENT_TEXT];
-    tl_log(TL_LOG_WARNING, "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
-           self->states.why);
-    (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
-    tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
-    self->told_states = true;
-}
-
 static tl_wait wait_for_states(void *context) {
     tl_tree *self = context;
     tl_wait wait = tl_saved_states_look(&self->states);
     if (self->states.files != 0 && !self->told_states) {
-        tell_states(self);
+        char text[TL_EVENT_TEXT]; /* which has room for less than the log */
+        tl_log(TL_LOG_WARNING,
+               "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
+               self->states.why);
+        (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
+        tl_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
+        self->told_states = true;
     }
     return wait;
 }
@@ -493,10 +479,8 @@ static tl_status open_all(tl_tree *self, tl_error *error) {
                                                 .unconfined = settings->unconfined,
                                                 .context = self,
                                                 .tell = tell_of_flip};
-        const tl_voice_settings voice = {.status = settings->status,
-                                         .beats = &tl_tree_place_of_run(self)->pulse->beats};
         self->change = (tl_live_change){.settings = change};
-        status = tl_voice_start(&voice, &self->voice, error);
+        status = tl_voice_start(&tl_tree_place_of_run(self)->pulse->beats, settings->status, &self->voice, error);
     }
     return status;
 }

@@ -39,7 +39,8 @@ typedef struct ear {
 } ear;
 
 struct tl_voice {
-    tl_voice_settings settings;
+    const tl_heartbeats *beats; /* of the twin: its status */
+    bool status;
     bool terminal;
     pthread_t thread;
     int wake; /* eventfd */
@@ -119,8 +120,8 @@ static void draw(tl_voice *voice) {
     char clean[TL_RELAY_CLEAN];
     tl_time now = tl_clock_now(NULL);
     tl_time interval = (voice->terminal ? TERMINAL_MS : STATUS_MS) * (TL_SECOND / 1000);
-    if ((!voice->terminal && !voice->settings.status) || now - voice->drawn < interval ||
-        !tl_heartbeats_get_status(__atomic_load_n(&voice->settings.beats, __ATOMIC_ACQUIRE), text)) {
+    if ((!voice->terminal && !voice->status) || now - voice->drawn < interval ||
+        !tl_heartbeats_get_status(__atomic_load_n(&voice->beats, __ATOMIC_ACQUIRE), text)) {
         return;
     }
     text[sizeof text - 1] = '\0';
@@ -194,11 +195,12 @@ static bool open_pipes(tl_voice *voice) {
     return is_open;
 }
 
-tl_status tl_voice_start(const tl_voice_settings *settings, tl_voice **voice, tl_error *error) {
+tl_status tl_voice_start(const tl_heartbeats *beats, bool status, tl_voice **voice, tl_error *error) {
     tl_voice *made = calloc(1, sizeof *made);
     int failure = ENOMEM;
     if (made != NULL) {
-        made->settings = *settings;
+        made->beats = beats;
+        made->status = status;
         made->terminal = isatty(STDERR_FILENO) == 1;
         failure = open_pipes(made) ? tl_side_thread_start(&made->thread, STACK, speak, made) : errno;
     }
@@ -218,7 +220,7 @@ int tl_voice_pipe(tl_voice *voice, unsigned which) {
 }
 
 void tl_voice_watch(tl_voice *voice, const tl_heartbeats *beats) {
-    __atomic_store_n(&voice->settings.beats, beats, __ATOMIC_RELEASE);
+    __atomic_store_n(&voice->beats, beats, __ATOMIC_RELEASE);
 }
 
 void tl_voice_clear(tl_voice *voice, tl_twin_process *process) {

@@ -19,13 +19,8 @@ enum { TL_VOICE_PIPES = 3 };
 
 typedef struct tl_voice tl_voice;
 
-typedef struct tl_voice_settings {
-    const tl_heartbeats *beats; /* of the twin, at first: its status */
-    bool status;                /* a status line also if standard error is no terminal */
-} tl_voice_settings;
-
-/* Errors: TL_TRY_AGAIN. */
-tl_status tl_voice_start(const tl_voice_settings *settings, tl_voice **voice, tl_error *error);
+/* `beats`: of the twin, at first. `status`: a status line also if standard error is no terminal. Errors: TL_TRY_AGAIN. */
+tl_status tl_voice_start(const tl_heartbeats *beats, bool status, tl_voice **voice, tl_error *error);
 
 /* The pipe for a process of a kind that is about to begin, below TL_VOICE_PIPES: what it prints there is logged. It stays the voice's. */
 int tl_voice_pipe(tl_voice *voice, unsigned which);

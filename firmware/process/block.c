@@ -62,26 +62,21 @@ static void seal(tl_block *block, int against_writers) {
     block->seals = read_seals(block->descriptor);
 }
 
+/* Of a sparse one the mapping of who writes comes later, so only the size is sealed. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
     *block = (tl_block){.size = size, .descriptor = make_file(name)};
     if (block->descriptor < 0) {
         return fail_make(name, block, error);
     }
-    errno = posix_fallocate(block->descriptor, 0, (off_t)size);
-    if (errno != 0 || !map(block, true)) {
+    if (writer == TL_BLOCK_SPARSE) {
+        errno = ftruncate(block->descriptor, (off_t)size) != 0 ? errno : 0;
+    } else {
+        errno = posix_fallocate(block->descriptor, 0, (off_t)size);
+    }
+    if (errno != 0 || (writer != TL_BLOCK_SPARSE && !map(block, true))) {
         return fail_make(name, block, error);
     }
     seal(block, writer == TL_BLOCK_WE_WRITE ? F_SEAL_FUTURE_WRITE : 0);
-    return TL_OK;
-}
-
-/* The mapping of who writes comes later, so only the size is sealed. */
-tl_status tl_block_make_sparse(const char *name, size_t size, tl_block *block, tl_error *error) {
-    *block = (tl_block){.size = size, .descriptor = make_file(name)};
-    if (block->descriptor < 0 || ftruncate(block->descriptor, (off_t)size) != 0) {
-        return fail_make(name, block, error);
-    }
-    seal(block, 0);
     return TL_OK;
 }
 

@@ -21,6 +21,7 @@
 typedef enum tl_block_writer {
     TL_BLOCK_WE_WRITE,   /* we do, as long as it is open here; who takes it reads */
     TL_BLOCK_THEY_WRITE, /* who takes it; nothing keeps us from it but this name */
+    TL_BLOCK_SPARSE,     /* who takes it, and the memory is there only as far as it is used; not mapped here */
     TL_BLOCK_IS_WRITTEN  /* nobody does any more: tl_block_make_of() */
 } tl_block_writer;
 
@@ -32,13 +33,9 @@ typedef struct tl_block {
     unsigned seals; /* F_SEAL_…, as the kernel has set them */
 } tl_block;
 
-/* A block of zeros, `size` > 0, whose memory is there: using it cannot fail for lack of it. `name` is what /proc shows of it. */
+/* A block of zeros, `size` > 0. `name` is what /proc shows of it. Using it cannot fail for lack of memory, unless it is sparse: if memory is out when a page of that
+ * is used for the first time, the kernel ends who uses it; and mlockall() in a process that has it mapped readable takes all of it. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
-
-/* A block of zeros, `size` > 0, that another process writes (TL_BLOCK_THEY_WRITE), and whose memory is there only as far as it is used. It is not
- * mapped here. If memory is out when a page of it is used for the first time, the kernel ends who uses it; and mlockall() in a process that has
- * it mapped readable takes all of it. */
-tl_status tl_block_make_sparse(const char *name, size_t size, tl_block *block, tl_error *error);
 
 /* A new descriptor of a block of ours that another process writes, closed on exec: who takes it (with TL_BLOCK_WE_WRITE) can only read. From now on
  * nobody who has no capability and may not chmod() opens the memory anew for writing; descriptors that can write stay so. Without /proc it is a

@@ -32,26 +32,12 @@ uint64_t tl_confine_fair_memory(void) {
 
 /* ---- confine ---- */
 
-static tl_status enter(const char *folder, tl_error *error) {
-    if (folder != NULL && (chdir(folder) != 0 || setenv("TMPDIR", folder, 1) != 0)) {
-        return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be entered: %s", folder, strerror(errno));
-    }
-    return TL_OK;
-}
-
 /* Devices, and files of another user, may be open to capabilities only. */
 static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
     if (settings->user != 0) {
         return tl_privileges_become(settings->user, error);
     }
     return settings->plant != NULL || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
-}
-
-static tl_status restrict_files(const tl_confine_settings *settings, tl_error *error) {
-    if (prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
-    }
-    return settings->landlock > 0 ? tl_landlock_restrict(settings, error) : TL_OK;
 }
 
 static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
@@ -77,10 +63,15 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
     if (listener != NULL) {
         *listener = -1;
     }
-    tl_status status = enter(own.folder, error);
-    status = status != TL_OK ? status : give_up_privileges(&own, error);
+    if (own.folder != NULL && (chdir(own.folder) != 0 || setenv("TMPDIR", own.folder, 1) != 0)) {
+        return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be entered: %s", own.folder, strerror(errno));
+    }
+    tl_status status = give_up_privileges(&own, error);
     status = status != TL_OK ? status : tl_process_limits_set(own.memory, own.file_bytes, error);
-    status = status != TL_OK ? status : restrict_files(&own, error);
+    if (status == TL_OK && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
+        status = tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
+    }
+    status = status == TL_OK && own.landlock > 0 ? tl_landlock_restrict(&own, error) : status;
     return status == TL_OK ? restrict_calls(&own, facts, listener, error) : status;
 }
 

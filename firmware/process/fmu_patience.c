@@ -25,20 +25,14 @@ static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *vie
     patience->times = patience->asked < AGAIN ? view->times : patience->times;
 }
 
-static void say_asked_twice(const tl_fmu_patience_view *view, char *text, size_t size) {
-    if (view->call != NULL) {
-        (void)snprintf(text, size, "asked twice to end, by %s: ended at once, in FMU %s's %s", view->asked,
-                       view->call->fmu, view->call->function);
-    } else {
-        (void)snprintf(text, size, "asked twice to end, by %s: ended at once", view->asked);
-    }
-}
-
 bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size) {
     const tl_fmu_call *call = view->call;
     note_time(patience, view);
     if (view->times > patience->times && (call != NULL || view->whatever)) {
-        say_asked_twice(view, text, size);
+        int length = snprintf(text, size, "asked twice to end, by %s: ended at once", view->asked);
+        if (call != NULL && length > 0 && (size_t)length < size) {
+            (void)snprintf(text + length, size - (size_t)length, ", in FMU %s's %s", call->fmu, call->function);
+        }
         return true;
     }
     if (call == NULL) {

@@ -20,38 +20,30 @@ bool tl_interrupt_ignores_hangup(void) {
     return sigaction(SIGHUP, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
 }
 
-static void claim(int signal) {
-    struct sigaction action = {.sa_handler = note};
-    (void)sigemptyset(&action.sa_mask);
-    (void)tl_host_state_handle(signal, &action, NULL);
+/* Our handlers: kept as those of the program, or only where they are not in place. */
+static void set_handlers(bool again) {
+    static const int numbers[] = {SIGINT, SIGTERM, SIGHUP};
+    struct sigaction own = {.sa_handler = note};
+    (void)sigemptyset(&own.sa_mask);
+    for (size_t i = 0; i < (hears_hangup ? 3 : 2); i++) {
+        struct sigaction now;
+        if (!again) {
+            (void)tl_host_state_handle(numbers[i], &own, NULL);
+        } else if (sigaction(numbers[i], NULL, &now) == 0 && now.sa_handler != note) {
+            (void)sigaction(numbers[i], &own, NULL);
+        }
+    }
 }
 
 void tl_interrupt_install(void) {
     struct sigaction ignored = {.sa_handler = SIG_IGN};
     hears_hangup = !tl_interrupt_ignores_hangup();
-    claim(SIGINT);
-    claim(SIGTERM);
-    if (hears_hangup) {
-        claim(SIGHUP);
-    }
+    set_handlers(false);
     (void)tl_host_state_handle(SIGPIPE, &ignored, NULL);
 }
 
-static void reclaim(int signal) {
-    struct sigaction now;
-    struct sigaction own = {.sa_handler = note};
-    (void)sigemptyset(&own.sa_mask);
-    if (sigaction(signal, NULL, &now) == 0 && now.sa_handler != note) {
-        (void)sigaction(signal, &own, NULL);
-    }
-}
-
 void tl_interrupt_reclaim(void) {
-    reclaim(SIGINT);
-    reclaim(SIGTERM);
-    if (hears_hangup) {
-        reclaim(SIGHUP);
-    }
+    set_handlers(true);
 }
 
 unsigned tl_interrupt_times(void) {

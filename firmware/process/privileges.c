@@ -113,11 +113,6 @@ static bool limit(int resource, rlim_t most) {
     return setrlimit((__rlimit_resource_t)resource, &now) == 0;
 }
 
-static rlim_t stack_now(void) {
-    struct rlimit now;
-    return getrlimit(RLIMIT_STACK, &now) == 0 && now.rlim_cur != RLIM_INFINITY ? now.rlim_cur : LARGEST_STACK;
-}
-
 /* All numbers of open descriptors are below this; where nobody can tell (no /proc), the limit as it is. */
 static rlim_t open_descriptors(void) {
     rlim_t most = 0;
@@ -134,11 +129,14 @@ static rlim_t open_descriptors(void) {
 }
 
 tl_status tl_process_limits_set(uint64_t memory, uint64_t file, tl_error *error) {
-    bool done =
-        (memory == 0 || !tl_process_limits_hold_memory() || limit(RLIMIT_DATA, (rlim_t)memory)) &&
-        (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) && limit(RLIMIT_STACK, stack_now()) &&
-        limit(RLIMIT_MSGQUEUE, 0) && limit(RLIMIT_SIGPENDING, TL_PROCESS_LIMITS_SIGNALS) &&
-        limit(RLIMIT_NOFILE, open_descriptors() + TL_PROCESS_LIMITS_DESCRIPTORS) && prctl(PR_SET_DUMPABLE, 0) == 0;
+    struct rlimit stack;
+    bool has_stack = getrlimit(RLIMIT_STACK, &stack) == 0 && stack.rlim_cur != RLIM_INFINITY;
+    bool done = (memory == 0 || !tl_process_limits_hold_memory() || limit(RLIMIT_DATA, (rlim_t)memory)) &&
+                (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) &&
+                limit(RLIMIT_STACK, has_stack ? stack.rlim_cur : LARGEST_STACK) && limit(RLIMIT_MSGQUEUE, 0) &&
+                limit(RLIMIT_SIGPENDING, TL_PROCESS_LIMITS_SIGNALS) &&
+                limit(RLIMIT_NOFILE, open_descriptors() + TL_PROCESS_LIMITS_DESCRIPTORS) &&
+                prctl(PR_SET_DUMPABLE, 0) == 0;
     return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
 }
 

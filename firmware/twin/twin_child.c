@@ -222,7 +222,7 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
         tl_channel_open(&child->wire, TL_PARENT, bytes, &child->channel);
     }
     if (status == TL_OK && child->settings.job->reads_back && child->others == NULL) {
-        status = tl_block_make_sparse("twinlock-states", TL_READ_BACK_BYTES, &child->read_back, error);
+        status = tl_block_make("twinlock-states", TL_READ_BACK_BYTES, TL_BLOCK_SPARSE, &child->read_back, error);
     }
     return status;
 }

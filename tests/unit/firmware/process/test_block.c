@@ -146,7 +146,7 @@ static void fail_with(unsigned resource, rlim_t limit) {
     TEST_ASSERT_EQUAL_INT(0, setrlimit(resource, &less));
     tl_status made = tl_block_make("test", SIZE, TL_BLOCK_WE_WRITE, &block, &error);
     tl_status made_of = tl_block_make_of("test", &block, sizeof block, &block, &error);
-    tl_status sparse = tl_block_make_sparse("test", SIZE, &block, &error);
+    tl_status sparse = tl_block_make("test", SIZE, TL_BLOCK_SPARSE, &block, &error);
     (void)setrlimit(resource, &before);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made);
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, made_of);
@@ -173,7 +173,7 @@ static void test_none_can_be_closed(void) {
 /* ---- blocks that another process writes ---- */
 
 static void make_sparse(size_t size) {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_block_make_sparse("test", size, &block, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_block_make("test", size, TL_BLOCK_SPARSE, &block, &error), error.text);
     TEST_ASSERT_NULL(block.bytes);
     TEST_ASSERT_EQUAL_size_t(size, block.size);
 }
