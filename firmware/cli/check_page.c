@@ -217,16 +217,6 @@ static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component 
     return component->model->capabilities.can_get_and_set_state ? "can save its state" : "cannot save its state";
 }
 
-/* How much faster than by its own states, if that is why. */
-static void print_choice(const tl_fmu *fmu, FILE *output) {
-    const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
-    if (times != NULL) {
-        (void)fprintf(output,
-                      ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
-                      (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
-    }
-}
-
 static void print_components(const tl_assembly *assembly, FILE *output) {
     (void)fputs("components\n", output);
     for (size_t i = 0; i < assembly->plan.component_count; i++) {
@@ -234,7 +224,12 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
         const tl_fmu *fmu = find_fmu(assembly, component);
         (void)fprintf(output, "  %-12s %s, %zu variables, %s", component->name, assembly->config.components[i].fmu,
                       component->model->variable_count, describe_rollback(fmu, component));
-        print_choice(fmu, output);
+        const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
+        if (times != NULL) { /* it is faster than by its own states */
+            (void)fprintf(output,
+                          ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
+                          (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
+        }
         (void)fputc('\n', output);
     }
     size_t signals = 0;
@@ -413,12 +408,9 @@ static void print_size(FILE *output, double bytes) {
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
-static void print_spread(const char *name, const tl_twin_spread *spread, FILE *output) {
-    (void)fprintf(output, "    %-8s %10.2f %10.2f %10.2f\n", name, tl_seconds(spread->median) * 1e6,
-                  tl_seconds(spread->high) * 1e6, tl_seconds(spread->worst) * 1e6);
-}
-
 static void print_timing(const tl_twin_ledger *entry, const tl_twin_timing *timing, FILE *output) {
+    static const char *const names[] = {"step", "save", "restore"};
+    const tl_twin_spread *const spreads[] = {&timing->step, &timing->save, &timing->restore};
     (void)fprintf(output, "  %-27s", entry->name);
     if (entry->state_size != 0) {
         (void)fputs(" a state takes ", output);
@@ -427,9 +419,10 @@ static void print_timing(const tl_twin_ledger *entry, const tl_twin_timing *timi
         print_size(output, (double)entry->state_size * entry->states);
     }
     (void)fputs("\n", output);
-    print_spread("step", &timing->step, output);
-    print_spread("save", &timing->save, output);
-    print_spread("restore", &timing->restore, output);
+    for (size_t i = 0; i < sizeof spreads / sizeof spreads[0]; i++) {
+        (void)fprintf(output, "    %-8s %10.2f %10.2f %10.2f\n", names[i], tl_seconds(spreads[i]->median) * 1e6,
+                      tl_seconds(spreads[i]->high) * 1e6, tl_seconds(spreads[i]->worst) * 1e6);
+    }
 }
 
 /* Of each component that is rolled back, what a search has of it. The FMUs step on: after all else that is measured. */
@@ -527,15 +520,6 @@ static void print_blocks(const tl_assembly *assembly, const tl_prognosis *progno
     print_block("shadow", blocks.shadow, "more, at most, for a second twin beside that of `run`", output);
 }
 
-static void print_free_twin(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
-    if (tl_twin_get_facts(assembly->twin).has_free_twin) {
-        (void)fprintf(output,
-                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
-                      "               searched: in that time\n",
-                      prognosis->step);
-    }
-}
-
 static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
@@ -545,7 +529,12 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                       tl_seconds(prognosis->step_time) * 1e6,
                       100.0 * tl_seconds(prognosis->step_time) / tl_seconds(config->step));
     }
-    print_free_twin(assembly, prognosis, output);
+    if (tl_twin_get_facts(assembly->twin).has_free_twin) {
+        (void)fprintf(output,
+                      "  free twin    %" PRIu64 " executions beside each step, twice that while u is\n"
+                      "               searched: in that time\n",
+                      prognosis->step);
+    }
     if (config->event.start.signal != NULL) {
         print_stroke(config, prognosis, output);
     } else if (config->adjust_count != 0) {

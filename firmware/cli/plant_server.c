@@ -29,15 +29,14 @@ enum {
 };
 
 enum { ILLEGAL_FUNCTION = 1, ILLEGAL_ADDRESS = 2, ILLEGAL_VALUE = 3, NO_SUCH_UNIT = 11 };
-enum { MAX_BITS = 2000, MAX_REGISTERS = 125 };
+enum { MAX_BITS = 2000, MAX_REGISTERS = 125, ADDRESSES = 65536 };
 
 /* One table of one unit. */
 typedef struct region {
     uint8_t unit_id;
     tl_modbus_table table;
-    size_t first; /* address */
-    size_t count;
-    uint16_t *words; /* registers, or bits as 0 and 1 */
+    size_t first, end; /* addresses of channels */
+    uint16_t *words;   /* registers, or bits as 0 and 1, by address */
 } region;
 
 typedef struct client {
@@ -75,20 +74,18 @@ static region *find_region(const tl_plant_server *server, uint8_t unit_id, int t
     return NULL;
 }
 
-/* Makes room in its region for one channel; `words` come later. */
-static void grow(tl_plant_server *server, const tl_modbus_channel *channel) {
+/* The table of a channel, made if there is none. False: memory is out. */
+static bool add_channel(tl_plant_server *server, const tl_modbus_channel *channel) {
     size_t end = channel->address + tl_modbus_registers(channel->type);
     region *own = find_region(server, channel->unit_id, (int)channel->table);
     if (own == NULL) {
-        own = &server->regions[server->region_count];
-        server->region_count++;
-        own->unit_id = channel->unit_id;
-        own->table = channel->table;
-        own->first = channel->address;
+        own = &server->regions[server->region_count++];
+        *own = (region){.unit_id = channel->unit_id, .table = channel->table, .first = channel->address};
+        own->words = calloc(ADDRESSES, sizeof *own->words);
     }
-    size_t old_end = own->first + own->count;
     own->first = channel->address < own->first ? channel->address : own->first;
-    own->count = (end > old_end ? end : old_end) - own->first;
+    own->end = end > own->end ? end : own->end;
+    return own->words != NULL;
 }
 
 static tl_status make_regions(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {
@@ -97,13 +94,8 @@ static tl_status make_regions(tl_plant_server *server, const tl_plant_server_set
     server->regions = calloc(room, sizeof *server->regions);
     bool complete = server->channels != NULL && server->regions != NULL;
     for (size_t i = 0; complete && i < settings->channel_count; i++) {
-        server->channels[i] = settings->channels[i];
-        server->channel_count++;
-        grow(server, &settings->channels[i]);
-    }
-    for (size_t i = 0; complete && i < server->region_count; i++) {
-        server->regions[i].words = calloc(server->regions[i].count + 1, sizeof(uint16_t));
-        complete = server->regions[i].words != NULL;
+        server->channels[server->channel_count++] = settings->channels[i];
+        complete = add_channel(server, &settings->channels[i]);
     }
     return complete ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "emulated Modbus device: out of memory");
 }
@@ -114,7 +106,7 @@ void tl_plant_server_set_all(tl_plant_server *server, const double *values, cons
         if (present == NULL || present[i]) {
             const tl_modbus_channel *channel = &server->channels[i];
             const region *own = find_region(server, channel->unit_id, (int)channel->table);
-            tl_modbus_encode(channel, values[i], own->words + (channel->address - own->first));
+            tl_modbus_encode(channel, values[i], own->words + channel->address);
         }
     }
     (void)pthread_mutex_unlock(&server->lock);
@@ -137,7 +129,7 @@ static bool is_write(uint8_t function) {
 
 /* The data of a read reply, from its byte count on. Returns its size. */
 static size_t put_values(const region *own, size_t first, size_t count, uint8_t *data) {
-    const uint16_t *words = own->words + (first - own->first);
+    const uint16_t *words = own->words + first;
     size_t bytes = tl_modbus_is_bit_table(own->table) ? (count + 7) / 8 : 2 * count;
     memset(data, 0, bytes + 1);
     data[0] = (uint8_t)bytes;
@@ -170,7 +162,7 @@ static uint8_t objection(const tl_plant_server *server, const uint8_t *request, 
         return ILLEGAL_VALUE;
     }
     const region *own = find_region(server, unit_id, function);
-    if (own == NULL || first < own->first || first + count > own->first + own->count) {
+    if (own == NULL || first < own->first || first + count > own->end) {
         return ILLEGAL_ADDRESS;
     }
     return 0;

@@ -731,26 +731,22 @@ void tl_html_report_write(const tl_html_report *report, const tl_run_figures *fi
  * then as many again to zoom into. */
 enum { POINTS = 1 << 18, MOST_BUCKETS = 1 << 13, LEAST_BUCKETS = 1 << 10 };
 
-static size_t buckets_for(size_t channels) {
-    size_t buckets = MOST_BUCKETS;
-    while (buckets > LEAST_BUCKETS && buckets * channels > POINTS) {
-        buckets /= 2;
-    }
-    return buckets;
-}
-
 double tl_html_tolerance(const tl_plan_match *match, bool synchronise) {
     return synchronise && match->weight > 0.0 ? match->tolerance : 0.0;
 }
 
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error) {
     size_t channels = TL_HTML_STEP_CHANNELS + 3 * (settings->match_count + settings->adjust_count);
+    size_t buckets = MOST_BUCKETS;
+    while (buckets > LEAST_BUCKETS && buckets * channels > POINTS) {
+        buckets /= 2;
+    }
     tl_html_report *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
     }
     made->settings = *settings;
-    tl_status status = tl_envelope_init(&made->curves, channels, buckets_for(channels), error);
+    tl_status status = tl_envelope_init(&made->curves, channels, buckets, error);
     if (status != TL_OK) {
         free(made);
         return status;

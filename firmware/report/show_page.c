@@ -63,22 +63,22 @@ static double seconds_between(const char *from, const char *until) {
     return tl_utc_parse(from, &first) && tl_utc_parse(until, &last) ? (double)(last - first) / 1e3 : (double)NAN;
 }
 
-/* When this run itself began: t_start may be that of a run that it goes on with. */
-static void own_start(const tl_history_run *run, char text[TL_UTC_TEXT]) {
+/* When it began, and how long it was. */
+static void find_times(const tl_history_run *run, char started[TEXT], char lasted[TEXT]) {
+    char own[TL_UTC_TEXT];
     if (run->resumption.from == TL_RESUMED_NOT) {
-        (void)snprintf(text, TL_UTC_TEXT, "%s", run->started);
-    } else {
-        tl_utc_text(tl_show_instant(run, run->resumption.tick), text);
+        (void)snprintf(own, TL_UTC_TEXT, "%s", run->started);
+    } else { /* t_start may be that of a run that it goes on with */
+        tl_utc_text(tl_show_instant(run, run->resumption.tick), own);
     }
+    short_time(own, started, TEXT);
+    tl_show_duration(seconds_between(own, run->committed), lasted, TEXT);
 }
 
 static void add_run(tl_show_table *table, const show_page *page, const tl_history_run *run) {
     char started[TEXT];
     char lasted[TEXT];
-    char own[TL_UTC_TEXT];
-    own_start(run, own);
-    short_time(own, started, sizeof started);
-    tl_show_duration(seconds_between(own, run->committed), lasted, sizeof lasted);
+    find_times(run, started, lasted);
     tl_show_table_add(table, "%s", run->run == page->request->run->run ? ">" : "");
     tl_show_table_add(table, "%lld", (long long)run->run);
     tl_show_table_add(table, "%s", started);
@@ -120,11 +120,8 @@ static void print_when(const show_page *page) {
     char until[TEXT];
     char lasted[TEXT];
     char reason[TEXT * 2];
-    char own[TL_UTC_TEXT];
-    own_start(run, own);
-    short_time(own, started, sizeof started);
+    find_times(run, started, lasted);
     short_time(run->committed, until, sizeof until);
-    tl_show_duration(seconds_between(own, run->committed), lasted, sizeof lasted);
     (void)fprintf(page->file, "  when           %s %s %s UTC, %s; %s%s\n", started, page->until, until, lasted,
                   run->ended == NULL ? "is being written, or was killed" : "ended: ",
                   run->ended == NULL ? "" : clean(page, run->ended_reason, reason, sizeof reason));

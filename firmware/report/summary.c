@@ -188,15 +188,6 @@ static void add_plant(tl_json_writer *json, const tl_summary *summary, const tl_
     tl_json_close(json);
 }
 
-static void add_cache(tl_json_writer *json, const tl_run_figures *figures) {
-    tl_recorder_component total = tl_run_figures_total(figures);
-    tl_json_open_object(json, "cache");
-    tl_json_add_number(json, "saved", tl_run_component_saved(&total));
-    tl_json_add_count(json, "nodes_peak", figures->nodes_peak);
-    tl_json_add_count(json, "full", total.unstored);
-    tl_json_close(json);
-}
-
 tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *config, const tl_account *account,
                                 FILE *file, tl_error *error) {
     printing page;
@@ -220,7 +211,12 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     add_plant(&json, summary, config);
     add_adjusted(&json, &page);
     add_delays(&json, config, account);
-    add_cache(&json, &page.figures);
+    tl_recorder_component total = tl_run_figures_total(&page.figures);
+    tl_json_open_object(&json, "cache");
+    tl_json_add_number(&json, "saved", tl_run_component_saved(&total));
+    tl_json_add_count(&json, "nodes_peak", page.figures.nodes_peak);
+    tl_json_add_count(&json, "full", total.unstored);
+    tl_json_close(&json);
     tl_json_open_object(&json, "ledger");
     tl_json_add_truth(&json, "complete", account->complete != 0);
     tl_figures_json_add_components(&json, &page.figures);
@@ -252,13 +248,6 @@ static void print_free_twin(const tl_run_figures *figures, const tl_account *acc
                       " times; %" PRIu64 " executions beside\n",
                       100.0 * (double)figures->rested / (double)steps, beside->turns, beside->executions);
     }
-}
-
-static void print_executions(const tl_run_figures *figures, const tl_account *account, FILE *file) {
-    uint64_t executions = tl_account_executions(account);
-    uint64_t floor_executions = tl_run_figures_committed(figures) * account->components;
-    (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
-                  floor_executions == 0 ? 0.0 : (double)executions / (double)floor_executions, figures->evaluations);
 }
 
 static void print_ledger(const tl_run_figures *figures, const tl_account *account, FILE *file) {
@@ -409,7 +398,10 @@ void tl_summary_print_table(const tl_summary *summary, const tl_config *config, 
         (void)fprintf(file, "  lock         %s\n", text);
     }
     print_free_twin(&page.figures, account, file);
-    print_executions(&page.figures, account, file);
+    uint64_t executions = tl_account_executions(account);
+    uint64_t free_executions = tl_run_figures_committed(&page.figures) * account->components;
+    (void)fprintf(file, "  executions   %" PRIu64 " (%.3f per free-running one), %" PRIu64 " evaluations\n", executions,
+                  free_executions == 0 ? 0.0 : (double)executions / (double)free_executions, page.figures.evaluations);
     if (config->adjust_count != 0) {
         print_ledger(&page.figures, account, file);
     }

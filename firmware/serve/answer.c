@@ -54,26 +54,6 @@ static void add_change(tl_json_writer *json, const tl_control_change *change, ui
     tl_json_add_count(json, "more", more);
 }
 
-static void add_problem(tl_json_writer *json, const tl_control_problem *problem, uint32_t more) {
-    tl_json_add_count(json, "line", problem->line);
-    add_text(json, "path", problem->path);
-    add_text(json, "text", problem->text);
-    tl_json_add_count(json, "more", more);
-}
-
-static void add_step(tl_json_writer *json, const tl_control_progress *progress) {
-    add_text(json, "step", tl_control_step_name((tl_control_step)progress->step));
-    tl_json_add_count(json, "left_s", progress->left_s);
-    add_text(json, "text", progress->text);
-}
-
-static void add_end(tl_json_writer *json, const tl_control_end *end) {
-    add_text(json, "result", tl_control_result_name((tl_control_result)end->result));
-    tl_json_add_count(json, "version", end->version);
-    add_text(json, "hash", end->hash);
-    add_text(json, "text", end->text);
-}
-
 static const char *const KINDS[TL_CONTROL_KINDS] = {
     [TL_CONTROL_STATE] = "state",   [TL_CONTROL_VERSION] = "version", [TL_CONTROL_CONFIGURATION] = "version",
     [TL_CONTROL_CHANGE] = "change", [TL_CONTROL_PROBLEM] = "problem", [TL_CONTROL_STEP] = "step",
@@ -94,14 +74,22 @@ static void add_reply(tl_json_writer *json, const tl_control_reply *reply) {
         add_change(json, &reply->as.change, reply->more);
         break;
     case TL_CONTROL_PROBLEM:
-        add_problem(json, &reply->as.problem, reply->more);
+        tl_json_add_count(json, "line", reply->as.problem.line);
+        add_text(json, "path", reply->as.problem.path);
+        add_text(json, "text", reply->as.problem.text);
+        tl_json_add_count(json, "more", reply->more);
         break;
     case TL_CONTROL_STEP:
-        add_step(json, &reply->as.progress);
+        add_text(json, "step", tl_control_step_name((tl_control_step)reply->as.progress.step));
+        tl_json_add_count(json, "left_s", reply->as.progress.left_s);
+        add_text(json, "text", reply->as.progress.text);
         break;
     case TL_CONTROL_END:
     case TL_CONTROL_KINDS:
-        add_end(json, &reply->as.end);
+        add_text(json, "result", tl_control_result_name((tl_control_result)reply->as.end.result));
+        tl_json_add_count(json, "version", reply->as.end.version);
+        add_text(json, "hash", reply->as.end.hash);
+        add_text(json, "text", reply->as.end.text);
         break;
     }
 }

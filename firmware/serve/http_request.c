@@ -201,6 +201,9 @@ static const route ROUTES[] = {
     {"/change", "DELETE", "why wait", TL_CONTROL_RETURN, true, false},
 };
 
+/* The list of all plants. */
+static const route PLANTS = {"", "GET", "", TL_CONTROL_SHOW, false, false};
+
 static tl_http_status refuse(char *sentence, tl_http_status status, const char *why) {
     (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s", why);
     return status;
@@ -233,6 +236,13 @@ static tl_http_status find_route(const char *path, const char *method, tl_http_r
                                  char *sentence) {
     const char *rest = NULL;
     bool is_there = false;
+    if (path[0] == '\0' || strcmp(path, "/") == 0) {
+        request->wants_plants = true;
+        *found = &PLANTS;
+        return strcmp(method, PLANTS.method) == 0
+                   ? TL_HTTP_OK
+                   : refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method");
+    }
     if (!split_name(path, request, &rest)) {
         return refuse(sentence, TL_HTTP_NOT_FOUND,
                       "there is nothing here: a plant's name has letters, digits, - _ and .");
@@ -299,7 +309,7 @@ static tl_http_status read_body(const tl_http_words *words, const route *found, 
     if (status != TL_HTTP_OK) {
         return status;
     }
-    if (found == NULL || !found->has_body) {
+    if (!found->has_body) {
         return request->body == 0 ? TL_HTTP_OK : refuse(sentence, TL_HTTP_BAD_REQUEST, "nothing is to be sent here");
     }
     if (request->body == 0) {
@@ -312,18 +322,8 @@ static tl_http_status read_body(const tl_http_words *words, const route *found, 
 
 /* ---- the whole ---- */
 
-static tl_http_status read_plants(const tl_http_words *words, const char *query, tl_http_request *request,
-                                  char *sentence) {
-    request->wants_plants = true;
-    if (strcmp(words->method, "GET") != 0) {
-        return refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method");
-    }
-    return query[0] == '\0' ? read_body(words, NULL, request, sentence)
-                            : refuse(sentence, TL_HTTP_BAD_REQUEST, "this address takes no query");
-}
-
-static tl_http_status read_plant(const tl_http_words *words, const char *path, const char *query,
-                                 tl_http_request *request, char *sentence) {
+static tl_http_status read_routed(const tl_http_words *words, const char *path, const char *query,
+                                  tl_http_request *request, char *sentence) {
     const route *found = NULL;
     tl_http_status status = find_route(path, words->method, request, &found, sentence);
     if (status != TL_HTTP_OK) {
@@ -353,7 +353,5 @@ tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request 
     if (strncmp(path, ROOT, strlen(ROOT)) != 0) {
         return refuse(sentence, TL_HTTP_NOT_FOUND, "there is nothing here: begin at /api/v1/plants");
     }
-    const char *rest = path + strlen(ROOT);
-    return rest[0] == '\0' || strcmp(rest, "/") == 0 ? read_plants(words, query, request, sentence)
-                                                     : read_plant(words, rest, query, request, sentence);
+    return read_routed(words, path + strlen(ROOT), query, request, sentence);
 }
