@@ -628,6 +628,8 @@ static outcome poll_loading(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
     const tl_activation_shadow shadow = look_at_shadow(self);
     if (shadow.phase == TL_ACTIVATION_SHADOW_LIVE) {
+        rehearsal->has_run = true;
+        say_loading(self);
         return DONE;
     }
     if (shadow.phase == TL_ACTIVATION_SHADOW_RECORDED) {
@@ -638,12 +640,6 @@ static outcome poll_loading(tl_activation *self) {
     /* None is there if the order is not seen yet, or if the shadow was ended. */
     bool is_over = rehearsal->has_run || shadow.phase == TL_ACTIVATION_SHADOW_FAILED;
     return is_over ? fail_shadow(self, &shadow, rehearsal->has_run) : RUNNING;
-}
-
-static outcome begin_live(tl_activation *self) {
-    self->rehearsal.has_run = true;
-    say_loading(self);
-    return RUNNING;
 }
 
 static void say_live(const tl_activation *self) {
@@ -1067,8 +1063,7 @@ static const step_row rows[TL_ACTIVATION_ROWS] = {
                                 .limit = 900 * TL_SECOND,
                                 .late = "its twin was not at the plant's ticks after 15 minutes",
                                 .progress = say_loading},
-    [TL_ACTIVATION_ROW_LIVE] =
-        {.step = TL_CONTROL_SHADOW, .ways = FLIP, .begin = begin_live, .poll = poll_live, .progress = say_live},
+    [TL_ACTIVATION_ROW_LIVE] = {.step = TL_CONTROL_SHADOW, .ways = FLIP, .poll = poll_live, .progress = say_live},
     [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .ways = FLIP, .begin = begin_comparison},
     [TL_ACTIVATION_ROW_ACTIVATE] = {.step = TL_CONTROL_ACTIVATE, .begin = begin_activation},
     [TL_ACTIVATION_ROW_HAND_OVER] =

@@ -2,6 +2,7 @@
 #include "firmware/retune/control.h"
 
 #include <errno.h>
+#include <libgen.h>
 #include <linux/magic.h>
 #include <math.h>
 #include <poll.h>
@@ -204,11 +205,7 @@ static bool is_living(const struct sockaddr_un *address) {
 static void make_folder(const char *path) {
     char folder[sizeof((struct sockaddr_un *)NULL)->sun_path];
     (void)snprintf(folder, sizeof folder, "%s", path);
-    char *end = strrchr(folder, '/');
-    if (end != NULL && end != folder) {
-        *end = '\0';
-        (void)mkdir(folder, S_IRWXU | S_IRWXG);
-    }
+    (void)mkdir(dirname(folder), S_IRWXU | S_IRWXG);
 }
 
 static void remove_dead(const struct sockaddr_un *address) {
