@@ -12,7 +12,6 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/retune/box_texts.h"
-#include "firmware/retune/worker.h"
 
 /* ---- steps ---- */
 
@@ -206,14 +205,8 @@ static outcome refuse(const tl_activation *self, tl_control_result result, const
     tell(self, TL_EVENT_WARNING, "a configuration of %s was %s%s", self->request.who,
          is_cancelled ? "cancelled " : "refused: ", text);
     if ((self->request.flags & TL_CONTROL_ONLY_CHECK) == 0) { /* the log has it too, if the disk refuses it */
-        tl_refused news = {.number = 0};
-        memcpy(news.hash, self->request.hash, sizeof news.hash);
-        (void)snprintf(news.origin, sizeof news.origin, "%s", tl_change_origins[self->request.origin]);
-        (void)snprintf(news.result, sizeof news.result, "%s", is_cancelled ? "cancelled" : "refused");
-        (void)snprintf(news.who, sizeof news.who, "%s", self->request.who);
-        (void)snprintf(news.why, sizeof news.why, "%s", self->request.why);
-        (void)snprintf(news.reason, sizeof news.reason, "%.*s", (int)sizeof news.reason - 1, text);
-        (void)tl_refusals_add(self->settings.refusals, &news, &error);
+        (void)tl_refusals_add(self->settings.refusals, &self->request, is_cancelled ? "cancelled" : "refused", text,
+                              &error);
     }
     say_end(self, result, text);
     return ENDED;
@@ -262,6 +255,7 @@ static outcome begin_authorisation(tl_activation *self) {
 
 /* ---- validate ---- */
 
+/* Fills what all jobs have in common. */
 static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_time limit, tl_relay_line *hear) {
     tl_error error;
     tl_worker_settings settings = {.plant = self->settings.plant,

@@ -114,17 +114,6 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
-static void describe_refusal(const tl_refused *refusal, tl_control_version *told) {
-    memset(told, 0, sizeof *told);
-    memcpy(told->hash, refusal->hash, sizeof told->hash);
-    (void)snprintf(told->origin, sizeof told->origin, "%s", refusal->origin);
-    (void)snprintf(told->who, sizeof told->who, "%s", refusal->who);
-    (void)snprintf(told->why, sizeof told->why, "%s", refusal->why);
-    (void)snprintf(told->at, sizeof told->at, "%s", refusal->at);
-    (void)snprintf(told->result, sizeof told->result, "%s: %.*s", refusal->result, (int)sizeof told->result - 24,
-                   refusal->reason);
-}
-
 static void list_versions(tl_activator *self, visitor *who) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
@@ -132,7 +121,8 @@ static void list_versions(tl_activator *self, visitor *who) {
         (void)tl_control_send(&who->peer, &reply);
     }
     for (size_t i = self->refusals.count; i > 0; i--) {
-        describe_refusal(&self->refusals.list[i - 1], &reply.as.version);
+        reply.as.version = self->refusals.list[i - 1];
+        reply.as.version.version = 0; /* it never was one */
         (void)tl_control_send(&who->peer, &reply);
     }
     finish(self, who, TL_CONTROL_DONE, "");

@@ -867,21 +867,30 @@ static void refusal_path(const tl_refusals *refusals, uint64_t number, char path
     path[length < PATH_MAX ? length : 0] = '\0';
 }
 
-static void exchange_refusal(const members *file, tl_refused *refusal) {
-    exchange_count(file, "number", &refusal->number);
+/* A refusal, and its result and reason: clients read them as one text. */
+typedef struct refusal_file {
+    tl_control_version refusal;
+    char result[16], reason[TL_VERSION_WHY];
+} refusal_file;
+
+static void exchange_refusal(const members *file, refusal_file *content) {
+    tl_control_version *refusal = &content->refusal;
+    exchange_count(file, "number", &refusal->version);
     exchange_text(file, "hash", refusal->hash, sizeof refusal->hash);
     exchange_text(file, "origin", refusal->origin, sizeof refusal->origin);
-    exchange_text(file, "result", refusal->result, sizeof refusal->result);
-    exchange_text(file, "reason", refusal->reason, sizeof refusal->reason);
+    exchange_text(file, "result", content->result, sizeof content->result);
+    exchange_text(file, "reason", content->reason, sizeof content->reason);
     exchange_text(file, "who", refusal->who, sizeof refusal->who);
     exchange_text(file, "why", refusal->why, sizeof refusal->why);
     exchange_text(file, "at", refusal->at, sizeof refusal->at);
+    (void)snprintf(refusal->result, sizeof refusal->result, "%s: %.*s", content->result,
+                   (int)sizeof refusal->result - 24, content->reason);
 }
 
 static int refusal_by_number(const void *left, const void *right) {
-    const tl_refused *a = left;
-    const tl_refused *b = right;
-    return (a->number > b->number) - (a->number < b->number);
+    const tl_control_version *a = left;
+    const tl_control_version *b = right;
+    return (a->version > b->version) - (a->version < b->version);
 }
 
 void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
@@ -889,33 +898,42 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
     (void)snprintf(refusals->folder, sizeof refusals->folder, "%s", versions->folder);
     for (uint64_t i = 0; i < TL_REFUSALS_MOST; i++) {
         char path[PATH_MAX];
-        tl_refused *refusal = &refusals->list[refusals->count];
+        refusal_file content;
+        memset(&content, 0, sizeof content);
         refusal_path(refusals, i, path);
         tl_json_reader reader = tl_json_file_read(path);
-        exchange_refusal(&(members){.reader = &reader}, refusal);
-        refusals->count += reader.right && refusal->number % TL_REFUSALS_MOST == i ? 1 : 0;
+        exchange_refusal(&(members){.reader = &reader}, &content);
+        if (reader.right && content.refusal.version % TL_REFUSALS_MOST == i) {
+            refusals->list[refusals->count++] = content.refusal;
+        }
         tl_json_reader_free(&reader);
     }
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
 }
 
-tl_status tl_refusals_add(tl_refusals *refusals, const tl_refused *news, tl_error *error) {
+tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
+                          const char *reason, tl_error *error) {
     char path[PATH_MAX];
     tl_json_writer writer;
-    tl_refused *list = refusals->list;
-    tl_refused refusal = *news;
-    refusal.number = refusals->count == 0 ? 1 : list[refusals->count - 1].number + 1;
-    tl_text_for_people(news->who, refusal.who, sizeof refusal.who);
-    tl_text_for_people(news->why, refusal.why, sizeof refusal.why);
-    tl_text_for_people(news->reason, refusal.reason, sizeof refusal.reason);
-    tl_utc_text(tl_utc_now(), refusal.at);
+    refusal_file content;
+    tl_control_version *list = refusals->list;
+    tl_control_version *refusal = &content.refusal;
+    memset(&content, 0, sizeof content);
+    refusal->version = refusals->count == 0 ? 1 : list[refusals->count - 1].version + 1;
+    memcpy(refusal->hash, request->hash, sizeof refusal->hash);
+    (void)snprintf(refusal->origin, sizeof refusal->origin, "%s", tl_change_origins[request->origin]);
+    (void)snprintf(content.result, sizeof content.result, "%s", result);
+    tl_text_for_people(reason, content.reason, sizeof content.reason);
+    tl_text_for_people(request->who, refusal->who, sizeof refusal->who);
+    tl_text_for_people(request->why, refusal->why, sizeof refusal->why);
+    tl_utc_text(tl_utc_now(), refusal->at);
+    tl_json_writer_begin(&writer);
+    exchange_refusal(&(members){.writer = &writer}, &content);
     if (refusals->count == TL_REFUSALS_MOST) {
         memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
         refusals->count--;
     }
-    list[refusals->count++] = refusal;
-    tl_json_writer_begin(&writer);
-    exchange_refusal(&(members){.writer = &writer}, &refusal);
-    refusal_path(refusals, refusal.number, path);
+    list[refusals->count++] = *refusal;
+    refusal_path(refusals, refusal->version, path);
     return write_members(&writer, path, error);
 }

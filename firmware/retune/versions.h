@@ -13,6 +13,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/text.h"
 #include "firmware/config/config_change.h"
+#include "firmware/retune/control.h"
 #include "firmware/retune/probation.h"
 #include "master/base/status.h"
 
@@ -169,30 +170,20 @@ tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t siz
  * Errors:  what is damaged is passed over. A disk that refuses costs the record of a refusal, and nothing else.
  */
 
-enum { TL_REFUSALS_MOST = 20, TL_REFUSAL_WORD = 16 };
-
-typedef struct tl_refused {
-    uint64_t number;              /* counts up from 1 */
-    char hash[TL_SHA256_TEXT];    /* of its text */
-    char origin[TL_REFUSAL_WORD]; /* by which way it came: "reload", "limited", … */
-    char result[TL_REFUSAL_WORD]; /* "refused", "cancelled" */
-    char who[TL_VERSION_WHO];
-    char why[TL_VERSION_WHY];    /* somebody has sent it */
-    char reason[TL_VERSION_WHY]; /* of the result */
-    char at[TL_UTC_TEXT];        /* when; for people */
-} tl_refused;
+enum { TL_REFUSALS_MOST = 20 };
 
 typedef struct tl_refusals {
     size_t count;
-    tl_refused list[TL_REFUSALS_MOST]; /* the oldest first */
+    tl_control_version list[TL_REFUSALS_MOST]; /* the oldest first; `version` counts up from 1 */
     char folder[PATH_MAX];
 } tl_refusals;
 
 /* Reads what is in the folder of versions that are open. */
 void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions);
 
-/* Keeps another one: its hash, and texts, which are cut and made fit to be shown; number and time are found here. TL_TRY_AGAIN: the disk refuses, and it is
- * known only until the folder is opened anew. */
-tl_status tl_refusals_add(tl_refusals *refusals, const tl_refused *news, tl_error *error);
+/* Keeps another one. `result`: "refused" or "cancelled"; `reason`: of that. Texts are cut and made fit to be shown. TL_TRY_AGAIN: the disk refuses, and it
+ * is known only until the folder is opened anew. */
+tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
+                          const char *reason, tl_error *error);
 
 #endif

@@ -24,15 +24,13 @@ void setUp(void) {
 void tearDown(void) {}
 
 static tl_status add(const char *who, const char *reason) {
-    tl_refused news;
+    tl_control_request news;
     memset(&news, 0, sizeof news);
     tl_sha256(reason, strlen(reason), news.hash);
-    (void)snprintf(news.origin, sizeof news.origin, "limited");
-    (void)snprintf(news.result, sizeof news.result, "refused");
+    news.origin = TL_ORIGIN_LIMITED;
     (void)snprintf(news.who, sizeof news.who, "%s", who);
     (void)snprintf(news.why, sizeof news.why, "a new seal");
-    (void)snprintf(news.reason, sizeof news.reason, "%s", reason);
-    return tl_refusals_add(&refusals, &news, &error);
+    return tl_refusals_add(&refusals, &news, "refused", reason, &error);
 }
 
 static void test_there_is_none(void) {
@@ -43,13 +41,12 @@ static void test_one(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, add("ann\033", "2 problems"), error.text);
     for (int i = 0; i < 2; i++) { /* as it was told, and read again */
         TEST_ASSERT_EQUAL_size_t(1, refusals.count);
-        TEST_ASSERT_EQUAL_UINT64(1, refusals.list[0].number);
+        TEST_ASSERT_EQUAL_UINT64(1, refusals.list[0].version);
         TEST_ASSERT_EQUAL_size_t(TL_SHA256_TEXT - 1, strlen(refusals.list[0].hash));
         TEST_ASSERT_EQUAL_STRING("limited", refusals.list[0].origin);
-        TEST_ASSERT_EQUAL_STRING("refused", refusals.list[0].result);
+        TEST_ASSERT_EQUAL_STRING("refused: 2 problems", refusals.list[0].result);
         TEST_ASSERT_NULL(strchr(refusals.list[0].who, '\033'));
         TEST_ASSERT_EQUAL_STRING("a new seal", refusals.list[0].why);
-        TEST_ASSERT_EQUAL_STRING("2 problems", refusals.list[0].reason);
         TEST_ASSERT_NOT_EQUAL_INT(0, refusals.list[0].at[0]);
         tl_refusals_open(&refusals, &versions);
     }
@@ -63,8 +60,8 @@ static void test_only_the_newest(void) {
     }
     for (int i = 0; i < 2; i++) {
         TEST_ASSERT_EQUAL_size_t(TL_REFUSALS_MOST, refusals.count);
-        TEST_ASSERT_EQUAL_STRING("problem 8", refusals.list[0].reason);
-        TEST_ASSERT_EQUAL_STRING("problem 27", refusals.list[TL_REFUSALS_MOST - 1].reason);
+        TEST_ASSERT_EQUAL_STRING("refused: problem 8", refusals.list[0].result);
+        TEST_ASSERT_EQUAL_STRING("refused: problem 27", refusals.list[TL_REFUSALS_MOST - 1].result);
         tl_refusals_open(&refusals, &versions);
     }
 }
@@ -90,10 +87,10 @@ static void test_what_is_damaged(void) {
                " \"reason\": \"\", \"at\": \"\"}"); /* of another one */
     tl_refusals_open(&refusals, &versions);
     TEST_ASSERT_EQUAL_size_t(2, refusals.count);
-    TEST_ASSERT_EQUAL_UINT64(3, refusals.list[0].number);
-    TEST_ASSERT_EQUAL_UINT64(4, refusals.list[1].number);
+    TEST_ASSERT_EQUAL_UINT64(3, refusals.list[0].version);
+    TEST_ASSERT_EQUAL_UINT64(4, refusals.list[1].version);
     TEST_ASSERT_EQUAL_INT(TL_OK, add("ann", "3 problems"));
-    TEST_ASSERT_EQUAL_UINT64(5, refusals.list[2].number);
+    TEST_ASSERT_EQUAL_UINT64(5, refusals.list[2].version);
 }
 
 static void test_a_disk_that_refuses(void) {
