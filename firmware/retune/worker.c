@@ -224,7 +224,11 @@ tl_status tl_worker_begin(tl_worker_job *job, tl_error *error) {
         fits = length < (size_t)(end - at);
         at += length + 1;
     }
-    return fits && at == end ? TL_OK : tl_fail(error, TL_BAD_DATA, "the job of the process is none");
+    if (!fits || at != end) {
+        (void)tl_fail(error, TL_BAD_DATA, "the job of the process is none");
+        return TL_BAD_DATA;
+    }
+    return TL_OK;
 }
 
 tl_status tl_worker_open_result(tl_worker_result **result, tl_error *error) {
