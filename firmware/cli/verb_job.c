@@ -6,14 +6,6 @@
 #include "firmware/cli/check_page.h"
 #include "firmware/process/interrupt.h"
 
-bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config) {
-    bool unconfined = options->unconfined;
-    for (size_t i = 0; i < config->component_count; i++) {
-        unconfined = unconfined || config->components[i].unconfined;
-    }
-    return unconfined;
-}
-
 tl_status tl_verb_job_read(tl_verb_job *job) {
     const tl_options *options = job->options;
     tl_problems problems;
@@ -27,7 +19,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         tl_config_use_lookups(&job->config);
         job->order.path = options->subject;
         job->order.text = job->config.text;
-        job->order.unconfined = tl_verb_is_unconfined(options, &job->config);
+        job->order.unconfined = options->unconfined || tl_config_is_unconfined(&job->config);
     }
     return status;
 }

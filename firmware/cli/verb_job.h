@@ -23,9 +23,6 @@ typedef struct tl_verb_job {
     tl_twin_child *child;
 } tl_verb_job;
 
-/* Whether FMUs may do what the user can: by the option, or since one component needs it, which makes the whole process so. */
-bool tl_verb_is_unconfined(const tl_options *options, const tl_config *config);
-
 /* Installs what hears signals, and reads the configuration; what is wrong with it was said on the log. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 

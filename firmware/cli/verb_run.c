@@ -43,7 +43,7 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
         .duration = tl_time_of_seconds(options->duration_s),
         .json = options->json,
         .status = options->status,
-        .unconfined = tl_verb_is_unconfined(options, config),
+        .unconfined = options->unconfined || tl_config_is_unconfined(config),
         .memory_limit = options->memory_limit_mib * 1024 * 1024,
         .require_lock = options->require_lock,
         .supervised = options->supervise,

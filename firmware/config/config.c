@@ -297,3 +297,11 @@ tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning 
     tl_config_free(&config);
     return tl_tuning_check(tuning, error);
 }
+
+bool tl_config_is_unconfined(const tl_config *config) {
+    bool is_unconfined = false;
+    for (size_t i = 0; i < config->component_count; i++) {
+        is_unconfined = is_unconfined || config->components[i].unconfined;
+    }
+    return is_unconfined;
+}

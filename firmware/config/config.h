@@ -206,6 +206,9 @@ void tl_config_use_lookups(tl_config *config);
  * filter must have had some time. */
 uint32_t tl_config_free_twin_guard(const tl_config *config);
 
+/* Whether FMUs of one component may do what the user can: then the whole process may. */
+bool tl_config_is_unconfined(const tl_config *config);
+
 /* Is its live value polled, so that a value may be read several times (Modbus)? */
 bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal);
 

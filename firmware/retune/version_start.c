@@ -102,16 +102,6 @@ static bool is_good(starting_run *self, const char *in_force) {
 
 /* ---- taking the file ---- */
 
-static tl_status activate(starting_run *self, uint64_t number, bool is_first, tl_error *error) {
-    const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S, .require_lock = TL_ACTIVATION_LOCK_PERCENT};
-    const tl_run_status nothing = {.ticks = 0};
-    tl_probation probation;
-    tl_probation_begin(&probation, &terms, &nothing, NULL);
-    probation.account.yardstick = self->verdict.yardstick;
-    (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
-    return tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
-}
-
 /* From now on it is what it was before. */
 static tl_status fall_back(starting_run *self, tl_error *error) {
     tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
@@ -144,7 +134,13 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     };
     tl_status status = tl_versions_add(&self->versions, &news, &number, error);
     if (status == TL_OK && takes) {
-        status = activate(self, number, is_first, error);
+        const tl_probation_terms terms = {.given_s = TL_ACTIVATION_PROBATION_S,
+                                          .require_lock = TL_ACTIVATION_LOCK_PERCENT};
+        tl_probation probation;
+        tl_probation_begin(&probation, &terms, &(tl_run_status){.ticks = 0}, NULL);
+        probation.account.yardstick = self->verdict.yardstick;
+        (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
+        status = tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
     } else if (status == TL_OK) {
         status = tl_versions_refuse(&self->versions, number, "it could not be read", error);
     }

@@ -224,7 +224,11 @@ tl_status tl_worker_begin(tl_worker_job *job, tl_error *error) {
         fits = length < (size_t)(end - at);
         at += length + 1;
     }
-    return fits && at == end ? TL_OK : tl_fail(error, TL_BAD_DATA, "the job of the process is none");
+    if (!fits || at != end) {
+        (void)tl_fail(error, TL_BAD_DATA, "the job of the process is none");
+        return TL_BAD_DATA;
+    }
+    return TL_OK;
 }
 
 tl_status tl_worker_open_result(tl_worker_result **result, tl_error *error) {
@@ -341,24 +345,24 @@ static bool read_other(const tl_worker_job *job, tl_worker_text which, tl_config
            tl_config_read_text(job->text[TL_WORKER_PATH], text, strlen(text), config, &report) == TL_OK;
 }
 
-/* The same output, compared with the same signal; SIZE_MAX: there is none. */
-static size_t find_match(const tl_config *config, const tl_plan_match *match) {
+/* The same output, compared with the same signal; NULL: there is none. */
+static const tl_plan_match *find_match(const tl_config *config, const tl_plan_match *match) {
     for (size_t i = 0; i < config->match_count; i++) {
         if (strcmp(config->match[i].variable, match->variable) == 0 && strcmp(config->match[i].to, match->to) == 0) {
-            return i;
+            return &config->match[i];
         }
     }
-    return SIZE_MAX;
+    return NULL;
 }
 
 /* The largest error of this output alone that is called in lock (lock_judge.h): its tolerance, if nothing else has a weight. */
-static double largest_error(const tl_config *config, size_t match) {
+static double largest_error(const tl_config *config, const tl_plan_match *match) {
     double weights = 0.0;
     for (size_t i = 0; i < config->match_count; i++) {
         weights += config->match[i].weight;
     }
-    bool counts = match != SIZE_MAX && config->match[match].weight > 0.0;
-    return counts ? config->match[match].tolerance * sqrt(fmax(weights, 1.0) / config->match[match].weight) : HUGE_VAL;
+    return match != NULL && match->weight > 0.0 ? match->tolerance * sqrt(fmax(weights, 1.0) / match->weight)
+                                                : HUGE_VAL;
 }
 
 static bool is_wider(double now, double before, double times) {
@@ -366,26 +370,22 @@ static bool is_wider(double now, double before, double times) {
     return !(now <= times * before * (1.0 + rounding));
 }
 
-static void write_widened(const tl_plan_match *before, const tl_plan_match *now, char text[TL_VERDICT_WIDENED]) {
-    bool by_tolerance = now->tolerance > before->tolerance;
-    (void)snprintf(text, TL_VERDICT_WIDENED, "%.60s: %s %.6g → %.6g", now->variable,
-                   by_tolerance ? "tolerance" : "weight", by_tolerance ? before->tolerance : before->weight,
-                   by_tolerance ? now->tolerance : now->weight);
-}
-
 /* That of the version before, in the candidate's order. */
 static void find_yardstick(const tl_config *before, const tl_config *now, tl_verdict *verdict) {
     for (size_t i = 0; i < now->match_count; i++) {
-        size_t at = find_match(before, &now->match[i]);
-        if (at == SIZE_MAX) {
+        const tl_plan_match *new = &now->match[i];
+        const tl_plan_match *old = find_match(before, new);
+        if (old == NULL) {
             continue;
         }
-        const tl_plan_match *match = &before->match[at];
-        verdict->yardstick.match[i].tolerance = match->tolerance;
-        verdict->yardstick.match[i].weight = match->weight;
-        bool is_first = match->weight > 0.0 && verdict->widened[0] == '\0';
-        if (is_first && is_wider(largest_error(now, i), largest_error(before, at), 1.0)) {
-            write_widened(match, &now->match[i], verdict->widened);
+        verdict->yardstick.match[i].tolerance = old->tolerance;
+        verdict->yardstick.match[i].weight = old->weight;
+        bool is_first = old->weight > 0.0 && verdict->widened[0] == '\0';
+        if (is_first && is_wider(largest_error(now, new), largest_error(before, old), 1.0)) {
+            bool by_tolerance = new->tolerance > old->tolerance;
+            (void)snprintf(verdict->widened, sizeof verdict->widened, "%.60s: %s %.6g → %.6g", new->variable,
+                           by_tolerance ? "tolerance" : "weight", by_tolerance ? old->tolerance : old->weight,
+                           by_tolerance ? new->tolerance : new->weight);
         }
     }
 }
@@ -414,7 +414,7 @@ static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double fou
 static void limit_widening(const tl_config *commissioned, const tl_config *now, tl_verdict *verdict) {
     for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_RIGHT_BOX; i++) {
         const tl_plan_match *match = &commissioned->match[i];
-        double limit = largest_error(commissioned, i);
+        double limit = largest_error(commissioned, match);
         double found = largest_error(now, find_match(now, match));
         if (match->weight > 0.0 && is_wider(found, limit, TL_VERDICT_WIDEST)) {
             add_wide(verdict, match, found, TL_VERDICT_WIDEST * limit);
@@ -481,14 +481,6 @@ enum { NICE = 10 };
 
 static const tl_time CALL_LIMIT = 60 * TL_SECOND;
 
-static bool is_unconfined(const tl_worker_job *job, const tl_config *config) {
-    bool unconfined = job->unconfined;
-    for (size_t i = 0; i < config->component_count; i++) {
-        unconfined = unconfined || config->components[i].unconfined;
-    }
-    return unconfined;
-}
-
 /* Errors: those of the check. *crashed: the process of the FMUs ended in it, or was killed because it hung; not if another process killed it. */
 static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, const tl_twin_role_tasks *tasks,
                             tl_twin_check *found, bool *crashed, tl_error *error) {
@@ -500,7 +492,7 @@ static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, c
         .brief = !of_states,
         .states_only = of_states,
         .reads_back = of_states,
-        .unconfined = is_unconfined(job, config),
+        .unconfined = job->unconfined || tl_config_is_unconfined(config),
     };
     const tl_twin_child_settings settings = {
         .job = &order,
@@ -550,7 +542,7 @@ static tl_status try_fmus(const tl_worker_job *job, const tl_config *config, con
             .needs = {.match = (uint32_t)config->match_count,
                       .adjust = (uint32_t)config->adjust_count,
                       .components = (uint32_t)config->component_count,
-                      .unconfined = is_unconfined(job, config) ? 1 : 0,
+                      .unconfined = job->unconfined || tl_config_is_unconfined(config) ? 1 : 0,
                       .unpacked_bytes = tl_twin_fmus_of(config).unpacked_bytes,
                       .signals = (uint32_t)config->signal_count},
             .memory = resident_bytes() + found.memory,
@@ -581,7 +573,7 @@ static tl_status try_candidate(const tl_worker_job *job, const tl_twin_role_task
 }
 
 int tl_worker_role_run(const tl_twin_role_tasks *tasks) {
-    tl_worker_job job;
+    tl_worker_job job = {.kind = TL_WORKER_VALIDATOR};
     tl_error error = {.text = ""};
     tl_status status = tl_worker_begin(&job, &error);
     if (status == TL_OK) {

@@ -1,7 +1,7 @@
 /* A run that is played to an activation: its twin, which takes a tuning or refuses it, its shadow, its restart.
  *
  * Twins:    what they do, and what their figures are, is in the fields below. Time beside a shadow is played, too.
- * Errands:  validators are real processes. A trial is one that says what the environment wants of it: TRIAL (an exit code, "crash", "hang", or "problem"
+ * Workers:  validators are real processes. A trial is one that says what the environment wants of it: TRIAL (an exit code, "crash", "hang", or "problem"
  *           or "problems", which are of TRIAL_PATH, the first one with a word of its own after them), TRIAL_ANSWERS, TRIAL_MEMORY (byte), TRIAL_LEAST (ns).
  * Use:      main() is tl_played_be() for a process with a title; else tl_played_open(), and tl_played_set() and tl_played_clear() around each test.
  * Owner:    there is one in a program.
