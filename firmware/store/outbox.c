@@ -11,9 +11,6 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 
-static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
-                                 tl_outbox_mark *mark);
-
 /* ---- recorder events ---- */
 
 static void copy_text(char *to, size_t size, const char *from) {
@@ -166,6 +163,19 @@ static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
     return reach > slack && since <= reach - slack;
 }
 
+/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
+static bool look_at_mark(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
+    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
+    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
+    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
+        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
+    }
+    memcpy(mark, words, sizeof *mark);
+    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
+           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+}
+
 /* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
  * behind it. */
 static void go_back(tl_outbox *outbox, uint64_t end) {
@@ -176,7 +186,7 @@ static void go_back(tl_outbox *outbox, uint64_t end) {
         uint64_t number = 0;
         uint64_t digest = 0;
         tl_outbox_mark mark;
-        if (!tl_outbox_place_look(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
+        if (!look_at_mark(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
             !is_kept(outbox, end, mark.position)) {
             __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
         }
@@ -347,41 +357,8 @@ static const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
 
-static uint64_t mix(uint64_t digest, uint64_t word) {
-    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
-    return digest ^ digest >> 29;
-}
-
-/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes, since the cycle pays for it; a
- * cryptographic digest would keep nobody out, since whoever may write here may write that too. */
 uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
-    uint64_t digest = mix(number, number >> 32);
-    memcpy(words, mark, sizeof *mark);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        digest = mix(digest, words[i]);
-    }
-    for (uint64_t at = 0; at < mark->size; at += sizeof(uint64_t)) {
-        uint64_t word = 0;
-        uint64_t left = mark->size - at;
-        memcpy(&word, bytes + at, left < sizeof word ? (size_t)left : sizeof word);
-        digest = mix(digest, word);
-    }
-    return mix(digest, mark->size);
-}
-
-/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
-static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
-                                 tl_outbox_mark *mark) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
-    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
-    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
-    }
-    memcpy(mark, words, sizeof *mark);
-    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
-           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+    return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
 }
 
 static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
@@ -389,7 +366,7 @@ static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
 }
 
 /* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
-static void touch_place(unsigned char *bytes, size_t size) {
+static void touch_pages(unsigned char *bytes, size_t size) {
     for (size_t i = 0; i < size; i += PAGE) {
         volatile size_t *word = (volatile size_t *)(void *)(bytes + i);
         __atomic_store_n(word, __atomic_load_n(word, __ATOMIC_RELAXED), __ATOMIC_RELAXED);
@@ -404,7 +381,7 @@ bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size) {
     for (unsigned place = 0; place <= TL_OUTBOX_PLACES && there; place++) {
         unsigned char *bytes = bytes_of_place(outbox, place);
         there = !outbox->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
-        touch_place(bytes, there ? size : 0);
+        touch_pages(bytes, there ? size : 0);
     }
     outbox->reserved = there ? size : 0;
     return there;
@@ -458,7 +435,7 @@ static tl_recorder_page page_of(const tl_outbox *outbox) {
 static uint64_t look_at_place(const tl_outbox *outbox, unsigned place, tl_outbox_mark *mark) {
     uint64_t number = 0;
     uint64_t digest = 0;
-    bool whole = tl_outbox_place_look(&outbox->control->places[place], &number, &digest, mark) &&
+    bool whole = look_at_mark(&outbox->control->places[place], &number, &digest, mark) &&
                  number % TL_OUTBOX_PLACES == place && mark->size <= outbox->settings.checkpoint_bytes &&
                  tl_outbox_digest(number, mark, bytes_of_place(outbox, place)) == digest;
     return whole ? number : 0;
@@ -589,15 +566,6 @@ static void mend_checkpoints(tl_outbox *outbox) {
     }
 }
 
-/* Written, so that the cycle meets no page fault; what is there stays. */
-static void touch(unsigned char *bytes, size_t size) {
-    for (size_t i = 0; i < size; i += PAGE) {
-        volatile unsigned char *byte = bytes + i;
-        unsigned char same = *byte;
-        *byte = same;
-    }
-}
-
 /* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
 static void follow_numbers(tl_outbox *outbox) {
     tl_outbox_control *control = outbox->control;
@@ -622,7 +590,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
                           .ring = bytes + tl_outbox_ring_at(),
                           .checkpoints = bytes + tl_outbox_place_at(settings, 0),
                           .taken = taken};
-    touch(bytes, tl_outbox_place_at(settings, 0));
+    touch_pages(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
     follow_numbers(outbox);
     mend_ring(outbox);
@@ -729,7 +697,7 @@ typedef struct offer {
 
 static offer look(const tl_outbox_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
     offer found = {.place = place};
-    bool good = tl_outbox_place_look(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
+    bool good = look_at_mark(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
                 found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
                 found.mark.size <= reader->settings.checkpoint_bytes;
     found.number = good ? found.number : 0;

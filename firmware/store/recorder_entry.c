@@ -25,14 +25,23 @@ static inline void copy_part(unsigned char *to, const unsigned char *from, size_
     }
 }
 
-/* An entry ends with a digest of its position and bytes: a wild store into the ring does not pass for a value. */
-static uint64_t mix(uint64_t digest, const void *part, size_t size) {
+/* Can be undone, so that a word that is changed always changes the digest. */
+static uint64_t mix(uint64_t digest, uint64_t word) {
+    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
+    return digest ^ digest >> 29;
+}
+
+uint64_t tl_recorder_digest(uint64_t digest, const void *part, size_t size) {
     const unsigned char *bytes = part;
-    for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
-        uint64_t word = 0;
-        copy_part((unsigned char *)&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
-        digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
-        digest ^= digest >> 29;
+    uint64_t word = 0;
+    for (; size >= sizeof word; size -= sizeof word, bytes += sizeof word) {
+        memcpy(&word, bytes, sizeof word);
+        digest = mix(digest, word);
+    }
+    if (size > 0) {
+        word = 0;
+        copy_part((unsigned char *)&word, bytes, size);
+        digest = mix(digest, word);
     }
     return digest;
 }
@@ -159,7 +168,7 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
 /* ---- Packing ---- */
 
 static void put(tl_recorder_pen *pen, const void *part, size_t size) {
-    pen->digest = mix(pen->digest, part, size);
+    pen->digest = tl_recorder_digest(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
     copy_part(pen->bytes + at, part, first);
@@ -272,7 +281,7 @@ static bool get(look *at, void *part, size_t size) {
     copy_part((unsigned char *)part + first, page->bytes, size - first);
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     at->position += size;
-    at->digest = mix(at->digest, part, size);
+    at->digest = tl_recorder_digest(at->digest, part, size);
     return true;
 }
 
