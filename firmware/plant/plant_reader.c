@@ -13,14 +13,10 @@
 
 /* ---- repeated reading ---- */
 
-static bool are_equal(const tl_reading *one, const tl_reading *other) {
-    return one->quality == TL_GOOD && other->quality == TL_GOOD &&
-           memcmp(&one->value, &other->value, sizeof one->value) == 0;
-}
-
 bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_reading *reading) {
     bool is_early = self->has_last && reading->stamp - self->last.stamp < within;
-    bool is_again = is_early && are_equal(&self->last, reading);
+    bool is_again = is_early && self->last.quality == TL_GOOD && reading->quality == TL_GOOD &&
+                    memcmp(&self->last.value, &reading->value, sizeof reading->value) == 0;
     if (!is_again) {
         self->last = *reading;
         self->has_last = true;
@@ -94,20 +90,16 @@ static void give_up(worker *own, const tl_error *error) {
     link_changed(own, false, error->text);
 }
 
-/* By itself: another thread would have to write a file of /proc, which `run` has given up. */
-static void name_itself(const tl_plant_source *source) {
-    char name[NAME];
-    (void)snprintf(name, sizeof name, "io %.12s", source->name);
-    (void)pthread_setname_np(pthread_self(), name);
-}
-
 static void *run(void *context) {
     worker *own = context;
     const tl_plant_source *source = own->source;
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
+    char name[NAME];
     tl_time next = tl_clock_now(NULL);
-    name_itself(source);
+    /* By itself: another thread would have to write a file of /proc, which `run` has given up. */
+    (void)snprintf(name, sizeof name, "io %.12s", source->name);
+    (void)pthread_setname_np(pthread_self(), name);
     tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     do {

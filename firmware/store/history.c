@@ -534,8 +534,11 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
 
 enum { ROWS_AT_ONCE = 4096 };
 
-/* Of the row before, and what the next one may be. */
+/* Whose rows are handed out to whom; of the row before, and what the next one may be. */
 typedef struct row_key {
+    tl_history *history;
+    const tl_history_run *run;
+    const tl_history_visitor *visitor;
     int64_t number;  /* tick or step; the next is not before it, */
     int64_t last;    /* nor after this one */
     int64_t signal;  /* of the same number, the next one's is larger */
@@ -551,7 +554,7 @@ static void take_key(row_key *key, table_row *row) {
 }
 
 /* Hands out a row whose key was read. False: it is none that the recorder writes. */
-typedef bool give_row(table_row *row, const row_key *key, const tl_history_visitor *visitor);
+typedef bool give_row(table_row *row, const row_key *key);
 
 /* One of a newer program may be larger than those that have a name here. */
 static int64_t take_code(table_row *row, const tl_history_visitor *visitor, int64_t named) {
@@ -562,21 +565,21 @@ static uint32_t take_bits(table_row *row) {
     return (uint32_t)take_integer(row, 0, UINT32_MAX);
 }
 
-static bool give_sample(table_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_sample(table_row *row, const row_key *key) {
     tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
     sample.value = take_number(row);
-    sample.quality = take_code(row, visitor, TL_OUTLIER);
+    sample.quality = take_code(row, key->visitor, TL_OUTLIER);
     sample.stamp = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
     if (row->right) {
-        visitor->sample(visitor->context, &sample);
+        key->visitor->sample(key->visitor->context, &sample);
     }
     return row->right;
 }
 
-static bool give_step(table_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_step(table_row *row, const row_key *key) {
     tl_history_step step = {.step = key->number};
-    step.outcome = take_code(row, visitor, TL_OUTCOMES - 1);
-    step.stop = take_code(row, visitor, TL_STOP_TIME);
+    step.outcome = take_code(row, key->visitor, TL_OUTCOMES - 1);
+    step.stop = take_code(row, key->visitor, TL_STOP_TIME);
     step.objective = take_number(row);
     step.objective_nominal = take_number(row);
     step.evaluations = take_bits(row);
@@ -586,12 +589,12 @@ static bool give_step(table_row *row, const row_key *key, const tl_history_visit
     step.flags = take_bits(row);
     step.held = take_bits(row);
     if (row->right) {
-        visitor->step(visitor->context, &step);
+        key->visitor->step(key->visitor->context, &step);
     }
     return row->right;
 }
 
-static bool give_output(table_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_output(table_row *row, const row_key *key) {
     tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
     output.y = take_number(row);
     output.y_hat = take_number(row);
@@ -600,17 +603,17 @@ static bool give_output(table_row *row, const row_key *key, const tl_history_vis
     output.squares = take_number(row);
     output.rejected = (int64_t)take_count(row);
     if (row->right) {
-        visitor->output(visitor->context, &output);
+        key->visitor->output(key->visitor->context, &output);
     }
     return row->right;
 }
 
-static bool give_adjustment(table_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_adjustment(table_row *row, const row_key *key) {
     tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
     adjustment.u = take_number(row);
     adjustment.u_hat = take_number(row);
     if (row->right) {
-        visitor->adjustment(visitor->context, &adjustment);
+        key->visitor->adjustment(key->visitor->context, &adjustment);
     }
     return row->right;
 }
@@ -688,17 +691,9 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
     return status;
 }
 
-/* Whose rows are handed out to whom. */
-typedef struct row_walk {
-    tl_history *history;
-    const tl_history_run *run;
-    const int64_t *range;
-    const tl_history_visitor *visitor;
-} row_walk;
-
 /* The rows of one statement, which begins behind the key. */
-static tl_status give_some(const row_walk *walk, tl_history_table table, row_key *key, int *count, tl_error *error) {
-    sqlite3_stmt *statement = walk->history->rows[table];
+static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_error *error) {
+    sqlite3_stmt *statement = key->history->rows[table];
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
     *count = 0;
@@ -709,45 +704,48 @@ static tl_status give_some(const row_walk *walk, tl_history_table table, row_key
         int64_t number = sqlite3_column_int64(statement, 0);
         (*count)++;
         take_key(key, &row);
-        if (!row.right || !tables[table].give(&row, key, walk->visitor)) {
-            status = fail_row(walk->history, walk->run, table, number, error);
+        if (!row.right || !tables[table].give(&row, key)) {
+            status = fail_row(key->history, key->run, table, number, error);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(walk->history->database, code, error);
+        status = tl_database_fail(key->history->database, code, error);
     }
     (void)sqlite3_reset(statement);
     return status;
 }
 
-static tl_status give_table(const row_walk *walk, tl_history_table table, size_t signals, tl_error *error) {
-    sqlite3_stmt **kept = &walk->history->rows[table];
-    row_key key = {
-        .number = walk->range[0] - 1, .last = walk->range[1], .signal = INT64_MAX, .signals = (int64_t)signals};
+static tl_status give_table(row_key *key, tl_history_table table, const int64_t range[2], size_t signals,
+                            tl_error *error) {
+    sqlite3_stmt **kept = &key->history->rows[table];
+    key->number = range[0] - 1;
+    key->last = range[1];
+    key->signal = INT64_MAX;
+    key->signals = (int64_t)signals;
     int count = ROWS_AT_ONCE;
-    tl_status status = keep_statement(walk->history, tables[table].rows, kept, error);
+    tl_status status = keep_statement(key->history, tables[table].rows, kept, error);
     if (status != TL_OK) {
         return status;
     }
-    (void)sqlite3_bind_int64(*kept, 1, walk->run->run);
-    (void)sqlite3_bind_int64(*kept, 4, key.last);
+    (void)sqlite3_bind_int64(*kept, 1, key->run->run);
+    (void)sqlite3_bind_int64(*kept, 4, key->last);
     (void)sqlite3_bind_int(*kept, 5, ROWS_AT_ONCE);
     while (status == TL_OK && count == ROWS_AT_ONCE) {
-        status = give_some(walk, table, &key, &count, error);
+        status = give_some(key, table, &count, error);
     }
     return status;
 }
 
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
                           const tl_history_visitor *visitor, tl_error *error) {
-    const row_walk walk = {history, run, range, visitor};
+    row_key key = {.history = history, .run = run, .visitor = visitor};
     const bool wanted[TABLES] = {visitor->sample != NULL, visitor->step != NULL, visitor->output != NULL,
                                  visitor->adjustment != NULL};
     const size_t signals[TABLES] = {visitor->signals[TL_HISTORY_PLANT], 1, visitor->signals[TL_HISTORY_MATCH],
                                     visitor->signals[TL_HISTORY_ADJUST]};
     tl_status status = TL_OK;
     for (int table = 0; table < TABLES && status == TL_OK; table++) {
-        status = wanted[table] ? give_table(&walk, (tl_history_table)table, signals[table], error) : TL_OK;
+        status = wanted[table] ? give_table(&key, (tl_history_table)table, range, signals[table], error) : TL_OK;
     }
     return status;
 }

@@ -349,10 +349,9 @@ static const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
     if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
         return "an event of a severity that there is not";
     }
-    return tl_recorder_text_ends(event->source, sizeof event->source) &&
-                   tl_recorder_text_ends(event->text, sizeof event->text)
-               ? NULL
-               : "an event with a text without an end";
+    bool end = memchr(event->source, '\0', sizeof event->source) != NULL &&
+               memchr(event->text, '\0', sizeof event->text) != NULL;
+    return end ? NULL : "an event with a text without an end";
 }
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */

@@ -95,24 +95,21 @@ static bool is_refused(const tl_recorder *recorder) {
     return tl_recorder_state_get(&recorder->state).refused_since != 0;
 }
 
-/* Sleeps until `time`; earlier if it is to stop, or a producer waits for room. */
-static bool sleep_until(tl_recorder *recorder, tl_time time) {
+/* Sleeps until `due`, at most WAKE; shorter if it is to stop: false; or if a producer waits for room: *hurry. */
+static bool sleep_until(tl_recorder *recorder, tl_time due, bool *hurry) {
+    tl_time look = tl_clock_now(NULL) + WAKE;
+    tl_time time = due < look ? due : look;
     const struct timespec until = {.tv_sec = (time_t)(time / TL_SECOND), .tv_nsec = (long)(time % TL_SECOND)};
     (void)pthread_mutex_lock(&recorder->lock);
     while (!recorder->stop && !(recorder->hurry && !is_refused(recorder)) && tl_clock_now(NULL) < time) {
         (void)pthread_cond_timedwait(&recorder->wake, &recorder->lock, &until);
     }
-    bool awake = recorder->hurry && !is_refused(recorder);
+    bool stop = recorder->stop;
+    *hurry = recorder->hurry && !is_refused(recorder);
     recorder->hurry = false;
     (void)pthread_mutex_unlock(&recorder->lock);
-    return awake || tl_recorder_writer_is_pressed(recorder->writer);
-}
-
-static bool is_stopped(tl_recorder *recorder) {
-    (void)pthread_mutex_lock(&recorder->lock);
-    bool stop = recorder->stop;
-    (void)pthread_mutex_unlock(&recorder->lock);
-    return stop;
+    *hurry = *hurry || tl_recorder_writer_is_pressed(recorder->writer);
+    return !stop;
 }
 
 static void *run_writer(void *argument) {
@@ -120,9 +117,8 @@ static void *run_writer(void *argument) {
     tl_locale_use();
     tl_time due = tl_clock_now(NULL) + recorder->settings.commit;
     tl_crash_enter(TL_CRASH_OURS);
-    while (!is_stopped(recorder)) {
-        tl_time look = tl_clock_now(NULL) + WAKE;
-        bool hurry = sleep_until(recorder, due < look ? due : look);
+    bool hurry = false;
+    while (sleep_until(recorder, due, &hurry)) {
         if (tl_clock_now(NULL) >= due || (hurry && !is_refused(recorder))) {
             tl_recorder_writer_write(recorder->writer);
             due = tl_clock_now(NULL) + recorder->settings.commit;

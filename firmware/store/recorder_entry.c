@@ -126,34 +126,26 @@ bool tl_packed_record_is_sound(const tl_record *record, size_t match) {
 
 /* ---- Sizes ---- */
 
-/* Without the digest. */
-static size_t size_of_start(bool holds) {
-    return 2 + sizeof(tl_resumption) + sizeof(uint64_t) +
-           (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
-}
-
-static size_t size_of(const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    switch (kind) {
-    case TL_ENTRY_START:
-        return size_of_start(false);
-    case TL_ENTRY_SAMPLE:
-        return 1 + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
-    case TL_ENTRY_STEP:
-        return 1 + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
-    case TL_ENTRY_END:
-        return 1 + TL_RECORDER_REASON;
-    case TL_ENTRY_TUNING:
-        return 1 + sizeof(tl_run_tuning);
-    }
-    return 0;
-}
-
 size_t tl_recorder_entry_size_of_start(bool holds) {
-    return size_of_start(holds) + sizeof(uint64_t);
+    size_t told = holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning);
+    return 2 + sizeof(tl_resumption) + 2 * sizeof(uint64_t) + told;
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    return size_of(shape, kind) + sizeof(uint64_t);
+    size_t ends = 1 + sizeof(uint64_t); /* the kind, and the digest */
+    switch (kind) {
+    case TL_ENTRY_START:
+        break;
+    case TL_ENTRY_SAMPLE:
+        return ends + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
+    case TL_ENTRY_STEP:
+        return ends + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
+    case TL_ENTRY_END:
+        return ends + TL_RECORDER_REASON;
+    case TL_ENTRY_TUNING:
+        return ends + sizeof(tl_run_tuning);
+    }
+    return tl_recorder_entry_size_of_start(false);
 }
 
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
@@ -341,7 +333,7 @@ static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
     if (!get(at, reason, TL_RECORDER_REASON)) {
         return CUT;
     }
-    if (!tl_recorder_text_ends(reason, TL_RECORDER_REASON)) {
+    if (memchr(reason, '\0', TL_RECORDER_REASON) == NULL) {
         return "a text without an end";
     }
     tl_recorder_text_clean(reason);
@@ -384,10 +376,6 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
         *position = at.position;
     }
     return fault;
-}
-
-bool tl_recorder_text_ends(const char *text, size_t size) {
-    return memchr(text, '\0', size) != NULL;
 }
 
 /* Control characters of ASCII, and of Latin 1, which are C2 80 … C2 9F in UTF-8. */
