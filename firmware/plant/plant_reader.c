@@ -163,18 +163,6 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
     return readers;
 }
 
-/* 0, or errno of the first thread that could not be started. */
-static int start_all(tl_plant_readers *readers) {
-    int failure = 0;
-    while (readers->started < readers->source_count && failure == 0) {
-        worker *own = &readers->workers[readers->started];
-        (void)__atomic_add_fetch(&readers->running, 1, __ATOMIC_RELAXED);
-        failure = tl_side_thread_start(&own->thread, STACK, run, own);
-        readers->started += failure == 0 ? 1 : 0;
-    }
-    return failure;
-}
-
 tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error) {
@@ -186,7 +174,13 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
     made->mailboxes = mailboxes;
     made->on_link = on_link;
     made->context = context;
-    int failure = start_all(made);
+    int failure = 0;
+    while (made->started < count && failure == 0) {
+        worker *own = &made->workers[made->started];
+        (void)__atomic_add_fetch(&made->running, 1, __ATOMIC_RELAXED);
+        failure = tl_side_thread_start(&own->thread, STACK, run, own);
+        made->started += failure == 0 ? 1 : 0;
+    }
     if (failure != 0) {
         tl_plant_readers_stop(made);
         return tl_fail(error, TL_TRY_AGAIN, "no thread for a plant source: %s", strerror(failure));

@@ -765,21 +765,18 @@ struct tl_history_ticks {
     tl_history_tick buffer[TICKS_AT_ONCE];
 };
 
-static void begin_tick(tl_history_tick *tick, int64_t number) {
-    memset(tick, 0, sizeof *tick);
-    tick->sample.tick = number;
-    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        tick->sample.stamps[i] = TL_TIME_NEVER;
-        tick->sample.quality[i] = TL_NO_LINK;
-    }
-}
-
 /* A value that is missing was no number. */
 static void add_sample(void *context, const tl_history_sample *found) {
     tl_history_ticks *ticks = context;
     /* Ascending within TICKS_AT_ONCE numbers: there is room. */
     if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != found->tick) {
-        begin_tick(&ticks->buffer[ticks->count++], found->tick);
+        tl_history_tick *tick = &ticks->buffer[ticks->count++];
+        memset(tick, 0, sizeof *tick);
+        tick->sample.tick = found->tick;
+        for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+            tick->sample.stamps[i] = TL_TIME_NEVER;
+            tick->sample.quality[i] = TL_NO_LINK;
+        }
     }
     bool missing = isnan(found->value);
     tl_sample *sample = &ticks->buffer[ticks->count - 1].sample;

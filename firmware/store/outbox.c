@@ -486,18 +486,13 @@ bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_record
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */
 
-/* The end of what a dead one has put, with a sample that waits. */
-static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
-    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
-    return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
-}
-
 /* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
  * may have hit what it had put before, or the ends. */
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
-    uint64_t end = end_left(outbox, head);
+    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
+    uint64_t end = waiting <= outbox->settings.ring_bytes ? head + waiting : head; /* of what a dead one has put */
     uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
     uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
     uint64_t position = taken;
@@ -733,30 +728,21 @@ uint64_t tl_outbox_reader_lost(const tl_outbox_reader *reader) {
 
 /* ---- outbox rest ---- */
 
-static uint64_t count_entries(tl_outbox_reader *reader, uint64_t position) {
+uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken) {
     static tl_recorder_entry entry; /* too large for a small stack */
-    uint64_t end = tl_outbox_reader_end(reader, position);
+    tl_recorder_event_entry event;
+    tl_outbox_reader reader;
+    uint64_t position = taken->ring;
     uint64_t count = 0;
-    while (position != end && tl_outbox_reader_entry(reader, &position, end, &entry)) {
+    bool skip = false;
+    tl_outbox_reader_open(settings, memory, &reader);
+    uint64_t end = settings->ring_bytes > 0 ? tl_outbox_reader_end(&reader, position) : position;
+    for (uint64_t i = 0; i < TL_RECORDER_EVENTS && tl_outbox_reader_event(&reader, taken->events + i, &event, &skip);
+         i++) {
+        count += skip ? 0 : 1;
+    }
+    while (position != end && tl_outbox_reader_entry(&reader, &position, end, &entry)) {
         count += entry.kind == TL_ENTRY_SAMPLE || entry.kind == TL_ENTRY_STEP ? 1 : 0;
     }
     return count;
-}
-
-static uint64_t count_events(tl_outbox_reader *reader, uint64_t number) {
-    tl_recorder_event_entry event;
-    uint64_t count = 0;
-    bool skip = false;
-    for (int i = 0; i < TL_RECORDER_EVENTS && tl_outbox_reader_event(reader, number, &event, &skip); i++) {
-        number++;
-        count += skip ? 0 : 1;
-    }
-    return count;
-}
-
-uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken) {
-    tl_outbox_reader reader;
-    tl_outbox_reader_open(settings, memory, &reader);
-    uint64_t events = count_events(&reader, taken->events);
-    return events + (settings->ring_bytes > 0 ? count_entries(&reader, taken->ring) : 0);
 }
