@@ -84,13 +84,6 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     return status;
 }
 
-/* Until the readers own them. */
-static void close_sources(tl_live_plant *plant) {
-    for (size_t i = 0; i < plant->source_count; i++) {
-        plant->sources[i].driver->close(plant->sources[i].io);
-    }
-}
-
 /* The keys by which a signal names a live source: "csv" with a "source", "modbus", … */
 static void list_signal_keys(char *text, size_t size) {
     size_t used = 0;
@@ -138,8 +131,10 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
     for (size_t i = 0; i < config->source_count; i++) {
         tl_status status =
             is_of(config, i, settings->kinds) ? open_source(plant, config, i, settings->beats, error) : TL_OK;
-        if (status != TL_OK) {
-            close_sources(plant);
+        if (status != TL_OK) { /* the readers do not own them yet */
+            for (size_t k = 0; k < plant->source_count; k++) {
+                plant->sources[k].driver->close(plant->sources[k].io);
+            }
             return status;
         }
     }

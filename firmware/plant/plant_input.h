@@ -2,10 +2,10 @@
  *
  * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
  *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
- * Conditioned: a signal's readings are, before anything is looked up among them, each once as it comes (plant_reader.h).
+ * Conditioned: a signal's readings are, before anything is looked up among them, each once as it comes.
  * Between: two readings a signal is what its look says (plant_input.c).
  * Memory:  the mailboxes' is of whoever sets this up (mailbox.h); another process may write it, which is not trusted.
- * Thread:  tl_plant_input_post: one thread per signal; all else: one thread, the cycle's. Wait-free.
+ * Thread:  one, the cycle's; readings are posted by one thread per signal (mailbox.h). Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H

@@ -13,14 +13,10 @@
 
 /* ---- repeated reading ---- */
 
-static bool are_equal(const tl_reading *one, const tl_reading *other) {
-    return one->quality == TL_GOOD && other->quality == TL_GOOD &&
-           memcmp(&one->value, &other->value, sizeof one->value) == 0;
-}
-
 bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_reading *reading) {
     bool is_early = self->has_last && reading->stamp - self->last.stamp < within;
-    bool is_again = is_early && are_equal(&self->last, reading);
+    bool is_again = is_early && self->last.quality == TL_GOOD && reading->quality == TL_GOOD &&
+                    memcmp(&self->last.value, &reading->value, sizeof reading->value) == 0;
     if (!is_again) {
         self->last = *reading;
         self->has_last = true;
@@ -94,20 +90,16 @@ static void give_up(worker *own, const tl_error *error) {
     link_changed(own, false, error->text);
 }
 
-/* By itself: another thread would have to write a file of /proc, which `run` has given up. */
-static void name_itself(const tl_plant_source *source) {
-    char name[NAME];
-    (void)snprintf(name, sizeof name, "io %.12s", source->name);
-    (void)pthread_setname_np(pthread_self(), name);
-}
-
 static void *run(void *context) {
     worker *own = context;
     const tl_plant_source *source = own->source;
     const tl_plant_io_sink sink = {.post = post, .link = link_changed, .context = own};
     bool finished = false;
+    char name[NAME];
     tl_time next = tl_clock_now(NULL);
-    name_itself(source);
+    /* By itself: another thread would have to write a file of /proc, which `run` has given up. */
+    (void)snprintf(name, sizeof name, "io %.12s", source->name);
+    (void)pthread_setname_np(pthread_self(), name);
     tl_locale_use();
     tl_crash_enter(TL_CRASH_OURS);
     do {
@@ -171,18 +163,6 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
     return readers;
 }
 
-/* 0, or errno of the first thread that could not be started. */
-static int start_all(tl_plant_readers *readers) {
-    int failure = 0;
-    while (readers->started < readers->source_count && failure == 0) {
-        worker *own = &readers->workers[readers->started];
-        (void)__atomic_add_fetch(&readers->running, 1, __ATOMIC_RELAXED);
-        failure = tl_side_thread_start(&own->thread, STACK, run, own);
-        readers->started += failure == 0 ? 1 : 0;
-    }
-    return failure;
-}
-
 tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error) {
@@ -194,7 +174,13 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
     made->mailboxes = mailboxes;
     made->on_link = on_link;
     made->context = context;
-    int failure = start_all(made);
+    int failure = 0;
+    while (made->started < count && failure == 0) {
+        worker *own = &made->workers[made->started];
+        (void)__atomic_add_fetch(&made->running, 1, __ATOMIC_RELAXED);
+        failure = tl_side_thread_start(&own->thread, STACK, run, own);
+        made->started += failure == 0 ? 1 : 0;
+    }
     if (failure != 0) {
         tl_plant_readers_stop(made);
         return tl_fail(error, TL_TRY_AGAIN, "no thread for a plant source: %s", strerror(failure));

@@ -82,14 +82,6 @@ static bool is_same_signal(const char *recorded, const char *name, const char *s
     return strcmp(recorded, own) == 0;
 }
 
-/* Of a run with delays: a signal that was looked up twice is behind the others, and its name is none of a configuration. */
-static size_t count_first_look_ups(const tl_recorder_signal *signals, size_t count) {
-    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) {
-        count--;
-    }
-    return count;
-}
-
 /* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
 static void find_readings(tl_recording *recording, const tl_recorder_signal *signals, size_t count) {
     const tl_config *config = recording->config;
@@ -123,7 +115,9 @@ static tl_status check_signals(tl_recording *recording, const tl_history_run *ru
     }
     recording->recorded = all ? config->signal_count : own;
     find_readings(recording, signals, count);
-    count = count_first_look_ups(signals, count);
+    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) { /* a second look-up, of a run with delays */
+        count--;
+    }
     for (size_t i = 0; i < own; i++) {
         const char *name = config->signals[i].plan.name;
         if (i >= count || !is_same_signal(signals[i].name, name, "")) {
@@ -377,12 +371,6 @@ static void take_readings(tl_recording *recording, const tl_sample *seen) {
     }
 }
 
-/* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
-static bool was_followed(const tl_recording *recording, const tl_history_tick *read) {
-    return recording->beginning.follows && read->sample.tick < recording->beginning.resumption.tick &&
-           (!read->has_step || read->outcome == TL_FOLLOWED);
-}
-
 static tl_status next_from_database(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
     tl_history_tick read;
     tl_status status = tl_history_ticks_next(recording->walk, &read, end, error);
@@ -409,7 +397,9 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     if (recording->anew) { /* as the configuration looks them up */
         tl_plant_input_take(&recording->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
-    tick->followed = was_followed(recording, &read);
+    /* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
+    tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
+                     (!read.has_step || read.outcome == TL_FOLLOWED);
     memcpy(tick->u, read.u, sizeof tick->u);
     tick->made_up = repeat && read.outcome == TL_MADE_UP;
     tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;

@@ -499,15 +499,9 @@ static tl_status first_read(const char *path, bool write, sqlite3 **database, tl
     return code == SQLITE_OK ? TL_OK : tl_database_fail(*database, code, error);
 }
 
-/* The format as SQL sees it. */
-static tl_status check_current_version(sqlite3 *database, const char *path, tl_error *error) {
-    char found[32];
-    tl_status status = ask_text(database, "PRAGMA user_version", NULL, found, sizeof found, error);
-    return status == TL_OK ? check_version(path, strtoll(found, NULL, 10), error) : status;
-}
-
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error) {
     static const char both[] = "PRAGMA cell_size_check = ON; PRAGMA mmap_size = 0; PRAGMA temp_store = MEMORY;";
+    char version[32];
     struct stat file;
     *database = NULL;
     if (stat(path, &file) != 0) {
@@ -540,7 +534,10 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = tl_database_execute(*database, both, error);
     }
     if (status == TL_OK) {
-        status = check_current_version(*database, path, error);
+        status = ask_text(*database, "PRAGMA user_version", NULL, version, sizeof version, error);
+    }
+    if (status == TL_OK) { /* as SQL sees it */
+        status = check_version(path, strtoll(version, NULL, 10), error);
     }
     if (status == TL_OK) {
         status = check_schema(*database, error);

@@ -175,9 +175,9 @@ static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
     return TL_OK;
 }
 
-static tl_status make_file(const char *path, tl_error *error) {
+static bool is_there(const char *name) {
     struct stat file;
-    return lstat(path, &file) == 0 ? TL_OK : tl_database_create(path, error);
+    return lstat(name, &file) == 0;
 }
 
 static void close_handle(int *handle) {
@@ -214,7 +214,7 @@ static void remove_log(const char *path) {
 /* SQLite's locks end when a descriptor of the file is closed, but not one that can neither be read nor written. */
 static tl_status open_connection(tl_database_file *file, tl_time patience, const tl_database_user *user,
                                  tl_error *error) {
-    tl_status status = make_file(file->path, error);
+    tl_status status = is_there(file->path) ? TL_OK : tl_database_create(file->path, error);
     if (status == TL_OK) {
         file->handle = open(file->path, O_PATH | O_CLOEXEC);
         status = tl_database_open(file->path, true, &file->connection, error);
@@ -246,11 +246,6 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
 }
 
 /* ---- Aside ------------------------------------------------------------------------------------------------------- */
-
-static bool is_there(const char *name) {
-    struct stat file;
-    return lstat(name, &file) == 0;
-}
 
 /* False where the new name is somebody's, or too long. */
 static bool put_one_aside(const char *path, const char *name, const char *end) {
@@ -503,13 +498,8 @@ static bool is_shut_in(const char *path) {
     return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
 }
 
-/* It is denied, and its mode does not say so: what is beside it is somebody else's, for as long as that one needs. */
-static bool is_writable(const char *path) {
-    return faccessat(AT_FDCWD, path, W_OK, AT_EACCESS) == 0;
-}
-
 /* One file, which `place` is without links; *shut: its folder is, so none beside it is to be tried. A file that was denied is tried again once its
- * folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once: a reader that is
+ * folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once, as long as its mode does not say so: a reader that is
  * root makes log and index as root's, and only then gives them to the owner of the file. */
 static tl_status open_file(const char *path, const char *place, const tl_database_wanted *wanted,
                            tl_database_file *file, tl_database_aside *aside, bool *shut, tl_error *error) {
@@ -517,7 +507,7 @@ static tl_status open_file(const char *path, const char *place, const tl_databas
     tl_time pause = DENIAL_PAUSE;
     for (int i = 0; i < DENIALS && status != TL_OK && tl_database_get_fault() == TL_DATABASE_DENIED; i++) {
         *shut = is_shut_in(place);
-        if (*shut || (i > 0 && !is_writable(place))) {
+        if (*shut || (i > 0 && faccessat(AT_FDCWD, place, W_OK, AT_EACCESS) != 0)) {
             return status;
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */

@@ -10,7 +10,9 @@
 #include "firmware/base/text.h"
 #include "firmware/config/measurements.h"
 #include "firmware/store/database.h"
+#include "firmware/store/database_sql.h"
 #include "master/base/arena.h"
+#include "master/base/utf8.h"
 
 /* Nothing in a database is trusted, not even that rows come in the order that was asked for: SQLite takes them as they lie in
  * pages, which may be damaged. Values that the recorder does not write are reported as damage. */
@@ -73,6 +75,109 @@ static const char *file_of(tl_history *history) {
     return sqlite3_db_filename(history->database, "main");
 }
 
+/* ---- One row of a database, which may hold anything: read column by column, each taken only if it is what the recorder writes there.
+ *
+ * Purpose: SQLite turns any value into any type; a number that is a text in the file would be 0. These do not.
+ * Use:     columns are read from the left, in the order of the SELECT; `right` is looked at once all are read.
+ * Errors:  a column that is of another type or out of range makes `right` false, and reads as something harmless.
+ * Owner:   texts and bytes are valid until the statement's next step. */
+
+enum {
+    NAME_MOST = 4096,       /* bytes that a name, a reason or an event has at most */
+    TEXT_MOST = 1024 * 1024 /* and a configuration */
+};
+
+typedef struct table_row {
+    sqlite3_stmt *statement;
+    int column; /* the next one */
+    bool right; /* all that was read so far is as it was asked for */
+} table_row;
+
+static table_row row_of(sqlite3_stmt *statement) {
+    return (table_row){.statement = statement, .right = true};
+}
+
+/* Looks at the next column, without reading it. */
+static bool is_null(const table_row *row) {
+    return sqlite3_column_type(row->statement, row->column) == SQLITE_NULL;
+}
+
+/* The next column. `least` if it is wrong. */
+static int64_t take_integer(table_row *row, int64_t least, int64_t most) {
+    int column = row->column++;
+    int64_t found = sqlite3_column_int64(row->statement, column);
+    if (sqlite3_column_type(row->statement, column) == SQLITE_INTEGER && found >= least && found <= most) {
+        return found;
+    }
+    row->right = false;
+    return least;
+}
+
+/* `otherwise` if it is NULL. */
+static int64_t take_integer_or(table_row *row, int64_t least, int64_t most, int64_t otherwise) {
+    if (is_null(row)) {
+        row->column++;
+        return otherwise;
+    }
+    return take_integer(row, least, most);
+}
+
+/* Finite; NaN if it is NULL, which stands for what was not. */
+static double take_number(table_row *row) {
+    int column = row->column++;
+    int type = sqlite3_column_type(row->statement, column);
+    double found = sqlite3_column_double(row->statement, column);
+    if ((type == SQLITE_FLOAT || type == SQLITE_INTEGER) && isfinite(found)) {
+        return found;
+    }
+    row->right = row->right && type == SQLITE_NULL;
+    return (double)NAN;
+}
+
+static bool is_utf8(const char *text, size_t size) {
+    while (size > 0) {
+        uint32_t code = 0;
+        size_t length = tl_utf8_read(text, size, &code);
+        if (length == 0) {
+            return false;
+        }
+        text += length;
+        size -= length;
+    }
+    return true;
+}
+
+/* UTF-8, at most `most` bytes, no NUL among them; "" if it is wrong. */
+static const char *read_text(table_row *row, size_t most) {
+    int column = row->column++;
+    if (sqlite3_column_type(row->statement, column) == SQLITE_TEXT) {
+        const char *found = (const char *)sqlite3_column_text(row->statement, column);
+        size_t size = (size_t)sqlite3_column_bytes(row->statement, column);
+        if (found != NULL && size <= most && memchr(found, '\0', size) == NULL && is_utf8(found, size)) {
+            return found;
+        }
+    }
+    row->right = false;
+    return "";
+}
+
+static const char *read_text_or_null(table_row *row, size_t most) {
+    if (is_null(row)) {
+        row->column++;
+        return NULL;
+    }
+    return read_text(row, most);
+}
+
+/* NULL if there are none. */
+static const unsigned char *read_bytes(table_row *row, size_t *size) {
+    int column = row->column++;
+    row->right = row->right && sqlite3_column_type(row->statement, column) == SQLITE_BLOB;
+    const unsigned char *bytes = row->right ? sqlite3_column_blob(row->statement, column) : NULL;
+    *size = bytes == NULL ? 0 : (size_t)sqlite3_column_bytes(row->statement, column);
+    return bytes;
+}
+
 /* ---- Runs, signals, configurations ------------------------------------------------------------------------------- */
 
 int64_t tl_history_last_possible(const tl_history_run *run) {
@@ -80,30 +185,30 @@ int64_t tl_history_last_possible(const tl_history_run *run) {
 }
 
 /* A copy of the next column's text, which outlives the row. NULL: memory is out, and the row is not right. */
-static const char *copy_text(tl_history *history, tl_row *row, const char *text) {
+static const char *copy_text(tl_history *history, table_row *row, const char *text) {
     const char *copy = tl_arena_text(&history->arena, text);
     row->right = row->right && copy != NULL;
     return copy;
 }
 
-static const char *take_text(tl_history *history, tl_row *row, size_t most) {
-    return copy_text(history, row, tl_row_text(row, most));
+static const char *take_text(tl_history *history, table_row *row, size_t most) {
+    return copy_text(history, row, read_text(row, most));
 }
 
-static const char *take_text_or_null(tl_history *history, tl_row *row, size_t most) {
-    const char *text = tl_row_text_or_null(row, most);
+static const char *take_text_or_null(tl_history *history, table_row *row, size_t most) {
+    const char *text = read_text_or_null(row, most);
     return text == NULL ? NULL : copy_text(history, row, text);
 }
 
-static const char *take_utc_or_null(tl_history *history, tl_row *row) {
+static const char *take_utc_or_null(tl_history *history, table_row *row) {
     const char *utc = take_text_or_null(history, row, TL_UTC_TEXT);
     int64_t time = 0;
     row->right = row->right && (utc == NULL || tl_utc_parse(utc, &time));
     return utc;
 }
 
-static uint64_t take_count(tl_row *row) {
-    return (uint64_t)tl_row_integer(row, 0, TL_ROW_LARGEST);
+static uint64_t take_count(table_row *row) {
+    return (uint64_t)take_integer(row, 0, TL_ROW_LARGEST);
 }
 
 /* ---- Lists: all rows of a question about a run. ------------------------------------------------------------------ */
@@ -114,7 +219,7 @@ typedef struct row_list {
     size_t most;      /* more are damage */
     size_t size;      /* of an item */
     /* Reads items[index] from the row. What the recorder does not write makes the row wrong. */
-    void (*read)(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items);
+    void (*read)(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items);
 } row_list;
 
 static tl_status fail_list(tl_history *history, const row_list *list, int64_t run, tl_error *error) {
@@ -151,7 +256,7 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
         (void)sqlite3_bind_int64(statement, 1, id);
     }
     while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
+        table_row row = row_of(statement);
         if (!make_room(history, list, *count, &room, items)) {
             status = fail_memory(error);
         } else if (*count < list->most) {
@@ -179,36 +284,36 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
     " FROM runs LEFT JOIN beginnings USING (run) "
 
 /* A run that has an end has a reason for it. */
-static void read_run(tl_history *history, const tl_history_run *none, tl_row *row, size_t index, void *items) {
+static void read_run(tl_history *history, const tl_history_run *none, table_row *row, size_t index, void *items) {
     tl_history_run *run = (tl_history_run *)items + index;
     (void)none;
-    run->run = tl_row_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
-    run->verb = take_text(history, row, TL_ROW_NAME);
-    run->name = take_text(history, row, TL_ROW_NAME);
-    run->version = take_text(history, row, TL_ROW_NAME);
+    run->run = take_integer(row, index == 0 ? 1 : run[-1].run + 1, TL_ROW_LARGEST);
+    run->verb = take_text(history, row, NAME_MOST);
+    run->name = take_text(history, row, NAME_MOST);
+    run->version = take_text(history, row, NAME_MOST);
     run->configuration_hash = take_text(history, row, TL_SHA256_TEXT);
     run->started = take_utc_or_null(history, row);
     run->ended = take_utc_or_null(history, row);
-    run->ended_reason = take_text_or_null(history, row, TL_ROW_NAME);
+    run->ended_reason = take_text_or_null(history, row, NAME_MOST);
     run->committed = take_utc_or_null(history, row);
     run->committed = run->committed == NULL ? run->started : run->committed;
-    run->step = tl_row_integer(row, 1, LONGEST_STEP);
-    run->prediction = (uint32_t)tl_row_integer(row, 0, INT32_MAX);
-    const char *measurements = tl_row_text(row, TL_ROW_NAME);
+    run->step = take_integer(row, 1, LONGEST_STEP);
+    run->prediction = (uint32_t)take_integer(row, 0, INT32_MAX);
+    const char *measurements = read_text(row, NAME_MOST);
     run->measurements = tl_measurements_named(measurements);
-    run->lead = (uint32_t)tl_row_integer(row, 0, INT32_MAX);
+    run->lead = (uint32_t)take_integer(row, 0, INT32_MAX);
     run->samples = take_count(row);
     run->steps = take_count(row);
     run->events = take_count(row);
     run->lost = take_count(row);
-    run->removed_before = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
-    run->fmus = take_text(history, row, TL_ROW_NAME);
-    run->boot = take_text(history, row, TL_ROW_NAME);
-    run->has_start = !tl_row_is_null(row);
-    run->start = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
-    run->resumption.run = tl_row_integer_or(row, 0, TL_ROW_LARGEST, 0);
-    run->resumption.tick = tl_row_integer_or(row, 0, tl_history_last_possible(run), 0);
-    const char *from = tl_row_text_or_null(row, TL_ROW_NAME);
+    run->removed_before = take_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    run->fmus = take_text(history, row, NAME_MOST);
+    run->boot = take_text(history, row, NAME_MOST);
+    run->has_start = !is_null(row);
+    run->start = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
+    run->resumption.run = take_integer_or(row, 0, TL_ROW_LARGEST, 0);
+    run->resumption.tick = take_integer_or(row, 0, tl_history_last_possible(run), 0);
+    const char *from = read_text_or_null(row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
     row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
                  strcmp(measurements, tl_measurements_name(run->measurements)) == 0 &&
@@ -264,8 +369,8 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
     tl_status status =
         ask_row(history, "SELECT text FROM configurations WHERE hash = ?3", 0, 0, hash, &statement, error);
     if (status == TL_OK) {
-        tl_row row = tl_row_of(statement);
-        *text = statement != NULL ? take_text(history, &row, TL_ROW_TEXT) : NULL;
+        table_row row = row_of(statement);
+        *text = statement != NULL ? take_text(history, &row, TEXT_MOST) : NULL;
         if (*text == NULL || !row.right) {
             status =
                 tl_database_damaged(history->database, error, "the configuration %.12s\342\200\246 is missing", hash);
@@ -278,15 +383,15 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
 /* ---- Tunings, signals, components ---- */
 
 /* In the order of their ticks. */
-static void read_tuning(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+static void read_tuning(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
     tl_history_tuning *tuning = (tl_history_tuning *)items + index;
     int64_t at = 0;
-    tuning->tick = tl_row_integer(row, index == 0 ? 0 : tuning[-1].tick + 1, tl_history_last_possible(run));
+    tuning->tick = take_integer(row, index == 0 ? 0 : tuning[-1].tick + 1, tl_history_last_possible(run));
     tuning->hash = take_text(history, row, TL_SHA256_TEXT);
     tuning->at = take_text(history, row, TL_UTC_TEXT);
-    tuning->who = take_text(history, row, TL_ROW_NAME);
-    tuning->origin = take_text(history, row, TL_ROW_NAME);
-    tuning->why = take_text(history, row, TL_ROW_NAME);
+    tuning->who = take_text(history, row, NAME_MOST);
+    tuning->origin = take_text(history, row, NAME_MOST);
+    tuning->why = take_text(history, row, NAME_MOST);
     row->right = row->right && tl_utc_parse(tuning->at, &at) && strlen(tuning->hash) == TL_SHA256_TEXT - 1 &&
                  tl_identity_is_sound(tuning->hash);
 }
@@ -302,8 +407,8 @@ tl_status tl_history_tunings(tl_history *history, const tl_history_run *run, con
     return status;
 }
 
-static tl_type take_type(tl_row *row) {
-    const char *name = tl_row_text(row, TL_ROW_NAME);
+static tl_type take_type(table_row *row) {
+    const char *name = read_text(row, NAME_MOST);
     int code = TL_REAL;
     while (code < TL_ENUMERATION && strcmp(name, tl_type_name((tl_type)code)) != 0) {
         code++;
@@ -313,14 +418,14 @@ static tl_type take_type(tl_row *row) {
 }
 
 /* In the order of their indices; an index that is missing is damage. */
-static void read_signal(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+static void read_signal(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
     tl_recorder_signal *signal = (tl_recorder_signal *)items + index;
     (void)run;
-    (void)tl_row_integer(row, (int64_t)index, (int64_t)index);
-    signal->name = take_text(history, row, TL_ROW_NAME);
-    signal->unit = take_text(history, row, TL_ROW_NAME);
+    (void)take_integer(row, (int64_t)index, (int64_t)index);
+    signal->name = take_text(history, row, NAME_MOST);
+    signal->unit = take_text(history, row, NAME_MOST);
     signal->type = take_type(row);
-    signal->to = take_text_or_null(history, row, TL_ROW_NAME);
+    signal->to = take_text_or_null(history, row, NAME_MOST);
 }
 
 #define ASK_SIGNALS(kind)                                                                                              \
@@ -339,11 +444,11 @@ tl_status tl_history_signals(tl_history *history, const tl_history_run *run, tl_
     return status;
 }
 
-static void read_component(tl_history *history, const tl_history_run *run, tl_row *row, size_t index, void *items) {
+static void read_component(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
     tl_run_component *component = (tl_run_component *)items + index;
     (void)run;
-    (void)tl_row_integer(row, (int64_t)index, (int64_t)index);
-    component->name = take_text(history, row, TL_ROW_NAME);
+    (void)take_integer(row, (int64_t)index, (int64_t)index);
+    component->name = take_text(history, row, NAME_MOST);
     component->counts.plain = take_count(row);
     component->counts.predicted = take_count(row);
     component->counts.executions = take_count(row);
@@ -371,12 +476,12 @@ static tl_status read_checkpoint(tl_history *history, const tl_history_run *run,
     if (read == NULL) {
         return fail_memory(error);
     }
-    tl_row row = tl_row_of(statement);
+    table_row row = row_of(statement);
     int64_t last = tl_history_last_possible(run);
-    read->tick = tl_row_integer(&row, 0, before <= last ? before - 1 : last);
-    read->format = take_text(history, &row, TL_ROW_NAME);
-    const char *expected = tl_row_text(&row, TL_ROW_NAME);
-    const unsigned char *bytes = tl_row_bytes(&row, &read->size);
+    read->tick = take_integer(&row, 0, before <= last ? before - 1 : last);
+    read->format = take_text(history, &row, NAME_MOST);
+    const char *expected = read_text(&row, NAME_MOST);
+    const unsigned char *bytes = read_bytes(&row, &read->size);
     if (!row.right) {
         return tl_database_damaged(history->database, error, "a checkpoint of run %" PRId64 " is incomplete or wrong",
                                    run->run);
@@ -418,8 +523,8 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
     tl_time cost = 0;
     (void)ask_row(history, sql, run->run, 0, NULL, &statement, &ignored);
     if (statement != NULL) {
-        tl_row row = tl_row_of(statement);
-        cost = tl_row_integer_or(&row, 0, TL_SECOND, 0);
+        table_row row = row_of(statement);
+        cost = take_integer_or(&row, 0, TL_SECOND, 0);
     }
     (void)sqlite3_finalize(statement);
     return cost;
@@ -429,51 +534,54 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
 
 enum { ROWS_AT_ONCE = 4096 };
 
-/* Of the row before, and what the next one may be. */
+/* Whose rows are handed out to whom; of the row before, and what the next one may be. */
 typedef struct row_key {
+    tl_history *history;
+    const tl_history_run *run;
+    const tl_history_visitor *visitor;
     int64_t number;  /* tick or step; the next is not before it, */
     int64_t last;    /* nor after this one */
     int64_t signal;  /* of the same number, the next one's is larger */
     int64_t signals; /* that there are */
 } row_key;
 
-static void take_key(row_key *key, tl_row *row) {
-    int64_t number = tl_row_integer(row, key->number < 0 ? 0 : key->number, key->last);
-    int64_t signal = tl_row_integer(row, 0, key->signals - 1);
+static void take_key(row_key *key, table_row *row) {
+    int64_t number = take_integer(row, key->number < 0 ? 0 : key->number, key->last);
+    int64_t signal = take_integer(row, 0, key->signals - 1);
     row->right = row->right && (number > key->number || signal > key->signal);
     key->number = number;
     key->signal = signal;
 }
 
 /* Hands out a row whose key was read. False: it is none that the recorder writes. */
-typedef bool give_row(tl_row *row, const row_key *key, const tl_history_visitor *visitor);
+typedef bool give_row(table_row *row, const row_key *key);
 
 /* One of a newer program may be larger than those that have a name here. */
-static int64_t take_code(tl_row *row, const tl_history_visitor *visitor, int64_t named) {
-    return tl_row_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
+static int64_t take_code(table_row *row, const tl_history_visitor *visitor, int64_t named) {
+    return take_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
 }
 
-static uint32_t take_bits(tl_row *row) {
-    return (uint32_t)tl_row_integer(row, 0, UINT32_MAX);
+static uint32_t take_bits(table_row *row) {
+    return (uint32_t)take_integer(row, 0, UINT32_MAX);
 }
 
-static bool give_sample(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_sample(table_row *row, const row_key *key) {
     tl_history_sample sample = {.tick = key->number, .signal = (size_t)key->signal};
-    sample.value = tl_row_number(row);
-    sample.quality = take_code(row, visitor, TL_OUTLIER);
-    sample.stamp = tl_row_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
+    sample.value = take_number(row);
+    sample.quality = take_code(row, key->visitor, TL_OUTLIER);
+    sample.stamp = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, TL_TIME_NEVER);
     if (row->right) {
-        visitor->sample(visitor->context, &sample);
+        key->visitor->sample(key->visitor->context, &sample);
     }
     return row->right;
 }
 
-static bool give_step(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_step(table_row *row, const row_key *key) {
     tl_history_step step = {.step = key->number};
-    step.outcome = take_code(row, visitor, TL_OUTCOMES - 1);
-    step.stop = take_code(row, visitor, TL_STOP_TIME);
-    step.objective = tl_row_number(row);
-    step.objective_nominal = tl_row_number(row);
+    step.outcome = take_code(row, key->visitor, TL_OUTCOMES - 1);
+    step.stop = take_code(row, key->visitor, TL_STOP_TIME);
+    step.objective = take_number(row);
+    step.objective_nominal = take_number(row);
     step.evaluations = take_bits(row);
     step.executions = (int64_t)take_count(row);
     step.used = (int64_t)take_count(row);
@@ -481,31 +589,31 @@ static bool give_step(tl_row *row, const row_key *key, const tl_history_visitor 
     step.flags = take_bits(row);
     step.held = take_bits(row);
     if (row->right) {
-        visitor->step(visitor->context, &step);
+        key->visitor->step(key->visitor->context, &step);
     }
     return row->right;
 }
 
-static bool give_output(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_output(table_row *row, const row_key *key) {
     tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
-    output.y = tl_row_number(row);
-    output.y_hat = tl_row_number(row);
+    output.y = take_number(row);
+    output.y_hat = take_number(row);
     output.quality = (int64_t)take_count(row);
     output.readings = (int64_t)take_count(row);
-    output.squares = tl_row_number(row);
+    output.squares = take_number(row);
     output.rejected = (int64_t)take_count(row);
     if (row->right) {
-        visitor->output(visitor->context, &output);
+        key->visitor->output(key->visitor->context, &output);
     }
     return row->right;
 }
 
-static bool give_adjustment(tl_row *row, const row_key *key, const tl_history_visitor *visitor) {
+static bool give_adjustment(table_row *row, const row_key *key) {
     tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
-    adjustment.u = tl_row_number(row);
-    adjustment.u_hat = tl_row_number(row);
+    adjustment.u = take_number(row);
+    adjustment.u_hat = take_number(row);
     if (row->right) {
-        visitor->adjustment(visitor->context, &adjustment);
+        key->visitor->adjustment(key->visitor->context, &adjustment);
     }
     return row->right;
 }
@@ -563,12 +671,12 @@ tl_status tl_history_range(tl_history *history, const tl_history_run *run, tl_hi
     (void)sqlite3_bind_int64(statement, 1, run->run);
     (void)sqlite3_bind_int64(statement, 2, from);
     int code = sqlite3_step(statement);
-    tl_row row = tl_row_of(statement);
+    table_row row = row_of(statement);
     status = code == SQLITE_ROW ? TL_OK : tl_database_fail(history->database, code, error);
-    *any = code == SQLITE_ROW && !tl_row_is_null(&row);
+    *any = code == SQLITE_ROW && !is_null(&row);
     if (*any) {
-        range[0] = tl_row_integer(&row, 0, tl_history_last_possible(run));
-        range[1] = tl_row_integer(&row, range[0], tl_history_last_possible(run));
+        range[0] = take_integer(&row, 0, tl_history_last_possible(run));
+        range[1] = take_integer(&row, range[0], tl_history_last_possible(run));
         status = row.right ? TL_OK : fail_row(history, run, table, range[0], error);
     }
     (void)sqlite3_reset(statement);
@@ -583,66 +691,61 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
     return status;
 }
 
-/* Whose rows are handed out to whom. */
-typedef struct row_walk {
-    tl_history *history;
-    const tl_history_run *run;
-    const int64_t *range;
-    const tl_history_visitor *visitor;
-} row_walk;
-
 /* The rows of one statement, which begins behind the key. */
-static tl_status give_some(const row_walk *walk, tl_history_table table, row_key *key, int *count, tl_error *error) {
-    sqlite3_stmt *statement = walk->history->rows[table];
+static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_error *error) {
+    sqlite3_stmt *statement = key->history->rows[table];
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
     *count = 0;
     (void)sqlite3_bind_int64(statement, 2, key->number);
     (void)sqlite3_bind_int64(statement, 3, key->signal);
     while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
-        tl_row row = tl_row_of(statement);
+        table_row row = row_of(statement);
         int64_t number = sqlite3_column_int64(statement, 0);
         (*count)++;
         take_key(key, &row);
-        if (!row.right || !tables[table].give(&row, key, walk->visitor)) {
-            status = fail_row(walk->history, walk->run, table, number, error);
+        if (!row.right || !tables[table].give(&row, key)) {
+            status = fail_row(key->history, key->run, table, number, error);
         }
     }
     if (status == TL_OK && code != SQLITE_DONE) {
-        status = tl_database_fail(walk->history->database, code, error);
+        status = tl_database_fail(key->history->database, code, error);
     }
     (void)sqlite3_reset(statement);
     return status;
 }
 
-static tl_status give_table(const row_walk *walk, tl_history_table table, size_t signals, tl_error *error) {
-    sqlite3_stmt **kept = &walk->history->rows[table];
-    row_key key = {
-        .number = walk->range[0] - 1, .last = walk->range[1], .signal = INT64_MAX, .signals = (int64_t)signals};
+static tl_status give_table(row_key *key, tl_history_table table, const int64_t range[2], size_t signals,
+                            tl_error *error) {
+    sqlite3_stmt **kept = &key->history->rows[table];
+    key->number = range[0] - 1;
+    key->last = range[1];
+    key->signal = INT64_MAX;
+    key->signals = (int64_t)signals;
     int count = ROWS_AT_ONCE;
-    tl_status status = keep_statement(walk->history, tables[table].rows, kept, error);
+    tl_status status = keep_statement(key->history, tables[table].rows, kept, error);
     if (status != TL_OK) {
         return status;
     }
-    (void)sqlite3_bind_int64(*kept, 1, walk->run->run);
-    (void)sqlite3_bind_int64(*kept, 4, key.last);
+    (void)sqlite3_bind_int64(*kept, 1, key->run->run);
+    (void)sqlite3_bind_int64(*kept, 4, key->last);
     (void)sqlite3_bind_int(*kept, 5, ROWS_AT_ONCE);
     while (status == TL_OK && count == ROWS_AT_ONCE) {
-        status = give_some(walk, table, &key, &count, error);
+        status = give_some(key, table, &count, error);
     }
     return status;
 }
 
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
                           const tl_history_visitor *visitor, tl_error *error) {
-    const row_walk walk = {history, run, range, visitor};
+    row_key key = {.history = history, .run = run, .visitor = visitor};
     const bool wanted[TABLES] = {visitor->sample != NULL, visitor->step != NULL, visitor->output != NULL,
                                  visitor->adjustment != NULL};
     const size_t signals[TABLES] = {visitor->signals[TL_HISTORY_PLANT], 1, visitor->signals[TL_HISTORY_MATCH],
                                     visitor->signals[TL_HISTORY_ADJUST]};
     tl_status status = TL_OK;
     for (int table = 0; table < TABLES && status == TL_OK; table++) {
-        status = wanted[table] ? give_table(&walk, (tl_history_table)table, signals[table], error) : TL_OK;
+        status = wanted[table] ? give_table(&key, (tl_history_table)table, range, signals[table], error) : TL_OK;
     }
     return status;
 }
@@ -662,21 +765,18 @@ struct tl_history_ticks {
     tl_history_tick buffer[TICKS_AT_ONCE];
 };
 
-static void begin_tick(tl_history_tick *tick, int64_t number) {
-    memset(tick, 0, sizeof *tick);
-    tick->sample.tick = number;
-    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        tick->sample.stamps[i] = TL_TIME_NEVER;
-        tick->sample.quality[i] = TL_NO_LINK;
-    }
-}
-
 /* A value that is missing was no number. */
 static void add_sample(void *context, const tl_history_sample *found) {
     tl_history_ticks *ticks = context;
     /* Ascending within TICKS_AT_ONCE numbers: there is room. */
     if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != found->tick) {
-        begin_tick(&ticks->buffer[ticks->count++], found->tick);
+        tl_history_tick *tick = &ticks->buffer[ticks->count++];
+        memset(tick, 0, sizeof *tick);
+        tick->sample.tick = found->tick;
+        for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+            tick->sample.stamps[i] = TL_TIME_NEVER;
+            tick->sample.quality[i] = TL_NO_LINK;
+        }
     }
     bool missing = isnan(found->value);
     tl_sample *sample = &ticks->buffer[ticks->count - 1].sample;
@@ -799,16 +899,16 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
 
 /* Events come in the order of their ids. */
 static bool give_event(sqlite3_stmt *statement, int64_t *last, const tl_history_visitor *visitor) {
-    tl_row row = tl_row_of(statement);
+    table_row row = row_of(statement);
     tl_history_event event = {0};
     int64_t time = 0;
-    *last = tl_row_integer(&row, *last + 1, INT64_MAX - 1);
-    event.at = tl_row_text(&row, TL_UTC_TEXT);
-    event.has_tick = !tl_row_is_null(&row);
-    event.tick = tl_row_integer_or(&row, 0, TL_ROW_LARGEST, 0);
-    event.severity = tl_row_text(&row, TL_ROW_NAME);
-    event.source = tl_row_text(&row, TL_ROW_NAME);
-    event.text = tl_row_text(&row, TL_ROW_NAME);
+    *last = take_integer(&row, *last + 1, INT64_MAX - 1);
+    event.at = read_text(&row, TL_UTC_TEXT);
+    event.has_tick = !is_null(&row);
+    event.tick = take_integer_or(&row, 0, TL_ROW_LARGEST, 0);
+    event.severity = read_text(&row, NAME_MOST);
+    event.source = read_text(&row, NAME_MOST);
+    event.text = read_text(&row, NAME_MOST);
     bool right = row.right && tl_utc_parse(event.at, &time);
     if (right) {
         visitor->event(visitor->context, &event);

@@ -11,9 +11,6 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 
-static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
-                                 tl_outbox_mark *mark);
-
 /* ---- recorder events ---- */
 
 static void copy_text(char *to, size_t size, const char *from) {
@@ -166,6 +163,19 @@ static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
     return reach > slack && since <= reach - slack;
 }
 
+/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
+static bool look_at_mark(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
+    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
+    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
+    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
+    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
+        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
+    }
+    memcpy(mark, words, sizeof *mark);
+    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
+           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+}
+
 /* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
  * behind it. */
 static void go_back(tl_outbox *outbox, uint64_t end) {
@@ -176,7 +186,7 @@ static void go_back(tl_outbox *outbox, uint64_t end) {
         uint64_t number = 0;
         uint64_t digest = 0;
         tl_outbox_mark mark;
-        if (!tl_outbox_place_look(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
+        if (!look_at_mark(there, &number, &digest, &mark) || !is_kept(outbox, before, mark.position) ||
             !is_kept(outbox, end, mark.position)) {
             __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
         }
@@ -339,49 +349,15 @@ static const char *tl_outbox_event_fault(const tl_recorder_event_entry *event) {
     if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
         return "an event of a severity that there is not";
     }
-    return tl_recorder_text_ends(event->source, sizeof event->source) &&
-                   tl_recorder_text_ends(event->text, sizeof event->text)
-               ? NULL
-               : "an event with a text without an end";
+    bool end = memchr(event->source, '\0', sizeof event->source) != NULL &&
+               memchr(event->text, '\0', sizeof event->text) != NULL;
+    return end ? NULL : "an event with a text without an end";
 }
 
 /* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
 
-static uint64_t mix(uint64_t digest, uint64_t word) {
-    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
-    return digest ^ digest >> 29;
-}
-
-/* Each step can be undone, so that a word that is changed always changes the digest. One multiplication for 8 bytes, since the cycle pays for it; a
- * cryptographic digest would keep nobody out, since whoever may write here may write that too. */
 uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const unsigned char *bytes) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
-    uint64_t digest = mix(number, number >> 32);
-    memcpy(words, mark, sizeof *mark);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        digest = mix(digest, words[i]);
-    }
-    for (uint64_t at = 0; at < mark->size; at += sizeof(uint64_t)) {
-        uint64_t word = 0;
-        uint64_t left = mark->size - at;
-        memcpy(&word, bytes + at, left < sizeof word ? (size_t)left : sizeof word);
-        digest = mix(digest, word);
-    }
-    return mix(digest, mark->size);
-}
-
-/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
-static bool tl_outbox_place_look(const tl_outbox_place *place, uint64_t *number, uint64_t *digest,
-                                 tl_outbox_mark *mark) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
-    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
-    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
-    }
-    memcpy(mark, words, sizeof *mark);
-    return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
-           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+    return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
 }
 
 static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
@@ -389,7 +365,7 @@ static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
 }
 
 /* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
-static void touch_place(unsigned char *bytes, size_t size) {
+static void touch_pages(unsigned char *bytes, size_t size) {
     for (size_t i = 0; i < size; i += PAGE) {
         volatile size_t *word = (volatile size_t *)(void *)(bytes + i);
         __atomic_store_n(word, __atomic_load_n(word, __ATOMIC_RELAXED), __ATOMIC_RELAXED);
@@ -404,7 +380,7 @@ bool tl_outbox_reserve_checkpoint(tl_outbox *outbox, size_t size) {
     for (unsigned place = 0; place <= TL_OUTBOX_PLACES && there; place++) {
         unsigned char *bytes = bytes_of_place(outbox, place);
         there = !outbox->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
-        touch_place(bytes, there ? size : 0);
+        touch_pages(bytes, there ? size : 0);
     }
     outbox->reserved = there ? size : 0;
     return there;
@@ -458,7 +434,7 @@ static tl_recorder_page page_of(const tl_outbox *outbox) {
 static uint64_t look_at_place(const tl_outbox *outbox, unsigned place, tl_outbox_mark *mark) {
     uint64_t number = 0;
     uint64_t digest = 0;
-    bool whole = tl_outbox_place_look(&outbox->control->places[place], &number, &digest, mark) &&
+    bool whole = look_at_mark(&outbox->control->places[place], &number, &digest, mark) &&
                  number % TL_OUTBOX_PLACES == place && mark->size <= outbox->settings.checkpoint_bytes &&
                  tl_outbox_digest(number, mark, bytes_of_place(outbox, place)) == digest;
     return whole ? number : 0;
@@ -510,18 +486,13 @@ bool tl_outbox_entry_left(const tl_outbox *outbox, uint64_t *position, tl_record
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */
 
-/* The end of what a dead one has put, with a sample that waits. */
-static uint64_t end_left(const tl_outbox *outbox, uint64_t head) {
-    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
-    return waiting <= outbox->settings.ring_bytes ? head + waiting : head;
-}
-
 /* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
  * may have hit what it had put before, or the ends. */
 static void mend_ring(tl_outbox *outbox) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&outbox->control->head, __ATOMIC_ACQUIRE);
-    uint64_t end = end_left(outbox, head);
+    uint64_t waiting = __atomic_load_n(&outbox->control->put, __ATOMIC_ACQUIRE) - head;
+    uint64_t end = waiting <= outbox->settings.ring_bytes ? head + waiting : head; /* of what a dead one has put */
     uint64_t taken = has_reader(outbox) ? __atomic_load_n(&outbox->taken->ring, __ATOMIC_ACQUIRE) : head;
     uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
     uint64_t position = taken;
@@ -589,15 +560,6 @@ static void mend_checkpoints(tl_outbox *outbox) {
     }
 }
 
-/* Written, so that the cycle meets no page fault; what is there stays. */
-static void touch(unsigned char *bytes, size_t size) {
-    for (size_t i = 0; i < size; i += PAGE) {
-        volatile unsigned char *byte = bytes + i;
-        unsigned char same = *byte;
-        *byte = same;
-    }
-}
-
 /* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
 static void follow_numbers(tl_outbox *outbox) {
     tl_outbox_control *control = outbox->control;
@@ -622,7 +584,7 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
                           .ring = bytes + tl_outbox_ring_at(),
                           .checkpoints = bytes + tl_outbox_place_at(settings, 0),
                           .taken = taken};
-    touch(bytes, tl_outbox_place_at(settings, 0));
+    touch_pages(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
     follow_numbers(outbox);
     mend_ring(outbox);
@@ -729,7 +691,7 @@ typedef struct offer {
 
 static offer look(const tl_outbox_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
     offer found = {.place = place};
-    bool good = tl_outbox_place_look(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
+    bool good = look_at_mark(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
                 found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
                 found.mark.size <= reader->settings.checkpoint_bytes;
     found.number = good ? found.number : 0;
@@ -766,30 +728,21 @@ uint64_t tl_outbox_reader_lost(const tl_outbox_reader *reader) {
 
 /* ---- outbox rest ---- */
 
-static uint64_t count_entries(tl_outbox_reader *reader, uint64_t position) {
+uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken) {
     static tl_recorder_entry entry; /* too large for a small stack */
-    uint64_t end = tl_outbox_reader_end(reader, position);
+    tl_recorder_event_entry event;
+    tl_outbox_reader reader;
+    uint64_t position = taken->ring;
     uint64_t count = 0;
-    while (position != end && tl_outbox_reader_entry(reader, &position, end, &entry)) {
+    bool skip = false;
+    tl_outbox_reader_open(settings, memory, &reader);
+    uint64_t end = settings->ring_bytes > 0 ? tl_outbox_reader_end(&reader, position) : position;
+    for (uint64_t i = 0; i < TL_RECORDER_EVENTS && tl_outbox_reader_event(&reader, taken->events + i, &event, &skip);
+         i++) {
+        count += skip ? 0 : 1;
+    }
+    while (position != end && tl_outbox_reader_entry(&reader, &position, end, &entry)) {
         count += entry.kind == TL_ENTRY_SAMPLE || entry.kind == TL_ENTRY_STEP ? 1 : 0;
     }
     return count;
-}
-
-static uint64_t count_events(tl_outbox_reader *reader, uint64_t number) {
-    tl_recorder_event_entry event;
-    uint64_t count = 0;
-    bool skip = false;
-    for (int i = 0; i < TL_RECORDER_EVENTS && tl_outbox_reader_event(reader, number, &event, &skip); i++) {
-        number++;
-        count += skip ? 0 : 1;
-    }
-    return count;
-}
-
-uint64_t tl_outbox_rest_count(const tl_outbox_settings *settings, const void *memory, const tl_outbox_taken *taken) {
-    tl_outbox_reader reader;
-    tl_outbox_reader_open(settings, memory, &reader);
-    uint64_t events = count_events(&reader, taken->events);
-    return events + (settings->ring_bytes > 0 ? count_entries(&reader, taken->ring) : 0);
 }

@@ -15,7 +15,7 @@
 #include "firmware/store/outbox.h"
 #include "firmware/store/recorder_writer.h"
 
-enum { STACK = 512 * 1024, ALIGNMENT = 64 };
+enum { STACK = 512 * 1024, PAGE = 4096 };
 
 static const tl_time PATIENCE = 2 * TL_SECOND;     /* where the settings do not say it */
 static const tl_time WAKE = TL_SECOND;             /* the thread looks at least this often how full the ring is */
@@ -24,7 +24,7 @@ static const tl_time ROOM_PAUSE = TL_SECOND / 100; /* a producer that waits look
 struct tl_recorder {
     tl_recorder_settings settings;
     tl_time patience;
-    unsigned char *memory; /* in which the outbox is */
+    void *memory; /* in which the outbox is */
     tl_outbox outbox;
     tl_recorder_writer_state state;
     tl_outbox_start start;
@@ -40,18 +40,12 @@ struct tl_recorder {
     tl_recorder_writer *writer;
 };
 
-static struct timespec timespec_of(tl_time time) {
-    struct timespec result;
-    result.tv_sec = (time_t)(time / TL_SECOND);
-    result.tv_nsec = (long)(time % TL_SECOND);
-    return result;
-}
-
 /* ---- Producer ---------------------------------------------------------------------------------------------------- */
 
-static void ask_to_hurry(tl_recorder *recorder) {
+/* One of the lock's flags is to be seen by the thread at once. */
+static void wake_up(tl_recorder *recorder, bool *flag) {
     (void)pthread_mutex_lock(&recorder->lock);
-    recorder->hurry = true;
+    *flag = true;
     (void)pthread_cond_signal(&recorder->wake);
     (void)pthread_mutex_unlock(&recorder->lock);
 }
@@ -64,7 +58,7 @@ static void wait_for_room(tl_recorder *recorder) {
         if (since != 0 && now - since >= recorder->patience) {
             return;
         }
-        ask_to_hurry(recorder);
+        wake_up(recorder, &recorder->hurry);
         (void)tl_outbox_wait_for_room(&recorder->outbox, now + ROOM_PAUSE);
     }
 }
@@ -101,24 +95,21 @@ static bool is_refused(const tl_recorder *recorder) {
     return tl_recorder_state_get(&recorder->state).refused_since != 0;
 }
 
-/* Sleeps until `time`; earlier if it is to stop, or a producer waits for room. */
-static bool sleep_until(tl_recorder *recorder, tl_time time) {
-    struct timespec until = timespec_of(time);
+/* Sleeps until `due`, at most WAKE; shorter if it is to stop: false; or if a producer waits for room: *hurry. */
+static bool sleep_until(tl_recorder *recorder, tl_time due, bool *hurry) {
+    tl_time look = tl_clock_now(NULL) + WAKE;
+    tl_time time = due < look ? due : look;
+    const struct timespec until = {.tv_sec = (time_t)(time / TL_SECOND), .tv_nsec = (long)(time % TL_SECOND)};
     (void)pthread_mutex_lock(&recorder->lock);
     while (!recorder->stop && !(recorder->hurry && !is_refused(recorder)) && tl_clock_now(NULL) < time) {
         (void)pthread_cond_timedwait(&recorder->wake, &recorder->lock, &until);
     }
-    bool awake = recorder->hurry && !is_refused(recorder);
+    bool stop = recorder->stop;
+    *hurry = recorder->hurry && !is_refused(recorder);
     recorder->hurry = false;
     (void)pthread_mutex_unlock(&recorder->lock);
-    return awake || tl_recorder_writer_is_pressed(recorder->writer);
-}
-
-static bool is_stopped(tl_recorder *recorder) {
-    (void)pthread_mutex_lock(&recorder->lock);
-    bool stop = recorder->stop;
-    (void)pthread_mutex_unlock(&recorder->lock);
-    return stop;
+    *hurry = *hurry || tl_recorder_writer_is_pressed(recorder->writer);
+    return !stop;
 }
 
 static void *run_writer(void *argument) {
@@ -126,9 +117,8 @@ static void *run_writer(void *argument) {
     tl_locale_use();
     tl_time due = tl_clock_now(NULL) + recorder->settings.commit;
     tl_crash_enter(TL_CRASH_OURS);
-    while (!is_stopped(recorder)) {
-        tl_time look = tl_clock_now(NULL) + WAKE;
-        bool hurry = sleep_until(recorder, due < look ? due : look);
+    bool hurry = false;
+    while (sleep_until(recorder, due, &hurry)) {
         if (tl_clock_now(NULL) >= due || (hurry && !is_refused(recorder))) {
             tl_recorder_writer_write(recorder->writer);
             due = tl_clock_now(NULL) + recorder->settings.commit;
@@ -156,34 +146,21 @@ static void destroy(tl_recorder *recorder) {
     free(recorder);
 }
 
-/* Of the outbox in its memory. */
-static void *place_of(const tl_recorder *recorder) {
-    return recorder->memory + (ALIGNMENT - (uintptr_t)recorder->memory % ALIGNMENT);
-}
-
-static bool make_outbox(tl_recorder *recorder, tl_outbox_settings *outbox) {
-    const tl_recorder_settings *settings = &recorder->settings;
-    *outbox = (tl_outbox_settings){.shape = {.plant = settings->plant_count,
-                                             .match = settings->match_count,
-                                             .adjust = settings->adjust_count,
-                                             .components = settings->component_count}};
-    outbox->ring_bytes = tl_outbox_ring_bytes(&outbox->shape, settings->step);
-    recorder->memory = calloc(1, tl_outbox_bytes(outbox) + ALIGNMENT); /* zeros that nobody has to write */
-    if (recorder->memory == NULL) {
-        return false;
-    }
-    tl_outbox_open(outbox, place_of(recorder), &recorder->state.taken[0], &recorder->outbox);
-    return true;
-}
-
 static tl_status start(tl_recorder *recorder, tl_error *error) {
     const tl_recorder_settings *settings = &recorder->settings;
     tl_recorder_writer_outbox outbox = {.name = "this process"};
     recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
-    if (!make_outbox(recorder, &outbox.settings)) {
+    outbox.settings.shape = (tl_recorder_shape){settings->plant_count, settings->match_count, settings->adjust_count,
+                                                settings->component_count};
+    outbox.settings.ring_bytes = tl_outbox_ring_bytes(&outbox.settings.shape, settings->step);
+    size_t bytes = tl_outbox_bytes(&outbox.settings);
+    if (posix_memalign(&recorder->memory, PAGE, bytes) != 0) {
+        recorder->memory = NULL;
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
-    outbox.memory = place_of(recorder);
+    memset(recorder->memory, 0, bytes);
+    tl_outbox_open(&outbox.settings, recorder->memory, &recorder->state.taken[0], &recorder->outbox);
+    outbox.memory = recorder->memory;
     recorder->start.account = *settings->account;
     const tl_recorder_writer_settings made = {.record = settings,
                                               .outboxes = &outbox,
@@ -219,14 +196,6 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
     return TL_OK;
 }
 
-static void stop_thread(tl_recorder *recorder) {
-    (void)pthread_mutex_lock(&recorder->lock);
-    recorder->stop = true;
-    (void)pthread_cond_signal(&recorder->wake);
-    (void)pthread_mutex_unlock(&recorder->lock);
-    (void)pthread_join(recorder->thread, NULL);
-}
-
 /* The end has its place behind all entries; the ring may have to be written first. */
 static void put_end(tl_recorder *recorder, const char *reason, tl_time until) {
     while (!tl_outbox_wait_for_room(&recorder->outbox, 0) && tl_clock_now(NULL) < until) {
@@ -243,7 +212,8 @@ tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_record
         return TL_OK;
     }
     tl_time until = tl_clock_now(NULL) + recorder->patience;
-    stop_thread(recorder);
+    wake_up(recorder, &recorder->stop);
+    (void)pthread_join(recorder->thread, NULL);
     put_end(recorder, reason, until);
     tl_time left = until - tl_clock_now(NULL);
     tl_status status = tl_recorder_writer_close(recorder->writer, left < 0 ? 0 : left, error);

@@ -25,14 +25,23 @@ static inline void copy_part(unsigned char *to, const unsigned char *from, size_
     }
 }
 
-/* An entry ends with a digest of its position and bytes: a wild store into the ring does not pass for a value. */
-static uint64_t mix(uint64_t digest, const void *part, size_t size) {
+/* Can be undone, so that a word that is changed always changes the digest. */
+static uint64_t mix(uint64_t digest, uint64_t word) {
+    digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
+    return digest ^ digest >> 29;
+}
+
+uint64_t tl_recorder_digest(uint64_t digest, const void *part, size_t size) {
     const unsigned char *bytes = part;
-    for (size_t at = 0; at < size; at += sizeof(uint64_t)) {
-        uint64_t word = 0;
-        copy_part((unsigned char *)&word, bytes + at, size - at < sizeof word ? size - at : sizeof word);
-        digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
-        digest ^= digest >> 29;
+    uint64_t word = 0;
+    for (; size >= sizeof word; size -= sizeof word, bytes += sizeof word) {
+        memcpy(&word, bytes, sizeof word);
+        digest = mix(digest, word);
+    }
+    if (size > 0) {
+        word = 0;
+        copy_part((unsigned char *)&word, bytes, size);
+        digest = mix(digest, word);
     }
     return digest;
 }
@@ -117,34 +126,26 @@ bool tl_packed_record_is_sound(const tl_record *record, size_t match) {
 
 /* ---- Sizes ---- */
 
-/* Without the digest. */
-static size_t size_of_start(bool holds) {
-    return 2 + sizeof(tl_resumption) + sizeof(uint64_t) +
-           (holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning));
-}
-
-static size_t size_of(const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    switch (kind) {
-    case TL_ENTRY_START:
-        return size_of_start(false);
-    case TL_ENTRY_SAMPLE:
-        return 1 + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
-    case TL_ENTRY_STEP:
-        return 1 + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
-    case TL_ENTRY_END:
-        return 1 + TL_RECORDER_REASON;
-    case TL_ENTRY_TUNING:
-        return 1 + sizeof(tl_run_tuning);
-    }
-    return 0;
-}
-
 size_t tl_recorder_entry_size_of_start(bool holds) {
-    return size_of_start(holds) + sizeof(uint64_t);
+    size_t told = holds ? 0 : sizeof(tl_account) + TL_SHA256_TEXT + sizeof(tl_run_tuning);
+    return 2 + sizeof(tl_resumption) + 2 * sizeof(uint64_t) + told;
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    return size_of(shape, kind) + sizeof(uint64_t);
+    size_t ends = 1 + sizeof(uint64_t); /* the kind, and the digest */
+    switch (kind) {
+    case TL_ENTRY_START:
+        break;
+    case TL_ENTRY_SAMPLE:
+        return ends + sizeof(uint64_t) + sizeof(int64_t) + tl_packed_size(tl_packed_signals, shape);
+    case TL_ENTRY_STEP:
+        return ends + tl_packed_size(tl_packed_record, shape) + shape->components * sizeof(tl_recorder_component);
+    case TL_ENTRY_END:
+        return ends + TL_RECORDER_REASON;
+    case TL_ENTRY_TUNING:
+        return ends + sizeof(tl_run_tuning);
+    }
+    return tl_recorder_entry_size_of_start(false);
 }
 
 size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
@@ -159,7 +160,7 @@ size_t tl_recorder_entry_largest(const tl_recorder_shape *shape) {
 /* ---- Packing ---- */
 
 static void put(tl_recorder_pen *pen, const void *part, size_t size) {
-    pen->digest = mix(pen->digest, part, size);
+    pen->digest = tl_recorder_digest(pen->digest, part, size);
     size_t at = (size_t)(pen->position & (pen->capacity - 1));
     size_t first = size < pen->capacity - at ? size : pen->capacity - at;
     copy_part(pen->bytes + at, part, first);
@@ -272,7 +273,7 @@ static bool get(look *at, void *part, size_t size) {
     copy_part((unsigned char *)part + first, page->bytes, size - first);
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     at->position += size;
-    at->digest = mix(at->digest, part, size);
+    at->digest = tl_recorder_digest(at->digest, part, size);
     return true;
 }
 
@@ -332,7 +333,7 @@ static const char *get_end(look *at, char reason[TL_RECORDER_REASON]) {
     if (!get(at, reason, TL_RECORDER_REASON)) {
         return CUT;
     }
-    if (!tl_recorder_text_ends(reason, TL_RECORDER_REASON)) {
+    if (memchr(reason, '\0', TL_RECORDER_REASON) == NULL) {
         return "a text without an end";
     }
     tl_recorder_text_clean(reason);
@@ -375,10 +376,6 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
         *position = at.position;
     }
     return fault;
-}
-
-bool tl_recorder_text_ends(const char *text, size_t size) {
-    return memchr(text, '\0', size) != NULL;
 }
 
 /* Control characters of ASCII, and of Latin 1, which are C2 80 … C2 9F in UTF-8. */

@@ -40,46 +40,29 @@ static void note_fate(tl_recorder_file *file, const char *fate) {
                    tl_recorder_mark_entries(tl_recorder_state_mark(file->state)));
 }
 
-static void tell_fate(tl_recorder_file *file, const char *end) {
-    char text[TL_EVENT_TEXT];
-    if (file->fate[0] != '\0') {
-        (void)snprintf(text, sizeof text, "was %s%s", file->fate, end);
-        tl_recorder_file_say(file, TL_EVENT_ERROR, text);
-    }
-    file->fate[0] = '\0';
-}
-
-static void tell_beside(tl_recorder_file *file, const char *why) {
-    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
-    bool has_fate = file->fate[0] != '\0';
-    (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s", has_fate ? " of one that was " : "",
-                   file->fate, why);
-    tl_recorder_file_say(file, TL_EVENT_ERROR, text);
-    file->fate[0] = '\0';
-}
-
-static void tell_aside(tl_recorder_file *file, const tl_database_aside *aside) {
-    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
-    const char *name = strrchr(aside->name, '/');
-    bool has_fate = file->fate[0] != '\0';
-    (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", file->fate,
-                   has_fate ? "; what took its place was " : "", name == NULL ? aside->name : name + 1, aside->why);
+static void tell(tl_recorder_file *file, const char *text) {
     tl_recorder_file_say(file, TL_EVENT_ERROR, text);
     file->fate[0] = '\0';
 }
 
 void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news) {
-    if (news->aside.name[0] != '\0') {
-        tell_aside(file, &news->aside);
+    char text[TL_EVENT_TEXT + 2 * TL_RECORDER_FATE];
+    if (news != NULL && news->aside.name[0] != '\0') {
+        const char *name = strrchr(news->aside.name, '/');
+        (void)snprintf(text, sizeof text, "was %s%sdamaged, is called %.60s now, and was made anew: %.100s", file->fate,
+                       file->fate[0] != '\0' ? "; what took its place was " : "",
+                       name == NULL ? news->aside.name : name + 1, news->aside.why);
+        tell(file, text);
     }
-    if (news->beside[0] != '\0') {
-        tell_beside(file, news->beside);
+    if (news != NULL && news->beside[0] != '\0') {
+        (void)snprintf(text, sizeof text, "is recorded into instead%s%s: %.180s",
+                       file->fate[0] != '\0' ? " of one that was " : "", file->fate, news->beside);
+        tell(file, text);
     }
-    tell_fate(file, ", and is made anew");
-}
-
-void tl_recorder_file_tell_none(tl_recorder_file *file) {
-    tell_fate(file, "");
+    if (file->fate[0] != '\0') {
+        (void)snprintf(text, sizeof text, "was %s%s", file->fate, news == NULL ? "" : ", and is made anew");
+        tell(file, text);
+    }
 }
 
 /* ---- The run in it ----------------------------------------------------------------------------------------------- */
@@ -170,13 +153,12 @@ static void remove_stray_logs(const tl_recorder_file *file) {
 
 /* A file that the writer before us was writing, though another one was asked for. */
 static tl_status open_kept(tl_recorder_file *file) {
-    const tl_database_user user = {begin_use, end_use, file};
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
     if (mark->run == 0 || access(mark->path, F_OK) != 0) {
         return TL_BAD_DATA;
     }
-    tl_status status = tl_database_file_open(mark->path, 0, &user, &file->file, NULL, NULL);
+    tl_status status = tl_database_file_open(mark->path, 0, &file->user, &file->file, NULL, NULL);
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* somebody has written into it */
         file->is_kept = false;
     }
@@ -185,11 +167,10 @@ static tl_status open_kept(tl_recorder_file *file) {
 
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
                                 bool *waits) {
-    const tl_database_user user = {begin_use, end_use, file};
     const tl_database_wanted wanted = {.path = file->record->path,
                                        .patience = insistence == TL_DATABASE_ANYHOW ? 0 : PATIENCE,
                                        .insistence = insistence,
-                                       .user = &user};
+                                       .user = &file->user};
     *news = (tl_database_news){.beside = ""};
     *waits = false;
     remove_stray_logs(file);
@@ -210,8 +191,11 @@ void tl_recorder_file_hurry(tl_recorder_file *file) {
 
 void tl_recorder_file_begin(tl_recorder_file *file, const tl_recorder_settings *record,
                             tl_recorder_writer_state *state) {
-    *file = (tl_recorder_file){
-        .record = record, .state = state, .file = TL_DATABASE_FILE_NONE, .limiter = TL_LOG_LIMITER(5)};
+    *file = (tl_recorder_file){.record = record,
+                               .state = state,
+                               .file = TL_DATABASE_FILE_NONE,
+                               .user = {begin_use, end_use, file},
+                               .limiter = TL_LOG_LIMITER(5)};
 }
 
 void tl_recorder_file_end(tl_recorder_file *file) {
@@ -223,17 +207,15 @@ void tl_recorder_file_end(tl_recorder_file *file) {
 
 /* As tl_database_instead_beside(), whose news are still to be told. */
 static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_database_news *news) {
-    const tl_database_user user = {begin_use, end_use, file};
-    return tl_database_instead_beside(file->record->path, why->text, &user, &file->file, news, &file->failure);
+    return tl_database_instead_beside(file->record->path, why->text, &file->user, &file->file, news, &file->failure);
 }
 
 static bool replace_damaged(tl_recorder_file *file) {
-    const tl_database_user user = {begin_use, end_use, file};
     tl_database_news news = {.beside = ""};
     tl_error why = file->failure;
     end_use(file);
     tl_recorder_state_leave_run(file->state, false);
-    tl_status status = tl_database_file_renew(&file->file, why.text, &user, &news.aside, &file->failure);
+    tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &news.aside, &file->failure);
     if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* it stays where it is */
         status = open_beside(file, &why, &news);
     }

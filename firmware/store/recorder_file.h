@@ -28,6 +28,7 @@ typedef struct tl_recorder_file {
     const tl_recorder_settings *record;
     tl_recorder_writer_state *state;
     tl_database_file file;
+    tl_database_user user;
     tl_recorder_database *database; /* NULL: no file is open */
     bool goes_on;                   /* with a run that another writer began, and of which nothing was written since */
     bool is_kept;                   /* what that one wrote is still in its file, as far as we know */
@@ -57,9 +58,8 @@ void tl_recorder_file_keep_words(tl_recorder_file *file, int code);
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
                                 bool *waits);
 
-/* Says why it is another file than before, or that there is none. */
+/* Says why it is another file than before; NULL: that there is none. */
 void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news);
-void tl_recorder_file_tell_none(tl_recorder_file *file);
 
 /* Whether it is time to try that again; it is noted as tried then. */
 bool tl_recorder_file_is_due(tl_recorder_file *file);

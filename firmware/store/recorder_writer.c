@@ -444,15 +444,13 @@ static int64_t tick_at(const tl_recorder_writer *writer, tl_time instant) {
     return fits && since > 0 && since < INT64_MAX - step ? (since - 1) / step + 1 : 0;
 }
 
-/* Its tick is later than now. In mode ahead the last one is a period early. */
-static bool is_of_the_future(const tl_recorder_writer *writer) {
-    return writer->settings.plant.take != NULL && !writer->next.is_untimed && writer->entry.kind == TL_ENTRY_SAMPLE &&
-           writer->entry.sample.tick > tick_at(writer, tl_clock_now(NULL)) + 1;
-}
-
 /* Is it one of the run, and can it be written? Else it is dropped. */
 static int write_part(tl_recorder_writer *writer, bool *written) {
-    bool impossible = writer->next.has_ended || is_of_the_future(writer);
+    /* Its tick is later than now. In mode ahead the last one is a period early. */
+    bool is_of_the_future = writer->settings.plant.take != NULL && !writer->next.is_untimed &&
+                            writer->entry.kind == TL_ENTRY_SAMPLE &&
+                            writer->entry.sample.tick > tick_at(writer, tl_clock_now(NULL)) + 1;
+    bool impossible = writer->next.has_ended || is_of_the_future;
     int code = SQLITE_OK;
     if (!impossible) {
         code = tl_recorder_database_entry(database_of(writer), &writer->entry, &impossible);
@@ -702,15 +700,6 @@ static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *mor
     return code;
 }
 
-/* What is missing of the run before, in a transaction of its own. */
-static int write_rest(tl_recorder_writer *writer, int64_t end, bool *more) {
-    size_t limit = tl_recorder_database_batch(database_of(writer));
-    int code = begin_transaction(writer, bytes_of_missing(writer, end, limit));
-    code = end_batch(writer, code == SQLITE_OK ? write_missing(writer, end, limit) : code);
-    *more = code == SQLITE_OK;
-    return code;
-}
-
 /* One transaction, of entries up to `end` of the ring, or to where another run begins, and events as far as they fit. *more: it should be followed
  * by another one. */
 static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
@@ -720,8 +709,13 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     end = end_of(writer, end);
     bool has_early = writer->next.run != 0 && count_events(writer, taken_of(writer)->ring, 1) > 0;
     if (!has_early && is_beginning(writer, end, &position)) { /* else there are events of the run before */
-        if (count_missing(writer, tick_of_other(writer)) > 0) {
-            return write_rest(writer, tick_of_other(writer), more);
+        int64_t rest = tick_of_other(writer);
+        if (count_missing(writer, rest) > 0) { /* of the run before: in a transaction of its own */
+            size_t limit = tl_recorder_database_batch(database_of(writer));
+            int code = begin_transaction(writer, bytes_of_missing(writer, rest, limit));
+            code = end_batch(writer, code == SQLITE_OK ? write_missing(writer, rest, limit) : code);
+            *more = code == SQLITE_OK;
+            return code;
         }
         take_beginning(writer, position);
     } else if (!writer->next.has_begun) {
@@ -813,7 +807,7 @@ static bool is_open(tl_recorder_writer *writer) {
         return false;
     }
     if (tl_recorder_file_open(file, TL_DATABASE_ANYHOW, &news, &waits) != TL_OK) {
-        tl_recorder_file_tell_none(file);
+        tl_recorder_file_tell(file, NULL);
         note_refusal_to_open(writer);
         return false;
     }
@@ -986,12 +980,6 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
     return TL_OK;
 }
 
-/* Entries, events, or words of its own. */
-static bool is_unfinished(tl_recorder_writer *writer) {
-    bool has_words = mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_said;
-    return has_words || !is_empty(writer);
-}
-
 tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience, tl_error *error) {
     tl_time began = tl_clock_now(NULL);
     tl_status status = TL_OK;
@@ -1004,7 +992,8 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
     }
     say_loss(writer, why_lost(writer));
     tl_recorder_writer_write(writer);
-    while (is_unfinished(writer) && tl_clock_now(NULL) - began < patience) {
+    while (((mark_of(writer)->has_begun && mark_of(writer)->said != writer->state->own_said) || !is_empty(writer)) &&
+           tl_clock_now(NULL) - began < patience) {
         tl_clock_sleep_until(tl_clock_now(NULL) + CLOSE_PAUSE);
         tl_recorder_writer_write(writer);
     }
