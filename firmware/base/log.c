@@ -220,16 +220,6 @@ static bool write_patiently(const char *bytes, size_t size, int patience) {
     return true;
 }
 
-/* In a journal a line without a level of its own could begin with one. */
-static void foreign_prefix(int level, char *prefix) {
-    const char *shown = current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ";
-    if (level == TL_LOG_FOREIGN) {
-        (void)snprintf(prefix, TL_LOG_PREFIX, "%s", shown);
-    } else {
-        tl_log_prefix((tl_log_level)level, prefix, TL_LOG_PREFIX);
-    }
-}
-
 bool tl_log_foreign(int level, const char *line, int patience) {
     if (!is_wanted(level)) {
         return true;
@@ -237,7 +227,11 @@ bool tl_log_foreign(int level, const char *line, int patience) {
     int saved = errno;
     char prefix[TL_LOG_PREFIX];
     char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
-    foreign_prefix(level, prefix);
+    if (level == TL_LOG_FOREIGN) { /* in a journal a line without a level of its own could begin with one */
+        (void)snprintf(prefix, sizeof prefix, "%s", current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ");
+    } else {
+        tl_log_prefix((tl_log_level)level, prefix, sizeof prefix);
+    }
     int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
     bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
     if (done) {

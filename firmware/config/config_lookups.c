@@ -44,11 +44,6 @@ bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal) {
     return false;
 }
 
-/* How long a reading is in what is made of it: as good as forgotten after three time constants. */
-static tl_time memory_of(const tl_condition *condition, tl_time each) {
-    return (condition->median > 1 ? (tl_time)(condition->median - 1) * each : 0) + 3 * condition->low_pass;
-}
-
 static bool is_matched(const tl_config *config, const tl_config_signal *signal) {
     for (size_t i = 0; i < config->match_count; i++) {
         if (leads_to(config->match[i].to, signal)) {
@@ -79,7 +74,9 @@ uint32_t tl_config_free_twin_guard(const tl_config *config) {
     tl_time wait = longest_wait(config);
     tl_time memory = 0;
     for (size_t i = 0; i < config->match_count; i++) {
-        tl_time own = memory_of(&config->conditions[i], wait);
+        /* As good as forgotten after three time constants. */
+        const tl_condition *condition = &config->conditions[i];
+        tl_time own = (condition->median > 1 ? (tl_time)(condition->median - 1) * wait : 0) + 3 * condition->low_pass;
         memory = own > memory ? own : memory;
     }
     tl_time steps = (2 * wait + memory + config->step - 1) / config->step;

@@ -168,14 +168,6 @@ static void read_channel(tl_config_object *entry, const tl_driver *row, tl_confi
     }
 }
 
-static void read_channels(tl_config_object *entry, tl_config_signal *signal) {
-    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
-        if ((*row)->read_signal != NULL) {
-            read_channel(entry, *row, signal);
-        }
-    }
-}
-
 /* ---- plant.NAME ---- */
 
 static void read_initial(tl_config_object *entry, tl_plan_signal *plan) {
@@ -237,7 +229,11 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     } else { /* its type is not known either */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);
     }
-    read_channels(entry, signal);
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        if ((*row)->read_signal != NULL) {
+            read_channel(entry, *row, signal);
+        }
+    }
     tl_config_done(entry);
 }
 

@@ -364,14 +364,6 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
                    advice);
 }
 
-/* What is behind it runs code of the FMU. */
-static void *open_guarded(tl_fmu_guard *guard, const char *path) {
-    tl_fmu_guard_enter(guard, TL_FMU_LOADING);
-    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    tl_fmu_guard_leave(guard);
-    return opened;
-}
-
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error) {
     char path[PATH_MAX];
@@ -384,7 +376,9 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status != TL_OK) {
         return status;
     }
-    void *opened = open_guarded(guard, path);
+    tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* which runs code of the FMU */
+    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_guard_leave(guard);
     if (opened == NULL) {
         return fail_open_binary(path, label, dlerror(), error);
     }

@@ -622,19 +622,6 @@ static void begin_type_of_variable(description_parser *parser, const xml_tag *ta
     read_start(parser, tag, &entry->variable);
 }
 
-static tl_variability default_variability(const tl_variable *variable) {
-    if (variable->causality == TL_PARAMETER || variable->causality == TL_CALCULATED_PARAMETER) {
-        return TL_FIXED;
-    }
-    return variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
-}
-
-/* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
-static tl_initial default_initial(const tl_variable *variable) {
-    bool is_exact = variable->causality == TL_PARAMETER || variable->variability == TL_CONSTANT;
-    return is_exact ? TL_INITIAL_EXACT : TL_INITIAL_CALCULATED;
-}
-
 static void end_variable(description_parser *parser) {
     tl_draft_variable *entry = last_of(&parser->variables);
     tl_variable *variable = &entry->variable;
@@ -644,13 +631,16 @@ static void end_variable(description_parser *parser) {
                 variable->name);
         return;
     }
+    bool is_fixed = variable->causality == TL_PARAMETER || variable->causality == TL_CALCULATED_PARAMETER;
     if (!entry->has_variability) {
-        variable->variability = default_variability(variable);
+        variable->variability = is_fixed ? TL_FIXED : variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
     }
+    /* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
     if (variable->causality == TL_INPUT || variable->causality == TL_INDEPENDENT) {
         variable->initial = TL_INITIAL_NONE;
     } else if (!entry->has_initial) {
-        variable->initial = default_initial(variable);
+        bool is_exact = variable->causality == TL_PARAMETER || variable->variability == TL_CONSTANT;
+        variable->initial = is_exact ? TL_INITIAL_EXACT : TL_INITIAL_CALCULATED;
     }
 }
 

@@ -147,16 +147,10 @@ static size_t count_hashed(const tl_elf_file *file, size_t table, size_t room) {
     return (size_t)last + 1;
 }
 
-/* Without one of its own a library still has symbols that it asks for; linkers put the names behind them. */
-static size_t count_before_names(const tl_elf_file *file, uint64_t symbols) {
-    uint64_t names = 0;
-    (void)find_entry(file, DT_STRTAB, &names);
-    return names > symbols ? (size_t)((names - symbols) / sizeof(ElfW(Sym))) : 0;
-}
-
 static void read_symbols(tl_elf_file *file) {
     uint64_t address = 0;
     uint64_t hashes = 0;
+    uint64_t names = 0;
     size_t room = 0;
     size_t table = 0;
     size_t rest = 0;
@@ -169,7 +163,10 @@ static void read_symbols(tl_elf_file *file) {
     } else if (find_entry(file, DT_GNU_HASH, &hashes) && locate(file, hashes, &table, &rest)) {
         count = count_hashed(file, table, rest);
     }
-    count = count != 0 ? count : count_before_names(file, address);
+    if (count == 0 && find_entry(file, DT_STRTAB, &names) && names > address) {
+        count =
+            (size_t)((names - address) / sizeof(ElfW(Sym))); /* not defined ones; linkers put the names behind them */
+    }
     file->symbol_count = count < room / sizeof(ElfW(Sym)) ? count : room / sizeof(ElfW(Sym));
 }
 
@@ -726,14 +723,6 @@ typedef struct looking {
     tl_status status;
 } looking;
 
-/* It is not in the FMU, so there is nothing to make a copy of. */
-static void warn_of_strange(const looking *look, const char *name) {
-    tl_log(
-        TL_LOG_WARNING,
-        "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
-        look->work->label, name);
-}
-
 /* What it needs and would get from another FMU, of which it has one beside it. A name with a slash is a path, and so it is its own. */
 static bool look_at(void *context, tl_elf_reference reference) {
     looking *look = context;
@@ -743,21 +732,14 @@ static bool look_at(void *context, tl_elf_reference reference) {
         return true;
     }
     if (library_called(look->work, name) == NULL) {
-        warn_of_strange(look, name);
+        tl_log(
+            TL_LOG_WARNING, /* there is nothing to make a copy of */
+            "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
+            look->work->label, name);
         return true;
     }
     look->status = add_rename(look->work, name);
     return look->status == TL_OK;
-}
-
-static tl_status find_renames(making *work) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
-        looking look = {work, &work->libraries[i].file, TL_OK};
-        tl_elf_visit(look.file, look_at, &look);
-        status = look.status;
-    }
-    return status;
 }
 
 /* ---- Changing ------------------------------------------------------------------------------------------- */
@@ -847,8 +829,10 @@ static void warn_of_opening(const making *work) {
 
 static tl_status make_copies(making *work, const char *binary) {
     tl_status status = find_libraries(work, binary);
-    if (status == TL_OK) {
-        status = find_renames(work);
+    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
+        looking look = {work, &work->libraries[i].file, TL_OK};
+        tl_elf_visit(look.file, look_at, &look);
+        status = look.status;
     }
     if (status == TL_OK) {
         status = change_all(work);
