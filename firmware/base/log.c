@@ -48,21 +48,14 @@ static bool is_journal(void) {
     return strcmp(stream, own) == 0;
 }
 
-static style find_style(void) {
-    if (is_journal()) {
-        return STYLE_JOURNAL;
-    }
-    const char *terminal = getenv("TERM");
-    const char *no_colour = getenv("NO_COLOR");
-    bool colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
-                  (no_colour == NULL || no_colour[0] == '\0');
-    return colour ? STYLE_COLOUR : STYLE_PLAIN;
-}
-
 static style current_style(void) {
     int found = __atomic_load_n(&known_style, __ATOMIC_RELAXED);
     if (found == STYLE_UNKNOWN) {
-        found = (int)find_style();
+        const char *terminal = getenv("TERM");
+        const char *no_colour = getenv("NO_COLOR");
+        bool has_colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
+                          (no_colour == NULL || no_colour[0] == '\0');
+        found = is_journal() ? STYLE_JOURNAL : has_colour ? STYLE_COLOUR : STYLE_PLAIN;
         __atomic_store_n(&known_style, found, __ATOMIC_RELAXED);
     }
     return (style)found;

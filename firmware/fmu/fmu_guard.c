@@ -728,8 +728,14 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
 
 /* ---- life of an instance ---- */
 
-static void forget(guarded *self) {
+static void free_instance(fmi2Component component) {
+    guarded *self = component;
     guarded **link = &self->guard->instances;
+    if (self->instance != NULL) { /* or it could not be made anew */
+        enter(self, TL_FMU_FREE_INSTANCE);
+        self->own->free_instance(self->instance);
+        (void)leave_slowly(self, fmi2OK);
+    }
     while (*link != NULL && *link != self) {
         link = &(*link)->next;
     }
@@ -738,16 +744,6 @@ static void forget(guarded *self) {
     }
     tl_fmu_ladder_end_notes(self);
     free(self);
-}
-
-static void free_instance(fmi2Component component) {
-    guarded *self = component;
-    if (self->instance != NULL) { /* or it could not be made anew */
-        enter(self, TL_FMU_FREE_INSTANCE);
-        self->own->free_instance(self->instance);
-        (void)leave_slowly(self, fmi2OK);
-    }
-    forget(self);
 }
 
 static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,

@@ -132,29 +132,24 @@ static conversion read_conversion(const char *format, va_list *arguments) {
     return found;
 }
 
-/* Passes over the integer that was printed from a copy of the arguments. */
-static void skip_integer(const conversion *found, va_list *arguments) {
-    bool wide = strcmp(found->size, "ll") == 0 || strcmp(found->size, "q") == 0 || strcmp(found->size, "j") == 0;
-    bool is_long = strcmp(found->size, "l") == 0 || strcmp(found->size, "z") == 0 || strcmp(found->size, "t") == 0;
-    long long value = wide      ? va_arg(*arguments, long long)
-                      : is_long ? va_arg(*arguments, long)
-                                : va_arg(*arguments, int);
-    (void)value;
-}
-
-static void skip_number(const conversion *found, va_list *arguments) {
-    long double value =
-        found->size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
-    (void)value;
-}
-
+/* Passes over the argument that was printed from a copy of the arguments. */
 static void skip(const conversion *found, va_list *arguments) {
-    if (strchr("aAeEfFgG", found->kind) != NULL) {
-        skip_number(found, arguments);
+    const char *size = found->size;
+    bool is_number = strchr("aAeEfFgG", found->kind) != NULL;
+    if (is_number && size[0] == 'L') {
+        (void)va_arg(*arguments, long double);
+    } else if (is_number) {
+        (void)va_arg(*arguments, double);
     } else if (found->kind == 'p') {
         (void)va_arg(*arguments, void *);
-    } else if (found->kind != 'm' && found->kind != '%') {
-        skip_integer(found, arguments);
+    } else if (found->kind == 'm' || found->kind == '%') {
+        return;
+    } else if (strcmp(size, "ll") == 0 || size[0] == 'q' || size[0] == 'j') {
+        (void)va_arg(*arguments, long long);
+    } else if (size[0] == 'l' || size[0] == 'z' || size[0] == 't') {
+        (void)va_arg(*arguments, long);
+    } else {
+        (void)va_arg(*arguments, int);
     }
 }
 
