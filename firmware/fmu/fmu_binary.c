@@ -282,15 +282,12 @@ static const symbol symbols[] = {
     {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), ALWAYS},
 };
 
-static bool is_needed(need need_of_symbol, const tl_capabilities *capabilities) {
-    return need_of_symbol == ALWAYS ||
-           (need_of_symbol == FOR_STATE ? capabilities->can_get_and_set_state : capabilities->can_serialize_state);
-}
-
 static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
     memset(functions, 0, sizeof *functions);
     for (size_t i = 0; i < sizeof symbols / sizeof symbols[0]; i++) {
-        if (!is_needed(symbols[i].need, &model->capabilities)) {
+        bool is_claimed = symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
+                                                       : model->capabilities.can_serialize_state;
+        if (symbols[i].need != ALWAYS && !is_claimed) {
             continue;
         }
         void *address = dlsym(handle, symbols[i].name);

@@ -97,12 +97,6 @@ void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
     fmu->guard.functions.replay.most = fmu->guard.by_replay ? steps : 0;
 }
 
-void tl_fmu_prepare(void) {
-    if (tl_fmu_memory_serves()) {
-        tl_fmu_memory_prepare();
-    }
-}
-
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
     return fmu->line != NULL      ? TL_ROLLBACK_FORK
            : fmu->guard.by_memory ? TL_ROLLBACK_MEMORY
@@ -153,15 +147,13 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_status status = tl_fmu_archive_unpack(path, opened, label, &fmu->folder, error);
-    if (status != TL_OK) {
-        return status;
+    if (status == TL_OK) {
+        (void)snprintf(description, sizeof description, "%s/modelDescription.xml", fmu->folder.path);
+        status = tl_model_description_read(description, label, &fmu->arena, &fmu->model, error);
     }
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", fmu->folder.path);
-    status = tl_model_description_read(description, label, &fmu->arena, &fmu->model, error);
-    if (status != TL_OK) {
-        return status;
+    if (status == TL_OK) {
+        status = make_resources(fmu, label, error);
     }
-    status = make_resources(fmu, label, error);
     if (status == TL_OK) {
         status = read_module(fmu, label, error);
     }

@@ -524,15 +524,6 @@ static bool remember(const char *path) {
     return true;
 }
 
-static bool is_of_an_fmu(const char *path) {
-    for (const fmu_folder *folder = folders; folder != NULL; folder = folder->next) {
-        if (is_below(path, folder->path)) {
-            return true;
-        }
-    }
-    return false;
-}
-
 /* ---- Libraries of this one ------------------------------------------------------------------------------ */
 
 static tl_status map_file(const making *work, int file, own_library *library) {
@@ -640,7 +631,11 @@ static bool is_taken(const char *name) {
     if (found == NULL) {
         return false;
     }
-    bool taken = dlinfo(found, RTLD_DI_LINKMAP, &map) == 0 && map != NULL && is_of_an_fmu(map->l_name);
+    bool taken = false;
+    bool is_known = dlinfo(found, RTLD_DI_LINKMAP, &map) == 0 && map != NULL;
+    for (const fmu_folder *folder = folders; folder != NULL && is_known; folder = folder->next) {
+        taken = taken || is_below(map->l_name, folder->path);
+    }
     (void)dlclose(found);
     return taken;
 }
@@ -667,15 +662,6 @@ static bool is_renamed(const making *work, const char *name) {
     return false;
 }
 
-/* Nobody has it: neither this FMU nor the loader. */
-static bool is_free(const making *work, const char *name) {
-    void *found = find_loaded(name);
-    if (found != NULL) {
-        (void)dlclose(found);
-    }
-    return found == NULL && library_called(work, name) == NULL && !is_renamed(work, name);
-}
-
 /* In place of its first characters a number that no library of the process has had: libtable.so becomes 001table.so. False: none is free. */
 static bool find_name(const making *work, const char *name, char found[TL_ELF_LIBRARY]) {
     static const char digits[] = "0123456789abcdefghijklmnopqrstuvwxyz";
@@ -691,8 +677,11 @@ static bool find_name(const making *work, const char *name, char found[TL_ELF_LI
             found[i - 1] = digits[rest % BASE];
             rest /= BASE;
         }
-        if (is_free(work, found)) {
-            return true;
+        void *loaded = find_loaded(found);
+        if (loaded != NULL) {
+            (void)dlclose(loaded);
+        } else if (library_called(work, found) == NULL && !is_renamed(work, found)) {
+            return true; /* nobody has it: neither this FMU nor the loader */
         }
     }
     return false;
