@@ -145,19 +145,28 @@ static const char *wipe(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
 }
 
+/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
+static bool write_patiently(const char *bytes, size_t size, int patience) {
+    for (size_t written = 0; written < size;) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
+            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
+            return false;
+        }
+        written += part;
+    }
+    return true;
+}
+
 /* false where `wait` is not wanted and stderr takes nothing now. */
 static bool write_line(tl_log_level level, const char *text, bool wait) {
     char prefix[TL_LOG_PREFIX];
     char line[LINE];
     tl_log_prefix(level, prefix, sizeof prefix);
     int length = snprintf(line, sizeof line, "%s%s%s\n", wipe(), prefix, text);
-    if (!wait) {
-        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
-        if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {
-            return false;
-        }
-    }
-    return length > 0 && tl_file_bytes_write(STDERR_FILENO, line, (size_t)length);
+    return length > 0 &&
+           (wait ? tl_file_bytes_write(STDERR_FILENO, line, (size_t)length) : write_patiently(line, (size_t)length, 0));
 }
 
 static bool error_said;
@@ -197,20 +206,6 @@ void tl_log_plain(const char *line) {
     int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
     (void)tl_file_bytes_write(STDERR_FILENO, whole, length > 0 ? (size_t)length : 0);
     errno = saved;
-}
-
-/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
-static bool write_patiently(const char *bytes, size_t size, int patience) {
-    for (size_t written = 0; written < size;) {
-        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
-        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
-        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
-            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
-            return false;
-        }
-        written += part;
-    }
-    return true;
 }
 
 bool tl_log_foreign(int level, const char *line, int patience) {

@@ -313,14 +313,6 @@ void tl_config_each(const tl_config_object *map,
 
 /* ---- unknown keys ---- */
 
-/* "one of a, b, c"; "only a". */
-static void list_known(const tl_config_object *object, char *list, size_t size) {
-    size_t used = (size_t)snprintf(list, size, object->known_count == 1 ? "only" : "one of");
-    for (size_t i = 0; i < object->known_count && used < size; i++) {
-        used += (size_t)snprintf(list + used, size - used, "%s %s", i == 0 ? "" : ",", object->known[i]);
-    }
-}
-
 static void report_unknown_key(const tl_config_object *object, const cJSON *item) {
     char path[TL_JSON_PATH];
     char key[TL_JSON_SHOWN];
@@ -336,7 +328,11 @@ static void report_unknown_key(const tl_config_object *object, const cJSON *item
     if (nearest.best != NULL) {
         (void)snprintf(expected, sizeof expected, "\"%s\"", nearest.best);
     } else {
-        list_known(object, expected, sizeof expected);
+        size_t used = (size_t)snprintf(expected, sizeof expected, object->known_count == 1 ? "only" : "one of");
+        for (size_t i = 0; i < object->known_count && used < sizeof expected; i++) {
+            used +=
+                (size_t)snprintf(expected + used, sizeof expected - used, "%s %s", i == 0 ? "" : ",", object->known[i]);
+        }
     }
     tl_config_problem(object->reader, path, tl_json_line(item), found, expected, NULL);
 }
@@ -368,12 +364,6 @@ static void describe_range(const tl_config_number *rule, char *expected, size_t 
     (void)snprintf(expected, size, "a %snumber%s%s", rule->whole ? "whole " : "", low, high);
 }
 
-static bool in_range(const tl_config_number *rule, double value) {
-    bool low = rule->above ? value > rule->minimum : value >= rule->minimum;
-    bool high = rule->below ? value < rule->maximum : value <= rule->maximum;
-    return low && high && (!rule->whole || value == floor(value));
-}
-
 bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value) {
     char expected[EXPECTED_READER];
     if (rule->expected != NULL) {
@@ -385,11 +375,14 @@ bool tl_config_get_number(tl_config_object *object, const char *key, const tl_co
     if (item == NULL) {
         return false;
     }
-    if (!cJSON_IsNumber(item) || !in_range(rule, item->valuedouble)) {
+    double number = item->valuedouble;
+    bool low = rule->above ? number > rule->minimum : number >= rule->minimum;
+    bool high = rule->below ? number < rule->maximum : number <= rule->maximum;
+    if (!cJSON_IsNumber(item) || !low || !high || (rule->whole && number != floor(number))) {
         tl_config_wrong(object, key, NULL, expected, rule->example);
         return false;
     }
-    *value = item->valuedouble;
+    *value = number;
     return true;
 }
 

@@ -121,16 +121,11 @@ typedef struct match_list {
     double tolerance;    /* as in read_tolerance() */
 } match_list;
 
-static tl_between read_between(tl_config_object *entry) {
-    static const char *const choices[] = {[TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", NULL};
-    size_t between = TL_BETWEEN_LAST;
-    (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
-    return (tl_between)between;
-}
-
 static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
+    static const char *const choices[] = {[TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", NULL};
     const match_list *list = context;
+    size_t between = TL_BETWEEN_LAST;
     tl_plan_match *match = &list->config->match[index];
     tl_config_object entry;
     begin_variable(map, item, list->example, &entry);
@@ -140,7 +135,8 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     if (tl_config_get_text(&entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
         tl_config_check_reference_of(&entry, "to", match->to, TL_CONFIG_SIGNAL);
     }
-    list->config->matched_between[index] = read_between(&entry);
+    (void)tl_config_get_choice(&entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
+    list->config->matched_between[index] = (tl_between)between;
     if (list->weighted) { /* what only an output that is matched has */
         read_tolerance(&entry, list->tolerance, match);
         (void)tl_config_get_number(&entry, "huber", &huber, &match->huber);

@@ -277,11 +277,6 @@ static tl_fmu_logger *find(const void *environment) {
     return found;
 }
 
-static tl_log_level level_of(fmi2Status status) {
-    bool is_fine = status == fmi2OK || status == fmi2Pending;
-    return is_fine ? TL_LOG_DEBUG : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR : TL_LOG_WARNING;
-}
-
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
     tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* what a message takes here is not the FMU's */
@@ -308,8 +303,11 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_fmu_message_copy(instance, name, sizeof name);
     tl_fmu_message_copy(category, kind, sizeof kind);
     /* Who is being called is the best guess for a message that does not say where it comes from. */
+    tl_log_level level = status == fmi2OK || status == fmi2Pending    ? TL_LOG_DEBUG
+                         : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
+                                                                      : TL_LOG_WARNING;
     const char *caller = tl_fmu_calls_look(tl_fmu_calls_here(), &call) ? call.fmu : "(unknown)";
-    tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level_of(status), "FMU %s%s%s: %s%s%s%s",
+    tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
     (void)tl_fmu_allocation_enter(heap);
