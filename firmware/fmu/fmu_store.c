@@ -15,6 +15,7 @@
 #include "firmware/fmu/model_description.h"
 #include "firmware/forked/forked_calls.h"
 #include "firmware/forked/forked_pool.h"
+#include "firmware/rollback/fmu_heap.h"
 
 /* Bytes of a path that an error shows: its end. */
 enum { LABEL = 120 };
@@ -95,6 +96,16 @@ static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error)
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
     fmu->guard.most = steps;
     fmu->guard.functions.replay.most = fmu->guard.by_replay ? steps : 0;
+}
+
+void tl_fmu_prepare(void) {
+    if (tl_fmu_memory_serves()) {
+        tl_fmu_memory_prepare();
+    }
+}
+
+size_t tl_fmu_used(void) {
+    return tl_fmu_allocation_used();
 }
 
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {

@@ -32,9 +32,7 @@ bool tl_fmu_memory_serves(void) {
 }
 
 void tl_fmu_memory_prepare(void) {
-    if (tl_fmu_allocation_serves()) {
-        tl_fmu_written_begin();
-    }
+    tl_fmu_written_begin();
 }
 
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {

@@ -17,7 +17,6 @@
 #include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/rollback/fmu_memory.h"
 #include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"
 
@@ -251,7 +250,7 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     }
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
-        tl_fmu_memory_prepare();
+        tl_fmu_prepare();
         tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
         status = confine(self, facts, error);
     } else if (status == TL_OK) {
