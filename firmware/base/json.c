@@ -375,19 +375,14 @@ static bool check_encoding(scanner *s) {
     return true;
 }
 
-/* Each value is the first, or follows a [ or , or : */
-static size_t most_values(const char *text, size_t size) {
-    size_t count = 1;
-    for (size_t i = 0; i < size; i++) {
-        count += text[i] == '[' || text[i] == ',' || text[i] == ':' ? 1 : 0;
-    }
-    return count;
-}
-
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error) {
     scanner s = {.text = text, .size = size, .line = 1, .lines = lines, .error = error};
+    size_t most = 1; /* each value is the first, or follows a [ or , or : */
+    for (size_t i = 0; i < size; i++) {
+        most += text[i] == '[' || text[i] == ',' || text[i] == ':' ? 1 : 0;
+    }
     lines->count = 0;
-    lines->line = tl_arena_take(arena, most_values(text, size), sizeof *lines->line);
+    lines->line = tl_arena_take(arena, most, sizeof *lines->line);
     if (lines->line == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory to read %zu bytes of JSON", size);
     }

@@ -48,21 +48,14 @@ static bool is_journal(void) {
     return strcmp(stream, own) == 0;
 }
 
-static style find_style(void) {
-    if (is_journal()) {
-        return STYLE_JOURNAL;
-    }
-    const char *terminal = getenv("TERM");
-    const char *no_colour = getenv("NO_COLOR");
-    bool colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
-                  (no_colour == NULL || no_colour[0] == '\0');
-    return colour ? STYLE_COLOUR : STYLE_PLAIN;
-}
-
 static style current_style(void) {
     int found = __atomic_load_n(&known_style, __ATOMIC_RELAXED);
     if (found == STYLE_UNKNOWN) {
-        found = (int)find_style();
+        const char *terminal = getenv("TERM");
+        const char *no_colour = getenv("NO_COLOR");
+        bool has_colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
+                          (no_colour == NULL || no_colour[0] == '\0');
+        found = is_journal() ? STYLE_JOURNAL : has_colour ? STYLE_COLOUR : STYLE_PLAIN;
         __atomic_store_n(&known_style, found, __ATOMIC_RELAXED);
     }
     return (style)found;
@@ -152,19 +145,28 @@ static const char *wipe(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
 }
 
+/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
+static bool write_patiently(const char *bytes, size_t size, int patience) {
+    for (size_t written = 0; written < size;) {
+        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
+        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
+        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
+            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
+            return false;
+        }
+        written += part;
+    }
+    return true;
+}
+
 /* false where `wait` is not wanted and stderr takes nothing now. */
 static bool write_line(tl_log_level level, const char *text, bool wait) {
     char prefix[TL_LOG_PREFIX];
     char line[LINE];
     tl_log_prefix(level, prefix, sizeof prefix);
     int length = snprintf(line, sizeof line, "%s%s%s\n", wipe(), prefix, text);
-    if (!wait) {
-        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
-        if (poll(&ready, 1, 0) != 1 || (ready.revents & POLLOUT) == 0) {
-            return false;
-        }
-    }
-    return length > 0 && tl_file_bytes_write(STDERR_FILENO, line, (size_t)length);
+    return length > 0 &&
+           (wait ? tl_file_bytes_write(STDERR_FILENO, line, (size_t)length) : write_patiently(line, (size_t)length, 0));
 }
 
 static bool error_said;
@@ -206,30 +208,6 @@ void tl_log_plain(const char *line) {
     errno = saved;
 }
 
-/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
-static bool write_patiently(const char *bytes, size_t size, int patience) {
-    for (size_t written = 0; written < size;) {
-        struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
-        size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
-        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
-            !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
-            return false;
-        }
-        written += part;
-    }
-    return true;
-}
-
-/* In a journal a line without a level of its own could begin with one. */
-static void foreign_prefix(int level, char *prefix) {
-    const char *shown = current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ";
-    if (level == TL_LOG_FOREIGN) {
-        (void)snprintf(prefix, TL_LOG_PREFIX, "%s", shown);
-    } else {
-        tl_log_prefix((tl_log_level)level, prefix, TL_LOG_PREFIX);
-    }
-}
-
 bool tl_log_foreign(int level, const char *line, int patience) {
     if (!is_wanted(level)) {
         return true;
@@ -237,7 +215,11 @@ bool tl_log_foreign(int level, const char *line, int patience) {
     int saved = errno;
     char prefix[TL_LOG_PREFIX];
     char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
-    foreign_prefix(level, prefix);
+    if (level == TL_LOG_FOREIGN) { /* in a journal a line without a level of its own could begin with one */
+        (void)snprintf(prefix, sizeof prefix, "%s", current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ");
+    } else {
+        tl_log_prefix((tl_log_level)level, prefix, sizeof prefix);
+    }
     int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
     bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
     if (done) {

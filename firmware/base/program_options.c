@@ -187,19 +187,14 @@ static tl_options_outcome check_words(const reading *self, size_t count, char *c
     return TL_OPTIONS_READ;
 }
 
-static size_t find_option(const reading *self, const char *name) {
-    size_t i = 0;
-    while (strcmp(self->options[i]->name, name) != 0) {
-        i++;
-    }
-    return i;
-}
-
 static tl_options_outcome check_needs(const reading *self) {
     for (size_t i = 0; i < self->count; i++) {
         const char *needs = self->given[i] ? self->options[i]->needs : NULL;
-        size_t needed = needs != NULL ? find_option(self, needs) : i;
-        if (!self->given[needed] && needs != NULL) {
+        size_t needed = 0;
+        while (needs != NULL && strcmp(self->options[needed]->name, needs) != 0) {
+            needed++;
+        }
+        if (needs != NULL && !self->given[needed]) {
             const char *value = self->options[needed]->value;
             return tl_options_refuse(self->verb, "--%s needs --%s%s%s", self->options[i]->name, needs,
                                      value != NULL ? " " : "", value != NULL ? value : "");

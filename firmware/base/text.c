@@ -121,10 +121,6 @@ typedef struct date {
 
 /* ---- Calendar ------------------------------------------------------------------------------------------- */
 
-static bool is_leap(int year) {
-    return (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
-}
-
 /* Days from 0000-01-01 to the first of a year; the year 0 is a leap year. */
 static int64_t days_before_year(int year) {
     return INT64_C(365) * year + (year + 3) / 4 - (year + 99) / 100 + (year + 399) / 400;
@@ -134,7 +130,8 @@ static int64_t days_before_year(int year) {
 static int days_before_month(int year, int month) {
     assert(month >= 1 && month <= 13);
     static const int before[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334, 365};
-    return before[month - 1] + (month > 2 && is_leap(year) ? 1 : 0);
+    bool is_leap = (year % 4 == 0 && year % 100 != 0) || year % 400 == 0;
+    return before[month - 1] + (month > 2 && is_leap ? 1 : 0);
 }
 
 /* The date of a day from 0000-01-01 on. */

@@ -16,11 +16,6 @@
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
 
-struct tl_config_memory {
-    tl_arena arena;
-    cJSON *tree; /* texts of the configuration point into it */
-};
-
 /* ---- the root's own keys ---- */
 
 /* A double cannot hold most decimal fractions: what is as near as rounding explains counts as whole. */
@@ -81,11 +76,7 @@ static tl_status out_of_memory(tl_report *report) {
 /* Takes the memory and what is known before the text is understood. */
 static bool begin(const char *path, const char *text, size_t size, tl_config *config) {
     memset(config, 0, sizeof *config);
-    config->memory = calloc(1, sizeof *config->memory);
-    if (config->memory == NULL) {
-        return false;
-    }
-    tl_arena *arena = &config->memory->arena;
+    tl_arena *arena = &config->arena;
     tl_arena_init(arena);
     char *copy = tl_arena_take(arena, size + 1, 1);
     if (copy != NULL && size > 0) {
@@ -111,13 +102,9 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
         return out_of_memory(report);
     }
     size_t before = report->count;
-    tl_arena scratch;
-    tl_arena_init(&scratch);
-    tl_status status = tl_json_parse(config->text, config->size, &scratch, report, &config->memory->tree);
-    tl_arena_release(&scratch);
-    if (config->memory->tree != NULL) {
-        tl_config_reader reader = {
-            .root = config->memory->tree, .arena = &config->memory->arena, .report = report, .config = config};
+    tl_status status = tl_json_parse(config->text, config->size, &config->arena, report, &config->tree);
+    if (config->tree != NULL) {
+        tl_config_reader reader = {.root = config->tree, .arena = &config->arena, .report = report, .config = config};
         read_sections(&reader, config);
         status = reader.out_of_memory ? out_of_memory(report) : report->count > before ? TL_BAD_DATA : TL_OK;
     }
@@ -160,21 +147,18 @@ tl_status tl_config_read(const char *path, tl_config *config, tl_report *report)
 }
 
 void tl_config_free(tl_config *config) {
-    if (config->memory != NULL) {
-        cJSON_Delete(config->memory->tree);
-        tl_arena_release(&config->memory->arena);
-        free(config->memory);
-    }
+    cJSON_Delete(config->tree);
+    tl_arena_release(&config->arena);
     memset(config, 0, sizeof *config);
 }
 
 /* ---- places ---- */
 
 size_t tl_config_line(const tl_config *config, const char *where) {
-    if (config->memory == NULL || where[0] == '\0') {
+    if (config->tree == NULL || where[0] == '\0') {
         return 0;
     }
-    const cJSON *item = tl_json_nearest(config->memory->tree, where);
+    const cJSON *item = tl_json_nearest(config->tree, where);
     return item != NULL ? tl_json_line(item) : 0;
 }
 

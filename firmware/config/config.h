@@ -15,10 +15,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "master/base/arena.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 #include "master/plan/tuning.h"
+
+struct cJSON;
 
 enum { TL_CONFIG_MAX_BYTES = 256 * 1024 };
 
@@ -187,7 +190,8 @@ typedef struct tl_config {
     size_t emulated_count;
     double message_min_s, message_max_s; /* time between rows of an emulated recording; both 0: every step */
 
-    struct tl_config_memory *memory; /* private */
+    tl_arena arena;     /* private, */
+    struct cJSON *tree; /* as this: texts of the configuration point into both */
 } tl_config;
 
 /* Reads and checks the file. On failure every problem was reported and `config` is empty: nothing to free.

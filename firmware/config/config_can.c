@@ -17,17 +17,14 @@ enum { EXPECTED = 160 };
 
 /* ---- sources.NAME.can ---- */
 
-/* As the kernel has it: no slash, no space, no colon. */
-static bool is_interface(const char *name) {
-    size_t length = strlen(name);
-    return length <= TL_CAN_INTERFACE && strcspn(name, "/: \t") == length && strcmp(name, ".") != 0 &&
-           strcmp(name, "..") != 0;
-}
-
 static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_can_settings *settings = source->settings;
-    if (tl_config_get_text(object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &settings->interface) &&
-        !is_interface(settings->interface)) {
+    if (!tl_config_get_text(object, "interface", TL_CONFIG_REQUIRED, "\"can0\"", &settings->interface)) {
+        return;
+    }
+    const char *name = settings->interface;
+    if (strlen(name) > TL_CAN_INTERFACE || strpbrk(name, "/: \t") != NULL || strcmp(name, ".") == 0 ||
+        strcmp(name, "..") == 0) {
         tl_config_wrong(object, "interface", NULL,
                         "the name of a network interface: at most 15 characters, no space, slash or colon", "\"can0\"");
     }
@@ -135,11 +132,6 @@ static void read_type(tl_config_object *object, tl_can_channel *channel) {
 
 /* ---- multiplexors ---- */
 
-static bool is_multiplexor_value(const cJSON *item, double most) {
-    return cJSON_IsNumber(item) && item->valuedouble >= 0 && item->valuedouble <= most &&
-           item->valuedouble == floor(item->valuedouble);
-}
-
 /* One value, or an array of them. */
 static void read_values(tl_config_object *object, int bits, tl_can_condition *condition) {
     char expected[EXPECTED];
@@ -154,7 +146,8 @@ static void read_values(tl_config_object *object, int bits, tl_can_condition *co
     bool right = count >= 1 && count <= TL_CAN_CONDITION_VALUES;
     const cJSON *one = cJSON_IsArray(item) ? item->child : item;
     for (int i = 0; right && i < count; i++) {
-        right = is_multiplexor_value(one, most);
+        right = cJSON_IsNumber(one) && one->valuedouble >= 0 && one->valuedouble <= most &&
+                one->valuedouble == floor(one->valuedouble);
         condition->values[i] = right ? (uint32_t)one->valuedouble : 0;
         one = one->next;
     }

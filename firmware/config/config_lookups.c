@@ -44,11 +44,6 @@ bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal) {
     return false;
 }
 
-/* How long a reading is in what is made of it: as good as forgotten after three time constants. */
-static tl_time memory_of(const tl_condition *condition, tl_time each) {
-    return (condition->median > 1 ? (tl_time)(condition->median - 1) * each : 0) + 3 * condition->low_pass;
-}
-
 static bool is_matched(const tl_config *config, const tl_config_signal *signal) {
     for (size_t i = 0; i < config->match_count; i++) {
         if (leads_to(config->match[i].to, signal)) {
@@ -79,7 +74,9 @@ uint32_t tl_config_free_twin_guard(const tl_config *config) {
     tl_time wait = longest_wait(config);
     tl_time memory = 0;
     for (size_t i = 0; i < config->match_count; i++) {
-        tl_time own = memory_of(&config->conditions[i], wait);
+        /* As good as forgotten after three time constants. */
+        const tl_condition *condition = &config->conditions[i];
+        tl_time own = (condition->median > 1 ? (tl_time)(condition->median - 1) * wait : 0) + 3 * condition->low_pass;
         memory = own > memory ? own : memory;
     }
     tl_time steps = (2 * wait + memory + config->step - 1) / config->step;
@@ -250,27 +247,6 @@ static tl_time longer(tl_time a, tl_time b) {
     return a > b ? a : b;
 }
 
-static tl_time wait_of_inputs(const tl_config *config) {
-    tl_time wait = 0;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_config_signal *signal = &config->signals[i];
-        tl_between between = input_between(config, signal);
-        tl_time own = between == TL_BETWEEN_MEAN ? signal->every + config->step : signal->every;
-        wait = longer(wait, between != TL_BETWEEN_LAST ? own : 0);
-    }
-    return wait;
-}
-
-static tl_time wait_of_outputs(const tl_config *config) {
-    tl_time wait = 0;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_config_signal *signal = &config->signals[i];
-        tl_time next = matched_between(config, signal) != TL_BETWEEN_LAST ? every_of(config, signal) : 0;
-        wait = longer(wait, wait_of_condition(config, signal) + next);
-    }
-    return wait;
-}
-
 /* Of what is too long, which was told, there is none. */
 static tl_delay_lookup place(tl_time shift, tl_time wait, tl_time step) {
     tl_time longest = (tl_time)2 * TL_CONFIG_LONGEST_SHIFT * step;
@@ -282,16 +258,22 @@ static tl_delay_lookup place(tl_time shift, tl_time wait, tl_time step) {
 static void find_lookups(tl_config_object *root, tl_config *config) {
     const tl_config_delays *delays = config->delays;
     bool shifts_inputs = delays != NULL && delays->has_input;
-    tl_time wait = wait_of_outputs(config);
+    tl_time input_wait = 0;
+    tl_time output_wait = delays != NULL ? delays->wait : 0;
     for (size_t i = 0; i < config->signal_count; i++) {
-        check_input(root, config, &config->signals[i]);
+        const tl_config_signal *signal = &config->signals[i];
+        tl_between between = input_between(config, signal);
+        tl_time own = between == TL_BETWEEN_MEAN ? signal->every + config->step : signal->every;
+        tl_time next = matched_between(config, signal) != TL_BETWEEN_LAST ? every_of(config, signal) : 0;
+        input_wait = longer(input_wait, between != TL_BETWEEN_LAST ? own : 0);
+        output_wait = longer(output_wait, wait_of_condition(config, signal) + next);
+        check_input(root, config, signal);
     }
     for (size_t i = 0; i < config->match_count; i++) {
         check_matched(root, config, i);
     }
-    wait = delays != NULL ? longer(wait, delays->wait) : wait;
-    config->input_lookup = place(shifts_inputs ? delays->input.delay : 0, wait_of_inputs(config), config->step);
-    config->output_lookup = place(delays != NULL ? delays->shift : 0, wait, config->step);
+    config->input_lookup = place(shifts_inputs ? delays->input.delay : 0, input_wait, config->step);
+    config->output_lookup = place(delays != NULL ? delays->shift : 0, output_wait, config->step);
 }
 
 /* ---- look-ups ---- */
@@ -376,14 +358,6 @@ static void check_count(const tl_config_object *root, const tl_config *config) {
     }
 }
 
-static bool conditions_any(const tl_config *config) {
-    bool any = false;
-    for (size_t i = 0; i < config->match_count; i++) {
-        any = any || tl_condition_is_needed(&config->conditions[i]);
-    }
-    return any;
-}
-
 void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
     size_t room = config->signal_count + 2 * config->match_count;
     tl_config_signal *signals = tl_config_take(root->reader, room, sizeof *signals);
@@ -402,7 +376,10 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
         return;
     }
     find_lookups(root, config);
-    bool is_as_read = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0 && !conditions_any(config);
+    bool is_as_read = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0;
+    for (size_t i = 0; i < config->match_count; i++) {
+        is_as_read = is_as_read && !tl_condition_is_needed(&config->conditions[i]);
+    }
     if (config->delays == NULL && is_as_read) {
         return;
     }

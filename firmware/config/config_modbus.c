@@ -174,15 +174,12 @@ enum { WAITS = 4 };
 /* Bits of the longest request and its response on a serial line. */
 enum { LINE_BITS = 264 * 12 };
 
-static bool is_address(const char *host) {
-    unsigned char address[sizeof(struct in6_addr)];
-    return inet_pton(AF_INET, host, address) == 1 || inet_pton(AF_INET6, host, address) == 1;
-}
-
 static void reach_server(const tl_config_source *source, tl_source_reach *reach) {
     const tl_modbus_settings *settings = source->settings;
+    unsigned char address[sizeof(struct in6_addr)];
     reach->port = settings->port;
-    reach->names = !is_address(settings->host);
+    reach->names =
+        inet_pton(AF_INET, settings->host, address) != 1 && inet_pton(AF_INET6, settings->host, address) != 1;
     reach->wait = WAITS * tl_time_of_seconds(settings->timeout_s) + (reach->names ? RESOLVE : 0);
 }
 

@@ -28,17 +28,9 @@ static void list_kinds(tl_config_object *entry, bool all, const char *before, ch
     }
 }
 
-/* Devices need not be asked more often than a step can be short. */
-static void read_period(tl_config_object *object, tl_config_source *source) {
-    static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
-    source->period_s = source->driver->period_s;
-    if (source->period_s == 0) {
-        source->period_s = tl_seconds(object->reader->config->step);
-        (void)tl_config_get_number(object, "period_s", &period, &source->period_s);
-    }
-}
-
 static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_config_source *source) {
+    /* Devices need not be asked more often than a step can be short. */
+    static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
     tl_config_object object;
     void *settings = tl_config_take(entry->reader, 1, row->settings_bytes);
     if (settings != NULL) {
@@ -46,7 +38,11 @@ static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_confi
         source->driver = row;
         source->settings = settings;
         row->read_source(&object, source);
-        read_period(&object, source);
+        source->period_s = row->period_s;
+        if (row->period_s == 0) {
+            source->period_s = tl_seconds(entry->reader->config->step);
+            (void)tl_config_get_number(&object, "period_s", &period, &source->period_s);
+        }
         tl_config_done(&object);
     }
 }
@@ -168,14 +164,6 @@ static void read_channel(tl_config_object *entry, const tl_driver *row, tl_confi
     }
 }
 
-static void read_channels(tl_config_object *entry, tl_config_signal *signal) {
-    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
-        if ((*row)->read_signal != NULL) {
-            read_channel(entry, *row, signal);
-        }
-    }
-}
-
 /* ---- plant.NAME ---- */
 
 static void read_initial(tl_config_object *entry, tl_plan_signal *plan) {
@@ -237,7 +225,11 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     } else { /* its type is not known either */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);
     }
-    read_channels(entry, signal);
+    for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
+        if ((*row)->read_signal != NULL) {
+            read_channel(entry, *row, signal);
+        }
+    }
     tl_config_done(entry);
 }
 

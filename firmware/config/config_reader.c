@@ -61,32 +61,6 @@ void tl_config_list_names(const char *what, const cJSON *section, const char *co
 
 /* ---- references ---- */
 
-static const char *shape_of(tl_config_target target) {
-    switch (target) {
-    case TL_CONFIG_VARIABLE:
-        return "component.variable";
-    case TL_CONFIG_SIGNAL:
-        return "a signal of the plant";
-    case TL_CONFIG_EITHER:
-        break;
-    }
-    return "component.variable or plant.signal";
-}
-
-/* True where `name` is a key of the section, or where nothing can be said about it. Only as many keys are offered as a
- * valid section has, so that a hostile file takes no longer. */
-static bool is_key(const cJSON *section, const char *name, tl_nearest *nearest) {
-    if (!cJSON_IsObject(section) || cJSON_GetObjectItemCaseSensitive(section, name) != NULL) {
-        return true;
-    }
-    size_t left = TL_MAX_SIGNALS;
-    for (const cJSON *entry = section->child; entry != NULL && left > 0; entry = entry->next) {
-        tl_nearest_offer(nearest, entry->string);
-        left--;
-    }
-    return false;
-}
-
 static void report_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
                              const char *expected, const char *example) {
     char shown[TL_JSON_SHOWN];
@@ -106,9 +80,14 @@ static void check_known(const tl_config_reader *reader, const char *path, size_t
     const char *dot = strchr(text, '.');
     const cJSON *section = cJSON_GetObjectItemCaseSensitive(reader->root, signal ? "plant" : "components");
     (void)snprintf(name, sizeof name, "%.*s", signal ? NAME_CHARS : (int)(dot - text), signal ? dot + 1 : text);
-    tl_nearest nearest = {.text = name};
-    if (is_key(section, name, &nearest)) {
+    if (!cJSON_IsObject(section) || cJSON_GetObjectItemCaseSensitive(section, name) != NULL) {
         return;
+    }
+    /* Only as many keys are offered as a valid section has, so that a hostile file takes no longer. */
+    tl_nearest nearest = {.text = name};
+    size_t left = TL_MAX_SIGNALS;
+    for (const cJSON *entry = section->child; entry != NULL && left > 0; entry = entry->next, left--) {
+        tl_nearest_offer(&nearest, entry->string);
     }
     if (nearest.best == NULL) {
         tl_config_list_names(what, section, NULL, expected, sizeof expected);
@@ -130,9 +109,12 @@ static bool has_shape(const char *text, bool signal) {
 
 void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
                                tl_config_target target) {
+    static const char *const shapes[] = {[TL_CONFIG_VARIABLE] = "component.variable",
+                                         [TL_CONFIG_SIGNAL] = "a signal of the plant",
+                                         [TL_CONFIG_EITHER] = "component.variable or plant.signal"};
     bool signal = strncmp(text, "plant.", strlen("plant.")) == 0;
     if (!has_shape(text, signal) || (target == TL_CONFIG_SIGNAL && !signal)) {
-        report_reference(reader, path, line, text, shape_of(target),
+        report_reference(reader, path, line, text, shapes[target],
                          target == TL_CONFIG_SIGNAL ? "\"plant.omega\"" : "\"motor.omega\"");
     } else if (target == TL_CONFIG_VARIABLE && signal) {
         report_reference(reader, path, line, text, "component.variable (the plant is only listened to)",
@@ -331,14 +313,6 @@ void tl_config_each(const tl_config_object *map,
 
 /* ---- unknown keys ---- */
 
-/* "one of a, b, c"; "only a". */
-static void list_known(const tl_config_object *object, char *list, size_t size) {
-    size_t used = (size_t)snprintf(list, size, object->known_count == 1 ? "only" : "one of");
-    for (size_t i = 0; i < object->known_count && used < size; i++) {
-        used += (size_t)snprintf(list + used, size - used, "%s %s", i == 0 ? "" : ",", object->known[i]);
-    }
-}
-
 static void report_unknown_key(const tl_config_object *object, const cJSON *item) {
     char path[TL_JSON_PATH];
     char key[TL_JSON_SHOWN];
@@ -354,7 +328,11 @@ static void report_unknown_key(const tl_config_object *object, const cJSON *item
     if (nearest.best != NULL) {
         (void)snprintf(expected, sizeof expected, "\"%s\"", nearest.best);
     } else {
-        list_known(object, expected, sizeof expected);
+        size_t used = (size_t)snprintf(expected, sizeof expected, object->known_count == 1 ? "only" : "one of");
+        for (size_t i = 0; i < object->known_count && used < sizeof expected; i++) {
+            used +=
+                (size_t)snprintf(expected + used, sizeof expected - used, "%s %s", i == 0 ? "" : ",", object->known[i]);
+        }
     }
     tl_config_problem(object->reader, path, tl_json_line(item), found, expected, NULL);
 }
@@ -386,12 +364,6 @@ static void describe_range(const tl_config_number *rule, char *expected, size_t 
     (void)snprintf(expected, size, "a %snumber%s%s", rule->whole ? "whole " : "", low, high);
 }
 
-static bool in_range(const tl_config_number *rule, double value) {
-    bool low = rule->above ? value > rule->minimum : value >= rule->minimum;
-    bool high = rule->below ? value < rule->maximum : value <= rule->maximum;
-    return low && high && (!rule->whole || value == floor(value));
-}
-
 bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value) {
     char expected[EXPECTED_READER];
     if (rule->expected != NULL) {
@@ -403,11 +375,14 @@ bool tl_config_get_number(tl_config_object *object, const char *key, const tl_co
     if (item == NULL) {
         return false;
     }
-    if (!cJSON_IsNumber(item) || !in_range(rule, item->valuedouble)) {
+    double number = item->valuedouble;
+    bool low = rule->above ? number > rule->minimum : number >= rule->minimum;
+    bool high = rule->below ? number < rule->maximum : number <= rule->maximum;
+    if (!cJSON_IsNumber(item) || !low || !high || (rule->whole && number != floor(number))) {
         tl_config_wrong(object, key, NULL, expected, rule->example);
         return false;
     }
-    *value = item->valuedouble;
+    *value = number;
     return true;
 }
 

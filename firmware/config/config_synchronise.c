@@ -77,12 +77,6 @@ static void begin_variable(const tl_config_object *map, const cJSON *item, const
     tl_config_check_reference(map->reader, entry->path, tl_json_line(item), item->string, TL_CONFIG_VARIABLE);
 }
 
-static void read_target(tl_config_object *entry, tl_plan_match *match) {
-    if (tl_config_get_text(entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
-        tl_config_check_reference_of(entry, "to", match->to, TL_CONFIG_SIGNAL);
-    }
-}
-
 /* `general` > 0: the tolerance of every match, which then may have none of its own. */
 static void read_tolerance(tl_config_object *entry, double general, tl_plan_match *match) {
     static const tl_config_number weight = {.maximum = HUGE_VAL, .example = "1"};
@@ -99,27 +93,22 @@ static void read_tolerance(tl_config_object *entry, double general, tl_plan_matc
     }
 }
 
-/* How long a measurement may be made to wait is a matter of steps. */
-static void read_low_pass(tl_config_object *object, tl_time step, tl_time *low_pass) {
-    char expected[96];
-    (void)tl_config_get_duration(object, "low_pass_s", TL_CONFIG_OPTIONAL, "0.05", low_pass);
-    if (step > 0 && *low_pass > TL_CONFIG_LONGEST_SHIFT * step) {
-        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_CONFIG_LONGEST_SHIFT,
-                       tl_seconds(TL_CONFIG_LONGEST_SHIFT * step));
-        tl_config_wrong(object, "low_pass_s", NULL, expected, NULL);
-    }
-}
-
 static void read_condition(tl_config_object *entry, tl_time step, tl_condition *condition) {
     static const tl_config_number median_rule = {
         .whole = true, .minimum = 1, .maximum = 99, .expected = "an odd whole number from 1 to 99", .example = "5"};
     static const tl_config_number gate = {.above = true, .maximum = HUGE_VAL, .example = "10"};
+    char expected[96];
     tl_config_object object;
     (void)tl_config_member(entry, "condition", TL_CONFIG_OPTIONAL, "{\"median\": 5}", &object);
     if (tl_config_get_count(&object, "median", &median_rule, &condition->median) && condition->median % 2 == 0) {
         tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
     }
-    read_low_pass(&object, step, &condition->low_pass);
+    (void)tl_config_get_duration(&object, "low_pass_s", TL_CONFIG_OPTIONAL, "0.05", &condition->low_pass);
+    if (step > 0 && condition->low_pass > TL_CONFIG_LONGEST_SHIFT * step) { /* a measurement waits so many steps */
+        (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_CONFIG_LONGEST_SHIFT,
+                       tl_seconds(TL_CONFIG_LONGEST_SHIFT * step));
+        tl_config_wrong(&object, "low_pass_s", NULL, expected, NULL);
+    }
     (void)tl_config_get_number(&object, "gate", &gate, &condition->gate);
     tl_config_done(&object);
 }
@@ -132,24 +121,22 @@ typedef struct match_list {
     double tolerance;    /* as in read_tolerance() */
 } match_list;
 
-static tl_between read_between(tl_config_object *entry) {
-    static const char *const choices[] = {[TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", NULL};
-    size_t between = TL_BETWEEN_LAST;
-    (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
-    return (tl_between)between;
-}
-
 static void read_output(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
     static const tl_config_number huber = {.above = true, .maximum = HUGE_VAL, .example = "3"};
+    static const char *const choices[] = {[TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", NULL};
     const match_list *list = context;
+    size_t between = TL_BETWEEN_LAST;
     tl_plan_match *match = &list->config->match[index];
     tl_config_object entry;
     begin_variable(map, item, list->example, &entry);
     *match = tl_plan_match_defaults(item->string, NULL, 1);
     match->weight = list->weighted ? match->weight : 0;
     match->where = tl_config_keep(map->reader, entry.path);
-    read_target(&entry, match);
-    list->config->matched_between[index] = read_between(&entry);
+    if (tl_config_get_text(&entry, "to", TL_CONFIG_REQUIRED, "\"plant.omega\"", &match->to)) {
+        tl_config_check_reference_of(&entry, "to", match->to, TL_CONFIG_SIGNAL);
+    }
+    (void)tl_config_get_choice(&entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
+    list->config->matched_between[index] = (tl_between)between;
     if (list->weighted) { /* what only an output that is matched has */
         read_tolerance(&entry, list->tolerance, match);
         (void)tl_config_get_number(&entry, "huber", &huber, &match->huber);
@@ -213,32 +200,21 @@ static void read_penalty(tl_config_object *entry, tl_plan_adjust *adjust) {
     tl_config_done(&penalty);
 }
 
-/* Whether the variable is a Boolean, which needs no step, only its FMU can tell: a step of 0 is one that was not given. */
-static void read_adjusted(tl_config_object *entry, tl_plan_adjust *adjust) {
-    static const tl_config_number step = {.above = true, .maximum = HUGE_VAL, .example = "0.05"};
-    (void)tl_config_get_number(entry, "step", &step, &adjust->step);
-    read_nominal(entry, adjust);
-    read_bounds(entry, adjust);
-    read_penalty(entry, adjust);
-    (void)tl_config_get_duration(entry, "dwell_s", TL_CONFIG_OPTIONAL, "0.5", &adjust->dwell);
-    tl_config_done(entry);
-}
-
 static void read_variable(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number step = {.above = true, .maximum = HUGE_VAL, .example = "0.05"};
     const tl_config *config = context;
     tl_plan_adjust *adjust = &config->adjust[index];
     tl_config_object entry;
     begin_variable(map, item, "{\"step\": 0.05}", &entry);
     *adjust = tl_plan_adjust_defaults(item->string, 0);
     adjust->where = tl_config_keep(map->reader, entry.path);
-    read_adjusted(&entry, adjust);
-}
-
-static void read_adjust(tl_config_object *object, tl_config *config) {
-    tl_config_object map;
-    config->adjust =
-        tl_config_take_entries(object, "adjust", &ADJUST, sizeof *config->adjust, &map, &config->adjust_count);
-    tl_config_each(&map, read_variable, config);
+    /* Whether the variable is a Boolean, which needs no step, only its FMU can tell: a step of 0 is one that was not given. */
+    (void)tl_config_get_number(&entry, "step", &step, &adjust->step);
+    read_nominal(&entry, adjust);
+    read_bounds(&entry, adjust);
+    read_penalty(&entry, adjust);
+    (void)tl_config_get_duration(&entry, "dwell_s", TL_CONFIG_OPTIONAL, "0.5", &adjust->dwell);
+    tl_config_done(&entry);
 }
 
 /* A match list whose weights are all 0 leaves nothing to optimise. */
@@ -343,6 +319,7 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
     static const tl_config_number verify_every = {.whole = true, .maximum = 1e9, .example = "400"};
     const tl_plan defaults = tl_plan_defaults(config->step);
     tl_config_object object;
+    tl_config_object map;
     config->margin = defaults.margin;
     config->noise_floor = defaults.noise_floor;
     config->verify_every = defaults.verify_every;
@@ -351,7 +328,9 @@ void tl_config_read_synchronise(tl_config_object *root, tl_config *config) {
         "{\"adjust\": {\"motor.d\": {\"step\": 0.05}}, \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", …}}}",
         &object);
     if (config->synchronise) {
-        read_adjust(&object, config);
+        config->adjust =
+            tl_config_take_entries(&object, "adjust", &ADJUST, sizeof *config->adjust, &map, &config->adjust_count);
+        tl_config_each(&map, read_variable, config);
         match_list list = {
             .config = config,
             .example = "{\"to\": \"plant.omega\", \"tolerance\": 1.0}",

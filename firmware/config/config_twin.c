@@ -87,16 +87,8 @@ static void read_message(tl_config_object *object, tl_config *config) {
     config->message_max_s = fmax(item->child->next->valuedouble, tl_seconds(1));
 }
 
-static void read_emulated(tl_config_object *entry, tl_config_emulated *emulated) {
-    static const tl_config_number noise = {.maximum = HUGE_VAL, .example = "0.01"};
-    if (tl_config_get_text(entry, "from", TL_CONFIG_REQUIRED, "\"motor.omega\"", &emulated->from)) {
-        tl_config_check_reference_of(entry, "from", emulated->from, TL_CONFIG_EITHER);
-    }
-    (void)tl_config_get_number(entry, "noise", &noise, &emulated->noise);
-    tl_config_done(entry);
-}
-
 static void read_column(const tl_config_object *map, const cJSON *item, size_t index, void *context) {
+    static const tl_config_number noise = {.maximum = HUGE_VAL, .example = "0.01"};
     const tl_config *config = context;
     tl_config_emulated *emulated = &config->emulated[index];
     tl_config_object entry;
@@ -105,7 +97,11 @@ static void read_column(const tl_config_object *map, const cJSON *item, size_t i
     }
     emulated->column = item->string;
     if (tl_config_entry(map, item, "{\"from\": \"motor.omega\"}", &entry)) {
-        read_emulated(&entry, emulated);
+        if (tl_config_get_text(&entry, "from", TL_CONFIG_REQUIRED, "\"motor.omega\"", &emulated->from)) {
+            tl_config_check_reference_of(&entry, "from", emulated->from, TL_CONFIG_EITHER);
+        }
+        (void)tl_config_get_number(&entry, "noise", &noise, &emulated->noise);
+        tl_config_done(&entry);
     }
     emulated->where = tl_config_keep(map->reader, entry.path);
 }

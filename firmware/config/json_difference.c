@@ -35,18 +35,6 @@ static void link_again(cJSON *object, cJSON **items, size_t count) {
     object->child = items[0];
 }
 
-/* False where memory is out. */
-static bool sort_keys(cJSON *object) {
-    size_t count = 0;
-    cJSON **items = tl_json_sorted(object, &count);
-    if (items == NULL) {
-        return false;
-    }
-    link_again(object, items, count);
-    free((void *)items);
-    return true;
-}
-
 /* `valueint`, the line, becomes the place in the text. */
 static bool sort_all_keys(cJSON *root) {
     tl_json_walk walk = {.depth = 0};
@@ -55,9 +43,14 @@ static bool sort_all_keys(cJSON *root) {
         item->valueint = place++;
     }
     for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&walk, item)) {
-        if (cJSON_IsObject(item) && !sort_keys(item)) {
-            return false;
+        size_t count = 0;
+        cJSON **items = cJSON_IsObject(item) ? tl_json_sorted(item, &count) : NULL;
+        if (items != NULL) {
+            link_again(item, items, count);
+        } else if (cJSON_IsObject(item)) {
+            return false; /* memory is out */
         }
+        free((void *)items);
     }
     return true;
 }
@@ -190,12 +183,16 @@ static int by_place(const void *left, const void *right) {
     return (a->before > b->before) - (a->before < b->before);
 }
 
-/* Both are sorted by their keys. Returns how many they have in common. */
-static size_t find_pairs(const cJSON *before, const cJSON *after, pair *pairs) {
+/* Both are sorted by their keys. */
+static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) {
+    pair *pairs = calloc((size_t)cJSON_GetArraySize(before) + 1, sizeof *pairs);
+    bool in_order = true;
     size_t count = 0;
-    const cJSON *a = before->child;
-    const cJSON *b = after->child;
-    while (a != NULL && b != NULL) {
+    if (pairs == NULL) {
+        c->out_of_memory = true;
+        return true;
+    }
+    for (const cJSON *a = before->child, *b = after->child; a != NULL && b != NULL;) {
         int order = strcmp(a->string, b->string);
         if (order == 0) {
             pairs[count++] = (pair){a->valueint, b->valueint};
@@ -203,18 +200,6 @@ static size_t find_pairs(const cJSON *before, const cJSON *after, pair *pairs) {
         a = order <= 0 ? a->next : a;
         b = order >= 0 ? b->next : b;
     }
-    return count;
-}
-
-static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) {
-    size_t most = (size_t)cJSON_GetArraySize(before);
-    pair *pairs = most > 1 ? calloc(most, sizeof *pairs) : NULL;
-    bool in_order = true;
-    if (pairs == NULL) {
-        c->out_of_memory = c->out_of_memory || most > 1;
-        return true;
-    }
-    size_t count = find_pairs(before, after, pairs);
     qsort(pairs, count, sizeof *pairs, by_place);
     for (size_t i = 1; i < count; i++) {
         in_order = in_order && pairs[i].after > pairs[i - 1].after;

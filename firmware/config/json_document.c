@@ -126,15 +126,6 @@ static void path_of(const tl_json_walk *w, const cJSON *item, char path[TL_JSON_
     }
 }
 
-static void number_lines(cJSON *root, const tl_json_lines *lines) {
-    tl_json_walk w = {.depth = 0};
-    size_t i = 0;
-    for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
-        assert(i < lines->count);
-        item->valueint = (int)lines->line[i++];
-    }
-}
-
 /* ---- keys that appear twice ---- */
 
 static int by_key_then_place(const void *left, const void *right) {
@@ -213,8 +204,11 @@ tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_rep
         return status;
     }
     cJSON *tree = cJSON_ParseWithLength(text, size);
-    if (tree != NULL) {
-        number_lines(tree, &lines);
+    tl_json_walk walk = {.depth = 0};
+    size_t i = 0;
+    for (cJSON *item = tree; item != NULL; item = tl_json_walk_next(&walk, item)) {
+        assert(i < lines.count);
+        item->valueint = (int)lines.line[i++];
     }
     if (tree == NULL || !check_all_keys(tree, report)) {
         cJSON_Delete(tree);

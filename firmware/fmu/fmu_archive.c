@@ -239,7 +239,7 @@ static tl_status check_entry(const unpacking *work, zip_uint64_t index, const ch
 }
 
 static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
-    char path[TL_FMU_ENTRY_PATH + 2];
+    char path[TL_FMU_ENTRY_PATH + 2] = "";
     mode_t mode = 0600;
     const char *name = zip_get_name(work->zip, index, 0);
     if (name == NULL) {

@@ -282,15 +282,12 @@ static const symbol symbols[] = {
     {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), ALWAYS},
 };
 
-static bool is_needed(need need_of_symbol, const tl_capabilities *capabilities) {
-    return need_of_symbol == ALWAYS ||
-           (need_of_symbol == FOR_STATE ? capabilities->can_get_and_set_state : capabilities->can_serialize_state);
-}
-
 static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {
     memset(functions, 0, sizeof *functions);
     for (size_t i = 0; i < sizeof symbols / sizeof symbols[0]; i++) {
-        if (!is_needed(symbols[i].need, &model->capabilities)) {
+        bool is_claimed = symbols[i].need == FOR_STATE ? model->capabilities.can_get_and_set_state
+                                                       : model->capabilities.can_serialize_state;
+        if (symbols[i].need != ALWAYS && !is_claimed) {
             continue;
         }
         void *address = dlsym(handle, symbols[i].name);
@@ -364,14 +361,6 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
                    advice);
 }
 
-/* What is behind it runs code of the FMU. */
-static void *open_guarded(tl_fmu_guard *guard, const char *path) {
-    tl_fmu_guard_enter(guard, TL_FMU_LOADING);
-    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
-    tl_fmu_guard_leave(guard);
-    return opened;
-}
-
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error) {
     char path[PATH_MAX];
@@ -384,7 +373,9 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status != TL_OK) {
         return status;
     }
-    void *opened = open_guarded(guard, path);
+    tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* which runs code of the FMU */
+    void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
+    tl_fmu_guard_leave(guard);
     if (opened == NULL) {
         return fail_open_binary(path, label, dlerror(), error);
     }

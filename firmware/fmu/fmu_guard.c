@@ -441,22 +441,17 @@ static void forget_beginning(tl_fmu_guarded *self) {
     }
 }
 
-/* Copies are proved. What this changes in its memory is the same in all that are to come. */
-static void end_choice(tl_fmu_guarded *self) {
-    tl_fmu_guard *guard = self->guard;
-    void *copy = NULL;
-    tl_fmu_memory_pass(&guard->memory, true);
-    forget_beginning(self);
-    (void)save_memory(self, &copy);
-    tl_fmu_memory_forget(copy);
-    tl_fmu_memory_pass(&guard->memory, false);
-}
-
 static void let_go(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
-    if (guard->beginning != NULL) {
-        end_choice(self);
+    void *copy = NULL;
+    if (guard->beginning !=
+        NULL) { /* copies are proved; what this changes in its memory is the same in all that are to come */
+        tl_fmu_memory_pass(&guard->memory, true);
+        forget_beginning(self);
+        (void)save_memory(self, &copy);
+        tl_fmu_memory_forget(copy);
+        tl_fmu_memory_pass(&guard->memory, false);
     }
     if (guard->gives_again && !guard->was_proved) {
         (void)descend(self, "by its states alone", "parameters kept",
@@ -728,8 +723,14 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
 
 /* ---- life of an instance ---- */
 
-static void forget(guarded *self) {
+static void free_instance(fmi2Component component) {
+    guarded *self = component;
     guarded **link = &self->guard->instances;
+    if (self->instance != NULL) { /* or it could not be made anew */
+        enter(self, TL_FMU_FREE_INSTANCE);
+        self->own->free_instance(self->instance);
+        (void)leave_slowly(self, fmi2OK);
+    }
     while (*link != NULL && *link != self) {
         link = &(*link)->next;
     }
@@ -738,16 +739,6 @@ static void forget(guarded *self) {
     }
     tl_fmu_ladder_end_notes(self);
     free(self);
-}
-
-static void free_instance(fmi2Component component) {
-    guarded *self = component;
-    if (self->instance != NULL) { /* or it could not be made anew */
-        enter(self, TL_FMU_FREE_INSTANCE);
-        self->own->free_instance(self->instance);
-        (void)leave_slowly(self, fmi2OK);
-    }
-    forget(self);
 }
 
 static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid, fmi2String resources,
@@ -897,10 +888,8 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
     guarded *self = component;
     enter(self, TL_FMU_DO_STEP);
     fmi2Status status = leave_guard(self, self->own->do_step(self->instance, now, step, final));
-    if (self->replay != NULL) {
-        const tl_fmi2_step made = {.now = now, .size = step, .final = final};
-        note_step(self, &made, status);
-    }
+    const tl_fmi2_step made = {.now = now, .size = step, .final = final};
+    note_step(self, &made, status);
     return status;
 }
 

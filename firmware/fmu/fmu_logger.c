@@ -132,29 +132,24 @@ static conversion read_conversion(const char *format, va_list *arguments) {
     return found;
 }
 
-/* Passes over the integer that was printed from a copy of the arguments. */
-static void skip_integer(const conversion *found, va_list *arguments) {
-    bool wide = strcmp(found->size, "ll") == 0 || strcmp(found->size, "q") == 0 || strcmp(found->size, "j") == 0;
-    bool is_long = strcmp(found->size, "l") == 0 || strcmp(found->size, "z") == 0 || strcmp(found->size, "t") == 0;
-    long long value = wide      ? va_arg(*arguments, long long)
-                      : is_long ? va_arg(*arguments, long)
-                                : va_arg(*arguments, int);
-    (void)value;
-}
-
-static void skip_number(const conversion *found, va_list *arguments) {
-    long double value =
-        found->size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
-    (void)value;
-}
-
+/* Passes over the argument that was printed from a copy of the arguments. */
 static void skip(const conversion *found, va_list *arguments) {
-    if (strchr("aAeEfFgG", found->kind) != NULL) {
-        skip_number(found, arguments);
+    const char *size = found->size;
+    bool is_number = strchr("aAeEfFgG", found->kind) != NULL;
+    if (is_number && size[0] == 'L') {
+        (void)va_arg(*arguments, long double);
+    } else if (is_number) {
+        (void)va_arg(*arguments, double);
     } else if (found->kind == 'p') {
         (void)va_arg(*arguments, void *);
-    } else if (found->kind != 'm' && found->kind != '%') {
-        skip_integer(found, arguments);
+    } else if (found->kind == 'm' || found->kind == '%') {
+        return;
+    } else if (strcmp(size, "ll") == 0 || size[0] == 'q' || size[0] == 'j') {
+        (void)va_arg(*arguments, long long);
+    } else if (size[0] == 'l' || size[0] == 'z' || size[0] == 't') {
+        (void)va_arg(*arguments, long);
+    } else {
+        (void)va_arg(*arguments, int);
     }
 }
 
@@ -282,11 +277,6 @@ static tl_fmu_logger *find(const void *environment) {
     return found;
 }
 
-static tl_log_level level_of(fmi2Status status) {
-    bool is_fine = status == fmi2OK || status == fmi2Pending;
-    return is_fine ? TL_LOG_DEBUG : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR : TL_LOG_WARNING;
-}
-
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
     tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* what a message takes here is not the FMU's */
@@ -313,8 +303,11 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
     tl_fmu_message_copy(instance, name, sizeof name);
     tl_fmu_message_copy(category, kind, sizeof kind);
     /* Who is being called is the best guess for a message that does not say where it comes from. */
+    tl_log_level level = status == fmi2OK || status == fmi2Pending    ? TL_LOG_DEBUG
+                         : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
+                                                                      : TL_LOG_WARNING;
     const char *caller = tl_fmu_calls_look(tl_fmu_calls_here(), &call) ? call.fmu : "(unknown)";
-    tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level_of(status), "FMU %s%s%s: %s%s%s%s",
+    tl_log_limited(logger != NULL ? &logger->limiter : &unknown, level, "FMU %s%s%s: %s%s%s%s",
                    logger != NULL ? logger->name : caller, name[0] != '\0' ? ", instance " : "", name, text,
                    kind[0] != '\0' ? " [" : "", kind, kind[0] != '\0' ? "]" : "");
     (void)tl_fmu_allocation_enter(heap);

@@ -13,6 +13,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_binary.h"
 #include "firmware/fmu/model_description.h"
+#include "firmware/rollback/fmu_heap.h"
 
 /* Bytes of a path that an error shows: its end. */
 enum { LABEL = 120 };
@@ -101,6 +102,10 @@ void tl_fmu_prepare(void) {
     }
 }
 
+size_t tl_fmu_used(void) {
+    return tl_fmu_allocation_used();
+}
+
 tl_rollback tl_fmu_rollback(const tl_fmu *fmu) {
     return fmu->guard.by_memory   ? TL_ROLLBACK_MEMORY
            : fmu->guard.by_replay ? TL_ROLLBACK_REPLAY
@@ -124,15 +129,13 @@ static tl_status load(const char *path, int opened, tl_rollback wanted, const ch
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
     }
     tl_status status = tl_fmu_archive_unpack(path, opened, label, &fmu->folder, error);
-    if (status != TL_OK) {
-        return status;
+    if (status == TL_OK) {
+        (void)snprintf(description, sizeof description, "%s/modelDescription.xml", fmu->folder.path);
+        status = tl_model_description_read(description, label, &fmu->arena, &fmu->model, error);
     }
-    (void)snprintf(description, sizeof description, "%s/modelDescription.xml", fmu->folder.path);
-    status = tl_model_description_read(description, label, &fmu->arena, &fmu->model, error);
-    if (status != TL_OK) {
-        return status;
+    if (status == TL_OK) {
+        status = make_resources(fmu, label, error);
     }
-    status = make_resources(fmu, label, error);
     if (status == TL_OK) {
         status = read_module(fmu, label, error);
     }

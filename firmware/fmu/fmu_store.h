@@ -40,6 +40,9 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
 /* Before a process gives up its rights, if it is to load FMUs: what their rollback needs of the kernel is opened. */
 void tl_fmu_prepare(void);
 
+/* Bytes that FMUs have allocated from heaps of their own. */
+size_t tl_fmu_used(void);
+
 /* Before it is instantiated: by replay it can be led back from so many steps after its beginning. Else TL_REPLAY_STEPS. */
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps);
 

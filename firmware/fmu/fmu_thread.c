@@ -87,14 +87,6 @@ static int make_thread(tl_fmu_thread *thread) {
     return result;
 }
 
-static void make_condition(pthread_cond_t *condition) {
-    pthread_condattr_t attributes;
-    (void)pthread_condattr_init(&attributes);
-    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    (void)pthread_cond_init(condition, &attributes);
-    (void)pthread_condattr_destroy(&attributes);
-}
-
 static void destroy(tl_fmu_thread *thread) {
     (void)pthread_cond_destroy(&thread->changed);
     (void)pthread_mutex_destroy(&thread->lock);
@@ -107,11 +99,15 @@ tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_err
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the thread of the FMUs");
     }
+    pthread_condattr_t attributes;
     struct sigaction action = {.sa_handler = wake_up};
     (void)sigemptyset(&action.sa_mask);
     (void)tl_host_state_handle(SIGUSR1, &action, NULL);
     (void)pthread_mutex_init(&made->lock, NULL);
-    make_condition(&made->changed);
+    (void)pthread_condattr_init(&attributes);
+    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
+    (void)pthread_cond_init(&made->changed, &attributes);
+    (void)pthread_condattr_destroy(&attributes);
     made->watch = watch;
     tl_fmu_patience_init(&made->patience, 0);
     int result = make_thread(made);

@@ -494,24 +494,18 @@ static void begin_base_unit(description_parser *parser, const xml_tag *tag) {
 
 /* ---- Types and variables ------------------------------------------------------------------------------- */
 
-static tl_type type_of_name(const char *name) {
-    static const tl_type types[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING};
-    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
-        if (strcmp(tl_type_name(types[i]), name) == 0) {
-            return types[i];
-        }
-    }
-    return TL_ENUMERATION; /* the table of tags lets nothing else through */
-}
-
 static void read_declaration(description_parser *parser, const xml_tag *tag, tl_draft_declaration *declaration) {
+    static const tl_type types[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING};
     if (declaration->is_given) {
         fail_at(parser, current_line(parser), "<%.60s> is the second type of one variable or type; FMI 2.0 allows one",
                 tag->name);
         return;
     }
     declaration->is_given = true;
-    declaration->type = type_of_name(tag->name);
+    declaration->type = TL_ENUMERATION; /* the table of tags lets nothing else through */
+    for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
+        declaration->type = strcmp(tl_type_name(types[i]), tag->name) == 0 ? types[i] : declaration->type;
+    }
     declaration->minimum = (double)NAN;
     declaration->maximum = (double)NAN;
     declaration->nominal = (double)NAN;
@@ -622,19 +616,6 @@ static void begin_type_of_variable(description_parser *parser, const xml_tag *ta
     read_start(parser, tag, &entry->variable);
 }
 
-static tl_variability default_variability(const tl_variable *variable) {
-    if (variable->causality == TL_PARAMETER || variable->causality == TL_CALCULATED_PARAMETER) {
-        return TL_FIXED;
-    }
-    return variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
-}
-
-/* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
-static tl_initial default_initial(const tl_variable *variable) {
-    bool is_exact = variable->causality == TL_PARAMETER || variable->variability == TL_CONSTANT;
-    return is_exact ? TL_INITIAL_EXACT : TL_INITIAL_CALCULATED;
-}
-
 static void end_variable(description_parser *parser) {
     tl_draft_variable *entry = last_of(&parser->variables);
     tl_variable *variable = &entry->variable;
@@ -644,13 +625,16 @@ static void end_variable(description_parser *parser) {
                 variable->name);
         return;
     }
+    bool is_fixed = variable->causality == TL_PARAMETER || variable->causality == TL_CALCULATED_PARAMETER;
     if (!entry->has_variability) {
-        variable->variability = default_variability(variable);
+        variable->variability = is_fixed ? TL_FIXED : variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
     }
+    /* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
     if (variable->causality == TL_INPUT || variable->causality == TL_INDEPENDENT) {
         variable->initial = TL_INITIAL_NONE;
     } else if (!entry->has_initial) {
-        variable->initial = default_initial(variable);
+        bool is_exact = variable->causality == TL_PARAMETER || variable->variability == TL_CONSTANT;
+        variable->initial = is_exact ? TL_INITIAL_EXACT : TL_INITIAL_CALCULATED;
     }
 }
 
@@ -901,41 +885,32 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
 
 /* ---- Files --------------------------------------------------------------------------------------------- */
 
-static tl_status read_open(int file, const char *label, tl_arena *arena, tl_model *model, tl_error *error) {
-    struct stat status;
-    if (fstat(file, &status) != 0 || !S_ISREG(status.st_mode)) {
-        return tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is no file: this is no FMU", label);
-    }
-    if (status.st_size > TL_MODEL_DESCRIPTION_BYTES) {
-        return fail_size(label, error);
-    }
-    size_t size = (size_t)status.st_size;
-    char *xml = malloc(size + 1);
-    if (xml == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
-    }
-    tl_status result;
-    ssize_t got = tl_file_bytes_read(file, xml, size);
-    if (got < 0) {
-        result = tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
-    } else {
-        result = tl_model_description_parse(xml, (size_t)got, label, arena, model, error);
-    }
-    free(xml);
-    return result;
-}
-
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error) {
+    struct stat about;
+    tl_status status = TL_TRY_AGAIN;
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) {
-        int code = errno;
-        if (code == ENOENT) {
-            return tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is no FMU", label);
-        }
-        return tl_fail(error, TL_TRY_AGAIN, "%s: modelDescription.xml cannot be opened: %s", label, strerror(code));
+        return errno == ENOENT
+                   ? tl_fail(error, TL_BAD_DATA, "%s: there is no modelDescription.xml in it: this is no FMU", label)
+                   : tl_fail(error, status, "%s: modelDescription.xml cannot be opened: %s", label, strerror(errno));
     }
-    tl_status status = read_open(file, label, arena, model, error);
+    bool is_file = fstat(file, &about) == 0 && S_ISREG(about.st_mode);
+    bool fits = is_file && about.st_size <= TL_MODEL_DESCRIPTION_BYTES;
+    char *xml = fits ? malloc((size_t)about.st_size + 1) : NULL;
+    ssize_t size = xml != NULL ? tl_file_bytes_read(file, xml, (size_t)about.st_size) : 0;
+    if (!is_file) {
+        status = tl_fail(error, TL_BAD_DATA, "%s: modelDescription.xml is no file: this is no FMU", label);
+    } else if (!fits) {
+        status = fail_size(label, error);
+    } else if (xml == NULL) {
+        (void)tl_fail(error, status, "%s: out of memory; free some and try again", label);
+    } else if (size < 0) {
+        (void)tl_fail(error, status, "%s: modelDescription.xml cannot be read: %s", label, strerror(errno));
+    } else {
+        status = tl_model_description_parse(xml, (size_t)size, label, arena, model, error);
+    }
+    free(xml);
     (void)close(file);
     return status;
 }

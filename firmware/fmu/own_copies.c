@@ -147,16 +147,10 @@ static size_t count_hashed(const tl_elf_file *file, size_t table, size_t room) {
     return (size_t)last + 1;
 }
 
-/* Without one of its own a library still has symbols that it asks for; linkers put the names behind them. */
-static size_t count_before_names(const tl_elf_file *file, uint64_t symbols) {
-    uint64_t names = 0;
-    (void)find_entry(file, DT_STRTAB, &names);
-    return names > symbols ? (size_t)((names - symbols) / sizeof(ElfW(Sym))) : 0;
-}
-
 static void read_symbols(tl_elf_file *file) {
     uint64_t address = 0;
     uint64_t hashes = 0;
+    uint64_t names = 0;
     size_t room = 0;
     size_t table = 0;
     size_t rest = 0;
@@ -169,7 +163,10 @@ static void read_symbols(tl_elf_file *file) {
     } else if (find_entry(file, DT_GNU_HASH, &hashes) && locate(file, hashes, &table, &rest)) {
         count = count_hashed(file, table, rest);
     }
-    count = count != 0 ? count : count_before_names(file, address);
+    if (count == 0 && find_entry(file, DT_STRTAB, &names) && names > address) {
+        count =
+            (size_t)((names - address) / sizeof(ElfW(Sym))); /* not defined ones; linkers put the names behind them */
+    }
     file->symbol_count = count < room / sizeof(ElfW(Sym)) ? count : room / sizeof(ElfW(Sym));
 }
 
@@ -527,15 +524,6 @@ static bool remember(const char *path) {
     return true;
 }
 
-static bool is_of_an_fmu(const char *path) {
-    for (const fmu_folder *folder = folders; folder != NULL; folder = folder->next) {
-        if (is_below(path, folder->path)) {
-            return true;
-        }
-    }
-    return false;
-}
-
 /* ---- Libraries of this one ------------------------------------------------------------------------------ */
 
 static tl_status map_file(const making *work, int file, own_library *library) {
@@ -643,7 +631,11 @@ static bool is_taken(const char *name) {
     if (found == NULL) {
         return false;
     }
-    bool taken = dlinfo(found, RTLD_DI_LINKMAP, &map) == 0 && map != NULL && is_of_an_fmu(map->l_name);
+    bool taken = false;
+    bool is_known = dlinfo(found, RTLD_DI_LINKMAP, &map) == 0 && map != NULL;
+    for (const fmu_folder *folder = folders; folder != NULL && is_known; folder = folder->next) {
+        taken = taken || is_below(map->l_name, folder->path);
+    }
     (void)dlclose(found);
     return taken;
 }
@@ -670,15 +662,6 @@ static bool is_renamed(const making *work, const char *name) {
     return false;
 }
 
-/* Nobody has it: neither this FMU nor the loader. */
-static bool is_free(const making *work, const char *name) {
-    void *found = find_loaded(name);
-    if (found != NULL) {
-        (void)dlclose(found);
-    }
-    return found == NULL && library_called(work, name) == NULL && !is_renamed(work, name);
-}
-
 /* In place of its first characters a number that no library of the process has had: libtable.so becomes 001table.so. False: none is free. */
 static bool find_name(const making *work, const char *name, char found[TL_ELF_LIBRARY]) {
     static const char digits[] = "0123456789abcdefghijklmnopqrstuvwxyz";
@@ -694,8 +677,11 @@ static bool find_name(const making *work, const char *name, char found[TL_ELF_LI
             found[i - 1] = digits[rest % BASE];
             rest /= BASE;
         }
-        if (is_free(work, found)) {
-            return true;
+        void *loaded = find_loaded(found);
+        if (loaded != NULL) {
+            (void)dlclose(loaded);
+        } else if (library_called(work, found) == NULL && !is_renamed(work, found)) {
+            return true; /* nobody has it: neither this FMU nor the loader */
         }
     }
     return false;
@@ -726,14 +712,6 @@ typedef struct looking {
     tl_status status;
 } looking;
 
-/* It is not in the FMU, so there is nothing to make a copy of. */
-static void warn_of_strange(const looking *look, const char *name) {
-    tl_log(
-        TL_LOG_WARNING,
-        "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
-        look->work->label, name);
-}
-
 /* What it needs and would get from another FMU, of which it has one beside it. A name with a slash is a path, and so it is its own. */
 static bool look_at(void *context, tl_elf_reference reference) {
     looking *look = context;
@@ -743,21 +721,14 @@ static bool look_at(void *context, tl_elf_reference reference) {
         return true;
     }
     if (library_called(look->work, name) == NULL) {
-        warn_of_strange(look, name);
+        tl_log(
+            TL_LOG_WARNING, /* there is nothing to make a copy of */
+            "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
+            look->work->label, name);
         return true;
     }
     look->status = add_rename(look->work, name);
     return look->status == TL_OK;
-}
-
-static tl_status find_renames(making *work) {
-    tl_status status = TL_OK;
-    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
-        looking look = {work, &work->libraries[i].file, TL_OK};
-        tl_elf_visit(look.file, look_at, &look);
-        status = look.status;
-    }
-    return status;
 }
 
 /* ---- Changing ------------------------------------------------------------------------------------------- */
@@ -847,8 +818,10 @@ static void warn_of_opening(const making *work) {
 
 static tl_status make_copies(making *work, const char *binary) {
     tl_status status = find_libraries(work, binary);
-    if (status == TL_OK) {
-        status = find_renames(work);
+    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
+        looking look = {work, &work->libraries[i].file, TL_OK};
+        tl_elf_visit(look.file, look_at, &look);
+        status = look.status;
     }
     if (status == TL_OK) {
         status = change_all(work);

@@ -12,7 +12,7 @@
 #include "firmware/store/database.h"
 #include "firmware/store/database_sql.h"
 #include "master/base/arena.h"
-#include "master/base/utf8.h"
+#include "master/base/text.h"
 
 /* Nothing in a database is trusted, not even that rows come in the order that was asked for: SQLite takes them as they lie in
  * pages, which may be damaged. Values that the recorder does not write are reported as damage. */

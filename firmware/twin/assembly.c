@@ -12,7 +12,6 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_binary.h"
-#include "firmware/rollback/fmu_heap.h"
 
 /* ---- before ---- */
 
@@ -259,7 +258,7 @@ static tl_plan_event event_of(const tl_config *config) {
 
 /* With what FMUs have of their own. */
 static size_t memory_used(void) {
-    return tl_heap_used() + tl_fmu_allocation_used();
+    return tl_heap_used() + tl_fmu_used();
 }
 
 static void fill_plan(tl_assembly *assembly) {

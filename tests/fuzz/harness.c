@@ -27,7 +27,7 @@ static void note(void *context, tl_status status, const char *where, const char 
 
 const tl_config *tl_fuzz_config(const char *text) {
     static tl_config config;
-    if (config.memory == NULL) {
+    if (config.tree == NULL) {
         tl_report report = {.add = note};
         if (tl_config_read_text("fuzz.json", text, strlen(text), &config, &report) != TL_OK) {
             abort();

@@ -90,7 +90,7 @@ static void expect_problem(const char *base, const tl_test_change *change) {
     TEST_ASSERT_EQUAL_STRING_MESSAGE(change->where, verdict.problems[0].where, change->new);
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, change->new);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
-    TEST_ASSERT_NULL(verdict.config.memory);
+    TEST_ASSERT_NULL(verdict.config.tree);
 }
 
 void tl_test_expect_problems(const char *base, const tl_test_change *changes, size_t count) {

@@ -806,7 +806,7 @@ static void test_lines(void) {
     TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"drive.y\""), tl_config_line(config, "connect[2][1]"));
     TEST_ASSERT_EQUAL_size_t(tl_test_line_of(config->text, "\"motor.x[1].bias\""),
                              tl_config_line(config, "synchronise.adjust.motor.x[1].bias.nominal"));
-    tl_config empty = {.memory = NULL};
+    tl_config empty = {.tree = NULL};
     TEST_ASSERT_EQUAL_size_t(0, tl_config_line(&empty, "step_s"));
 }
 
@@ -819,7 +819,7 @@ static void expect_file_problem(const char *path, tl_status status, const char *
     TEST_ASSERT_EQUAL_INT(status, verdict.problems[0].status);
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].where);
     TEST_ASSERT_EQUAL_STRING(text, verdict.problems[0].text);
-    TEST_ASSERT_NULL(verdict.config.memory);
+    TEST_ASSERT_NULL(verdict.config.tree);
     TEST_ASSERT_NULL(verdict.config.text);
 }
 
@@ -888,9 +888,9 @@ static void test_the_largest_file(void) {
 }
 
 static void test_freeing_an_empty_configuration(void) {
-    tl_config config = {.memory = NULL};
+    tl_config config = {.tree = NULL};
     tl_config_free(&config);
-    TEST_ASSERT_NULL(config.memory);
+    TEST_ASSERT_NULL(config.tree);
 }
 
 /* ---- files that a configuration names ---- */

@@ -168,7 +168,7 @@ static void judge(const draft *d, tally *counts) {
     } else {
         TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
         TEST_ASSERT_NOT_EQUAL_size_t(0, verdict.count);
-        TEST_ASSERT_NULL(verdict.config.memory);
+        TEST_ASSERT_NULL(verdict.config.tree);
         TEST_ASSERT_EQUAL_STRING_LEN("line ", verdict.problems[0].text, 5);
         counts->bad_syntax += strstr(verdict.problems[0].text, ", column ") != NULL ? 1 : 0;
         counts->bad_values += strstr(verdict.problems[0].text, ", column ") == NULL ? 1 : 0;
