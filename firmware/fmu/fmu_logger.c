@@ -135,11 +135,9 @@ static conversion read_conversion(const char *format, va_list *arguments) {
 /* Passes over the argument that was printed from a copy of the arguments. */
 static void skip(const conversion *found, va_list *arguments) {
     const char *size = found->size;
-    bool is_number = strchr("aAeEfFgG", found->kind) != NULL;
-    if (is_number && size[0] == 'L') {
-        (void)va_arg(*arguments, long double);
-    } else if (is_number) {
-        (void)va_arg(*arguments, double);
+    if (strchr("aAeEfFgG", found->kind) != NULL) {
+        long double value = size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
+        (void)value;
     } else if (found->kind == 'p') {
         (void)va_arg(*arguments, void *);
     } else if (found->kind != 'm' && found->kind != '%') {
