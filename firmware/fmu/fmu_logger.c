@@ -135,21 +135,18 @@ static conversion read_conversion(const char *format, va_list *arguments) {
 /* Passes over the argument that was printed from a copy of the arguments. */
 static void skip(const conversion *found, va_list *arguments) {
     const char *size = found->size;
-    bool is_number = strchr("aAeEfFgG", found->kind) != NULL;
-    if (is_number && size[0] == 'L') {
-        (void)va_arg(*arguments, long double);
-    } else if (is_number) {
-        (void)va_arg(*arguments, double);
+    if (strchr("aAeEfFgG", found->kind) != NULL) {
+        long double value = size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
+        (void)value;
     } else if (found->kind == 'p') {
         (void)va_arg(*arguments, void *);
-    } else if (found->kind == 'm' || found->kind == '%') {
-        return;
-    } else if (strcmp(size, "ll") == 0 || size[0] == 'q' || size[0] == 'j') {
-        (void)va_arg(*arguments, long long);
-    } else if (size[0] == 'l' || size[0] == 'z' || size[0] == 't') {
-        (void)va_arg(*arguments, long);
-    } else {
-        (void)va_arg(*arguments, int);
+    } else if (found->kind != 'm' && found->kind != '%') {
+        bool is_wide = strcmp(size, "ll") == 0 || size[0] == 'q' || size[0] == 'j';
+        bool is_long = size[0] == 'l' || size[0] == 'z' || size[0] == 't';
+        long long value = is_wide   ? va_arg(*arguments, long long)
+                          : is_long ? va_arg(*arguments, long)
+                                    : va_arg(*arguments, int);
+        (void)value;
     }
 }
 
