@@ -7,7 +7,6 @@
 #include <string.h>
 
 #include "firmware/rollback/fmu_heap.h"
-#include "firmware/rollback/fmu_keeping.h"
 #include "firmware/rollback/fmu_pages.h"
 
 /* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
@@ -27,37 +26,17 @@ typedef struct tl_fmu_memory_state {
     unsigned char bytes[];
 } memory_state;
 
-bool tl_fmu_memory_serves(void) {
-    return tl_fmu_allocation_serves();
-}
-
-void tl_fmu_memory_prepare(void) {
-    tl_fmu_written_begin();
-}
-
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
-    tl_fmu_keeping_begin();
     memory->heap = tl_fmu_allocation_open(tl_fmu_heap_most(), error);
-    if (memory->heap == NULL) {
-        return TL_TRY_AGAIN;
-    }
-    return tl_fmu_random_begin(memory->heap) ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU");
+    return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
 }
 
 /* ---- around a call ---- */
 
-void tl_fmu_memory_set_flags(tl_fmu_memory *memory) {
-    (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
-}
-
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
     memory->raised = fetestexcept(FE_ALL_EXCEPT);
     (void)fegetexceptflag(&memory->flags, FE_ALL_EXCEPT);
-}
-
-void tl_fmu_memory_watch(tl_fmu_memory *memory) {
-    tl_fmu_traces_look(&memory->before);
 }
 
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
@@ -168,12 +147,13 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
 
 /* ---- to save ---- */
 
-static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *to) {
+/* Between the places, or those outside of pages, and the bytes of a state. */
+static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool back) {
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_place *place = &memory->places.place[i];
         if (all || !is_in_pages(place)) {
-            memcpy(to, place->begin, place->size);
-            to += place->size;
+            memcpy(back ? place->begin : bytes, back ? bytes : place->begin, place->size);
+            bytes += place->size;
         }
     }
 }
@@ -182,7 +162,7 @@ static tl_status save_whole(tl_fmu_memory *memory, memory_state **state, size_t 
     tl_status status = make_room(memory, state, used + memory->places.bytes, error);
     if (status == TL_OK) {
         memcpy((*state)->bytes, memory->heap->base, used);
-        copy_places(memory, true, (*state)->bytes + used);
+        copy_places(memory, true, (*state)->bytes + used, false);
     }
     return status;
 }
@@ -193,7 +173,7 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
-        copy_places(memory, false, (*state)->bytes);
+        copy_places(memory, false, (*state)->bytes, false);
     } else if (before == NULL) {
         tl_fmu_memory_forget(*state);
     }
@@ -291,33 +271,18 @@ void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
 
 /* ---- to restore ---- */
 
-static void put_places(const tl_fmu_memory *memory, bool all, const unsigned char *from) {
-    for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_place *place = &memory->places.place[i];
-        if (all || !is_in_pages(place)) {
-            memcpy(place->begin, from, place->size);
-            from += place->size;
-        }
-    }
-}
-
-/* One that was made before it was large is still of use. */
-static void restore_whole(tl_fmu_memory *memory, const memory_state *kept) {
-    memcpy(memory->heap->base, kept->bytes, kept->used);
-    put_places(memory, true, kept->bytes + kept->used);
-    if (memory->pages != NULL) {
-        tl_fmu_pages_lose(memory->pages);
-    }
-}
-
-void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state) {
-    const memory_state *kept = state;
+void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
+    memory_state *kept = state;
+    bool is_whole = kept->pages == NULL;
     note_used(memory);
-    if (kept->pages == NULL) {
-        restore_whole(memory, kept);
+    if (is_whole) {
+        memcpy(memory->heap->base, kept->bytes, kept->used);
     } else {
         tl_fmu_pages_restore(memory->pages, &kept->version);
-        put_places(memory, false, kept->bytes);
+    }
+    copy_places(memory, is_whole, kept->bytes + (is_whole ? kept->used : 0), true);
+    if (is_whole && memory->pages != NULL) { /* the state was made before the FMU was large */
+        tl_fmu_pages_lose(memory->pages);
     }
     tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;

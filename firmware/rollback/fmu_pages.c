@@ -29,9 +29,8 @@
 typedef struct tl_page_slots {
     size_t size;            /* bytes of each, a multiple of 16 */
     uint32_t made;          /* slots that there are, */
-    uint32_t taken;         /* of which the first so many were taken once, */
-    uint32_t unused;        /* and nobody owns so many of these: */
-    uint32_t first_unused;  /* each has the next one in its first bytes */
+    uint32_t taken;         /* of which the first so many were taken once */
+    uint32_t first_unused;  /* of those that nobody owns: each has the next one in its first bytes */
     unsigned char **pieces; /* each: how many owners its slots have, then the slots */
 } tl_page_slots;
 
@@ -59,11 +58,6 @@ enum { PIECE = 256, HEAD = 4096, MORE = 64 };
 
 typedef char owners_fit_into_the_head[PIECE * sizeof(uint32_t) <= HEAD ? 1 : -1];
 
-static bool tl_fmu_written_watch(const unsigned char *begin, size_t size);
-
-static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
-                                void *context);
-
 static uint32_t *owners_of(const tl_page_slots *self, uint32_t slot) {
     return (uint32_t *)(void *)self->pieces[slot / PIECE] + slot % PIECE;
 }
@@ -83,12 +77,6 @@ static void tl_page_slots_close(tl_page_slots *self) {
     }
     free(self->pieces);
     tl_page_slots_open(self, self->size);
-}
-
-static void put_unused(tl_page_slots *self, uint32_t slot) {
-    memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
-    self->first_unused = slot;
-    self->unused++;
 }
 
 static bool make_piece(tl_page_slots *self) {
@@ -114,10 +102,10 @@ static bool make_piece(tl_page_slots *self) {
     return true;
 }
 
-/* So many can be taken without asking for memory. False: there is none. */
-static bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
-    bool is_there = true;
-    while (is_there && self->unused + (self->made - self->taken) < count) {
+/* There are so many. False: there is no memory. */
+static bool tl_page_slots_stock(tl_page_slots *self, size_t wanted) {
+    bool is_there = wanted < UINT32_MAX;
+    while (is_there && self->made < wanted) {
         is_there = make_piece(self);
     }
     return is_there;
@@ -125,15 +113,13 @@ static bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
 
 /* A slot with one owner, its bytes being anything; TL_NO_SLOT: there is no memory. */
 static uint32_t tl_page_slots_take(tl_page_slots *self) {
-    if (!tl_page_slots_stock(self, 1)) {
-        return TL_NO_SLOT;
-    }
     uint32_t slot = self->first_unused;
     if (slot != TL_NO_SLOT) {
         memcpy(&self->first_unused, tl_page_slots_at(self, slot), sizeof self->first_unused);
-        self->unused--;
-    } else {
+    } else if (tl_page_slots_stock(self, (size_t)self->taken + 1)) {
         slot = self->taken++;
+    } else {
+        return TL_NO_SLOT;
     }
     *owners_of(self, slot) = 1;
     return slot;
@@ -144,13 +130,12 @@ static void tl_page_slots_share(tl_page_slots *self, uint32_t slot) {
     (*owners_of(self, slot))++;
 }
 
-/* One owner less. True: that was the last; the slot's bytes, but for the first four, are as they were until one is taken. */
-static bool tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
-    if (--*owners_of(self, slot) > 0) {
-        return false;
+/* One owner less. If that was the last, the slot's bytes, but for the first four, are as they were until one is taken. */
+static void tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
+    if (--*owners_of(self, slot) == 0) {
+        memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
+        self->first_unused = slot;
     }
-    put_unused(self, slot);
-    return true;
 }
 
 static bool tl_page_slots_has_one_owner(const tl_page_slots *self, uint32_t slot) {
@@ -190,14 +175,9 @@ static uint32_t tl_page_groups_make(tl_page_groups *self) {
     return group;
 }
 
-/* One owner more; one less. */
-static void tl_page_groups_share(tl_page_groups *self, uint32_t group) {
-    tl_page_slots_share(&self->groups, group);
-}
-
 static void drop_page(tl_page_groups *self, uint32_t slot) {
     if (slot != TL_NO_SLOT) {
-        (void)tl_page_slots_drop(&self->contents, slot);
+        tl_page_slots_drop(&self->contents, slot);
     }
 }
 
@@ -207,7 +187,7 @@ static void tl_page_groups_drop(tl_page_groups *self, uint32_t group) {
             drop_page(self, pages_in(self, group)[i]);
         }
     }
-    (void)tl_page_slots_drop(&self->groups, group);
+    tl_page_slots_drop(&self->groups, group);
 }
 
 /* The bytes of a page; NULL: it has none yet. Two groups that share a page have it at the same place. */
@@ -233,7 +213,7 @@ static bool own(tl_page_groups *self, uint32_t *group) {
             tl_page_slots_share(&self->contents, pages_in(self, made)[i]);
         }
     }
-    (void)tl_page_slots_drop(&self->groups, *group);
+    tl_page_slots_drop(&self->groups, *group);
     *group = made;
     return true;
 }
@@ -242,29 +222,23 @@ static bool is_zero(const unsigned char *page) {
     return page[0] == 0 && memcmp(page, page + 1, TL_FMU_PAGE - 1) == 0;
 }
 
-static bool has_zeros(tl_page_groups *self) {
-    if (self->zeros == TL_NO_SLOT) {
-        self->zeros = tl_page_slots_take(&self->contents);
-        if (self->zeros != TL_NO_SLOT) {
-            memset(tl_page_slots_at(&self->contents, self->zeros), 0, TL_FMU_PAGE);
-        }
-    }
-    return self->zeros != TL_NO_SLOT;
-}
-
 /* For contents that nobody has. TL_NO_SLOT: no memory. */
 static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned char *page) {
-    if (before == TL_NO_SLOT && is_zero(page) && has_zeros(self)) {
+    bool is_own = before != TL_NO_SLOT && tl_page_slots_has_one_owner(&self->contents, before);
+    bool is_of_zeros = before == TL_NO_SLOT && is_zero(page);
+    if (is_of_zeros && self->zeros != TL_NO_SLOT) {
         tl_page_slots_share(&self->contents, self->zeros);
         return self->zeros;
     }
-    bool is_own = before != TL_NO_SLOT && tl_page_slots_has_one_owner(&self->contents, before);
     uint32_t slot = is_own ? before : tl_page_slots_take(&self->contents);
     if (slot == TL_NO_SLOT) {
         return slot;
     }
     memcpy(tl_page_slots_at(&self->contents, slot), page, TL_FMU_PAGE);
-    if (!is_own) {
+    if (is_of_zeros) { /* the first one: for all others, too */
+        tl_page_slots_share(&self->contents, slot);
+        self->zeros = slot;
+    } else if (!is_own) {
         drop_page(self, before);
     }
     return slot;
@@ -285,17 +259,10 @@ static bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t pag
 
 /* ---- room ---- */
 
-static bool stock(tl_page_slots *slots, size_t wanted) {
-    if (wanted >= UINT32_MAX) {
-        return false;
-    }
-    return wanted <= slots->made ||
-           tl_page_slots_stock(slots, slots->unused + (slots->made - slots->taken) + (uint32_t)(wanted - slots->made));
-}
-
 /* Memory for versions to come: beside the first so many pages, so many more that differ, each at worst in a group of its own. False: there is none. */
 static bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
-    return stock(&self->contents, first + differing) && stock(&self->groups, tl_page_groups_of(first) + differing);
+    return tl_page_slots_stock(&self->contents, first + differing) &&
+           tl_page_slots_stock(&self->groups, tl_page_groups_of(first) + differing);
 }
 
 /* ---- fmu places ---- */
@@ -432,10 +399,45 @@ typedef struct scan_order {
 
 enum { RUNS = 256 };
 
+/* So many pages from this one on were written. */
+typedef void take_written(void *context, size_t first, size_t count);
+
 static bool has_begun;
 static bool serves;
 static int watcher = -1;
 static int map = -1;
+
+/* From now on this range is taken note of: whole pages of private memory, for good. False: it cannot be. */
+static bool watch_range(const unsigned char *begin, size_t size) {
+    struct uffdio_register order = {.range = {.start = (uintptr_t)begin, .len = size}, .mode = UFFDIO_REGISTER_MODE_WP};
+    return ioctl(watcher, UFFDIO_REGISTER, &order) == 0;
+}
+
+/* Tells of all pages of a range that is watched, or of a part of it, which were written since they were forgotten last, in order; with `forget`
+ * they are not written any more. False: it could not be told of all. */
+static bool find_written(const unsigned char *begin, size_t size, bool forget, take_written *take, void *context) {
+    found_run runs[RUNS];
+    scan_order order = {.size = sizeof order,
+                        .flags = ONLY_WATCHED | (forget ? PROTECT_FOUND : 0),
+                        .walked = (uintptr_t)begin,
+                        .end = (uintptr_t)begin + size,
+                        .runs = (uintptr_t)runs,
+                        .room = RUNS,
+                        .all_of = IS_WRITTEN,
+                        .told = IS_WRITTEN};
+    while (order.walked < order.end) {
+        order.begin = order.walked;
+        int count = ioctl(map, SCAN, &order);
+        if (count < 0 || order.walked <= order.begin) {
+            return false;
+        }
+        for (int i = 0; i < count; i++) {
+            take(context, (size_t)(runs[i].begin - (uintptr_t)begin) / TL_FMU_PAGE,
+                 (size_t)(runs[i].end - runs[i].begin) / TL_FMU_PAGE);
+        }
+    }
+    return true;
+}
 
 static void count_pages(void *context, size_t first, size_t count) {
     (void)first;
@@ -444,13 +446,13 @@ static void count_pages(void *context, size_t first, size_t count) {
 
 static size_t count_written(const unsigned char *page) {
     size_t count = 0;
-    return tl_fmu_written_find(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
+    return find_written(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
 }
 
 /* A page of our own: written, looked at, not written, written. */
 static bool is_true_of(unsigned char *page) {
     page[0] = 1;
-    if (!tl_fmu_written_watch(page, TL_FMU_PAGE) || count_written(page) != 1 || count_written(page) != 0) {
+    if (!watch_range(page, TL_FMU_PAGE) || count_written(page) != 1 || count_written(page) != 0) {
         return false;
     }
     page[1] = 1;
@@ -492,42 +494,7 @@ bool tl_fmu_written_serves(void) {
     return serves;
 }
 
-/* From now on this range is taken note of: whole pages of private memory, for good. False: it cannot be. */
-static bool tl_fmu_written_watch(const unsigned char *begin, size_t size) {
-    struct uffdio_register order = {.range = {.start = (uintptr_t)begin, .len = size}, .mode = UFFDIO_REGISTER_MODE_WP};
-    return ioctl(watcher, UFFDIO_REGISTER, &order) == 0;
-}
-
-/* Tells of all pages of a range that is watched, or of a part of it, which were written since they were forgotten last, in order; with `forget`
- * they are not written any more. False: it could not be told of all. */
-static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
-                                void *context) {
-    found_run runs[RUNS];
-    scan_order order = {.size = sizeof order,
-                        .flags = ONLY_WATCHED | (forget ? PROTECT_FOUND : 0),
-                        .walked = (uintptr_t)begin,
-                        .end = (uintptr_t)begin + size,
-                        .runs = (uintptr_t)runs,
-                        .room = RUNS,
-                        .all_of = IS_WRITTEN,
-                        .told = IS_WRITTEN};
-    while (order.walked < order.end) {
-        order.begin = order.walked;
-        int count = ioctl(map, SCAN, &order);
-        if (count < 0 || order.walked <= order.begin) {
-            return false;
-        }
-        for (int i = 0; i < count; i++) {
-            take(context, (size_t)(runs[i].begin - (uintptr_t)begin) / TL_FMU_PAGE,
-                 (size_t)(runs[i].end - runs[i].begin) / TL_FMU_PAGE);
-        }
-    }
-    return true;
-}
-
 /* ---- fmu pages ---- */
-
-/* ---- pages ---- */
 
 /* Pages that are supposed to be written between two versions, the most that was seen of large FMUs: until some were put back, which is what several steps
  * have written, and until so many versions differed from the one before. */
@@ -605,21 +572,15 @@ static void shrink(tl_fmu_pages *self, size_t leaves) {
 
 /* ---- what was written ---- */
 
-static void find_in_range(found_pages *found, size_t pages, tl_fmu_written_take *take) {
-    const tl_fmu_pages *self = found->pages;
-    bool is_told = self->are_told && tl_fmu_written_find(self->range[found->range].begin, pages * TL_FMU_PAGE,
-                                                         found->version == NULL, take, found);
-    if (!is_told) {
-        take(found, 0, pages);
-    }
-}
-
 /* Of the first so many pages of all. */
-static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version, tl_fmu_written_take *take) {
+static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version, take_written *take) {
     for (size_t i = 0; i < self->count; i++) {
         found_pages found = {.pages = self, .range = i, .version = version};
-        size_t behind = i + 1 < self->count ? self->before[i + 1] : pages;
-        find_in_range(&found, behind - self->before[i], take);
+        size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
+        if (!self->are_told ||
+            !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, take, &found)) {
+            take(&found, 0, count);
+        }
     }
 }
 
@@ -655,7 +616,7 @@ static void stock_pages(tl_fmu_pages *self, bool is_first) {
 
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < self->now.leaves; i++) {
-        tl_page_groups_share(&self->groups, self->now.leaf[i]);
+        tl_page_slots_share(&self->groups.groups, self->now.leaf[i]);
     }
     for (size_t i = 0; i < version->leaves; i++) {
         tl_page_groups_drop(&self->groups, version->leaf[i]);
@@ -742,7 +703,7 @@ static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
         if (i < self->now.leaves && self->now.leaf[i] == version->leaf[i]) {
             continue;
         }
-        tl_page_groups_share(&self->groups, version->leaf[i]);
+        tl_page_slots_share(&self->groups.groups, version->leaf[i]);
         if (i < self->now.leaves) {
             tl_page_groups_drop(&self->groups, self->now.leaf[i]);
         }
@@ -787,10 +748,6 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
 
 /* ---- the whole ---- */
 
-bool tl_fmu_pages_are_told(const tl_fmu_pages *self) {
-    return self->are_told;
-}
-
 /* In one version more. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
     size_t put = self->most_put > self->most ? self->most_put : self->most;
@@ -832,7 +789,7 @@ tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_err
     for (size_t i = 0; i < count; i++) {
         self->range[i] = ranges[i];
         self->before[i] = i == 0 ? 0 : self->before[i - 1] + pages_of(ranges[i - 1].size);
-        self->are_told = self->are_told && tl_fmu_written_watch(ranges[i].begin, ranges[i].size);
+        self->are_told = self->are_told && watch_range(ranges[i].begin, ranges[i].size);
     }
     return self;
 }

@@ -1,52 +1,20 @@
 /* What an FMU leaves behind a call: see fmu_traces.h. */
 #include "firmware/rollback/fmu_traces.h"
 
-#include <dirent.h>
+#include <fcntl.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include "firmware/base/text.h"
 
-/* ---- threads and children ---- */
+enum { LINKS_BESIDE = 2 }; /* of a folder: its own ones */
 
 static unsigned long count_threads(void) {
-    static const char key[] = "Threads:";
-    char line[128];
-    unsigned long threads = 0;
-    FILE *file = fopen("/proc/self/status", "re");
-    while (file != NULL && threads == 0 && fgets(line, sizeof line, file) != NULL) {
-        if (strncmp(line, key, sizeof key - 1) == 0) {
-            threads = strtoul(line + sizeof key - 1, NULL, 10);
-        }
-    }
-    if (file != NULL) {
-        (void)fclose(file);
-    }
-    return threads;
-}
-
-static bool has_children(void) {
-    siginfo_t about;
-    return waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0;
-}
-
-/* ---- descriptors ---- */
-
-static void find_descriptors(tl_fmu_traces *traces) {
-    DIR *list = opendir("/proc/self/fd");
-    for (const struct dirent *entry = list == NULL ? NULL : readdir(list); entry != NULL; entry = readdir(list)) {
-        unsigned long number = strtoul(entry->d_name, NULL, 10);
-        bool is_ours = entry->d_name[0] == '.' || (int)number == dirfd(list);
-        if (!is_ours && number < TL_FMU_TRACES_DESCRIPTORS) {
-            traces->descriptors[number / 64] |= (uint64_t)1 << number % 64;
-        }
-    }
-    if (list != NULL) {
-        (void)closedir(list);
-    }
+    struct stat tasks;
+    return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - LINKS_BESIDE : 0;
 }
 
 static bool has(const tl_fmu_traces *traces, unsigned number) {
@@ -60,18 +28,22 @@ static void describe_descriptor(unsigned number, char text[TL_FMU_TRACE_TEXT]) {
     char name[96];
     (void)snprintf(link, sizeof link, "/proc/self/fd/%u", number);
     ssize_t length = readlink(link, target, sizeof target);
-    if (length < 0) {
+    if (length < 0 && fcntl((int)number, F_GETFD) < 0) {
         return;
     }
-    (void)tl_clean_text(target, (size_t)length, name, sizeof name);
+    (void)tl_clean_text(target, length > 0 ? (size_t)length : 0, name, sizeof name);
     (void)snprintf(text, TL_FMU_TRACE_TEXT, "an open file or socket, %s", name);
 }
 
-/* ---- the whole ---- */
-
 void tl_fmu_traces_look(tl_fmu_traces *traces) {
-    *traces = (tl_fmu_traces){.threads = count_threads(), .has_children = has_children()};
-    find_descriptors(traces);
+    siginfo_t about;
+    *traces = (tl_fmu_traces){.threads = count_threads(),
+                              .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
+    for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS; i++) {
+        if (fcntl((int)i, F_GETFD) >= 0) {
+            traces->descriptors[i / 64] |= (uint64_t)1 << i % 64;
+        }
+    }
 }
 
 bool tl_fmu_traces_differ(const tl_fmu_traces *before, const tl_fmu_traces *after, char text[TL_FMU_TRACE_TEXT]) {

@@ -2,9 +2,9 @@
  *
  * Purpose: a thread, a child, an open file or socket: the kernel keeps these, and they are as they are, whatever is restored. So an FMU that has any is not
  *          rolled back by its memory; which one it was is told. Memory that it maps itself is seen where it asks for it (fmu_heap.h).
- * Seen:    what is there after a call and was not before: from outside, in /proc. A file that is opened and closed within one call leaves nothing, and may be
+ * Seen:    what is there after a call and was not before. A file that is opened and closed within one call leaves nothing, and may be
  *          written all the same.
- * Limits:  what other threads of the process do at the same time is taken for the FMU's. What cannot be read in /proc is not seen.
+ * Limits:  what other threads of the process do at the same time is taken for the FMU's.
  * Cost:    some hundred µs a look.
  * Thread:  any, one at a time.
  */
