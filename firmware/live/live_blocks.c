@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "firmware/twin/checkpointer.h"
-#include "firmware/twin/past_samples.h"
+#include "firmware/twin/past_history.h"
 
 /* ---- live blocks ---- */
 

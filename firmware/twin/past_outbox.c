@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "firmware/base/os.h"
-#include "firmware/twin/past.h"
 
 enum {
     CHECKPOINTS = 2,
@@ -97,7 +96,7 @@ static void take_sample(tl_past_outbox *self, const tl_sample *sample) {
         run->has_begun = true;
         tl_past_ticks_begin(&run->ticks, sample->tick);
     }
-    self->is_out_of_memory = !tl_past_ticks_add(&run->ticks, sample, NULL) || self->is_out_of_memory;
+    self->is_out_of_memory = !tl_past_ticks_add(&run->ticks, sample) || self->is_out_of_memory;
 }
 
 static bool are_finite(const double *values, size_t count) {
@@ -117,10 +116,7 @@ static void take_step(tl_past_outbox *self, const tl_record *record) {
     }
     int64_t tick = record->step + lead;
     run->last = tick > run->last ? tick : run->last;
-    tl_past_ticks_set_u(&run->ticks, tick, record->u);
-    if ((record->flags & TL_FLAG_RESET) != 0) {
-        tl_past_ticks_set_reset(&run->ticks, tick);
-    }
+    tl_past_ticks_set_step(&run->ticks, tick, record->u, (record->flags & TL_FLAG_RESET) != 0);
     if (record->used > 0 && record->used < TL_SECOND) {
         run->used += record->used;
         run->executions += record->executions;
@@ -233,7 +229,6 @@ static bool may_go_on(tl_past_outbox *self, const stretch *run) {
     const tl_config *config = config_of(self);
     tl_time gap = gap_of(self, run);
     return tl_past_was_interrupted(TL_PAST_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
-           tl_past_is_recent(TL_PAST_UNNUMBERED, config, gap, self->why) &&
            tl_past_is_under_way(TL_PAST_UNNUMBERED, config, run->last, gap, self->facts.lead, self->why);
 }
 
@@ -261,6 +256,7 @@ static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64
         .shape = run->ticks.shape,
         .ticks = run->ticks.bytes,
     };
+    tl_past_identify(config_of(self), self->found.signals);
 }
 
 /* Of mode ahead it may lead one tick further. */
@@ -325,17 +321,14 @@ static bool try_next(tl_past_outbox *self, const attempt *now, bool *over) {
 }
 
 static void tell_why(const tl_past_outbox *self, const char *why) {
-    char text[TL_PAST_TEXT];
-    (void)snprintf(text, sizeof text, "begins anew: %.200s", why);
-    self->tell(self->context, TL_EVENT_INFO, text);
+    tl_past_say(self->tell, self->context, TL_EVENT_INFO, "begins anew: %.200s", why);
 }
 
 /* The image of what was found, and read as any other. */
 static bool make_image(tl_past_outbox *self, tl_past *past) {
     const tl_past *found = &self->found;
     tl_error error = {TL_OK, ""};
-    size_t size = tl_past_image_bytes(&found->shape, (size_t)(found->last - found->first + 1), found->checkpoint_size,
-                                      found->tuning_count);
+    size_t size = tl_past_size(found);
     free(self->image);
     self->image = malloc(size);
     if (self->image == NULL) {

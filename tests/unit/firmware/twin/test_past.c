@@ -11,11 +11,12 @@
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 
-enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7 };
+enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = 176 };
 
 static const tl_time NOW = 5000 * TL_SECOND;
 
 static tl_config config;
+static tl_config_signal signals[TL_MADE_PLANT];
 static tl_run_tuning tunings[2];
 static tl_past_ticks ticks;
 static tl_past past; /* as it is made */
@@ -32,9 +33,9 @@ static void make_ticks(int64_t first, size_t count) {
     for (size_t i = 0; i < count; i++) {
         tl_made_sample(first + (int64_t)i, &sample);
         tl_made_record(first + (int64_t)i, &record);
-        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, i < 3 ? NULL : record.u));
-        if (i % RESET_EVERY == 0) {
-            tl_past_ticks_set_reset(&ticks, first + (int64_t)i);
+        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample));
+        if (i >= 3) {
+            tl_past_ticks_set_step(&ticks, first + (int64_t)i, record.u, i % RESET_EVERY == 0);
         }
     }
     past.first = first;
@@ -56,15 +57,18 @@ static void make_tunings(void) {
 
 static void write(void) {
     free(image);
-    size =
-        tl_past_image_bytes(&past.shape, (size_t)(past.last - past.first + 1), past.checkpoint_size, past.tuning_count);
+    size = tl_past_size(&past);
     image = malloc(size); /* as large as it is said: the sanitizers look */
     TEST_ASSERT_NOT_NULL(image);
     tl_past_write(&past, image);
 }
 
 void setUp(void) {
-    config = (tl_config){.signal_count = TL_MADE_PLANT,
+    for (size_t i = 0; i < TL_MADE_PLANT; i++) {
+        signals[i].plan.name = i == 0 ? "first" : "other";
+    }
+    config = (tl_config){.signals = signals,
+                         .signal_count = TL_MADE_PLANT,
                          .adjust_count = TL_MADE_ADJUST,
                          .step = TL_SECOND / 100,
                          .record_resume = 60 * TL_SECOND};
@@ -81,6 +85,7 @@ void setUp(void) {
         .checkpoint_size = CHECKPOINT,
         .shape = ticks.shape,
     };
+    tl_past_identify(&config, past.signals);
     make_tunings();
     make_ticks(1001, TICKS);
     past.start = NOW - tl_time_of_step(0, past.step, past.last) - TL_SECOND;
@@ -199,7 +204,7 @@ static void test_stamps_that_are_far_away(void) {
     sample.stamps[0] = INT64_MAX;
     sample.stamps[1] = INT64_MIN + 1;
     tl_past_ticks_begin(&ticks, 1001);
-    TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, NULL));
+    TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample));
     past.last = 1001;
     past.start = NOW - past.last * config.step;
     write();
@@ -254,7 +259,7 @@ static void test_another_size(void) {
     free(image);
     image = longer;
     for (size = 0; size < whole; size++) {
-        expect_refused(size < 104 ? "it has not its size" : "it does not begin as it should");
+        expect_refused(size < HEAD ? "it has not its size" : "it does not begin as it should");
     }
     size = whole + 1;
     expect_refused("it does not begin as it should");
@@ -271,6 +276,9 @@ static void test_another_configuration(void) {
     config.adjust_count--;
     config.step++;
     expect_refused("it has not the signals of this configuration");
+    config.step--;
+    signals[1].plan.name = "another";
+    expect_refused("it has not the signals of this configuration");
 }
 
 typedef struct damage {
@@ -279,7 +287,7 @@ typedef struct damage {
     const char *words;
 } damage;
 
-enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, TUNINGS, SIGNALS, ADJUSTS, FROM };
+enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, TUNINGS, SIGNALS, ADJUSTS, FROM, NAMES };
 
 static void test_a_damaged_head(void) {
     static const damage damages[] = {
@@ -314,7 +322,9 @@ static void test_a_damaged_head(void) {
         {SIGNALS, 0, "signals"},
         {SIGNALS, UINT64_MAX, "signals"},
         {ADJUSTS, 9, "signals"},
-        {FROM, TL_RESUMED_NOT, "where a run can"},
+        {NAMES, 0, "signals"},
+        {NAMES + 8, 'x', "signals"},
+        {FROM, TL_RESUMED_NOT, "signals"}, /* which has no u */
         {FROM, TL_RESUMED_START, "where a run can"},
         {FROM, TL_RESUMED_INPUTS, "where a run can"},
         {FROM, 4, "where a run can"},
@@ -414,7 +424,10 @@ static void expect_last(const char *with_u, int64_t last) {
     tl_past_ticks_begin(&ticks, 10);
     for (int64_t i = 0; with_u[i] != '\0'; i++) {
         tl_made_sample(10 + i, &sample);
-        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample, with_u[i] == 'u' ? u : NULL));
+        TEST_ASSERT_TRUE(tl_past_ticks_add(&ticks, &sample));
+        if (with_u[i] == 'u') {
+            tl_past_ticks_set_step(&ticks, 10 + i, u, false);
+        }
     }
     TEST_ASSERT_EQUAL_INT64_MESSAGE(last, tl_past_ticks_last(&ticks), with_u);
 }
@@ -439,8 +452,8 @@ static void test_a_row_that_is_cut(void) {
     tl_made_sample(12, &sample);
     tl_past_tick_unpack(&ticks.shape, ticks.bytes, 0, &tick);
     TEST_ASSERT_EQUAL_MEMORY(sample.values, tick.sample.values, TL_MADE_PLANT * sizeof(double));
-    tl_past_ticks_set_u(&ticks, 11, u); /* out of it by now */
-    tl_past_ticks_set_u(&ticks, 14, u);
+    tl_past_ticks_set_step(&ticks, 11, u, true); /* out of it by now */
+    tl_past_ticks_set_step(&ticks, 14, u, true);
     tl_past_ticks_cut(&ticks, 14);
     TEST_ASSERT_EQUAL_INT64(13, tl_past_ticks_last(&ticks));
 }
