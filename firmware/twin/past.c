@@ -517,11 +517,15 @@ static tl_status build_anew(const follower *self, tl_error *error) {
 
 /* ---- where it begins ---- */
 
-/* Into the twin; if that fails, it is a new one again. */
-static tl_status load(const follower *self, tl_past_outcome *outcome, tl_error *error) {
+/* If a checkpoint cannot be loaded, the twin is a new one again. */
+static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error *error) {
     const tl_past *past = self->past;
-    tl_status status = tl_twin_load(self->settings->assembly->twin, past->checkpoint_tick, past->checkpoint,
-                                    past->checkpoint_size, error);
+    tl_twin *twin = self->settings->assembly->twin;
+    if (past->from != TL_RESUMED_CHECKPOINT) {
+        tl_twin_begin_at(twin, past->first);
+        return TL_OK;
+    }
+    tl_status status = tl_twin_load(twin, past->checkpoint_tick, past->checkpoint, past->checkpoint_size, error);
     if (status == TL_OK || status == TL_FMU_FATAL) {
         return status;
     }
@@ -532,45 +536,25 @@ static tl_status load(const follower *self, tl_past_outcome *outcome, tl_error *
     return build_anew(self, error);
 }
 
-static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error *error) {
-    if (self->past->from == TL_RESUMED_CHECKPOINT) {
-        return load(self, outcome, error);
-    }
-    tl_twin_begin_at(self->settings->assembly->twin, self->past->first);
-    return TL_OK;
-}
-
 /* ---- what is recorded ---- */
 
 static void wait_for_room(const follower *self) {
     (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
 }
 
-static void put_start(const follower *self, const tl_resumption *resumption) {
-    tl_outbox_start start = {.resumption = *resumption};
-    tl_account_take(self->settings->assembly->twin, &start.account);
-    if (!tl_outbox_put_start(self->settings->outbox, &start)) {
-        wait_for_room(self); /* for its room too: it goes in before the first sample */
-    }
-}
-
-/* The one that the run begins with. */
-static void put_checkpoint(const follower *self) {
+/* With the checkpoint that the run begins with. */
+static void begin_run(const follower *self, const tl_resumption *resumption) {
     const tl_past *past = self->past;
     tl_outbox *outbox = self->settings->outbox;
+    tl_outbox_start start = {.resumption = *resumption};
     size_t capacity = 0;
-    if (tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
+    tl_account_take(self->settings->assembly->twin, &start.account);
+    if (!tl_outbox_put_start(outbox, &start)) {
+        wait_for_room(self); /* for its room too: it goes in before the first sample */
+    }
+    if (past->checkpoint != NULL && tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
         memcpy(tl_outbox_checkpoint_room(outbox, &capacity), past->checkpoint, past->checkpoint_size);
         tl_outbox_put_checkpoint(outbox, past->checkpoint_tick, past->checkpoint_size);
-    }
-}
-
-static void begin_run(const follower *self, const tl_resumption *resumption) {
-    if (self->settings->outbox != NULL) {
-        put_start(self, resumption);
-        if (self->past->checkpoint != NULL) {
-            put_checkpoint(self);
-        }
     }
 }
 
@@ -583,17 +567,9 @@ static void put_tuning(follower *self) {
 }
 
 static void put_sample(follower *self, const tl_sample *sample) {
-    if (self->settings->outbox != NULL) {
-        put_tuning(self);
-        wait_for_room(self);
-        (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
-    }
-}
-
-static void put_step(const follower *self, const tl_record *record) {
-    if (self->settings->outbox != NULL) {
-        tl_twin_recorder_put(self->settings->outbox, record, self->settings->assembly->twin);
-    }
+    put_tuning(self);
+    wait_for_room(self);
+    (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
 }
 
 /* ---- what was in force ---- */
@@ -601,11 +577,10 @@ static void put_step(const follower *self, const tl_record *record) {
 /* Of the new run, at this tick; what it was begun with needs no saying, and has the number that it has now. */
 static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tick) {
     const tl_outbox *outbox = self->settings->outbox;
-    const tl_run_tuning *in_force = outbox != NULL ? tl_outbox_tuning(outbox) : NULL;
-    self->has_tuning = in_force != NULL && (self->has_tuning || strcmp(in_force->hash, tuning->hash) != 0);
+    self->has_tuning = self->has_tuning || strcmp(tl_outbox_tuning(outbox)->hash, tuning->hash) != 0;
     self->tuning = *tuning;
     self->tuning.tick = tick;
-    if (outbox != NULL && strcmp(outbox->configured.hash, tuning->hash) == 0) {
+    if (strcmp(outbox->configured.hash, tuning->hash) == 0) {
         self->tuning.number = outbox->configured.number;
     }
 }
@@ -646,7 +621,7 @@ static tl_status follow_tick(follower *self, const tl_past_tick *tick, tl_summar
     tl_status status = tl_twin_follow(assembly->twin, &tick->sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
-        put_step(self, &record);
+        tl_twin_recorder_put(self->settings->outbox, &record, assembly->twin);
     }
     if (ahead) {
         put_sample(self, &tick->sample);

@@ -208,7 +208,7 @@ typedef enum tl_past_outcome {
 
 typedef struct tl_past_follow_settings {
     tl_assembly *assembly; /* its twin has not begun, and may be built anew */
-    tl_outbox *outbox;     /* into which the new run goes; NULL: nothing is recorded */
+    tl_outbox *outbox;     /* into which the new run goes */
     tl_past_tell *tell;
     void *context; /* of tell */
 } tl_past_follow_settings;

@@ -39,7 +39,7 @@ typedef struct stretch {
 
 struct tl_past_outbox {
     const tl_outbox *outbox;
-    const tl_assembly *assembly;
+    const tl_config *config;
     tl_twin_facts facts;
     tl_past_tell *tell;
     void *context; /* of tell */
@@ -57,21 +57,16 @@ struct tl_past_outbox {
     char why[TL_PAST_WHY];
 };
 
-static const tl_config *config_of(const tl_past_outbox *self) {
-    return &self->assembly->config;
-}
-
 /* ---- one stretch ---- */
 
-static void begin_stretch(const tl_past_outbox *self, stretch *run, const tl_resumption *beginning,
-                          const tl_run_tuning *in_force) {
-    unsigned char *bytes = run->ticks.bytes; /* its memory is used again */
-    size_t capacity = run->ticks.capacity;
-    *run = (stretch){.is_there = true, .beginning = *beginning, .last = -1};
-    run->ticks = (tl_past_ticks){.shape = tl_recorder_shape_of(config_of(self)), .bytes = bytes, .capacity = capacity};
-    run->tunings[0] = *in_force;
-    run->tunings[0].tick = 0;
-    run->tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
+static void begin_stretch(tl_past_outbox *self, const tl_resumption *beginning, const tl_run_tuning *in_force) {
+    tl_past_ticks ticks = self->newest.ticks; /* its memory is used again */
+    ticks.shape = tl_recorder_shape_of(self->config);
+    tl_past_ticks_begin(&ticks, 0);
+    self->newest = (stretch){.is_there = true, .beginning = *beginning, .last = -1, .ticks = ticks};
+    self->newest.tunings[0] = *in_force;
+    self->newest.tunings[0].tick = 0;
+    self->newest.tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
 }
 
 /* One that was ended before it had a step of its own has nothing that the run before it has not. */
@@ -81,7 +76,7 @@ static bool got_anywhere(const stretch *run) {
 }
 
 static bool is_tick(const tl_past_outbox *self, int64_t tick) {
-    return tick >= 0 && tick <= TL_PAST_FAR / config_of(self)->step;
+    return tick >= 0 && tick <= TL_PAST_FAR / self->config->step;
 }
 
 static void take_sample(tl_past_outbox *self, const tl_sample *sample) {
@@ -99,22 +94,16 @@ static void take_sample(tl_past_outbox *self, const tl_sample *sample) {
     self->is_out_of_memory = !tl_past_ticks_add(&run->ticks, sample) || self->is_out_of_memory;
 }
 
-static bool are_finite(const double *values, size_t count) {
-    size_t i = 0;
-    while (i < count && isfinite(values[i])) {
-        i++;
-    }
-    return i == count;
-}
-
 static void take_step(tl_past_outbox *self, const tl_record *record) {
     stretch *run = &self->newest;
-    int64_t lead = (int64_t)self->facts.lead;
-    if (!run->is_there || !is_tick(self, record->step) || !is_tick(self, record->step + lead) ||
-        !are_finite(record->u, config_of(self)->adjust_count)) {
+    int64_t tick = is_tick(self, record->step) ? record->step + (int64_t)self->facts.lead : -1;
+    bool is_sound = run->is_there && is_tick(self, tick);
+    for (size_t i = 0; i < self->config->adjust_count; i++) {
+        is_sound = is_sound && isfinite(record->u[i]);
+    }
+    if (!is_sound) {
         return;
     }
-    int64_t tick = record->step + lead;
     run->last = tick > run->last ? tick : run->last;
     tl_past_ticks_set_step(&run->ticks, tick, record->u, (record->flags & TL_FLAG_RESET) != 0);
     if (record->used > 0 && record->used < TL_SECOND) {
@@ -159,7 +148,7 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
         choose(self);
-        begin_stretch(self, &self->newest, &entry->beginning, &entry->tuning);
+        begin_stretch(self, &entry->beginning, &entry->tuning);
         self->newest.holds = entry->holds;
         break;
     case TL_ENTRY_SAMPLE:
@@ -187,7 +176,7 @@ static bool begin_walk(tl_past_outbox *self, unsigned which, uint64_t *position)
     if (self->left.tick < -1 || !is_tick(self, self->left.tick + 1)) {
         return false;
     }
-    begin_stretch(self, &self->newest, &self->left.beginning, &self->left.tuning);
+    begin_stretch(self, &self->left.beginning, &self->left.tuning);
     self->newest.has_checkpoint = self->left.size != 0;
     self->newest.has_begun = self->left.size != 0;
     self->newest.last = self->left.tick;
@@ -218,18 +207,12 @@ static bool walk(tl_past_outbox *self, unsigned which, bool any_run) {
 
 /* ---- the rule ---- */
 
-/* How long ago its last tick was; less than none: its clock cannot be. */
-static tl_time gap_of(const tl_past_outbox *self, const stretch *run) {
-    tl_time start = run->beginning.start;
-    bool near = start >= -TL_PAST_FAR && start <= TL_PAST_FAR;
-    return near ? tl_clock_now(NULL) - tl_time_of_step(start, config_of(self)->step, run->last) : -1;
-}
-
 static bool may_go_on(tl_past_outbox *self, const stretch *run) {
-    const tl_config *config = config_of(self);
-    tl_time gap = gap_of(self, run);
+    tl_time start = run->beginning.start;
+    bool is_near = start >= -TL_PAST_FAR && start <= TL_PAST_FAR;
+    tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
     return tl_past_was_interrupted(TL_PAST_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
-           tl_past_is_under_way(TL_PAST_UNNUMBERED, config, run->last, gap, self->facts.lead, self->why);
+           tl_past_is_under_way(TL_PAST_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
 }
 
 static int64_t most_followed(const tl_past_outbox *self, const stretch *run) {
@@ -246,7 +229,7 @@ static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64
         .run = TL_PAST_UNNUMBERED,
         .first = run->ticks.first,
         .last = last,
-        .step = config_of(self)->step,
+        .step = self->config->step,
         .start = run->beginning.start,
         .started = run->beginning.started,
         .checkpoint = from == TL_RESUMED_CHECKPOINT ? self->left.bytes : NULL,
@@ -256,7 +239,7 @@ static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64
         .shape = run->ticks.shape,
         .ticks = run->ticks.bytes,
     };
-    tl_past_identify(config_of(self), self->found.signals);
+    tl_past_identify(self->config, self->found.signals);
 }
 
 /* Of mode ahead it may lead one tick further. */
@@ -336,7 +319,7 @@ static bool make_image(tl_past_outbox *self, tl_past *past) {
         return false;
     }
     tl_past_write(found, self->image);
-    bool sound = tl_past_read(self->image, size, config_of(self), tl_clock_now(NULL), past, &error) == TL_OK;
+    bool sound = tl_past_read(self->image, size, self->config, tl_clock_now(NULL), past, &error) == TL_OK;
     if (!sound) {
         tell_why(self, error.text);
     }
@@ -382,7 +365,7 @@ tl_past_outbox *tl_past_outbox_open(const tl_outbox *outbox, const tl_assembly *
         return NULL;
     }
     opened->outbox = outbox;
-    opened->assembly = assembly;
+    opened->config = &assembly->config;
     opened->facts = tl_twin_get_facts(assembly->twin);
     opened->tell = tell;
     opened->context = context;

@@ -7,19 +7,12 @@
 
 #include "master/twin/twin_read_back.h"
 
-enum { NAME = 128 };
-
 typedef enum read_stage { STAGE_LEFT_OUT, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE } read_stage;
 
 /* One component's in the block. */
 typedef struct read_answer {
     uint32_t stage;
-    uint32_t outcome; /* tl_read_back_outcome */
-    uint32_t after;
-    double first;
-    double again;
-    char variable[NAME];
-    char error[TL_ERROR_TEXT];
+    tl_read_back_component found; /* if it is done */
 } read_answer;
 
 /* At the block's beginning; what was told lies behind it. */
@@ -41,14 +34,29 @@ static size_t components_of(const tl_assembly *assembly) {
 
 /* ---- the process that reads ---- */
 
-static void keep_answer(read_answer *kept, const tl_read_back *read) {
-    kept->outcome = (uint32_t)read->outcome;
-    kept->after = read->after;
-    kept->first = read->first;
-    kept->again = read->again;
-    (void)snprintf(kept->variable, sizeof kept->variable, "%s", read->variable != NULL ? read->variable : "");
-    (void)snprintf(kept->error, sizeof kept->error, "%s",
-                   read->outcome == TL_READ_BACK_REFUSED ? read->error.text : "");
+/* In which words it failed, without the component's name and what is only of use with a log. */
+static void quote(const char *error, const char *name, char *text, size_t size) {
+    size_t length = strlen(name);
+    const char *said =
+        strncmp(error, name, length) == 0 && strncmp(error + length, ": ", 2) == 0 ? error + length + 2 : error;
+    (void)snprintf(text, size, "%.*s", (int)strcspn(said, ";"), said);
+}
+
+/* `is_here`: of the control, in the process that has told. */
+static void judge(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
+    char words[TL_ERROR_TEXT];
+    *found = (tl_read_back_component){.finding = is_here ? TL_READ_BACK_UNKNOWN : TL_READ_BACK_IS_EXACT};
+    if (read->outcome == TL_READ_BACK_DIFFERS) {
+        found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_OTHER;
+        (void)snprintf(found->text, sizeof found->text, "%.127s is %.9g in step %u after it, and %.9g %s",
+                       read->variable, read->first, read->after, read->again,
+                       is_here ? "if it is led back and steps again" : "in the other process");
+    } else if (read->outcome == TL_READ_BACK_REFUSED) {
+        found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_REFUSED;
+        quote(read->error.text, name, words, sizeof words);
+        (void)snprintf(found->text, sizeof found->text, "%s%.400s",
+                       is_here ? "led back, it fails in a step that it had done: " : "", words);
+    }
 }
 
 /* What is said lies there as soon as it is known: this process may end with the next call. */
@@ -69,7 +77,7 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
         }
         say(&own->of[i], STAGE_BEGUN);
         tl_twin_read_state(assembly->twin, bytes_of(own), (size_t)own->told, i, &read);
-        keep_answer(&own->of[i], &read);
+        judge(&read, assembly->config.components[i].name, false, &own->of[i].found);
         say(&own->of[i], STAGE_DONE);
     }
     return TL_OK;
@@ -77,55 +85,12 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
 
 /* ---- the process that has told ---- */
 
-/* In which words it failed, without the component's name and what is only of use with a log. */
-static void quote(const char *error, const char *name, char *text, size_t size) {
-    size_t length = strlen(name);
-    const char *said =
-        strncmp(error, name, length) == 0 && strncmp(error + length, ": ", 2) == 0 ? error + length + 2 : error;
-    (void)snprintf(text, size, "%.*s", (int)strcspn(said, ";"), said);
-}
-
-static void write_difference(const char *variable, unsigned after, double first, double again, const char *whose,
-                             tl_read_back_component *found) {
-    (void)snprintf(found->text, sizeof found->text, "%.*s is %.9g in step %u after it, and %.9g %s", NAME - 1, variable,
-                   first, after, again, whose);
-}
-
-static void judge(const read_answer *given, const char *name, tl_read_back_component *found) {
-    char words[TL_ERROR_TEXT];
-    read_answer copy = *given;
-    copy.variable[sizeof copy.variable - 1] = '\0';
-    copy.error[sizeof copy.error - 1] = '\0';
-    *found = (tl_read_back_component){.finding = TL_READ_BACK_IS_EXACT};
-    if (copy.outcome == TL_READ_BACK_DIFFERS) {
-        found->finding = TL_READ_BACK_IS_OTHER;
-        write_difference(copy.variable, copy.after, copy.first, copy.again, "in the other process", found);
-    } else if (copy.outcome != TL_READ_BACK_EXACT) {
-        found->finding = TL_READ_BACK_IS_REFUSED;
-        quote(copy.error, name, words, sizeof words);
-        (void)snprintf(found->text, sizeof found->text, "%s", words);
-    }
-}
-
-static void judge_here(const tl_read_back *here, const char *name, tl_read_back_component *found) {
-    char words[TL_ERROR_TEXT];
-    *found = (tl_read_back_component){.finding = TL_READ_BACK_UNKNOWN};
-    if (here->outcome == TL_READ_BACK_DIFFERS) {
-        found->finding = TL_READ_BACK_NOR_HERE;
-        write_difference(here->variable, here->after, here->first, here->again, "if it is led back and steps again",
-                         found);
-    } else if (here->outcome == TL_READ_BACK_REFUSED) {
-        found->finding = TL_READ_BACK_NOR_HERE;
-        quote(here->error.text, name, words, sizeof words);
-        (void)snprintf(found->text, sizeof found->text, "led back, it fails in a step that it had done: %.400s", words);
-    }
-}
-
 /* What came of one that was wanted, of a process that has ended; true: it is settled. */
-static bool settle(read_answer *given, const char *name, const tl_error *end, tl_read_back_component *found) {
+static bool settle(read_answer *given, const tl_error *end, tl_read_back_component *found) {
     const read_stage reached = (read_stage)given->stage;
     if (reached == STAGE_DONE) {
-        judge(given, name, found);
+        *found = given->found;
+        found->text[sizeof found->text - 1] = '\0';
     } else {
         found->finding = reached == STAGE_BEGUN ? TL_READ_BACK_ENDS : TL_READ_BACK_UNKNOWN;
         (void)snprintf(found->text, sizeof found->text, "%s", end->text);
@@ -149,7 +114,7 @@ static void ask(const tl_read_back_host *host, const tl_assembly *assembly, bool
         (void)host->ask(host->context, &end);
         for (size_t i = 0; i < components_of(assembly); i++) {
             if (block->of[i].stage != STAGE_LEFT_OUT) {
-                bool settled = settle(&block->of[i], assembly->config.components[i].name, &end, &found[i]);
+                bool settled = settle(&block->of[i], &end, &found[i]);
                 goes_on = goes_on || settled;
                 is_left = is_left || !settled;
             }
@@ -187,7 +152,7 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
     for (size_t i = 0; i < report->count; i++) {
         tl_read_back_component *found = &report->of[i];
         if (is_told) {
-            judge_here(&here[i], assembly->config.components[i].name, found);
+            judge(&here[i], assembly->config.components[i].name, true, found);
         } else {
             quote(error.text, "", found->text, sizeof found->text);
         }

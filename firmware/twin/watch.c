@@ -187,53 +187,34 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
     return ENDED;
 }
 
-static void watch_variable(tl_watch *watch, int64_t tick, const tl_record *record, size_t index) {
-    tl_watch_trouble *held = &watch->held[index];
-    const char *name = watch->config->adjust[index].variable;
-    switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "%s: the matched outputs do not react to it; held at nominal", name);
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "%s: the matched outputs react to it again; steps held: %llu", name,
-                         (unsigned long long)held->count);
-        break;
-    case NOTHING_NEW:
-        break;
-    }
-}
+/* What is told around a name when a trouble begins, and, with how often it was there, when it is over. */
+typedef struct trouble_words {
+    const char *begun[2];
+    const char *over[2];
+} trouble_words;
 
-static void watch_fallback(tl_watch *watch, int64_t tick, const tl_record *record) {
-    const char *name = watch->config->fallback;
-    switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "the solver finds no more; the second one, %s, takes over", name);
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "the solver does without the second one, %s, again; searches it took over: %llu", name,
-                         (unsigned long long)watch->fallback.count);
-        break;
-    case NOTHING_NEW:
-        break;
-    }
-}
+static const trouble_words HELD = {
+    {"", ": the matched outputs do not react to it; held at nominal"},
+    {"", ": the matched outputs react to it again; steps held"},
+};
+static const trouble_words FALLBACK = {
+    {"the solver finds no more; the second one, ", ", takes over"},
+    {"the solver does without the second one, ", ", again; searches it took over"},
+};
+static const trouble_words STAGNATION = {
+    {"a search made no progress and was ended", ""},
+    {"searches make progress again; ended before", ""},
+};
 
-static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *record) {
-    switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "a search made no progress and was ended");
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "searches make progress again; ended before: %llu",
-                         (unsigned long long)watch->stagnation.count);
-        break;
-    case NOTHING_NEW:
-        break;
+static void watch_trouble(const tl_watch *watch, int64_t tick, const tl_record *record, tl_watch_trouble *trouble,
+                          bool has, const char *name, const trouble_words *words) {
+    const turn now = follow(watch, trouble, record, has);
+    if (now == BEGUN) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "%s%s%s", words->begun[0], name,
+                         words->begun[1]);
+    } else if (now == ENDED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", words->over[0], name,
+                         words->over[1], (unsigned long long)trouble->count);
     }
 }
 
@@ -366,10 +347,12 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     watch_free_run(watch, tick, record);
     watch_rest(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
-        watch_variable(watch, tick, record, i);
+        watch_trouble(watch, tick, record, &watch->held[i], (record->held >> i & 1U) != 0,
+                      watch->config->adjust[i].variable, &HELD);
     }
-    watch_fallback(watch, tick, record);
-    watch_stagnation(watch, tick, record);
+    watch_trouble(watch, tick, record, &watch->fallback, (record->flags & TL_FLAG_FALLBACK) != 0,
+                  watch->config->fallback != NULL ? watch->config->fallback : "", &FALLBACK);
+    watch_trouble(watch, tick, record, &watch->stagnation, (record->flags & TL_FLAG_STAGNATED) != 0, "", &STAGNATION);
     watch_delay(watch, tick, record);
 }
 
