@@ -94,7 +94,7 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
     if (replay->report != NULL) {
         tl_replay_report_listen(replay->report, &way->journal);
     }
-    replay->watch = replay->recorder != NULL || replay->report != NULL ? &way->watch : NULL;
+    replay->watch = &way->watch;
     return status;
 }
 

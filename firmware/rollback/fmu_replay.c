@@ -19,31 +19,17 @@ enum { FIRST_ROOM = 4096, ALIGNED = 8 };
 
 void tl_fmu_prologue_begin(tl_fmu_prologue *prologue) {
     prologue->used = 0;
+    prologue->most = 0;
     prologue->is_cut = false;
 }
 
 void tl_fmu_prologue_end(tl_fmu_prologue *prologue) {
     free(prologue->bytes);
-    free(prologue->place);
     *prologue = (tl_fmu_prologue){0};
 }
 
 static size_t aligned(size_t size) {
     return (size + ALIGNED - 1) / ALIGNED * ALIGNED;
-}
-
-static bool make_place(tl_fmu_prologue *prologue, size_t count) {
-    if (count <= prologue->most) {
-        return true;
-    }
-    double *place = realloc(prologue->place, count * sizeof *place);
-    if (place == NULL) {
-        prologue->is_cut = true;
-        return false;
-    }
-    prologue->place = place;
-    prologue->most = count;
-    return true;
 }
 
 static bool make_room(tl_fmu_prologue *prologue, size_t need) {
@@ -61,32 +47,22 @@ static bool make_room(tl_fmu_prologue *prologue, size_t need) {
     return true;
 }
 
+static size_t bytes_of_values(tl_fmu_prologue_kind kind, size_t count) {
+    bool is_real = kind == TL_PROLOGUE_SET_REAL || kind == TL_PROLOGUE_GET_REAL;
+    return count * (is_real ? sizeof(fmi2Real) : sizeof(fmi2Integer)); /* fmi2Boolean is the same C type */
+}
+
+/* Of those that are kept. */
 static size_t size_of_values(tl_fmu_prologue_kind kind, size_t count, const void *values) {
-    switch (kind) {
-    case TL_PROLOGUE_SET_REAL:
-        return count * sizeof(fmi2Real);
-    case TL_PROLOGUE_SET_INTEGER:
-        return count * sizeof(fmi2Integer);
-    case TL_PROLOGUE_SET_BOOLEAN:
-        return count * sizeof(fmi2Boolean);
-    case TL_PROLOGUE_SETUP:
-        return sizeof(tl_fmu_setup);
-    case TL_PROLOGUE_SET_STRING: {
-        const fmi2String *texts = values;
-        size_t size = 0;
-        for (size_t i = 0; i < count; i++) {
-            size += strlen(texts[i]) + 1;
-        }
-        return size;
+    const fmi2String *texts = values;
+    size_t size = 0;
+    if (kind <= TL_PROLOGUE_SET_BOOLEAN) {
+        return bytes_of_values(kind, count);
     }
-    case TL_PROLOGUE_GET_REAL:
-    case TL_PROLOGUE_GET_INTEGER:
-    case TL_PROLOGUE_GET_BOOLEAN:
-    case TL_PROLOGUE_ENTER_INITIALIZATION:
-    case TL_PROLOGUE_EXIT_INITIALIZATION:
-        break;
+    for (size_t i = 0; kind == TL_PROLOGUE_SET_STRING && i < count; i++) {
+        size += strlen(texts[i]) + 1;
     }
-    return 0;
+    return kind == TL_PROLOGUE_SETUP ? sizeof(tl_fmu_setup) : size;
 }
 
 static void put_texts(unsigned char *to, const fmi2String *texts, size_t count) {
@@ -103,7 +79,8 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
         .kind = (uint32_t)kind, .count = (uint32_t)count, .size = size_of_values(kind, count, values)};
     size_t named = references == NULL ? 0 : count * sizeof *references;
     size_t need = sizeof made + aligned((size_t)made.size) + aligned(named);
-    if (!make_room(prologue, need) || !make_place(prologue, count)) {
+    prologue->most = count > prologue->most ? count : prologue->most;
+    if (!make_room(prologue, need + prologue->most * sizeof(double))) {
         return;
     }
     unsigned char *at = prologue->bytes + prologue->used;
@@ -183,7 +160,7 @@ static void read_next(const tl_fmu_prologue *prologue, size_t *at, played *next)
 
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance) {
     fmi2Status status = prologue->is_cut ? fmi2Error : fmi2OK;
-    played next = {.place = prologue->place};
+    played next = {.place = prologue->bytes != NULL ? prologue->bytes + prologue->used : NULL};
     for (size_t at = 0; at < prologue->used && status <= fmi2Warning;) {
         read_next(prologue, &at, &next);
         status = call_again(&next, functions, instance);
@@ -436,11 +413,6 @@ static port_group group_of(const tl_fmu_replay *replay, tl_fmu_prologue_kind kin
         break;
     }
     return (port_group){.references = NULL};
-}
-
-static size_t bytes_of_values(tl_fmu_prologue_kind kind, size_t count) {
-    bool is_real = kind == TL_PROLOGUE_SET_REAL || kind == TL_PROLOGUE_GET_REAL;
-    return count * (is_real ? sizeof(fmi2Real) : sizeof(fmi2Integer)); /* fmi2Boolean is the same C type */
 }
 
 /* What cannot be told from other values, but by chance. */

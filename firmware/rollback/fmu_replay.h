@@ -42,10 +42,10 @@ typedef struct tl_fmu_setup {
 
 /* Zeroed: nothing is kept. */
 typedef struct tl_fmu_prologue {
-    unsigned char *bytes; /* private: calls one behind the other */
+    unsigned char
+        *bytes; /* private: calls one behind the other; then room for values that are got, or pointers to texts: */
     size_t used, room;
-    double *place; /* for values that are got, or pointers to texts: as many as a call has at most */
-    size_t most;
+    size_t most; /* as many as a call has at most */
     bool is_cut;
 } tl_fmu_prologue;
 

@@ -198,23 +198,13 @@ tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl
     return status;
 }
 
-void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first) {
-    size_t out = (size_t)(first - ticks->first);
-    if (out != 0) {
-        ticks->count -= out;
-        ticks->first = first;
-        memmove(ticks->bytes, place_of(ticks, out), ticks->count * tl_past_tick_bytes(&ticks->shape));
-    }
-}
-
-int64_t tl_past_ticks_last(const tl_past_ticks *ticks) {
+int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first) {
     bool stepped = false;
-    size_t count = 0;
-    while (count < ticks->count && (place_of(ticks, count)[0] != NO_STEP || !stepped)) {
-        stepped = place_of(ticks, count)[0] != NO_STEP;
-        count++;
+    size_t at = (size_t)(first - ticks->first);
+    while (at < ticks->count && (place_of(ticks, at)[0] != NO_STEP || !stepped)) {
+        stepped = place_of(ticks, at++)[0] != NO_STEP;
     }
-    return stepped ? ticks->first + (int64_t)count - 1 : ticks->first - 1;
+    return stepped ? ticks->first + (int64_t)at - 1 : first - 1;
 }
 
 /* ---- which signals ---- */
@@ -342,18 +332,11 @@ static bool is_within(int64_t value, int64_t least, int64_t most) {
 
 /* Where the twin begins, and with what. */
 static bool is_origin(const past_head *found) {
-    switch (found->from) {
-    case TL_RESUMED_NOT:
-        return found->checkpoint_size == 0 && found->tunings == 0 && found->last >= found->first;
-    case TL_RESUMED_CHECKPOINT:
-        return found->checkpoint_size > 0 && found->first > 0;
-    case TL_RESUMED_START:
-        return found->checkpoint_size == 0 && found->first == 0;
-    case TL_RESUMED_INPUTS:
-        return found->checkpoint_size == 0 && found->first > 0;
-    default:
-        return false;
-    }
+    bool is_of_samples = found->from == TL_RESUMED_NOT && found->tunings == 0 && found->last >= found->first;
+    bool is_known =
+        found->from == TL_RESUMED_CHECKPOINT || found->from == TL_RESUMED_START || found->from == TL_RESUMED_INPUTS;
+    return (is_of_samples || (is_known && (found->from == TL_RESUMED_START) == (found->first == 0))) &&
+           (found->from == TL_RESUMED_CHECKPOINT) == (found->checkpoint_size > 0);
 }
 
 static tl_recorder_shape shape_of(const past_head *found, const tl_config *config) {

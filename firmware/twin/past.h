@@ -101,12 +101,9 @@ tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl
 /* The u of a tick that was added, and whether the FMUs began anew before its step; of other ticks it is ignored. */
 void tl_past_ticks_set_step(tl_past_ticks *ticks, int64_t tick, const double *u, bool resets);
 
-/* Leaves out those before `first`, which is one of them, or the next. */
-void tl_past_ticks_cut(tl_past_ticks *ticks, int64_t first);
-
-/* The last one that can be followed from the first one on: the first few need no u, but from the first that has it each must. The
+/* The last one that can be followed from `first` on, which is one of them, or the next: the first few need no u, but from the first that has it each must.
  * first − 1: none can. */
-int64_t tl_past_ticks_last(const tl_past_ticks *ticks);
+int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first);
 
 /* ---- A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
  *

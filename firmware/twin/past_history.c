@@ -228,7 +228,7 @@ static const char *find_fault(const tl_history_checkpoint *checkpoint) {
 static tl_status try_checkpoint(tl_past_history *self, const tl_history_checkpoint *checkpoint, bool *found,
                                 tl_error *error) {
     tl_status status = survey(self, checkpoint->tick + 1, error);
-    int64_t last = tl_past_ticks_last(&self->ticks);
+    int64_t last = tl_past_ticks_last(&self->ticks, self->ticks.first);
     if (status != TL_OK || last < self->last || last - checkpoint->tick > self->most) {
         return status;
     }
@@ -268,7 +268,7 @@ static tl_status find_inputs(tl_past_history *self, bool *found, tl_error *error
         bool long_ago = self->last - range[0] + 1 > self->most;
         status = survey(self, long_ago ? self->last - self->most + 1 : range[0], error);
     }
-    *found = status == TL_OK && any && tl_past_ticks_last(&self->ticks) == self->last;
+    *found = status == TL_OK && any && tl_past_ticks_last(&self->ticks, self->ticks.first) == self->last;
     if (*found) {
         take(self, self->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, self->last, NULL);
     } else if (status == TL_OK) {
@@ -373,25 +373,7 @@ static bool is_of_boot(const tl_history_run *run, const char *boot) {
     return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, boot) == 0;
 }
 
-/* By name, one after the other: another plant is another course. */
-static tl_status have_same_signals(const sample_search *self, const tl_history_run *other, bool *are_same,
-                                   tl_error *error) {
-    char digest[2][TL_SHA256_TEXT];
-    const tl_history_run *const runs[2] = {self->run, other};
-    const tl_recorder_signal *signals = NULL;
-    size_t count = 0;
-    tl_status status = TL_OK;
-    for (size_t i = 0; status == TL_OK && i < 2; i++) {
-        status = tl_history_signals(self->history, runs[i], TL_HISTORY_PLANT, &signals, &count, error);
-        if (status == TL_OK) {
-            tl_past_identify_recorded(signals, count, digest[i]);
-        }
-    }
-    *are_same = status == TL_OK && strcmp(digest[0], digest[1]) == 0;
-    return status;
-}
-
-/* The run before it, of which it has t_start. */
+/* The run before it, of which it has t_start, and so the signals: neither a handover nor a resumption changes them. */
 static const tl_history_run *parent_of(const sample_search *self, const char *boot) {
     const tl_history_run *run = self->run;
     for (size_t i = 0; run->resumption.from != TL_RESUMED_NOT && i < self->count; i++) {
@@ -431,11 +413,7 @@ static tl_status choose(sample_search *self, const char *boot, int64_t *from, tl
         *from = *from > 0 ? *from : 0;
     }
     const tl_history_run *parent = status == TL_OK && *from < range[0] ? parent_of(self, boot) : NULL;
-    bool follows = false;
     if (parent != NULL) {
-        status = have_same_signals(self, parent, &follows, error);
-    }
-    if (follows) {
         self->run = parent;
         status = range_of(self, range, error);
     }

@@ -49,8 +49,7 @@ void tl_past_history_write(const tl_past_history *history, void *image);
 
 /* ---- Recorded samples of the run that is under way, for a twin that begins beside it: a shadow has minutes behind it before it is compared.
  *
- * Run:     the newest one of this boot that is being written; of ticks before it begins, those of the run that it goes on with, which has the same t_start, if
- *          that has the same signals.
+ * Run:     the newest one of this boot that is being written; of ticks before it begins, those of the run that it goes on with, which has the same t_start.
  */
 
 /* From where the newest are given, if nobody says from which tick on. */

@@ -222,12 +222,12 @@ static int64_t most_followed(const tl_past_outbox *self, const stretch *run) {
 
 /* ---- from where ---- */
 
-static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64_t last) {
-    run->tuning_count = tl_past_choose_tunings(run->tunings, run->tuning_count, run->ticks.first, last);
+static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
+    run->tuning_count = tl_past_choose_tunings(run->tunings, run->tuning_count, first, last);
     self->found = (tl_past){
         .from = from,
         .run = TL_PAST_UNNUMBERED,
-        .first = run->ticks.first,
+        .first = first,
         .last = last,
         .step = self->config->step,
         .start = run->beginning.start,
@@ -237,17 +237,17 @@ static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64
         .tunings = (const unsigned char *)run->tunings,
         .tuning_count = run->tuning_count,
         .shape = run->ticks.shape,
-        .ticks = run->ticks.bytes,
+        .ticks = run->ticks.bytes + (size_t)(first - run->ticks.first) * tl_past_tick_bytes(&run->ticks.shape),
     };
     tl_past_identify(self->config, self->found.signals);
 }
 
 /* Of mode ahead it may lead one tick further. */
 static bool take_checkpoint(tl_past_outbox *self, stretch *run) {
-    int64_t last = tl_past_ticks_last(&run->ticks);
+    int64_t last = tl_past_ticks_last(&run->ticks, run->ticks.first);
     bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
     if (leads) {
-        take(self, run, TL_RESUMED_CHECKPOINT, last);
+        take(self, run, TL_RESUMED_CHECKPOINT, run->ticks.first, last);
     }
     return leads;
 }
@@ -257,13 +257,11 @@ static bool take_inputs(tl_past_outbox *self, stretch *run) {
     int64_t most = most_followed(self, run);
     bool is_there = run->last - run->ticks.first < (int64_t)run->ticks.count;
     bool long_ago = run->last - run->ticks.first + 1 > most;
-    if (is_there && long_ago) {
-        tl_past_ticks_cut(&run->ticks, run->last - most + 1);
-    }
-    if (!is_there || (run->has_hole && !long_ago) || tl_past_ticks_last(&run->ticks) != run->last) {
+    int64_t first = long_ago ? run->last - most + 1 : run->ticks.first;
+    if (!is_there || (run->has_hole && !long_ago) || tl_past_ticks_last(&run->ticks, first) != run->last) {
         return tl_past_refuse(self->why, "what the run before has recorded of its last ticks has a hole");
     }
-    take(self, run, run->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, run->last);
+    take(self, run, first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, first, run->last);
     return true;
 }
 

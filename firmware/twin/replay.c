@@ -107,13 +107,11 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
     const tl_lock_change *change = tl_lock_judge_step(replay->judge, record);
-    if (replay->watch != NULL) {
-        tl_watch_record(replay->watch, tick, record);
-        if (change != NULL) {
-            tl_watch_lock(replay->watch, tick, change);
-        }
-        tl_watch_bounds(replay->watch, tick, replay->judge);
+    tl_watch_record(replay->watch, tick, record);
+    if (change != NULL) {
+        tl_watch_lock(replay->watch, tick, change);
     }
+    tl_watch_bounds(replay->watch, tick, replay->judge);
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
     }
@@ -142,9 +140,7 @@ static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings 
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
         tl_config_retune(replay->config, &tuning.values);
         tl_lock_judge_retune(replay->judge, &tuning.values);
-        if (replay->watch != NULL) {
-            tl_watch_retune(replay->watch, tick, tuning.hash);
-        }
+        tl_watch_retune(replay->watch, tick, tuning.hash);
         if (replay->recorder != NULL) {
             tl_recorder_put_tuning(replay->recorder, &tuning);
         }
@@ -157,16 +153,14 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     const tl_sample *sample = &tick->sample;
     if (tick->made_up) {
         ++*missed;
-    } else if (replay->watch != NULL) {
+    } else {
         tl_time instant = tl_time_of_step(0, replay->config->step, sample->tick);
         tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
         *missed = 0;
     }
     if (!tick->followed) { /* that was told by the run that it is of */
         tl_lock_judge_sample(replay->judge, sample);
-        if (replay->watch != NULL) {
-            tl_watch_sample(replay->watch, sample);
-        }
+        tl_watch_sample(replay->watch, sample);
     }
     if (replay->recorder != NULL) {
         tl_recorder_put_sample(replay->recorder, sample);

@@ -143,14 +143,14 @@ static void test_of_the_run_and_its_parent(void) {
     expect_samples(0, FLIP - 1);
 }
 
-/* It had another plant: what it saw is none of this one's. */
-static void test_not_of_a_parent_with_other_signals(void) {
+/* It had another plant: what it saw is none of this one's, and is refused. */
+static void test_a_parent_with_other_signals(void) {
     flip(FLIP);
     record_to(NEWEST);
     tl_sql_execute(run.path, "UPDATE signals SET name = 'plant.other' WHERE run = 1 AND kind = 'plant' AND signal = 0");
     find(40);
-    expect_samples(FLIP, NEWEST);
-    find(-1);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_image());
+    find(FLIP);
     expect_samples(FLIP, NEWEST);
 }
 
@@ -247,7 +247,7 @@ int main(void) {
     RUN_TEST(test_as_many_as_there_is_room_for);
     RUN_TEST(test_up_to_a_hole);
     RUN_TEST(test_of_the_run_and_its_parent);
-    RUN_TEST(test_not_of_a_parent_with_other_signals);
+    RUN_TEST(test_a_parent_with_other_signals);
     RUN_TEST(test_not_of_a_run_that_began_anew);
     RUN_TEST(test_not_of_a_run_that_has_ended);
     RUN_TEST(test_not_of_another_boot);
