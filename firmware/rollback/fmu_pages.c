@@ -674,25 +674,17 @@ static void put_pages(void *context, size_t first, size_t count) {
     }
 }
 
-/* Both are full up to `pages`. */
-static void put_leaf(tl_fmu_pages *self, size_t which, const tl_fmu_version *version, size_t pages) {
-    for (size_t i = 0; i < TL_PAGE_GROUP && which * TL_PAGE_GROUP + i < pages; i++) {
-        if (tl_page_groups_look(&self->groups, self->now.leaf[which], i) !=
-            tl_page_groups_look(&self->groups, version->leaf[which], i)) {
-            put_page(self, which * TL_PAGE_GROUP + i, address_of(self, which * TL_PAGE_GROUP + i), version);
-        }
-    }
-}
-
 static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) {
-    size_t common = version->pages < self->now.pages ? version->pages : self->now.pages;
-    for (size_t i = 0; i < tl_page_groups_of(common); i++) {
-        if (self->now.leaf[i] != version->leaf[i]) {
-            put_leaf(self, i, version, common);
+    for (size_t i = 0; i < version->pages; i++) {
+        size_t leaf = i / TL_PAGE_GROUP;
+        bool is_common = i < self->now.pages;
+        if (is_common && self->now.leaf[leaf] == version->leaf[leaf]) { /* to the last common page of the group */
+            size_t end = (leaf + 1) * TL_PAGE_GROUP;
+            i = (end < self->now.pages ? end : self->now.pages) - 1;
+        } else if (!is_common || tl_page_groups_look(&self->groups, self->now.leaf[leaf], i % TL_PAGE_GROUP) !=
+                                     tl_page_groups_look(&self->groups, version->leaf[leaf], i % TL_PAGE_GROUP)) {
+            put_page(self, i, address_of(self, i), version);
         }
-    }
-    for (size_t i = common; i < version->pages; i++) {
-        put_page(self, i, address_of(self, i), version);
     }
 }
 

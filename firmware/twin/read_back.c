@@ -17,8 +17,7 @@ typedef struct read_answer {
 
 /* At the block's beginning; what was told lies behind it. */
 typedef struct read_block {
-    uint64_t told;    /* bytes */
-    uint32_t is_cold; /* FMUs are not initialised before */
+    uint64_t told; /* bytes */
     read_answer of[TL_RECORDER_COMPONENTS];
 } read_block;
 
@@ -26,10 +25,6 @@ static const size_t ROOM = TL_READ_BACK_BYTES - sizeof(read_block);
 
 static unsigned char *bytes_of(read_block *block) {
     return (unsigned char *)block + sizeof *block;
-}
-
-static size_t components_of(const tl_assembly *assembly) {
-    return assembly->config.component_count;
 }
 
 /* ---- the process that reads ---- */
@@ -66,11 +61,11 @@ static void say(read_answer *kept, read_stage reached) {
 
 tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error) {
     read_block *own = block;
-    tl_status status = own->is_cold != 0 ? TL_OK : tl_twin_begin_to_read(assembly->twin, error);
+    tl_status status = tl_twin_begin_to_read(assembly->twin, error);
     if (status != TL_OK) {
         return status;
     }
-    for (size_t i = 0; i < components_of(assembly); i++) {
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
         tl_read_back read;
         if (own->of[i].stage != STAGE_WANTED || own->told > ROOM) {
             continue;
@@ -102,42 +97,22 @@ static bool settle(read_answer *given, const tl_error *end, tl_read_back_compone
 }
 
 /* As many processes as it takes: each of them settles one at least, or is the last. */
-static void ask(const tl_read_back_host *host, const tl_assembly *assembly, bool is_cold,
-                tl_read_back_component *found) {
+static void ask(const tl_read_back_host *host, tl_read_back_report *report) {
     read_block *block = host->block;
     bool goes_on = true;
-    block->is_cold = is_cold ? 1 : 0;
     while (goes_on) {
         tl_error end = {.text = "it did not come so far"};
         bool is_left = false;
         goes_on = false;
         (void)host->ask(host->context, &end);
-        for (size_t i = 0; i < components_of(assembly); i++) {
+        for (size_t i = 0; i < report->count; i++) {
             if (block->of[i].stage != STAGE_LEFT_OUT) {
-                bool settled = settle(&block->of[i], &end, &found[i]);
+                bool settled = settle(&block->of[i], &end, &report->of[i]);
                 goes_on = goes_on || settled;
                 is_left = is_left || !settled;
             }
         }
         goes_on = goes_on && is_left;
-    }
-}
-
-/* Those that have been read exactly by one that was initialised before. */
-static void ask_cold(const tl_read_back_host *host, const tl_assembly *assembly, tl_read_back_report *report) {
-    read_block *block = host->block;
-    tl_read_back_component cold[TL_RECORDER_COMPONENTS] = {{.finding = TL_READ_BACK_UNKNOWN}};
-    bool any = false;
-    for (size_t i = 0; i < report->count; i++) {
-        block->of[i].stage = report->of[i].finding == TL_READ_BACK_IS_EXACT ? STAGE_WANTED : STAGE_LEFT_OUT;
-        any = any || block->of[i].stage == STAGE_WANTED;
-    }
-    if (any) {
-        ask(host, assembly, true, cold);
-    }
-    for (size_t i = 0; i < report->count; i++) {
-        report->of[i].must_initialise =
-            cold[i].finding != TL_READ_BACK_UNKNOWN && cold[i].finding != TL_READ_BACK_IS_EXACT;
     }
 }
 
@@ -161,18 +136,14 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
     return is_told;
 }
 
-void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, bool also_cold,
-                       tl_read_back_report *report) {
-    *report = (tl_read_back_report){.count = components_of(assembly)};
+void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report) {
+    *report = (tl_read_back_report){.count = assembly->config.component_count};
     if (host == NULL || !tl_twin_can_save(assembly->twin)) {
         return;
     }
     report->is_tried = true;
     if (tell(assembly, host->block, report)) {
-        ask(host, assembly, false, report->of);
-    }
-    if (also_cold) {
-        ask_cold(host, assembly, report);
+        ask(host, report);
     }
     report->is_exact = true;
     for (size_t i = 0; i < report->count; i++) {

@@ -21,36 +21,26 @@ void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal
 
 /* ---- rejected readings ---- */
 
-static void tell_more_rejected(const tl_watch *watch, int64_t tick, size_t signal) {
-    const tl_watch_rejected *rejected = &watch->rejected[signal];
-    const tl_config_signal *of = &watch->config->signals[watch->config->signals[signal].of];
-    if (rejected->count > TL_WATCH_REJECTED) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
-                         "plant.%s: %llu more readings were rejected within a minute, the furthest one %.6g",
-                         of->plan.name, (unsigned long long)(rejected->count - TL_WATCH_REJECTED), rejected->furthest);
-    }
-}
-
 static void tell_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     const tl_config_signal *own = &watch->config->signals[signal];
-    const tl_config_signal *of = &watch->config->signals[own->of];
-    double distance = fabs(value - rejected->accepted);
-    if (rejected->count == 0 || (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step) {
-        tell_more_rejected(watch, tick, signal);
+    const char *name = watch->config->signals[own->of].plan.name;
+    bool is_later = rejected->count != 0 && (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step;
+    if (is_later && rejected->count > TL_WATCH_REJECTED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
+                         "plant.%s: %llu more readings were rejected within a minute", name,
+                         (unsigned long long)(rejected->count - TL_WATCH_REJECTED));
+    }
+    if (is_later || rejected->count == 0) {
         rejected->count = 0;
         rejected->since = tick;
-        rejected->distance = 0.0;
     }
     if (++rejected->count <= TL_WATCH_REJECTED) {
         tl_journal_event(
             watch->journal, tick, TL_EVENT_WARNING, "plant",
             "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more than its "
             "gate of %.6g",
-            of->plan.name, value, distance, watch->config->signals[own->shows].condition.gate);
-    } else if (distance > rejected->distance) {
-        rejected->distance = distance;
-        rejected->furthest = value;
+            name, value, fabs(value - rejected->accepted), watch->config->signals[own->shows].condition.gate);
     }
 }
 
