@@ -108,19 +108,13 @@ tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error) {
     }
     heap->base = range;
     if (!make_usable(heap, sizeof(directory))) {
-        tl_fmu_heap_close(heap);
-        return tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU: %s", strerror(errno));
+        (void)tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU: %s", strerror(errno));
+        (void)munmap(heap->base, heap->reserved);
+        return TL_TRY_AGAIN;
     }
     heap->highest = round_up(sizeof(directory), UNIT);
     directory_of(heap)->used = heap->highest;
     return TL_OK;
-}
-
-void tl_fmu_heap_close(tl_fmu_heap *heap) {
-    if (heap->base != NULL) {
-        (void)munmap(heap->base, heap->reserved);
-    }
-    *heap = (tl_fmu_heap){.base = NULL};
 }
 
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap) {
@@ -150,13 +144,6 @@ static unsigned char *cut(tl_fmu_heap *heap, uint32_t class) {
     return heap->base + begin + sizeof(block_head);
 }
 
-static unsigned char *take_from_list(tl_fmu_heap *heap, uint32_t class) {
-    directory *all = directory_of(heap);
-    unsigned char *block = heap->base + (size_t)all->free[class] * UNIT;
-    memcpy(&all->free[class], block, sizeof all->free[class]);
-    return block;
-}
-
 /* A copy: the block itself may lie anywhere as far as the compiler knows. */
 static block_head head_of(const void *block) {
     block_head head;
@@ -184,7 +171,11 @@ void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment) {
         return NULL;
     }
     take_turn(heap);
-    unsigned char *block = directory_of(heap)->free[class] != 0 ? take_from_list(heap, class) : cut(heap, class);
+    uint32_t *free_block = &directory_of(heap)->free[class];
+    unsigned char *block = *free_block != 0 ? heap->base + (size_t)*free_block * UNIT : cut(heap, class);
+    if (*free_block != 0) {
+        memcpy(free_block, block, sizeof *free_block);
+    }
     end_turn(heap);
     if (block == NULL) {
         return NULL;

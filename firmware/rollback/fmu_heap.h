@@ -38,11 +38,8 @@ typedef struct tl_fmu_heap {
 /* Bytes of addresses that a heap reserves: 1 GiB, or 32 MiB if a word has 32 bits. */
 size_t tl_fmu_heap_most(void);
 
-/* Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
+/* It is there until the process ends. Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
-
-/* A zeroed one is allowed. */
-void tl_fmu_heap_close(tl_fmu_heap *heap);
 
 /* A block of at least `size` bytes, 0 counts as 1, at a multiple of `alignment`, a power of two and at least 16. NULL: there is no room. */
 void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment);

@@ -158,15 +158,6 @@ static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *by
     }
 }
 
-static tl_status save_whole(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
-    tl_status status = make_room(memory, state, used + memory->places.bytes, error);
-    if (status == TL_OK) {
-        memcpy((*state)->bytes, memory->heap->base, used);
-        copy_places(memory, true, (*state)->bytes + used, false);
-    }
-    return status;
-}
-
 static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
     memory_state *before = *state;
     tl_status status = make_room(memory, state, bytes_outside_pages(&memory->places), error);
@@ -200,9 +191,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     size_t used = tl_fmu_heap_used(memory->heap);
     tl_status status = find_places(memory, error);
     status = status == TL_OK ? look_at_size(memory, used, error) : status;
-    if (status == TL_OK) {
-        status =
-            memory->pages == NULL ? save_whole(memory, &kept, used, error) : save_pages(memory, &kept, used, error);
+    if (status == TL_OK && memory->pages != NULL) {
+        status = save_pages(memory, &kept, used, error);
+    } else if (status == TL_OK) {
+        status = make_room(memory, &kept, used + memory->places.bytes, error);
     }
     if (status != TL_OK) {
         if (is_reserved) {
@@ -210,6 +202,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
             memory->reserved = kept;
         }
         return status;
+    }
+    if (memory->pages == NULL) {
+        memcpy(kept->bytes, memory->heap->base, used);
+        copy_places(memory, true, kept->bytes + used, false);
     }
     *state = kept;
     note_used(memory);

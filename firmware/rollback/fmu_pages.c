@@ -125,21 +125,12 @@ static uint32_t tl_page_slots_take(tl_page_slots *self) {
     return slot;
 }
 
-/* One owner more. */
-static void tl_page_slots_share(tl_page_slots *self, uint32_t slot) {
-    (*owners_of(self, slot))++;
-}
-
 /* One owner less. If that was the last, the slot's bytes, but for the first four, are as they were until one is taken. */
 static void tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
     if (--*owners_of(self, slot) == 0) {
         memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
         self->first_unused = slot;
     }
-}
-
-static bool tl_page_slots_has_one_owner(const tl_page_slots *self, uint32_t slot) {
-    return *owners_of(self, slot) == 1;
 }
 
 /* ---- page groups ---- */
@@ -166,15 +157,6 @@ static size_t tl_page_groups_of(size_t pages) {
     return (pages + TL_PAGE_GROUP - 1) / TL_PAGE_GROUP;
 }
 
-/* One that has no pages yet, with one owner. TL_NO_SLOT: no memory. */
-static uint32_t tl_page_groups_make(tl_page_groups *self) {
-    uint32_t group = tl_page_slots_take(&self->groups);
-    if (group != TL_NO_SLOT) {
-        memset(pages_in(self, group), 0xff, TL_PAGE_GROUP * sizeof(uint32_t)); /* TL_NO_SLOT */
-    }
-    return group;
-}
-
 static void drop_page(tl_page_groups *self, uint32_t slot) {
     if (slot != TL_NO_SLOT) {
         tl_page_slots_drop(&self->contents, slot);
@@ -182,7 +164,7 @@ static void drop_page(tl_page_groups *self, uint32_t slot) {
 }
 
 static void tl_page_groups_drop(tl_page_groups *self, uint32_t group) {
-    if (tl_page_slots_has_one_owner(&self->groups, group)) {
+    if (*owners_of(&self->groups, group) == 1) {
         for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
             drop_page(self, pages_in(self, group)[i]);
         }
@@ -200,7 +182,7 @@ static const unsigned char *tl_page_groups_look(const tl_page_groups *self, uint
 
 /* One for its caller alone. False: no memory. */
 static bool own(tl_page_groups *self, uint32_t *group) {
-    if (tl_page_slots_has_one_owner(&self->groups, *group)) {
+    if (*owners_of(&self->groups, *group) == 1) {
         return true;
     }
     uint32_t made = tl_page_slots_take(&self->groups);
@@ -210,7 +192,7 @@ static bool own(tl_page_groups *self, uint32_t *group) {
     memcpy(pages_in(self, made), pages_in(self, *group), TL_PAGE_GROUP * sizeof(uint32_t));
     for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
         if (pages_in(self, made)[i] != TL_NO_SLOT) {
-            tl_page_slots_share(&self->contents, pages_in(self, made)[i]);
+            (*owners_of(&self->contents, pages_in(self, made)[i]))++;
         }
     }
     tl_page_slots_drop(&self->groups, *group);
@@ -224,10 +206,10 @@ static bool is_zero(const unsigned char *page) {
 
 /* For contents that nobody has. TL_NO_SLOT: no memory. */
 static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned char *page) {
-    bool is_own = before != TL_NO_SLOT && tl_page_slots_has_one_owner(&self->contents, before);
+    bool is_own = before != TL_NO_SLOT && *owners_of(&self->contents, before) == 1;
     bool is_of_zeros = before == TL_NO_SLOT && is_zero(page);
     if (is_of_zeros && self->zeros != TL_NO_SLOT) {
-        tl_page_slots_share(&self->contents, self->zeros);
+        (*owners_of(&self->contents, self->zeros))++;
         return self->zeros;
     }
     uint32_t slot = is_own ? before : tl_page_slots_take(&self->contents);
@@ -236,7 +218,7 @@ static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned c
     }
     memcpy(tl_page_slots_at(&self->contents, slot), page, TL_FMU_PAGE);
     if (is_of_zeros) { /* the first one: for all others, too */
-        tl_page_slots_share(&self->contents, slot);
+        (*owners_of(&self->contents, slot))++;
         self->zeros = slot;
     } else if (!is_own) {
         drop_page(self, before);
@@ -555,10 +537,11 @@ static bool grow(tl_fmu_pages *self, size_t pages) {
         return false;
     }
     while (self->now.leaves < tl_page_groups_of(pages)) {
-        uint32_t leaf = tl_page_groups_make(&self->groups);
+        uint32_t leaf = tl_page_slots_take(&self->groups.groups);
         if (leaf == TL_NO_SLOT) {
             return false;
         }
+        memset(pages_in(&self->groups, leaf), 0xff, TL_PAGE_GROUP * sizeof(uint32_t)); /* TL_NO_SLOT */
         self->now.leaf[self->now.leaves++] = leaf;
     }
     return true;
@@ -605,18 +588,9 @@ static void keep_pages(void *context, size_t first, size_t count) {
     }
 }
 
-/* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
-static void stock_pages(tl_fmu_pages *self, bool is_first) {
-    if (!is_first && self->differing > 0 && !self->passes) {
-        self->most = self->differing > self->most ? self->differing : self->most;
-        self->times++;
-    }
-    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
-}
-
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < self->now.leaves; i++) {
-        tl_page_slots_share(&self->groups.groups, self->now.leaf[i]);
+        (*owners_of(&self->groups.groups, self->now.leaf[i]))++;
     }
     for (size_t i = 0; i < version->leaves; i++) {
         tl_page_groups_drop(&self->groups, version->leaf[i]);
@@ -650,7 +624,12 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
     shrink(self, tl_page_groups_of(pages));
     share_leaves(self, version);
     self->versions += is_new ? 1 : 0;
-    stock_pages(self, is_first);
+    if (!is_first && self->differing > 0 && !self->passes) {
+        self->most = self->differing > self->most ? self->differing : self->most;
+        self->times++;
+    }
+    /* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
     return TL_OK;
 }
 
@@ -695,7 +674,7 @@ static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
         if (i < self->now.leaves && self->now.leaf[i] == version->leaf[i]) {
             continue;
         }
-        tl_page_slots_share(&self->groups.groups, version->leaf[i]);
+        (*owners_of(&self->groups.groups, version->leaf[i]))++;
         if (i < self->now.leaves) {
             tl_page_groups_drop(&self->groups, self->now.leaf[i]);
         }
@@ -719,13 +698,6 @@ void tl_fmu_pages_lose(tl_fmu_pages *self) {
     self->now.pages = 0;
 }
 
-/* Nobody has a version: what memory was is of no use. */
-static void give_back_all(tl_fmu_pages *self) {
-    tl_page_groups_close(&self->groups);
-    self->now.leaves = 0;
-    self->now.pages = 0;
-}
-
 void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < version->leaves; i++) {
         tl_page_groups_drop(&self->groups, version->leaf[i]);
@@ -733,8 +705,10 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
     self->versions -= version->leaves > 0 ? 1 : 0;
     free(version->leaf);
     *version = (tl_fmu_version){.pages = 0};
-    if (self->versions == 0) {
-        give_back_all(self);
+    if (self->versions == 0) { /* what memory was is of no use */
+        tl_page_groups_close(&self->groups);
+        self->now.leaves = 0;
+        self->now.pages = 0;
     }
 }
 

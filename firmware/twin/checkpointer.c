@@ -6,22 +6,20 @@
 static const tl_time INTERVAL = 10 * TL_SECOND;
 enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };
 
-static int64_t interval_of(tl_time step) {
-    int64_t ticks = INTERVAL / step;
-    return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
-}
-
 size_t tl_checkpointer_room(size_t size) {
     return 2 * size;
 }
 
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
                           bool readable) {
+    int64_t ticks = INTERVAL / assembly->config.step;
     *self = (tl_checkpointer){
         .twin = assembly->twin,
         .outbox = outbox,
         .journal = journal,
-        .interval = interval_of(assembly->config.step),
+        .interval = ticks < 1               ? 1
+                    : ticks < INTERVAL_MOST ? ticks
+                                            : INTERVAL_MOST,
         .is_off = assembly->config.record_resume == 0,
     };
     bool can_save = tl_twin_can_save(self->twin);

@@ -16,42 +16,14 @@
 /* ---- replay report ---- */
 
 struct tl_replay_report {
-    const tl_config *config;
     const tl_account *account;
     tl_new_file file;
     tl_html_report *report;
-    char recording[PATH_MAX];
     char begun[TL_UTC_TEXT];
     tl_recorder_signal match[TL_MAX_MATCH];
     tl_recorder_signal adjust[TL_MAX_ADJUST];
     double tolerance[TL_MAX_MATCH];
 };
-
-static tl_status create(tl_replay_report *report, tl_error *error) {
-    const tl_config *config = report->config;
-    tl_twin_recorder_signals(config, report->account, report->match, report->adjust);
-    for (size_t i = 0; i < config->match_count; i++) {
-        report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
-    }
-    tl_utc_text(tl_utc_now(), report->begun);
-    const tl_html_settings settings = {
-        .name = config->name,
-        .source = report->recording,
-        .begun = report->begun,
-        .version = TL_VERSION,
-        .solver = report->account->algorithm,
-        .fallback = report->account->fallback,
-        .measurements = tl_measurements_name(config->measurements),
-        .step = config->step,
-        .prediction = report->account->prediction,
-        .match = report->match,
-        .adjust = report->adjust,
-        .match_count = config->match_count,
-        .adjust_count = config->adjust_count,
-        .tolerance = report->tolerance,
-    };
-    return tl_html_report_create(&settings, &report->report, error);
-}
 
 tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
                                 const char *recording, tl_replay_report **report, tl_error *error) {
@@ -59,10 +31,29 @@ tl_status tl_replay_report_open(const tl_config *config, const tl_account *accou
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
     }
-    made->config = config;
     made->account = account;
-    (void)snprintf(made->recording, sizeof made->recording, "%s", recording);
-    tl_status status = create(made, error);
+    tl_twin_recorder_signals(config, account, made->match, made->adjust);
+    for (size_t i = 0; i < config->match_count; i++) {
+        made->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
+    }
+    tl_utc_text(tl_utc_now(), made->begun);
+    const tl_html_settings settings = {
+        .name = config->name,
+        .source = recording,
+        .begun = made->begun,
+        .version = TL_VERSION,
+        .solver = account->algorithm,
+        .fallback = account->fallback,
+        .measurements = tl_measurements_name(config->measurements),
+        .step = config->step,
+        .prediction = account->prediction,
+        .match = made->match,
+        .adjust = made->adjust,
+        .match_count = config->match_count,
+        .adjust_count = config->adjust_count,
+        .tolerance = made->tolerance,
+    };
+    tl_status status = tl_html_report_create(&settings, &made->report, error);
     if (status == TL_OK) {
         status = tl_new_file_open(path, &made->file, error);
     }
@@ -225,12 +216,6 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
     }
 }
 
-/* Ticks that a record needs beyond that of its step: in mode ahead its measurement comes one later. */
-static unsigned ticks_needed(const tl_replay *replay) {
-    unsigned lead = (unsigned)replay->account->lead;
-    return replay->config->measurements == TL_AHEAD ? lead + 1 : lead;
-}
-
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
     tl_progress progress;
     int64_t ticks = tl_recording_ticks(replay->recording);
@@ -248,11 +233,13 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     tl_status status = run(replay, &progress, summary, error);
     tl_progress_end(&progress);
     if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
+        /* In mode ahead the measurement of a step comes one tick later. */
+        unsigned needed = (unsigned)replay->account->lead + (replay->config->measurements == TL_AHEAD ? 1 : 0);
         status =
             tl_fail(error, TL_BAD_DATA,
                     "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
                     "than its first",
-                    (long long)ticks, tl_seconds(replay->config->step), ticks_needed(replay));
+                    (long long)ticks, tl_seconds(replay->config->step), needed);
     }
     tl_lock_judge_get(replay->judge, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);

@@ -26,8 +26,8 @@
 
 typedef struct tl_replay_report tl_replay_report;
 
-/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration and account
- * must outlive the report; `recording` is copied. */
+/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration, account and
+ * the name of the recording must outlive the report. */
 tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
                                 const char *recording, tl_replay_report **report, tl_error *error);
 
