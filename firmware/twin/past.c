@@ -347,31 +347,23 @@ static tl_recorder_shape shape_of(const past_head *found, const tl_config *confi
 static tl_status check_head(const past_head *found, size_t size, const tl_config *config, tl_error *error) {
     char digest[sizeof found->of] = "";
     const tl_recorder_shape shape = shape_of(found, config);
-    if (memcmp(found->magic, MAGIC, sizeof MAGIC) != 0 || found->size != size) {
-        return fail_damaged(error, "it does not begin as it should");
-    }
+    const int64_t last_possible = TL_PAST_FAR / config->step;
     tl_past_identify(config, digest);
     if (found->signals != shape.plant || found->adjusts != shape.adjust || found->step != config->step ||
         memcmp(found->of, digest, sizeof digest) != 0) {
         return fail_damaged(error, "it has not the signals of this configuration");
     }
-    int64_t last_possible = TL_PAST_FAR / config->step;
-    if (!is_within(found->first, 0, last_possible) || !is_within(found->last, found->first - 1, last_possible) ||
-        found->last - found->first >= TL_PAST_TICKS) {
-        return fail_damaged(error, "its ticks cannot be");
-    }
-    size_t ticks = (size_t)(found->last - found->first + 1);
-    if (found->checkpoint_size > size || found->tunings > TL_PAST_TUNINGS ||
-        tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) != size) {
-        return fail_damaged(error, "it has not its size");
-    }
-    if (!is_origin(found) || !is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR)) {
-        return fail_damaged(error, "it does not begin where a run can");
-    }
-    if (!is_within(found->start, -TL_PAST_FAR, TL_PAST_FAR) || !is_within(found->started, FIRST_YEAR, LAST_YEAR)) {
-        return fail_damaged(error, "its times cannot be");
-    }
-    return TL_OK;
+    bool is_sound =
+        memcmp(found->magic, MAGIC, sizeof MAGIC) == 0 && found->size == size &&
+        is_within(found->first, 0, last_possible) && is_within(found->last, found->first - 1, last_possible) &&
+        found->last - found->first < TL_PAST_TICKS && found->checkpoint_size <= size &&
+        found->tunings <= TL_PAST_TUNINGS && is_origin(found) &&
+        is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR) && is_within(found->start, -TL_PAST_FAR, TL_PAST_FAR) &&
+        is_within(found->started, FIRST_YEAR, LAST_YEAR);
+    size_t ticks = is_sound ? (size_t)(found->last - found->first + 1) : 0;
+    is_sound =
+        is_sound && tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) == size;
+    return is_sound ? TL_OK : fail_damaged(error, "its head");
 }
 
 static tl_status check_ticks(const tl_past *past, tl_error *error) {
@@ -432,7 +424,7 @@ static tl_status read_image(const void *image, size_t size, const tl_config *con
     past_head found;
     *past = (tl_past){.from = TL_RESUMED_NOT};
     if (size < sizeof found || size > TL_PAST_MOST) {
-        return fail_damaged(error, "it has not its size");
+        return fail_damaged(error, "its size");
     }
     memcpy(&found, image, sizeof found);
     tl_status status = check_head(&found, size, config, error);

@@ -244,21 +244,6 @@ static tl_status try_checkpoint(tl_past_history *self, const tl_history_checkpoi
     return TL_OK;
 }
 
-static tl_status next_checkpoint(tl_past_history *self, bool *found, tl_error *error) {
-    const tl_history_checkpoint *checkpoint = NULL;
-    tl_status status = TL_OK;
-    if (self->looked < CHECKPOINTS_MOST) {
-        status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
-    }
-    if (status != TL_OK || checkpoint == NULL) {
-        self->stage = AT_INPUTS;
-        return status;
-    }
-    self->looked++;
-    self->before = checkpoint->tick;
-    return try_checkpoint(self, checkpoint, found, error);
-}
-
 /* Without one: all of the run if there is time for it, else the newest of it. */
 static tl_status find_inputs(tl_past_history *self, bool *found, tl_error *error) {
     int64_t range[2] = {0};
@@ -288,7 +273,16 @@ static tl_status search(tl_past_history *self, bool *found, tl_error *error) {
         self->stage = any ? AT_CHECKPOINTS : OVER;
     }
     while (status == TL_OK && !*found && self->stage == AT_CHECKPOINTS) {
-        status = next_checkpoint(self, found, error);
+        const tl_history_checkpoint *checkpoint = NULL;
+        if (self->looked++ < CHECKPOINTS_MOST) {
+            status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
+        }
+        if (status == TL_OK && checkpoint != NULL) {
+            self->before = checkpoint->tick;
+            status = try_checkpoint(self, checkpoint, found, error);
+        } else {
+            self->stage = AT_INPUTS;
+        }
     }
     if (status == TL_OK && self->stage == AT_INPUTS) {
         self->stage = OVER;
@@ -363,27 +357,24 @@ void tl_past_history_close(tl_past_history *history) {
 /* What is being looked through. */
 typedef struct sample_search {
     tl_history *history;
-    const tl_history_run *runs;
-    size_t count;
+    const char *boot;
     const tl_history_run *run; /* whose ticks are taken */
     tl_past_ticks found;
 } sample_search;
 
-static bool is_of_boot(const tl_history_run *run, const char *boot) {
-    return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, boot) == 0;
+static bool is_of_boot(const sample_search *self, const tl_history_run *run) {
+    return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, self->boot) == 0;
 }
 
 /* The run before it, of which it has t_start, and so the signals: neither a handover nor a resumption changes them. */
-static const tl_history_run *parent_of(const sample_search *self, const char *boot) {
+static const tl_history_run *find_parent(const sample_search *self) {
     const tl_history_run *run = self->run;
-    for (size_t i = 0; run->resumption.from != TL_RESUMED_NOT && i < self->count; i++) {
-        const tl_history_run *parent = &self->runs[i];
-        if (parent->run == run->resumption.run) {
-            bool fits = is_of_boot(parent, boot) && parent->start == run->start && parent->step == run->step;
-            return fits ? parent : NULL;
-        }
-    }
-    return NULL;
+    const tl_history_run *parent = NULL;
+    tl_error error;
+    bool is_there = run->resumption.from != TL_RESUMED_NOT && run->resumption.run > 0 &&
+                    tl_history_find(self->history, run->resumption.run, &parent, &error) == TL_OK;
+    return is_there && is_of_boot(self, parent) && parent->start == run->start && parent->step == run->step ? parent
+                                                                                                            : NULL;
 }
 
 /* 0 and -1 if there are none. */
@@ -394,25 +385,15 @@ static tl_status range_of(const sample_search *self, int64_t range[2], tl_error 
     return tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
 }
 
-/* The newest that is being written. */
-static tl_status find_current_run(sample_search *self, const char *boot, tl_error *error) {
-    tl_status status = tl_history_runs(self->history, &self->runs, &self->count, error);
-    if (status == TL_OK && self->count != 0) {
-        const tl_history_run *newest = &self->runs[self->count - 1];
-        self->run = newest->ended == NULL && is_of_boot(newest, boot) ? newest : NULL;
-    }
-    return status;
-}
-
 /* From which tick on, and of which run. */
-static tl_status choose(sample_search *self, const char *boot, int64_t *from, tl_error *error) {
+static tl_status choose(sample_search *self, int64_t *from, tl_error *error) {
     int64_t range[2];
     tl_status status = range_of(self, range, error);
     if (status == TL_OK && *from < 0) {
         *from = range[1] + 1 - TL_PAST_SAMPLES_BEFORE / self->run->step;
         *from = *from > 0 ? *from : 0;
     }
-    const tl_history_run *parent = status == TL_OK && *from < range[0] ? parent_of(self, boot) : NULL;
+    const tl_history_run *parent = status == TL_OK && *from < range[0] ? find_parent(self) : NULL;
     if (parent != NULL) {
         self->run = parent;
         status = range_of(self, range, error);
@@ -440,16 +421,17 @@ static size_t write_image(const sample_search *self, const tl_recorder_signal *s
     return tl_past_size(&past);
 }
 
-/* As many as there is room for. */
-static tl_status fill(sample_search *self, const char *boot, int64_t from, void *image, size_t room, size_t *size,
-                      tl_error *error) {
+/* Of the newest run, if it is being written, as many as there is room for. */
+static tl_status fill(sample_search *self, int64_t from, void *image, size_t room, size_t *size, tl_error *error) {
+    const tl_history_run *runs = NULL;
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
-    tl_status status = find_current_run(self, boot, error);
-    if (status != TL_OK || self->run == NULL) {
+    tl_status status = tl_history_runs(self->history, &runs, &count, error);
+    if (status != TL_OK || count == 0 || runs[count - 1].ended != NULL || !is_of_boot(self, &runs[count - 1])) {
         return status;
     }
-    status = choose(self, boot, &from, error);
+    self->run = &runs[count - 1];
+    status = choose(self, &from, error);
     if (status == TL_OK) {
         status = tl_history_signals(self->history, self->run, TL_HISTORY_PLANT, &signals, &count, error);
     }
@@ -467,11 +449,11 @@ static tl_status fill(sample_search *self, const char *boot, int64_t from, void 
 
 tl_status tl_past_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room, size_t *size,
                                tl_error *error) {
-    sample_search self = {.history = NULL};
+    sample_search self = {.boot = boot};
     *size = 0;
     tl_status status = tl_history_open(path, &self.history, error);
     if (status == TL_OK) {
-        status = fill(&self, boot, from, image, room, size, error);
+        status = fill(&self, from, image, room, size, error);
     }
     tl_history_close(self.history);
     tl_past_ticks_free(&self.found);

@@ -228,7 +228,7 @@ static void test_an_image_that_is_damaged(void) {
     }
     size = whole;
     image[0] ^= 1;
-    expect_refused("does not begin as it should");
+    expect_refused("its head");
     image[0] ^= 1;
     expect_samples(40, NEWEST);
     tl_past past;
