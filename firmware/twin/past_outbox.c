@@ -326,18 +326,16 @@ static bool make_image(tl_past_outbox *self, tl_past *past) {
 
 bool tl_past_outbox_next(tl_past_outbox *left, tl_past *past) {
     bool found = false;
-    bool over = false;
-    while (left != NULL && !found && !over && left->attempt < ATTEMPTS) {
+    bool over = left == NULL;
+    while (!found && !over && left->attempt < ATTEMPTS) {
         found = try_next(left, &attempts[left->attempt++], &over);
     }
     if (found) {
         found = make_image(left, past);
-        over = !found;
     } else if (left != NULL && !left->has_told) {
-        over = true;
         tell_why(left, left->is_out_of_memory ? NO_MEMORY : left->why);
     }
-    if (over) {
+    if (!found && left != NULL) {
         left->has_told = true;
         left->attempt = ATTEMPTS;
     }

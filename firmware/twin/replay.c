@@ -158,25 +158,21 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     }
 }
 
-/* A tick that only completes the record before it is a sample of its own only if it did. */
-static void keep_last(const tl_replay *replay, const tl_twin_fed *fed, tl_summary *summary) {
-    if (fed->result->ready == 0) {
-        return;
-    }
-    if (replay->recorder != NULL) {
-        tl_recorder_put_sample(replay->recorder, &fed->tick->sample);
-    }
-    keep(replay, fed->tick->sample.tick, fed->result, summary);
-}
-
-static void keep_step(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
+/* A last tick only completes the record before it: it is a sample of its own only if it did. */
+static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
                       tl_summary *summary) {
-    take_tunings(replay, fed->tick->sample.tick, tunings);
-    take_sample(replay, fed->tick, missed);
-    tl_summary_sample(summary, replay->config, &fed->tick->sample);
-    if (fed->result->ready != 0) {
-        keep(replay, fed->tick->sample.tick, fed->result, summary);
-        summary->figures.skipped += fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+    const tl_sample *sample = &fed->tick->sample;
+    bool ready = fed->result->ready != 0;
+    if (!fed->last) {
+        take_tunings(replay, sample->tick, tunings);
+        take_sample(replay, fed->tick, missed);
+        tl_summary_sample(summary, replay->config, sample);
+        summary->figures.skipped += ready && fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+    } else if (ready && replay->recorder != NULL) {
+        tl_recorder_put_sample(replay->recorder, sample);
+    }
+    if (ready) {
+        keep(replay, sample->tick, fed->result, summary);
     }
 }
 
@@ -203,11 +199,7 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         if (end || fed.result == NULL) {
             return status == TL_OK ? look_for_interruption(replay, summary, error) : status;
         }
-        if (fed.last) {
-            keep_last(replay, &fed, summary);
-        } else {
-            keep_step(replay, &fed, &missed, &tunings, summary);
-        }
+        keep_tick(replay, &fed, &missed, &tunings, summary);
         if (status != TL_OK) {
             return status;
         }
