@@ -160,9 +160,10 @@ static void read_next(const tl_fmu_prologue *prologue, size_t *at, played *next)
 
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance) {
     fmi2Status status = prologue->is_cut ? fmi2Error : fmi2OK;
-    played next = {.place = prologue->bytes != NULL ? prologue->bytes + prologue->used : NULL};
+    played next;
     for (size_t at = 0; at < prologue->used && status <= fmi2Warning;) {
         read_next(prologue, &at, &next);
+        next.place = prologue->bytes + prologue->used;
         status = call_again(&next, functions, instance);
     }
     return status;

@@ -81,7 +81,8 @@ static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *s
         end(self, "it is too large, or there is not enough memory");
         return false;
     }
-    self->is_ready = save(self, size) && save(self, size);
+    self->is_ready = save(self, size);
+    self->is_ready = self->is_ready && save(self, size);
     if (self->cost > budget->time) {
         end(self, "it takes longer than the budget of a step");
     }
