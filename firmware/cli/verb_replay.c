@@ -80,20 +80,17 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
                                                     .wait_when_full = true};
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
+    tl_journal_init(&way->journal, replay->recorder);
     if (status == TL_OK && job->options->report != NULL) {
-        status =
-            tl_replay_report_open(config, replay->account, job->options->report, recording, &replay->report, error);
+        status = tl_replay_report_open(config, replay->account, job->options->report, recording, &way->journal,
+                                       &replay->report, error);
     }
     if (status == TL_OK && job->options->trajectory != NULL) {
         status = tl_trajectory_open(job->options->trajectory, job->output, config, &replay->trajectory, error);
     }
-    tl_journal_init(&way->journal, replay->recorder);
     tl_watch_init(&way->watch, config, &way->journal);
     tl_lock_judge_init(&way->judge, config, replay->account);
     replay->judge = &way->judge;
-    if (replay->report != NULL) {
-        tl_replay_report_listen(replay->report, &way->journal);
-    }
     replay->watch = &way->watch;
     return status;
 }

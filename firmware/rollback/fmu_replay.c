@@ -447,14 +447,11 @@ void tl_fmu_replay_wait(tl_fmu_replay *replay) {
 
 /* Calls of a step: each group at most once. */
 static uint32_t calls_of_step(const tl_fmu_replay *replay) {
-    const tl_ports *in = replay->inputs;
-    const tl_ports *out = replay->outputs;
-    const size_t counts[] = {in->real_count,  in->integer_count,  in->boolean_count,
-                             out->real_count, out->integer_count, out->boolean_count};
     uint32_t calls = 1;
-    bool is_of_reals = count_ports(in) == in->real_count && count_ports(out) == out->real_count;
-    for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++) {
-        calls += counts[i] != 0 ? 1 : 0;
+    bool is_of_reals = count_ports(replay->inputs) == replay->inputs->real_count &&
+                       count_ports(replay->outputs) == replay->outputs->real_count;
+    for (int kind = TL_PROLOGUE_SET_REAL; kind <= TL_PROLOGUE_GET_BOOLEAN; kind++) {
+        calls += group_of(replay, (tl_fmu_prologue_kind)kind).count != 0 ? 1 : 0;
     }
     return is_of_reals ? 3 : calls; /* in one go no group is left out */
 }

@@ -23,6 +23,18 @@ void tl_past_say(tl_past_tell *tell, void *context, tl_severity severity, const 
 
 /* ---- past rule ---- */
 
+enum { NAME = 32 };
+
+/* "run 7", or "the run before". */
+static const char *name_run(int64_t run, char text[NAME]) {
+    if (run < 0) {
+        (void)snprintf(text, NAME, "the run before");
+    } else {
+        (void)snprintf(text, NAME, "run %" PRId64, run);
+    }
+    return text;
+}
+
 static const tl_time FOLLOW_TIME = TL_SECOND / 2; /* for as many ticks as are led along again */
 
 bool tl_past_refuse(char why[TL_PAST_WHY], const char *format, ...) {
@@ -34,24 +46,24 @@ bool tl_past_refuse(char why[TL_PAST_WHY], const char *format, ...) {
 }
 
 bool tl_past_was_interrupted(int64_t run, const char *reason, char why[TL_PAST_WHY]) {
-    char name[TL_PAST_NAME];
+    char name[NAME];
     bool interrupted = reason == NULL || strcmp(reason, "not ended cleanly") == 0 || strncmp(reason, "SIG", 3) == 0;
-    return interrupted || tl_past_refuse(why, "%s ended: %.100s", tl_past_name(run, name), reason);
+    return interrupted || tl_past_refuse(why, "%s ended: %.100s", name_run(run, name), reason);
 }
 
 bool tl_past_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_PAST_WHY]) {
-    char name[TL_PAST_NAME];
+    char name[NAME];
     if (gap < 0) {
-        return tl_past_refuse(why, "by the clock %s has not happened yet", tl_past_name(run, name));
+        return tl_past_refuse(why, "by the clock %s has not happened yet", name_run(run, name));
     }
     if (gap > config->record_resume) {
         return tl_past_refuse(why, "nobody ran since %s for %.1f s, which is more than record.resume_s",
-                              tl_past_name(run, name), tl_seconds(gap));
+                              name_run(run, name), tl_seconds(gap));
     }
     int64_t now = last + gap / config->step;
     return config->duration == 0 || now < config->duration / config->step + (int64_t)lead ||
-           tl_past_refuse(why, "the duration of %s is over", tl_past_name(run, name));
+           tl_past_refuse(why, "the duration of %s is over", name_run(run, name));
 }
 
 int64_t tl_past_most_followed(tl_time execution, size_t components) {
@@ -277,15 +289,6 @@ size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t firs
     return to - from;
 }
 
-const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]) {
-    if (run < 0) {
-        (void)snprintf(text, TL_PAST_NAME, "the run before");
-    } else {
-        (void)snprintf(text, TL_PAST_NAME, "run %" PRId64, run);
-    }
-    return text;
-}
-
 void tl_past_write(const tl_past *past, void *image) {
     unsigned char *place = image;
     size_t ticks = (size_t)(past->last - past->first + 1);
@@ -479,7 +482,7 @@ typedef struct follower {
     const tl_past_follow_settings *settings;
     const tl_past *past;
     tl_time until;           /* CLOCK_MONOTONIC: nobody waits for room for longer */
-    char name[TL_PAST_NAME]; /* of its run */
+    char name[NAME];         /* of its run */
     tl_twin_tunings tunings; /* that are still to be taken; */
     bool has_tuning;         /* one was, and is not recorded yet: */
     tl_run_tuning tuning;    /* this */
@@ -659,7 +662,7 @@ tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past 
                      .past = past,
                      .until = tl_clock_now(NULL) + PATIENCE,
                      .tunings = {.bytes = past->tunings, .count = past->tuning_count}};
-    (void)tl_past_name(past->run, self.name);
+    (void)name_run(past->run, self.name);
     *summary = (tl_summary){0};
     *outcome = TL_PAST_FOLLOWED;
     tl_status status = begin(&self, outcome, error);

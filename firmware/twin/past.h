@@ -122,8 +122,7 @@ int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first);
 enum {
     TL_PAST_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
     TL_PAST_TUNINGS = 16, /* what was in force first, and the newest of what was taken since */
-    TL_PAST_NAME = 32,
-    TL_PAST_TEXT = 224 /* of what is told */
+    TL_PAST_TEXT = 224    /* of what is told */
 };
 
 /* Bytes of an image at most. */
@@ -182,9 +181,6 @@ tl_status tl_past_read_samples(const void *image, size_t size, const tl_config *
 
 /* One of the ticks first … last, its stamps and instant on CLOCK_MONOTONIC; false: it is none of them. */
 bool tl_past_tick_at(const tl_past *past, int64_t tick, tl_past_tick *out);
-
-/* "run 7", or "the run before". */
-const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]);
 
 /* ---- Going on with a past: the new twin is brought to where an earlier run was ended.
  *

@@ -25,8 +25,15 @@ struct tl_replay_report {
     double tolerance[TL_MAX_MATCH];
 };
 
+static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_replay_report *report = context;
+    const tl_html_event event = {"", tick, tl_severity_name(severity), source, text};
+    tl_html_report_add_event(report->report, &event);
+}
+
 tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
-                                const char *recording, tl_replay_report **report, tl_error *error) {
+                                const char *recording, tl_journal *journal, tl_replay_report **report,
+                                tl_error *error) {
     tl_replay_report *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
@@ -61,18 +68,9 @@ tl_status tl_replay_report_open(const tl_config *config, const tl_account *accou
         tl_replay_report_close(made);
         return status;
     }
+    tl_journal_listen(journal, hear, made);
     *report = made;
     return TL_OK;
-}
-
-static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_replay_report *report = context;
-    const tl_html_event event = {"", tick, tl_severity_name(severity), source, text};
-    tl_html_report_add_event(report->report, &event);
-}
-
-void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
-    tl_journal_listen(journal, hear, report);
 }
 
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,

@@ -214,13 +214,6 @@ static void test_stamps_that_are_far_away(void) {
     TEST_ASSERT_EQUAL_INT64(past.start - TL_PAST_FAR, tick.sample.stamps[1]);
 }
 
-static void test_names(void) {
-    char text[TL_PAST_NAME];
-    TEST_ASSERT_EQUAL_STRING("run 7", tl_past_name(7, text));
-    TEST_ASSERT_EQUAL_STRING("run 9223372036854775807", tl_past_name(INT64_MAX, text));
-    TEST_ASSERT_EQUAL_STRING("the run before", tl_past_name(TL_PAST_UNNUMBERED, text));
-}
-
 static void test_tunings(void) {
     tl_run_tuning found[2];
     expect_read();
@@ -458,7 +451,6 @@ int main(void) {
     RUN_TEST(test_inputs_without_a_checkpoint);
     RUN_TEST(test_just_now);
     RUN_TEST(test_stamps_that_are_far_away);
-    RUN_TEST(test_names);
     RUN_TEST(test_tunings);
     RUN_TEST(test_tunings_that_matter);
     RUN_TEST(test_damaged_tunings);
