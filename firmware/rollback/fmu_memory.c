@@ -94,12 +94,6 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 
 /* ---- pages ---- */
 
-static tl_fmu_place whole_pages(const tl_fmu_place *place) {
-    size_t before = (uintptr_t)place->begin % TL_FMU_PAGE;
-    size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
-    return (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
-}
-
 /* If it is large, and was not before. */
 static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
     tl_fmu_place ranges[TL_FMU_PLACES + 1];
@@ -108,8 +102,11 @@ static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *erro
         return TL_OK;
     }
     for (size_t i = 0; i < memory->places.count; i++) {
-        if (is_in_pages(&memory->places.place[i])) {
-            ranges[count++] = whole_pages(&memory->places.place[i]);
+        const tl_fmu_place *place = &memory->places.place[i];
+        size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* of the page in which it begins */
+        size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
+        if (is_in_pages(place)) {
+            ranges[count++] = (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
         }
     }
     ranges[count++] = (tl_fmu_place){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};

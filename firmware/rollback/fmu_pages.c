@@ -431,23 +431,19 @@ static size_t count_written(const unsigned char *page) {
     return find_written(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
 }
 
-/* A page of our own: written, looked at, not written, written. */
-static bool is_true_of(unsigned char *page) {
-    page[0] = 1;
-    if (!watch_range(page, TL_FMU_PAGE) || count_written(page) != 1 || count_written(page) != 0) {
-        return false;
-    }
-    page[1] = 1;
-    return count_written(page) == 1;
-}
-
+/* By a page of our own: written, looked at, not written, written. */
 static bool try_it(void) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    bool is_true = page != MAP_FAILED && is_true_of(page);
-    if (page != MAP_FAILED) {
-        (void)munmap(page, TL_FMU_PAGE);
+    unsigned char *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (page == MAP_FAILED) {
+        return false;
     }
+    page[0] = 1;
+    bool is_true = watch_range(page, TL_FMU_PAGE) && count_written(page) == 1;
+    is_true = is_true && count_written(page) == 0;
+    page[1] = 1;
+    is_true = is_true && count_written(page) == 1;
+    (void)munmap(page, TL_FMU_PAGE);
     return is_true;
 }
 
@@ -463,10 +459,8 @@ void tl_fmu_written_begin(void) {
     watcher = (int)syscall(SYS_userfaultfd, O_CLOEXEC | O_NONBLOCK | USER_MODE_ONLY);
     map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
     serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
-    if (!serves && watcher >= 0) {
-        (void)close(watcher);
-    }
-    if (!serves && map >= 0) {
+    if (!serves) {
+        (void)close(watcher); /* or there is none */
         (void)close(map);
     }
 }
