@@ -592,7 +592,7 @@ static void print_far_look(const tl_assembly *assembly, const tl_far_look *look,
 static const char *describe_read_back(const tl_read_back_component *found) {
     switch (found->finding) {
     case TL_READ_BACK_IS_EXACT:
-        return found->must_initialise ? "read back exactly; but it must initialise first" : "read back exactly";
+        return "read back exactly";
     case TL_READ_BACK_ENDS:
         return "ends the process that loads it";
     case TL_READ_BACK_IS_REFUSED:
@@ -649,7 +649,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
         tl_far_look_take(assembly, prognosis.next_tick, &look);
     }
     print_far_look(assembly, &look, output);
-    tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, true, &states);
+    tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, &states);
     print_read_back(assembly, &states, output);
     if (!job->brief) {
         print_timings(assembly, &prognosis, output);
@@ -673,7 +673,7 @@ static void find_useless_states(const tl_assembly *assembly, const tl_read_back_
     tl_error error;
     tl_status status =
         tl_prognosis_run_dry(assembly, tl_twin_get_facts(assembly->twin).lead + (int64_t)TRIED_AFTER, &sample, &error);
-    tl_read_back_take(assembly, status == TL_OK ? host : NULL, false, &report);
+    tl_read_back_take(assembly, status == TL_OK ? host : NULL, &report);
     for (size_t i = 0; i < report.count; i++) {
         const tl_read_back_component *found = &report.of[i];
         if (tl_read_back_is_useless(found->finding)) {

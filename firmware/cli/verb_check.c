@@ -11,8 +11,7 @@
 #include "firmware/monitor/proposal.h"
 #include "firmware/monitor/survey.h"
 #include "firmware/plant/recording.h"
-#include "firmware/twin/other_way.h"
-#include "firmware/twin/pair_verdict.h"
+#include "firmware/twin/check_trials.h"
 
 /* ---- two instances ---- */
 

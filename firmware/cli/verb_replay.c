@@ -78,20 +78,18 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
                                                     .record = &self->record};
         status = tl_twin_recorder_open(&settings, &replay->recorder, error);
     }
+    tl_journal_init(&self->journal, replay->recorder);
     if (status == TL_OK && options->report != NULL) {
-        status = tl_replay_report_open(config, &self->account, options->report, self->path, &replay->report, error);
+        status = tl_replay_report_open(config, &self->account, options->report, self->path, &self->journal,
+                                       &replay->report, error);
     }
     if (status == TL_OK && options->trajectory != NULL) {
         status = tl_trajectory_open(options->trajectory, self->job->output, config, &replay->trajectory, error);
     }
-    tl_journal_init(&self->journal, replay->recorder);
     tl_watch_init(&self->watch, config, &self->journal);
     tl_lock_judge_init(&self->judge, config, &self->account);
     replay->judge = &self->judge;
-    if (replay->report != NULL) {
-        tl_replay_report_listen(replay->report, &self->journal);
-    }
-    replay->watch = replay->recorder != NULL || replay->report != NULL ? &self->watch : NULL;
+    replay->watch = &self->watch;
     return status;
 }
 

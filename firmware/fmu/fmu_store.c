@@ -83,7 +83,7 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
  * that can be is the one to begin with: its own state, its memory, replay. */
 static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
-    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_memory_serves() && fmu->module[0] == '\0';
+    bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves() && fmu->module[0] == '\0';
     fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
     if (is_auto || wanted == TL_ROLLBACK_REPLAY) {
         tl_fmu_guard_use_replay(&fmu->guard, TL_REPLAY_STEPS, !fmu->has_state && !by_memory);
@@ -97,8 +97,8 @@ void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {
 }
 
 void tl_fmu_prepare(void) {
-    if (tl_fmu_memory_serves()) {
-        tl_fmu_memory_prepare();
+    if (tl_fmu_allocation_serves()) {
+        tl_fmu_written_begin();
     }
 }
 

@@ -6,7 +6,7 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/twin/past_samples.h"
+#include "firmware/twin/past_history.h"
 
 /* That is computed in one go. */
 static const tl_time PIECE = TL_SECOND / 50;
@@ -29,7 +29,7 @@ static const tl_time FIRST_PACE = 5 * TL_SECOND;
 typedef struct course_walk {
     const tl_recorded_course *course;
     size_t recorded[TL_MAX_SIGNALS]; /* of each signal: its place among those of the run */
-    tl_past_samples samples;
+    tl_past samples;
     int64_t next;
     bool has_begun;
     tl_time computed; /* in all */
@@ -99,16 +99,15 @@ static void take_tick(course_walk *self, const tl_sample *sample) {
 
 static void take_piece(void *context) {
     course_walk *self = context;
-    tl_time step = self->course->assembly->config.step;
     tl_time begun = tl_clock_now(NULL);
     tl_time now = begun;
-    tl_sample recorded;
+    tl_past_tick recorded;
     tl_sample sample;
     const int64_t most =
         self->computed == 0 ? 1 : INT64_MAX; /* at the first tick FMUs begin: that takes more patience */
     while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
-           tl_past_samples_at(&self->samples, self->next, step, &recorded)) {
-        sample_of(self, &recorded, &sample);
+           tl_past_tick_at(&self->samples, self->next, &recorded)) {
+        sample_of(self, &recorded.sample, &sample);
         take_tick(self, &sample);
         now = tl_clock_now(NULL);
     }
@@ -140,9 +139,8 @@ static void rest(course_walk *self, tl_time computed) {
 
 /* All of the samples at hand. */
 static tl_status take_samples(course_walk *self) {
-    int64_t behind = self->samples.first + (int64_t)self->samples.count;
     tl_status status = TL_OK;
-    while (status == TL_OK && self->next < behind && tl_interrupt_requested() == NULL) {
+    while (status == TL_OK && self->next <= self->samples.last && tl_interrupt_requested() == NULL) {
         tl_time before = self->computed;
         tl_fmu_thread_call(self->course->thread, take_piece, self);
         rest(self, self->computed - before);
@@ -164,7 +162,7 @@ static bool fetch(course_walk *self) {
     if (size == 0) {
         return false;
     }
-    if (tl_past_samples_read(image, size, course->run, course->start, &self->samples, &error) != TL_OK) {
+    if (tl_past_read_samples(image, size, course->run, course->start, &self->samples, &error) != TL_OK) {
         tl_journal_event(course->journal, -1, TL_EVENT_INFO, "resume", "begins live: %.180s", error.text);
         return false;
     }

@@ -4,9 +4,15 @@
 #include <dlfcn.h>
 #include <elf.h>
 #include <errno.h>
+#include <grp.h>
+#include <iconv.h>
+#include <libintl.h>
 #include <link.h>
+#include <locale.h>
 #include <malloc.h>
+#include <netdb.h>
 #include <pthread.h>
+#include <pwd.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdio_ext.h>
@@ -14,7 +20,9 @@
 #include <string.h>
 #include <sys/auxv.h>
 #include <sys/mman.h>
+#include <time.h>
 #include <unistd.h>
+#include <wchar.h>
 
 /* ---- fmu heap ---- */
 
@@ -100,19 +108,13 @@ tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error) {
     }
     heap->base = range;
     if (!make_usable(heap, sizeof(directory))) {
-        tl_fmu_heap_close(heap);
-        return tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU: %s", strerror(errno));
+        (void)tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU: %s", strerror(errno));
+        (void)munmap(heap->base, heap->reserved);
+        return TL_TRY_AGAIN;
     }
     heap->highest = round_up(sizeof(directory), UNIT);
     directory_of(heap)->used = heap->highest;
     return TL_OK;
-}
-
-void tl_fmu_heap_close(tl_fmu_heap *heap) {
-    if (heap->base != NULL) {
-        (void)munmap(heap->base, heap->reserved);
-    }
-    *heap = (tl_fmu_heap){.base = NULL};
 }
 
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap) {
@@ -142,13 +144,6 @@ static unsigned char *cut(tl_fmu_heap *heap, uint32_t class) {
     return heap->base + begin + sizeof(block_head);
 }
 
-static unsigned char *take_from_list(tl_fmu_heap *heap, uint32_t class) {
-    directory *all = directory_of(heap);
-    unsigned char *block = heap->base + (size_t)all->free[class] * UNIT;
-    memcpy(&all->free[class], block, sizeof all->free[class]);
-    return block;
-}
-
 /* A copy: the block itself may lie anywhere as far as the compiler knows. */
 static block_head head_of(const void *block) {
     block_head head;
@@ -176,7 +171,11 @@ void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment) {
         return NULL;
     }
     take_turn(heap);
-    unsigned char *block = directory_of(heap)->free[class] != 0 ? take_from_list(heap, class) : cut(heap, class);
+    uint32_t *free_block = &directory_of(heap)->free[class];
+    unsigned char *block = *free_block != 0 ? heap->base + (size_t)*free_block * UNIT : cut(heap, class);
+    if (*free_block != 0) {
+        memcpy(free_block, block, sizeof *free_block);
+    }
     end_turn(heap);
     if (block == NULL) {
         return NULL;
@@ -209,6 +208,161 @@ size_t tl_fmu_heap_size(const void *block) {
 /* ---- fmu allocation ---- */
 
 __thread tl_fmu_heap *tl_fmu_allocation_heap;
+
+/* ---- fmu random ---- */
+
+/* As large as the C library's own, which has the same numbers then. */
+enum { STATE = 128, FIRST_SEED = 1 };
+
+typedef struct random_state {
+    struct random_data data;   /* of rand() and random() */
+    struct drand48_data words; /* of drand48() and its like */
+    char state[STATE];
+} random_state;
+
+static void begin_random(random_state *self) {
+    memset(self, 0, sizeof *self);
+    (void)initstate_r(FIRST_SEED, self->state, sizeof self->state, &self->data);
+}
+
+/* ---- which state ---- */
+
+/* Of all who are in no call of an FMU with a heap: several threads may ask at a time. */
+static random_state common;
+static bool common_has_begun;
+static bool common_is_taken;
+
+static random_state *take_state(void) {
+    if (tl_fmu_allocation_heap != NULL) {
+        return tl_fmu_allocation_heap->first;
+    }
+    while (__atomic_test_and_set(&common_is_taken, __ATOMIC_ACQUIRE)) {
+    }
+    if (!common_has_begun) {
+        begin_random(&common);
+        common_has_begun = true;
+    }
+    return &common;
+}
+
+static void give_state_back(const random_state *state) {
+    if (state == &common) {
+        __atomic_clear(&common_is_taken, __ATOMIC_RELEASE);
+    }
+}
+
+// NOLINTBEGIN(readability-inconsistent-declaration-parameter-name): the C library's headers call them otherwise
+
+/* ---- rand() and random() ---- */
+
+long random(void) {
+    int32_t number = 0;
+    random_state *state = take_state();
+    (void)random_r(&state->data, &number);
+    give_state_back(state);
+    return number;
+}
+
+void srandom(unsigned seed) {
+    random_state *state = take_state();
+    (void)srandom_r(seed, &state->data);
+    give_state_back(state);
+}
+
+int rand(void) {
+    return (int)random();
+}
+
+void srand(unsigned seed) {
+    srandom(seed);
+}
+
+/* The bytes that the caller gave, as the C library hands them out: one word before the numbers. */
+static char *bytes_of(const random_state *state) {
+    return (char *)(state->data.state - 1);
+}
+
+char *initstate(unsigned seed, char *bytes, size_t size) {
+    random_state *state = take_state();
+    char *before = bytes_of(state);
+    int failed = initstate_r(seed, bytes, size, &state->data);
+    give_state_back(state);
+    return failed != 0 ? NULL : before;
+}
+
+char *setstate(char *bytes) {
+    random_state *state = take_state();
+    char *before = bytes_of(state);
+    int failed = setstate_r(bytes, &state->data);
+    give_state_back(state);
+    return failed != 0 ? NULL : before;
+}
+
+/* ---- drand48() and its like ---- */
+
+/* `words` NULL: those of the state. */
+static double draw_real(unsigned short words[3]) {
+    double number = 0.0;
+    random_state *state = take_state();
+    (void)erand48_r(words != NULL ? words : state->words.__x, &state->words, &number);
+    give_state_back(state);
+    return number;
+}
+
+static long draw_integer(unsigned short words[3], int (*draw)(unsigned short *, struct drand48_data *, long *)) {
+    long number = 0;
+    random_state *state = take_state();
+    (void)draw(words != NULL ? words : state->words.__x, &state->words, &number);
+    give_state_back(state);
+    return number;
+}
+
+double drand48(void) {
+    return draw_real(NULL);
+}
+
+double erand48(unsigned short words[3]) {
+    return draw_real(words);
+}
+
+long lrand48(void) {
+    return draw_integer(NULL, nrand48_r);
+}
+
+long nrand48(unsigned short words[3]) {
+    return draw_integer(words, nrand48_r);
+}
+
+long mrand48(void) {
+    return draw_integer(NULL, jrand48_r);
+}
+
+long jrand48(unsigned short words[3]) {
+    return draw_integer(words, jrand48_r);
+}
+
+void srand48(long seed) {
+    random_state *state = take_state();
+    (void)srand48_r(seed, &state->words);
+    give_state_back(state);
+}
+
+unsigned short *seed48(unsigned short words[3]) {
+    random_state *state = take_state();
+    (void)seed48_r(words, &state->words);
+    give_state_back(state);
+    return state->words.__old_x;
+}
+
+void lcong48(unsigned short parameters[7]) {
+    random_state *state = take_state();
+    (void)lcong48_r(parameters, &state->words);
+    give_state_back(state);
+}
+
+// NOLINTEND(readability-inconsistent-declaration-parameter-name)
+
+/* ---- allocation ---- */
 
 #if defined(__SANITIZE_ADDRESS__) || defined(__SANITIZE_THREAD__)
 #define HAS_ANOTHER_ALLOCATOR 1
@@ -310,6 +464,8 @@ tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error) {
     if (tl_fmu_heap_open(heap, reserve, error) != TL_OK) {
         return NULL;
     }
+    heap->first = tl_fmu_heap_take(heap, sizeof(random_state), 1); /* there is room in a new heap */
+    begin_random(heap->first);
     __atomic_store_n(&heap_count, heap_count + 1, __ATOMIC_RELEASE);
     return heap;
 }
@@ -538,5 +694,90 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 }
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)
+
+/* ---- what the C library keeps ---- */
+
+/* Which are macros if a compiler optimises. */
+#undef textdomain
+#undef bindtextdomain
+#undef bind_textdomain_codeset
+#undef dcgettext
+#undef dgettext
+#undef gettext
+
+/* The C library's function of that name, and in front of it ours, which calls it outside of any heap. */
+// NOLINTBEGIN(bugprone-macro-parentheses): a type, and lists that have their own
+#define OUTSIDE(Result, Name, Parameters, Arguments)                                                                   \
+    static Result(*own_##Name) Parameters;                                                                             \
+    Result Name Parameters {                                                                                           \
+        tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);                                                             \
+        if (own_##Name == NULL) {                                                                                      \
+            find_next(#Name, (void *)&own_##Name, sizeof own_##Name);                                                  \
+        }                                                                                                              \
+        Result answer = own_##Name Arguments;                                                                          \
+        (void)tl_fmu_allocation_enter(heap);                                                                           \
+        return answer;                                                                                                 \
+    }
+// NOLINTEND(bugprone-macro-parentheses)
+
+// NOLINTBEGIN(readability-inconsistent-declaration-parameter-name,readability-identifier-naming,bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp): the names are the C library's
+
+/* What compiled C++ and the C library's own atexit() call; no header has them. */
+int __cxa_atexit(void (*function)(void *), void *context, void *library);
+int __cxa_thread_atexit_impl(void (*function)(void *), void *context, void *library);
+
+OUTSIDE(int, setenv, (const char *name, const char *value, int replaces), (name, value, replaces))
+OUTSIDE(int, putenv, (char *pair), (pair))
+OUTSIDE(char *, setlocale, (int category, const char *locale), (category, locale))
+OUTSIDE(locale_t, newlocale, (int mask, const char *locale, locale_t base), (mask, locale, base))
+OUTSIDE(struct tm *, localtime, (const time_t *time), (time))
+OUTSIDE(struct tm *, localtime_r, (const time_t *time, struct tm *result), (time, result))
+OUTSIDE(struct tm *, gmtime, (const time_t *time), (time))
+OUTSIDE(struct tm *, gmtime_r, (const time_t *time, struct tm *result), (time, result))
+OUTSIDE(time_t, mktime, (struct tm * time), (time))
+OUTSIDE(time_t, timelocal, (struct tm * time), (time))
+OUTSIDE(char *, ctime, (const time_t *time), (time))
+OUTSIDE(char *, ctime_r, (const time_t *time, char *text), (time, text))
+OUTSIDE(size_t, strftime, (char *text, size_t size, const char *format, const struct tm *time),
+        (text, size, format, time))
+OUTSIDE(size_t, strftime_l, (char *text, size_t size, const char *format, const struct tm *time, locale_t locale),
+        (text, size, format, time, locale))
+OUTSIDE(size_t, wcsftime, (wchar_t * text, size_t size, const wchar_t *format, const struct tm *time),
+        (text, size, format, time))
+OUTSIDE(int, __cxa_atexit, (void (*function)(void *), void *context, void *library), (function, context, library))
+OUTSIDE(int, __cxa_thread_atexit_impl, (void (*function)(void *), void *context, void *library),
+        (function, context, library))
+OUTSIDE(int, on_exit, (void (*function)(int, void *), void *context), (function, context))
+OUTSIDE(iconv_t, iconv_open, (const char *to, const char *from), (to, from))
+OUTSIDE(char *, textdomain, (const char *domain), (domain))
+OUTSIDE(char *, bindtextdomain, (const char *domain, const char *folder), (domain, folder))
+OUTSIDE(char *, bind_textdomain_codeset, (const char *domain, const char *codes), (domain, codes))
+OUTSIDE(char *, dcgettext, (const char *domain, const char *text, int category), (domain, text, category))
+OUTSIDE(char *, dgettext, (const char *domain, const char *text), (domain, text))
+OUTSIDE(char *, gettext, (const char *text), (text))
+OUTSIDE(struct passwd *, getpwnam, (const char *name), (name))
+OUTSIDE(struct passwd *, getpwuid, (uid_t user), (user))
+OUTSIDE(int, getpwnam_r, (const char *name, struct passwd *entry, char *bytes, size_t size, struct passwd **found),
+        (name, entry, bytes, size, found))
+OUTSIDE(int, getpwuid_r, (uid_t user, struct passwd *entry, char *bytes, size_t size, struct passwd **found),
+        (user, entry, bytes, size, found))
+OUTSIDE(struct group *, getgrnam, (const char *name), (name))
+OUTSIDE(struct group *, getgrgid, (gid_t group), (group))
+OUTSIDE(struct hostent *, gethostbyname, (const char *name), (name))
+OUTSIDE(int, getaddrinfo,
+        (const char *node, const char *service, const struct addrinfo *hints, struct addrinfo **found),
+        (node, service, hints, found))
+
+void tzset(void) {
+    static void (*next)(void);
+    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);
+    if (next == NULL) {
+        find_next("tzset", (void *)&next, sizeof next);
+    }
+    next();
+    (void)tl_fmu_allocation_enter(heap);
+}
+
+// NOLINTEND(readability-inconsistent-declaration-parameter-name,readability-identifier-naming,bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp)
 
 #endif

@@ -29,7 +29,7 @@ typedef struct tl_fmu_heap {
     size_t reserved;     /* bytes of addresses */
     size_t usable;       /* bytes from the beginning on that may be touched; never less than once */
     size_t highest;      /* bytes from the beginning on that were ever used since they were zero */
-    void *first;         /* its user's: the first block that was taken, */
+    void *first;         /* the first block that was taken: random numbers of the C library, */
     bool is_not_all;     /* and whether the FMU has memory elsewhere */
     bool has_threads;    /* or threads */
     bool is_taken;       /* by a thread: one of the FMU's may give back what another has taken */
@@ -38,11 +38,8 @@ typedef struct tl_fmu_heap {
 /* Bytes of addresses that a heap reserves: 1 GiB, or 32 MiB if a word has 32 bits. */
 size_t tl_fmu_heap_most(void);
 
-/* Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
+/* It is there until the process ends. Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
-
-/* A zeroed one is allowed. */
-void tl_fmu_heap_close(tl_fmu_heap *heap);
 
 /* A block of at least `size` bytes, 0 counts as 1, at a multiple of `alignment`, a power of two and at least 16. NULL: there is no room. */
 void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment);
@@ -73,6 +70,9 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  * Full:    a heap that has no room any more is helped out by the C library: an FMU that is not rolled back by its memory needs no more than that.
  * Mapped:  memory that may be written, and that an FMU asks mmap() for itself, is in no heap, as what the C library has helped out with: that is noted there, since a copy of the heap is not all then.
  * Threads: that an FMU starts in a call are noted in its heap as well, also those that end before the call does.
+ * Kept:    functions of the C library that allocate what the library keeps (environment, locales, time zones, exit handlers, users) run outside of the
+ *          heap: after a restore the library would find there what was before. What they keep is not restored: an FMU that changes its
+ *          environment finds what it has set last. Not here: what a function keeps for one caller (strtok(), hsearch(), an open stream).
  * Given back: a block goes where it came from, whoever gives it back, and when.
  * Sanitizer: it has an allocator of its own; then nothing is served from a heap, and tl_fmu_allocation_serves() says so.
  * Thread:  each thread is in one heap at a time, or in none. Heaps are opened by one thread.

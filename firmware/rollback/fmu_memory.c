@@ -1,13 +1,18 @@
 /* The memory of one FMU: see fmu_memory.h. */
 #include "firmware/rollback/fmu_memory.h"
 
+#include <fcntl.h>
 #include <fenv.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
+#include "firmware/base/text.h"
 #include "firmware/rollback/fmu_heap.h"
-#include "firmware/rollback/fmu_keeping.h"
 #include "firmware/rollback/fmu_pages.h"
 
 /* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
@@ -27,37 +32,71 @@ typedef struct tl_fmu_memory_state {
     unsigned char bytes[];
 } memory_state;
 
-bool tl_fmu_memory_serves(void) {
-    return tl_fmu_allocation_serves();
-}
-
-void tl_fmu_memory_prepare(void) {
-    tl_fmu_written_begin();
-}
-
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
-    tl_fmu_keeping_begin();
     memory->heap = tl_fmu_allocation_open(tl_fmu_heap_most(), error);
-    if (memory->heap == NULL) {
-        return TL_TRY_AGAIN;
+    return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
+}
+
+/* ---- what is left behind a call ---- */
+
+enum { LINKS_BESIDE = 2 }; /* of a folder: its own ones */
+
+static unsigned long count_threads(void) {
+    struct stat tasks;
+    return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - LINKS_BESIDE : 0;
+}
+
+static bool has(const tl_fmu_traces *traces, unsigned number) {
+    return (traces->descriptors[number / 64] >> number % 64 & 1) != 0;
+}
+
+/* Leaves the text empty if the descriptor is closed by now: another thread of ours had opened it for a moment. */
+static void describe_descriptor(unsigned number, char text[TL_FMU_TRACE_TEXT]) {
+    char link[64];
+    char target[96];
+    char name[96];
+    (void)snprintf(link, sizeof link, "/proc/self/fd/%u", number);
+    ssize_t length = readlink(link, target, sizeof target);
+    if (length < 0 && fcntl((int)number, F_GETFD) < 0) {
+        return;
     }
-    return tl_fmu_random_begin(memory->heap) ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no memory for an FMU");
+    (void)tl_clean_text(target, length > 0 ? (size_t)length : 0, name, sizeof name);
+    (void)snprintf(text, TL_FMU_TRACE_TEXT, "an open file or socket, %s", name);
+}
+
+void tl_fmu_traces_look(tl_fmu_traces *traces) {
+    siginfo_t about;
+    *traces = (tl_fmu_traces){.threads = count_threads(),
+                              .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
+    for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS; i++) {
+        if (fcntl((int)i, F_GETFD) >= 0) {
+            traces->descriptors[i / 64] |= (uint64_t)1 << i % 64;
+        }
+    }
+}
+
+/* True: something is there that was not; `text` names it, as in "a thread", "an open file, /tmp/log". */
+static bool differ(const tl_fmu_traces *before, const tl_fmu_traces *after, char text[TL_FMU_TRACE_TEXT]) {
+    text[0] = '\0';
+    if (after->threads > before->threads) {
+        (void)snprintf(text, TL_FMU_TRACE_TEXT, "a thread");
+    } else if (after->has_children && !before->has_children) {
+        (void)snprintf(text, TL_FMU_TRACE_TEXT, "a process");
+    }
+    for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS && text[0] == '\0'; i++) {
+        if (has(after, i) && !has(before, i)) {
+            describe_descriptor(i, text);
+        }
+    }
+    return text[0] != '\0';
 }
 
 /* ---- around a call ---- */
 
-void tl_fmu_memory_set_flags(tl_fmu_memory *memory) {
-    (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
-}
-
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
     memory->raised = fetestexcept(FE_ALL_EXCEPT);
     (void)fegetexceptflag(&memory->flags, FE_ALL_EXCEPT);
-}
-
-void tl_fmu_memory_watch(tl_fmu_memory *memory) {
-    tl_fmu_traces_look(&memory->before);
 }
 
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
@@ -65,7 +104,7 @@ void tl_fmu_memory_watched(tl_fmu_memory *memory) {
     tl_fmu_traces_look(&after);
     memory->watched--;
     if (memory->left[0] == '\0') {
-        (void)tl_fmu_traces_differ(&memory->before, &after, memory->left);
+        (void)differ(&memory->before, &after, memory->left);
     }
 }
 
@@ -115,12 +154,6 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 
 /* ---- pages ---- */
 
-static tl_fmu_place whole_pages(const tl_fmu_place *place) {
-    size_t before = (uintptr_t)place->begin % TL_FMU_PAGE;
-    size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
-    return (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
-}
-
 /* If it is large, and was not before. */
 static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
     tl_fmu_place ranges[TL_FMU_PLACES + 1];
@@ -129,8 +162,11 @@ static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *erro
         return TL_OK;
     }
     for (size_t i = 0; i < memory->places.count; i++) {
-        if (is_in_pages(&memory->places.place[i])) {
-            ranges[count++] = whole_pages(&memory->places.place[i]);
+        const tl_fmu_place *place = &memory->places.place[i];
+        size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* of the page in which it begins */
+        size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
+        if (is_in_pages(place)) {
+            ranges[count++] = (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
         }
     }
     ranges[count++] = (tl_fmu_place){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
@@ -168,23 +204,15 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
 
 /* ---- to save ---- */
 
-static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *to) {
+/* Between the places, or those outside of pages, and the bytes of a state. */
+static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool back) {
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_place *place = &memory->places.place[i];
         if (all || !is_in_pages(place)) {
-            memcpy(to, place->begin, place->size);
-            to += place->size;
+            memcpy(back ? place->begin : bytes, back ? bytes : place->begin, place->size);
+            bytes += place->size;
         }
     }
-}
-
-static tl_status save_whole(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
-    tl_status status = make_room(memory, state, used + memory->places.bytes, error);
-    if (status == TL_OK) {
-        memcpy((*state)->bytes, memory->heap->base, used);
-        copy_places(memory, true, (*state)->bytes + used);
-    }
-    return status;
 }
 
 static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t used, tl_error *error) {
@@ -193,7 +221,7 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     status = status == TL_OK ? tl_fmu_pages_save(memory->pages, used, &(*state)->version, error) : status;
     if (status == TL_OK) {
         (*state)->pages = memory->pages;
-        copy_places(memory, false, (*state)->bytes);
+        copy_places(memory, false, (*state)->bytes, false);
     } else if (before == NULL) {
         tl_fmu_memory_forget(*state);
     }
@@ -220,9 +248,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     size_t used = tl_fmu_heap_used(memory->heap);
     tl_status status = find_places(memory, error);
     status = status == TL_OK ? look_at_size(memory, used, error) : status;
-    if (status == TL_OK) {
-        status =
-            memory->pages == NULL ? save_whole(memory, &kept, used, error) : save_pages(memory, &kept, used, error);
+    if (status == TL_OK && memory->pages != NULL) {
+        status = save_pages(memory, &kept, used, error);
+    } else if (status == TL_OK) {
+        status = make_room(memory, &kept, used + memory->places.bytes, error);
     }
     if (status != TL_OK) {
         if (is_reserved) {
@@ -230,6 +259,10 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
             memory->reserved = kept;
         }
         return status;
+    }
+    if (memory->pages == NULL) {
+        memcpy(kept->bytes, memory->heap->base, used);
+        copy_places(memory, true, kept->bytes + used, false);
     }
     *state = kept;
     note_used(memory);
@@ -291,33 +324,18 @@ void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
 
 /* ---- to restore ---- */
 
-static void put_places(const tl_fmu_memory *memory, bool all, const unsigned char *from) {
-    for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_place *place = &memory->places.place[i];
-        if (all || !is_in_pages(place)) {
-            memcpy(place->begin, from, place->size);
-            from += place->size;
-        }
-    }
-}
-
-/* One that was made before it was large is still of use. */
-static void restore_whole(tl_fmu_memory *memory, const memory_state *kept) {
-    memcpy(memory->heap->base, kept->bytes, kept->used);
-    put_places(memory, true, kept->bytes + kept->used);
-    if (memory->pages != NULL) {
-        tl_fmu_pages_lose(memory->pages);
-    }
-}
-
-void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state) {
-    const memory_state *kept = state;
+void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
+    memory_state *kept = state;
+    bool is_whole = kept->pages == NULL;
     note_used(memory);
-    if (kept->pages == NULL) {
-        restore_whole(memory, kept);
+    if (is_whole) {
+        memcpy(memory->heap->base, kept->bytes, kept->used);
     } else {
         tl_fmu_pages_restore(memory->pages, &kept->version);
-        put_places(memory, false, kept->bytes);
+    }
+    copy_places(memory, is_whole, kept->bytes + (is_whole ? kept->used : 0), true);
+    if (is_whole && memory->pages != NULL) { /* the state was made before the FMU was large */
+        tl_fmu_pages_lose(memory->pages);
     }
     tl_fmu_heap_restored(memory->heap, kept->used);
     memory->raised = kept->raised;

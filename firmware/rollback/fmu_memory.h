@@ -14,10 +14,34 @@
 #define TL_FIRMWARE_ROLLBACK_FMU_MEMORY_H
 
 #include <fenv.h>
+#include <stdbool.h>
+#include <stdint.h>
 
 #include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_pages.h"
-#include "firmware/rollback/fmu_traces.h"
+
+/* ---- What an FMU leaves behind a call that no copy of its memory takes back.
+ *
+ * Purpose: a thread, a child, an open file or socket: the kernel keeps these, and they are as they are, whatever is restored. So an FMU that has any is not
+ *          rolled back by its memory; which one it was is told. Memory that it maps itself is seen where it asks for it (fmu_heap.h).
+ * Seen:    what is there after a call and was not before. A file that is opened and closed within one call leaves nothing, and may be
+ *          written all the same.
+ * Limits:  what other threads of the process do at the same time is taken for the FMU's.
+ * Cost:    some hundred µs a look.
+ * Thread:  any, one at a time.
+ */
+
+enum { TL_FMU_TRACES_DESCRIPTORS = 1024, TL_FMU_TRACE_TEXT = 160 };
+
+typedef struct tl_fmu_traces {
+    unsigned long threads;
+    bool has_children;
+    uint64_t descriptors[TL_FMU_TRACES_DESCRIPTORS / 64];
+} tl_fmu_traces;
+
+void tl_fmu_traces_look(tl_fmu_traces *traces);
+
+/* ---- the memory ---- */
 
 /* Calls after which it is looked for what the FMU has left, from its first one on. */
 enum { TL_FMU_MEMORY_WATCHED = 24 };
@@ -43,13 +67,7 @@ typedef struct tl_fmu_memory {
     char left[TL_FMU_TRACE_TEXT];         /* what no copy takes back; "": nothing that was seen */
 } tl_fmu_memory;
 
-/* Whether this program can do it: not with a sanitizer, which has an allocator of its own. */
-bool tl_fmu_memory_serves(void);
-
-/* Before the process gives up its rights: opens what tells later which pages were written, if there is such a thing (fmu_pages.h). */
-void tl_fmu_memory_prepare(void);
-
-/* Before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */
+/* If tl_fmu_allocation_serves(): before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error);
 
 /* Around each call of the FMU. With `has_flags` it does not see exceptions that others have raised, nor others its own. */
@@ -69,7 +87,7 @@ void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory);
 const char *tl_fmu_memory_left(const tl_fmu_memory *memory);
 
 /* Back to it. */
-void tl_fmu_memory_restore(tl_fmu_memory *memory, const void *state);
+void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
 
 /* NULL is allowed. */
 void tl_fmu_memory_forget(void *state);
@@ -85,18 +103,16 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory);
 
 /* ---- inline ---- */
 
-/* Private: before a call that is watched, and after it; flags that are not as the FMU knows them. */
-void tl_fmu_memory_watch(tl_fmu_memory *memory);
+/* Private: after a call that is watched; flags that are not as the FMU knows them. */
 void tl_fmu_memory_watched(tl_fmu_memory *memory);
-void tl_fmu_memory_set_flags(tl_fmu_memory *memory);
 void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
     if (memory->watched > 0) {
-        tl_fmu_memory_watch(memory);
+        tl_fmu_traces_look(&memory->before);
     }
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
-        tl_fmu_memory_set_flags(memory);
+        (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);
     }
     (void)tl_fmu_allocation_enter(memory->heap);
 }

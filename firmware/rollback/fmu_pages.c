@@ -29,9 +29,8 @@
 typedef struct tl_page_slots {
     size_t size;            /* bytes of each, a multiple of 16 */
     uint32_t made;          /* slots that there are, */
-    uint32_t taken;         /* of which the first so many were taken once, */
-    uint32_t unused;        /* and nobody owns so many of these: */
-    uint32_t first_unused;  /* each has the next one in its first bytes */
+    uint32_t taken;         /* of which the first so many were taken once */
+    uint32_t first_unused;  /* of those that nobody owns: each has the next one in its first bytes */
     unsigned char **pieces; /* each: how many owners its slots have, then the slots */
 } tl_page_slots;
 
@@ -59,11 +58,6 @@ enum { PIECE = 256, HEAD = 4096, MORE = 64 };
 
 typedef char owners_fit_into_the_head[PIECE * sizeof(uint32_t) <= HEAD ? 1 : -1];
 
-static bool tl_fmu_written_watch(const unsigned char *begin, size_t size);
-
-static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
-                                void *context);
-
 static uint32_t *owners_of(const tl_page_slots *self, uint32_t slot) {
     return (uint32_t *)(void *)self->pieces[slot / PIECE] + slot % PIECE;
 }
@@ -83,12 +77,6 @@ static void tl_page_slots_close(tl_page_slots *self) {
     }
     free(self->pieces);
     tl_page_slots_open(self, self->size);
-}
-
-static void put_unused(tl_page_slots *self, uint32_t slot) {
-    memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
-    self->first_unused = slot;
-    self->unused++;
 }
 
 static bool make_piece(tl_page_slots *self) {
@@ -114,10 +102,10 @@ static bool make_piece(tl_page_slots *self) {
     return true;
 }
 
-/* So many can be taken without asking for memory. False: there is none. */
-static bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
-    bool is_there = true;
-    while (is_there && self->unused + (self->made - self->taken) < count) {
+/* There are so many. False: there is no memory. */
+static bool tl_page_slots_stock(tl_page_slots *self, size_t wanted) {
+    bool is_there = wanted < UINT32_MAX;
+    while (is_there && self->made < wanted) {
         is_there = make_piece(self);
     }
     return is_there;
@@ -125,36 +113,24 @@ static bool tl_page_slots_stock(tl_page_slots *self, uint32_t count) {
 
 /* A slot with one owner, its bytes being anything; TL_NO_SLOT: there is no memory. */
 static uint32_t tl_page_slots_take(tl_page_slots *self) {
-    if (!tl_page_slots_stock(self, 1)) {
-        return TL_NO_SLOT;
-    }
     uint32_t slot = self->first_unused;
     if (slot != TL_NO_SLOT) {
         memcpy(&self->first_unused, tl_page_slots_at(self, slot), sizeof self->first_unused);
-        self->unused--;
-    } else {
+    } else if (tl_page_slots_stock(self, (size_t)self->taken + 1)) {
         slot = self->taken++;
+    } else {
+        return TL_NO_SLOT;
     }
     *owners_of(self, slot) = 1;
     return slot;
 }
 
-/* One owner more. */
-static void tl_page_slots_share(tl_page_slots *self, uint32_t slot) {
-    (*owners_of(self, slot))++;
-}
-
-/* One owner less. True: that was the last; the slot's bytes, but for the first four, are as they were until one is taken. */
-static bool tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
-    if (--*owners_of(self, slot) > 0) {
-        return false;
+/* One owner less. If that was the last, the slot's bytes, but for the first four, are as they were until one is taken. */
+static void tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
+    if (--*owners_of(self, slot) == 0) {
+        memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
+        self->first_unused = slot;
     }
-    put_unused(self, slot);
-    return true;
-}
-
-static bool tl_page_slots_has_one_owner(const tl_page_slots *self, uint32_t slot) {
-    return *owners_of(self, slot) == 1;
 }
 
 /* ---- page groups ---- */
@@ -181,33 +157,19 @@ static size_t tl_page_groups_of(size_t pages) {
     return (pages + TL_PAGE_GROUP - 1) / TL_PAGE_GROUP;
 }
 
-/* One that has no pages yet, with one owner. TL_NO_SLOT: no memory. */
-static uint32_t tl_page_groups_make(tl_page_groups *self) {
-    uint32_t group = tl_page_slots_take(&self->groups);
-    if (group != TL_NO_SLOT) {
-        memset(pages_in(self, group), 0xff, TL_PAGE_GROUP * sizeof(uint32_t)); /* TL_NO_SLOT */
-    }
-    return group;
-}
-
-/* One owner more; one less. */
-static void tl_page_groups_share(tl_page_groups *self, uint32_t group) {
-    tl_page_slots_share(&self->groups, group);
-}
-
 static void drop_page(tl_page_groups *self, uint32_t slot) {
     if (slot != TL_NO_SLOT) {
-        (void)tl_page_slots_drop(&self->contents, slot);
+        tl_page_slots_drop(&self->contents, slot);
     }
 }
 
 static void tl_page_groups_drop(tl_page_groups *self, uint32_t group) {
-    if (tl_page_slots_has_one_owner(&self->groups, group)) {
+    if (*owners_of(&self->groups, group) == 1) {
         for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
             drop_page(self, pages_in(self, group)[i]);
         }
     }
-    (void)tl_page_slots_drop(&self->groups, group);
+    tl_page_slots_drop(&self->groups, group);
 }
 
 /* The bytes of a page; NULL: it has none yet. Two groups that share a page have it at the same place. */
@@ -220,7 +182,7 @@ static const unsigned char *tl_page_groups_look(const tl_page_groups *self, uint
 
 /* One for its caller alone. False: no memory. */
 static bool own(tl_page_groups *self, uint32_t *group) {
-    if (tl_page_slots_has_one_owner(&self->groups, *group)) {
+    if (*owners_of(&self->groups, *group) == 1) {
         return true;
     }
     uint32_t made = tl_page_slots_take(&self->groups);
@@ -230,10 +192,10 @@ static bool own(tl_page_groups *self, uint32_t *group) {
     memcpy(pages_in(self, made), pages_in(self, *group), TL_PAGE_GROUP * sizeof(uint32_t));
     for (size_t i = 0; i < TL_PAGE_GROUP; i++) {
         if (pages_in(self, made)[i] != TL_NO_SLOT) {
-            tl_page_slots_share(&self->contents, pages_in(self, made)[i]);
+            (*owners_of(&self->contents, pages_in(self, made)[i]))++;
         }
     }
-    (void)tl_page_slots_drop(&self->groups, *group);
+    tl_page_slots_drop(&self->groups, *group);
     *group = made;
     return true;
 }
@@ -242,29 +204,23 @@ static bool is_zero(const unsigned char *page) {
     return page[0] == 0 && memcmp(page, page + 1, TL_FMU_PAGE - 1) == 0;
 }
 
-static bool has_zeros(tl_page_groups *self) {
-    if (self->zeros == TL_NO_SLOT) {
-        self->zeros = tl_page_slots_take(&self->contents);
-        if (self->zeros != TL_NO_SLOT) {
-            memset(tl_page_slots_at(&self->contents, self->zeros), 0, TL_FMU_PAGE);
-        }
-    }
-    return self->zeros != TL_NO_SLOT;
-}
-
 /* For contents that nobody has. TL_NO_SLOT: no memory. */
 static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned char *page) {
-    if (before == TL_NO_SLOT && is_zero(page) && has_zeros(self)) {
-        tl_page_slots_share(&self->contents, self->zeros);
+    bool is_own = before != TL_NO_SLOT && *owners_of(&self->contents, before) == 1;
+    bool is_of_zeros = before == TL_NO_SLOT && is_zero(page);
+    if (is_of_zeros && self->zeros != TL_NO_SLOT) {
+        (*owners_of(&self->contents, self->zeros))++;
         return self->zeros;
     }
-    bool is_own = before != TL_NO_SLOT && tl_page_slots_has_one_owner(&self->contents, before);
     uint32_t slot = is_own ? before : tl_page_slots_take(&self->contents);
     if (slot == TL_NO_SLOT) {
         return slot;
     }
     memcpy(tl_page_slots_at(&self->contents, slot), page, TL_FMU_PAGE);
-    if (!is_own) {
+    if (is_of_zeros) { /* the first one: for all others, too */
+        (*owners_of(&self->contents, slot))++;
+        self->zeros = slot;
+    } else if (!is_own) {
         drop_page(self, before);
     }
     return slot;
@@ -285,17 +241,10 @@ static bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t pag
 
 /* ---- room ---- */
 
-static bool stock(tl_page_slots *slots, size_t wanted) {
-    if (wanted >= UINT32_MAX) {
-        return false;
-    }
-    return wanted <= slots->made ||
-           tl_page_slots_stock(slots, slots->unused + (slots->made - slots->taken) + (uint32_t)(wanted - slots->made));
-}
-
 /* Memory for versions to come: beside the first so many pages, so many more that differ, each at worst in a group of its own. False: there is none. */
 static bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
-    return stock(&self->contents, first + differing) && stock(&self->groups, tl_page_groups_of(first) + differing);
+    return tl_page_slots_stock(&self->contents, first + differing) &&
+           tl_page_slots_stock(&self->groups, tl_page_groups_of(first) + differing);
 }
 
 /* ---- fmu places ---- */
@@ -432,76 +381,23 @@ typedef struct scan_order {
 
 enum { RUNS = 256 };
 
+/* So many pages from this one on were written. */
+typedef void take_written(void *context, size_t first, size_t count);
+
 static bool has_begun;
 static bool serves;
 static int watcher = -1;
 static int map = -1;
 
-static void count_pages(void *context, size_t first, size_t count) {
-    (void)first;
-    *(size_t *)context += count;
-}
-
-static size_t count_written(const unsigned char *page) {
-    size_t count = 0;
-    return tl_fmu_written_find(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
-}
-
-/* A page of our own: written, looked at, not written, written. */
-static bool is_true_of(unsigned char *page) {
-    page[0] = 1;
-    if (!tl_fmu_written_watch(page, TL_FMU_PAGE) || count_written(page) != 1 || count_written(page) != 0) {
-        return false;
-    }
-    page[1] = 1;
-    return count_written(page) == 1;
-}
-
-static bool try_it(void) {
-    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
-    void *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-    bool is_true = page != MAP_FAILED && is_true_of(page);
-    if (page != MAP_FAILED) {
-        (void)munmap(page, TL_FMU_PAGE);
-    }
-    return is_true;
-}
-
-void tl_fmu_written_begin(void) {
-    struct uffdio_api wanted = {.api = UFFD_API, .features = ASYNCHRONOUS | UNPOPULATED_TOO};
-    if (has_begun) {
-        return;
-    }
-    has_begun = true;
-    if (sysconf(_SC_PAGESIZE) != TL_FMU_PAGE) {
-        return;
-    }
-    watcher = (int)syscall(SYS_userfaultfd, O_CLOEXEC | O_NONBLOCK | USER_MODE_ONLY);
-    map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
-    serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
-    if (!serves && watcher >= 0) {
-        (void)close(watcher);
-    }
-    if (!serves && map >= 0) {
-        (void)close(map);
-    }
-}
-
-bool tl_fmu_written_serves(void) {
-    tl_fmu_written_begin();
-    return serves;
-}
-
 /* From now on this range is taken note of: whole pages of private memory, for good. False: it cannot be. */
-static bool tl_fmu_written_watch(const unsigned char *begin, size_t size) {
+static bool watch_range(const unsigned char *begin, size_t size) {
     struct uffdio_register order = {.range = {.start = (uintptr_t)begin, .len = size}, .mode = UFFDIO_REGISTER_MODE_WP};
     return ioctl(watcher, UFFDIO_REGISTER, &order) == 0;
 }
 
 /* Tells of all pages of a range that is watched, or of a part of it, which were written since they were forgotten last, in order; with `forget`
  * they are not written any more. False: it could not be told of all. */
-static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool forget, tl_fmu_written_take *take,
-                                void *context) {
+static bool find_written(const unsigned char *begin, size_t size, bool forget, take_written *take, void *context) {
     found_run runs[RUNS];
     scan_order order = {.size = sizeof order,
                         .flags = ONLY_WATCHED | (forget ? PROTECT_FOUND : 0),
@@ -525,9 +421,56 @@ static bool tl_fmu_written_find(const unsigned char *begin, size_t size, bool fo
     return true;
 }
 
-/* ---- fmu pages ---- */
+static void count_pages(void *context, size_t first, size_t count) {
+    (void)first;
+    *(size_t *)context += count;
+}
 
-/* ---- pages ---- */
+static size_t count_written(const unsigned char *page) {
+    size_t count = 0;
+    return find_written(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
+}
+
+/* By a page of our own: written, looked at, not written, written. */
+static bool try_it(void) {
+    /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+    unsigned char *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (page == MAP_FAILED) {
+        return false;
+    }
+    page[0] = 1;
+    bool is_true = watch_range(page, TL_FMU_PAGE) && count_written(page) == 1;
+    is_true = is_true && count_written(page) == 0;
+    page[1] = 1;
+    is_true = is_true && count_written(page) == 1;
+    (void)munmap(page, TL_FMU_PAGE);
+    return is_true;
+}
+
+void tl_fmu_written_begin(void) {
+    struct uffdio_api wanted = {.api = UFFD_API, .features = ASYNCHRONOUS | UNPOPULATED_TOO};
+    if (has_begun) {
+        return;
+    }
+    has_begun = true;
+    if (sysconf(_SC_PAGESIZE) != TL_FMU_PAGE) {
+        return;
+    }
+    watcher = (int)syscall(SYS_userfaultfd, O_CLOEXEC | O_NONBLOCK | USER_MODE_ONLY);
+    map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
+    serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
+    if (!serves) {
+        (void)close(watcher); /* or there is none */
+        (void)close(map);
+    }
+}
+
+bool tl_fmu_written_serves(void) {
+    tl_fmu_written_begin();
+    return serves;
+}
+
+/* ---- fmu pages ---- */
 
 /* Pages that are supposed to be written between two versions, the most that was seen of large FMUs: until some were put back, which is what several steps
  * have written, and until so many versions differed from the one before. */
@@ -588,10 +531,11 @@ static bool grow(tl_fmu_pages *self, size_t pages) {
         return false;
     }
     while (self->now.leaves < tl_page_groups_of(pages)) {
-        uint32_t leaf = tl_page_groups_make(&self->groups);
+        uint32_t leaf = tl_page_slots_take(&self->groups.groups);
         if (leaf == TL_NO_SLOT) {
             return false;
         }
+        memset(pages_in(&self->groups, leaf), 0xff, TL_PAGE_GROUP * sizeof(uint32_t)); /* TL_NO_SLOT */
         self->now.leaf[self->now.leaves++] = leaf;
     }
     return true;
@@ -605,21 +549,15 @@ static void shrink(tl_fmu_pages *self, size_t leaves) {
 
 /* ---- what was written ---- */
 
-static void find_in_range(found_pages *found, size_t pages, tl_fmu_written_take *take) {
-    const tl_fmu_pages *self = found->pages;
-    bool is_told = self->are_told && tl_fmu_written_find(self->range[found->range].begin, pages * TL_FMU_PAGE,
-                                                         found->version == NULL, take, found);
-    if (!is_told) {
-        take(found, 0, pages);
-    }
-}
-
 /* Of the first so many pages of all. */
-static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version, tl_fmu_written_take *take) {
+static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version, take_written *take) {
     for (size_t i = 0; i < self->count; i++) {
         found_pages found = {.pages = self, .range = i, .version = version};
-        size_t behind = i + 1 < self->count ? self->before[i + 1] : pages;
-        find_in_range(&found, behind - self->before[i], take);
+        size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
+        if (!self->are_told ||
+            !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, take, &found)) {
+            take(&found, 0, count);
+        }
     }
 }
 
@@ -644,18 +582,9 @@ static void keep_pages(void *context, size_t first, size_t count) {
     }
 }
 
-/* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
-static void stock_pages(tl_fmu_pages *self, bool is_first) {
-    if (!is_first && self->differing > 0 && !self->passes) {
-        self->most = self->differing > self->most ? self->differing : self->most;
-        self->times++;
-    }
-    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
-}
-
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < self->now.leaves; i++) {
-        tl_page_groups_share(&self->groups, self->now.leaf[i]);
+        (*owners_of(&self->groups.groups, self->now.leaf[i]))++;
     }
     for (size_t i = 0; i < version->leaves; i++) {
         tl_page_groups_drop(&self->groups, version->leaf[i]);
@@ -689,7 +618,12 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
     shrink(self, tl_page_groups_of(pages));
     share_leaves(self, version);
     self->versions += is_new ? 1 : 0;
-    stock_pages(self, is_first);
+    if (!is_first && self->differing > 0 && !self->passes) {
+        self->most = self->differing > self->most ? self->differing : self->most;
+        self->times++;
+    }
+    /* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
+    (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
     return TL_OK;
 }
 
@@ -713,25 +647,17 @@ static void put_pages(void *context, size_t first, size_t count) {
     }
 }
 
-/* Both are full up to `pages`. */
-static void put_leaf(tl_fmu_pages *self, size_t which, const tl_fmu_version *version, size_t pages) {
-    for (size_t i = 0; i < TL_PAGE_GROUP && which * TL_PAGE_GROUP + i < pages; i++) {
-        if (tl_page_groups_look(&self->groups, self->now.leaf[which], i) !=
-            tl_page_groups_look(&self->groups, version->leaf[which], i)) {
-            put_page(self, which * TL_PAGE_GROUP + i, address_of(self, which * TL_PAGE_GROUP + i), version);
-        }
-    }
-}
-
 static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) {
-    size_t common = version->pages < self->now.pages ? version->pages : self->now.pages;
-    for (size_t i = 0; i < tl_page_groups_of(common); i++) {
-        if (self->now.leaf[i] != version->leaf[i]) {
-            put_leaf(self, i, version, common);
+    for (size_t i = 0; i < version->pages; i++) {
+        size_t leaf = i / TL_PAGE_GROUP;
+        bool is_common = i < self->now.pages;
+        if (is_common && self->now.leaf[leaf] == version->leaf[leaf]) { /* to the last common page of the group */
+            size_t end = (leaf + 1) * TL_PAGE_GROUP;
+            i = (end < self->now.pages ? end : self->now.pages) - 1;
+        } else if (!is_common || tl_page_groups_look(&self->groups, self->now.leaf[leaf], i % TL_PAGE_GROUP) !=
+                                     tl_page_groups_look(&self->groups, version->leaf[leaf], i % TL_PAGE_GROUP)) {
+            put_page(self, i, address_of(self, i), version);
         }
-    }
-    for (size_t i = common; i < version->pages; i++) {
-        put_page(self, i, address_of(self, i), version);
     }
 }
 
@@ -742,7 +668,7 @@ static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
         if (i < self->now.leaves && self->now.leaf[i] == version->leaf[i]) {
             continue;
         }
-        tl_page_groups_share(&self->groups, version->leaf[i]);
+        (*owners_of(&self->groups.groups, version->leaf[i]))++;
         if (i < self->now.leaves) {
             tl_page_groups_drop(&self->groups, self->now.leaf[i]);
         }
@@ -766,13 +692,6 @@ void tl_fmu_pages_lose(tl_fmu_pages *self) {
     self->now.pages = 0;
 }
 
-/* Nobody has a version: what memory was is of no use. */
-static void give_back_all(tl_fmu_pages *self) {
-    tl_page_groups_close(&self->groups);
-    self->now.leaves = 0;
-    self->now.pages = 0;
-}
-
 void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < version->leaves; i++) {
         tl_page_groups_drop(&self->groups, version->leaf[i]);
@@ -780,16 +699,14 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
     self->versions -= version->leaves > 0 ? 1 : 0;
     free(version->leaf);
     *version = (tl_fmu_version){.pages = 0};
-    if (self->versions == 0) {
-        give_back_all(self);
+    if (self->versions == 0) { /* what memory was is of no use */
+        tl_page_groups_close(&self->groups);
+        self->now.leaves = 0;
+        self->now.pages = 0;
     }
 }
 
 /* ---- the whole ---- */
-
-bool tl_fmu_pages_are_told(const tl_fmu_pages *self) {
-    return self->are_told;
-}
 
 /* In one version more. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
@@ -832,7 +749,7 @@ tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_err
     for (size_t i = 0; i < count; i++) {
         self->range[i] = ranges[i];
         self->before[i] = i == 0 ? 0 : self->before[i - 1] + pages_of(ranges[i - 1].size);
-        self->are_told = self->are_told && tl_fmu_written_watch(ranges[i].begin, ranges[i].size);
+        self->are_told = self->are_told && watch_range(ranges[i].begin, ranges[i].size);
     }
     return self;
 }

@@ -57,9 +57,6 @@ void tl_fmu_written_begin(void);
 /* Whether there is a kernel that tells; begins if nobody has. */
 bool tl_fmu_written_serves(void);
 
-/* So many pages from this one on were written. */
-typedef void tl_fmu_written_take(void *context, size_t first, size_t count);
-
 /* ---- Versions of much memory, of which little differs: what is the same in several of them is kept once.
  *
  * Purpose: a state of a large FMU (fmu_memory.h). To save it costs what was written since the last time, to go back to one what differs, and not
@@ -84,9 +81,6 @@ typedef struct tl_fmu_version {
 /* Of these ranges, at most TL_FMU_PLACES + 1, whose beginnings and sizes are multiples of a page but for the size of the last. It is there until the process
  * ends. NULL: TL_TRY_AGAIN. */
 tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_error *error);
-
-/* Whether the kernel tells what was written; else all is compared. */
-bool tl_fmu_pages_are_told(const tl_fmu_pages *self);
 
 /* What is there now, `used` bytes of the last range; in place of what the version was. Errors: TL_TRY_AGAIN: there is no memory; it is as it was. */
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *version, tl_error *error);

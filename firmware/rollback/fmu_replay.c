@@ -6,6 +6,169 @@
 
 #include "firmware/base/os.h"
 
+/* ---- fmu prologue ---- */
+
+/* One call; behind it its values, then its references, each to a multiple of 8 bytes. Texts are as many, one behind the other, each with its end. */
+typedef struct call_head {
+    uint32_t kind;
+    uint32_t count;
+    uint64_t size; /* bytes of the values */
+} call_head;
+
+enum { FIRST_ROOM = 4096, ALIGNED = 8 };
+
+void tl_fmu_prologue_begin(tl_fmu_prologue *prologue) {
+    prologue->used = 0;
+    prologue->most = 0;
+    prologue->is_cut = false;
+}
+
+void tl_fmu_prologue_end(tl_fmu_prologue *prologue) {
+    free(prologue->bytes);
+    *prologue = (tl_fmu_prologue){0};
+}
+
+static size_t aligned(size_t size) {
+    return (size + ALIGNED - 1) / ALIGNED * ALIGNED;
+}
+
+static bool make_room(tl_fmu_prologue *prologue, size_t need) {
+    if (prologue->room - prologue->used >= need) {
+        return true;
+    }
+    size_t room = 2 * prologue->room + FIRST_ROOM + need;
+    unsigned char *bytes = realloc(prologue->bytes, room);
+    if (bytes == NULL) {
+        prologue->is_cut = true;
+        return false;
+    }
+    prologue->bytes = bytes;
+    prologue->room = room;
+    return true;
+}
+
+static size_t bytes_of_values(tl_fmu_prologue_kind kind, size_t count) {
+    bool is_real = kind == TL_PROLOGUE_SET_REAL || kind == TL_PROLOGUE_GET_REAL;
+    return count * (is_real ? sizeof(fmi2Real) : sizeof(fmi2Integer)); /* fmi2Boolean is the same C type */
+}
+
+/* Of those that are kept. */
+static size_t size_of_values(tl_fmu_prologue_kind kind, size_t count, const void *values) {
+    const fmi2String *texts = values;
+    size_t size = 0;
+    if (kind <= TL_PROLOGUE_SET_BOOLEAN) {
+        return bytes_of_values(kind, count);
+    }
+    for (size_t i = 0; kind == TL_PROLOGUE_SET_STRING && i < count; i++) {
+        size += strlen(texts[i]) + 1;
+    }
+    return kind == TL_PROLOGUE_SETUP ? sizeof(tl_fmu_setup) : size;
+}
+
+static void put_texts(unsigned char *to, const fmi2String *texts, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        size_t size = strlen(texts[i]) + 1;
+        memcpy(to, texts[i], size);
+        to += size;
+    }
+}
+
+void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                         size_t count, const void *values) {
+    const call_head made = {
+        .kind = (uint32_t)kind, .count = (uint32_t)count, .size = size_of_values(kind, count, values)};
+    size_t named = references == NULL ? 0 : count * sizeof *references;
+    size_t need = sizeof made + aligned((size_t)made.size) + aligned(named);
+    prologue->most = count > prologue->most ? count : prologue->most;
+    if (!make_room(prologue, need + prologue->most * sizeof(double))) {
+        return;
+    }
+    unsigned char *at = prologue->bytes + prologue->used;
+    memcpy(at, &made, sizeof made);
+    at += sizeof made;
+    if (kind == TL_PROLOGUE_SET_STRING) {
+        put_texts(at, values, count);
+    } else if (made.size != 0) {
+        memcpy(at, values, (size_t)made.size);
+    }
+    if (named != 0) {
+        memcpy(at + aligned((size_t)made.size), references, named);
+    }
+    prologue->used += need;
+}
+
+/* A call that is played: where its parts are, and a place for what is got. */
+typedef struct played {
+    tl_fmu_prologue_kind kind;
+    size_t count;
+    const void *values;
+    const fmi2ValueReference *references;
+    void *place;
+} played;
+
+static fmi2Status set_strings(const played *call, const tl_fmi2 *functions, fmi2Component instance) {
+    fmi2String *texts = call->place;
+    const char *text = call->values;
+    for (size_t i = 0; i < call->count; i++) {
+        texts[i] = text;
+        text += strlen(text) + 1;
+    }
+    return functions->set_string(instance, call->references, call->count, texts);
+}
+
+static fmi2Status call_again(const played *call, const tl_fmi2 *functions, fmi2Component instance) {
+    const tl_fmu_setup *setup = call->values;
+    switch (call->kind) {
+    case TL_PROLOGUE_SET_REAL:
+        return functions->set_real(instance, call->references, call->count, call->values);
+    case TL_PROLOGUE_SET_INTEGER:
+        return functions->set_integer(instance, call->references, call->count, call->values);
+    case TL_PROLOGUE_SET_BOOLEAN:
+        return functions->set_boolean(instance, call->references, call->count, call->values);
+    case TL_PROLOGUE_SET_STRING:
+        return set_strings(call, functions, instance);
+    case TL_PROLOGUE_GET_REAL:
+        return functions->get_real(instance, call->references, call->count, call->place);
+    case TL_PROLOGUE_GET_INTEGER:
+        return functions->get_integer(instance, call->references, call->count, call->place);
+    case TL_PROLOGUE_GET_BOOLEAN:
+        return functions->get_boolean(instance, call->references, call->count, call->place);
+    case TL_PROLOGUE_SETUP:
+        return functions->setup_experiment(instance, setup->has_tolerance, setup->tolerance, setup->start,
+                                           setup->has_stop, setup->stop);
+    case TL_PROLOGUE_ENTER_INITIALIZATION:
+        return functions->enter_initialization_mode(instance);
+    case TL_PROLOGUE_EXIT_INITIALIZATION:
+        return functions->exit_initialization_mode(instance);
+    }
+    return fmi2Error;
+}
+
+/* The next call, from `at` on, which goes behind it. */
+static void read_next(const tl_fmu_prologue *prologue, size_t *at, played *next) {
+    call_head made;
+    const unsigned char *bytes = prologue->bytes + *at;
+    memcpy(&made, bytes, sizeof made);
+    next->kind = (tl_fmu_prologue_kind)made.kind;
+    next->count = made.count;
+    next->values = bytes + sizeof made;
+    next->references = (const void *)(bytes + sizeof made + aligned((size_t)made.size));
+    bool is_of_values = next->kind <= TL_PROLOGUE_GET_BOOLEAN;
+    *at +=
+        sizeof made + aligned((size_t)made.size) + (is_of_values ? aligned(made.count * sizeof *next->references) : 0);
+}
+
+fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance) {
+    fmi2Status status = prologue->is_cut ? fmi2Error : fmi2OK;
+    played next;
+    for (size_t at = 0; at < prologue->used && status <= fmi2Warning;) {
+        read_next(prologue, &at, &next);
+        next.place = prologue->bytes + prologue->used;
+        status = call_again(&next, functions, instance);
+    }
+    return status;
+}
+
 /* ---- fmu history ---- */
 
 #define NONE TL_FMU_HISTORY_NONE
@@ -16,53 +179,31 @@ static size_t count_calls(uint32_t most, uint32_t calls) {
     return ((size_t)most + TL_FMU_HISTORY_BRANCHES) * calls + 1;
 }
 
-/* A value changes in one call of a step at most. */
-static size_t count_changes(uint32_t most, size_t values) {
-    return ((size_t)most + TL_FMU_HISTORY_BRANCHES) * values + 1;
-}
-
 /* Bytes that it takes for that; what tl_fmu_history_open() takes. */
-static size_t tl_fmu_history_bytes(uint32_t most, uint32_t calls, size_t values) {
-    return count_calls(most, calls) * sizeof(tl_fmu_history_call) +
-           count_changes(most, values) * sizeof(tl_fmu_history_change) + values * sizeof(uint64_t);
+static size_t count_bytes(uint32_t most, uint32_t calls, size_t size) {
+    return count_calls(most, calls) * (sizeof(tl_fmu_history_call) + size);
 }
 
-static void link_all(tl_fmu_history *history) {
-    for (uint32_t i = 0; i < history->call_count; i++) {
-        history->calls[i].next = i + 1 < history->call_count ? i + 1 : NONE;
-    }
-    for (uint32_t i = 0; i < history->change_count; i++) {
-        history->changes[i].next = i + 1 < history->change_count ? i + 1 : NONE;
-    }
-    history->free_call = 0;
-    history->free_change = 0;
-}
-
-tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t values, tl_error *error) {
+tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t size, tl_error *error) {
     size_t call_count = count_calls(most, calls);
-    size_t change_count = count_changes(most, values);
-    *history = (tl_fmu_history){.most = most, .value_count = values, .root = NONE, .at = NONE};
-    if (call_count < NONE / 2 && change_count < NONE / 2) {
+    *history = (tl_fmu_history){.most = most, .size = size};
+    if (call_count < NONE / 2) {
         history->calls = calloc(call_count, sizeof *history->calls);
-        history->changes = calloc(change_count, sizeof *history->changes);
-        history->value = calloc(values + 1, sizeof *history->value);
+        history->values = calloc(call_count, size + 1);
     }
-    if (history->calls == NULL || history->changes == NULL || history->value == NULL) {
+    if (history->calls == NULL || history->values == NULL) {
         tl_fmu_history_close(history);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory to keep what an FMU is given in %u steps: %zu bytes",
-                       (unsigned)most, tl_fmu_history_bytes(most, calls, values));
+                       (unsigned)most, count_bytes(most, calls, size));
     }
     history->call_count = (uint32_t)call_count;
-    history->change_count = (uint32_t)change_count;
-    link_all(history);
     tl_fmu_history_begin(history);
     return TL_OK;
 }
 
 void tl_fmu_history_close(tl_fmu_history *history) {
     free(history->calls);
-    free(history->changes);
-    free(history->value);
+    free(history->values);
     *history = (tl_fmu_history){0};
 }
 
@@ -70,20 +211,9 @@ static uint32_t take_call(tl_fmu_history *history) {
     uint32_t call = history->free_call;
     if (call != NONE) {
         history->free_call = history->calls[call].next;
-        history->calls[call] = (tl_fmu_history_call){.parent = NONE, .next = NONE, .change = NONE};
+        history->calls[call] = (tl_fmu_history_call){.parent = NONE, .next = NONE};
     }
     return call;
-}
-
-static void free_changes(tl_fmu_history *history, uint32_t call) {
-    uint32_t change = history->calls[call].change;
-    while (change != NONE) {
-        uint32_t next = history->changes[change].next;
-        history->changes[change].next = history->free_change;
-        history->free_change = change;
-        change = next;
-    }
-    history->calls[call].change = NONE;
 }
 
 /* And those above it that nobody needs any more. */
@@ -91,7 +221,6 @@ static void free_branch(tl_fmu_history *history, uint32_t call) {
     while (call != NONE && call != history->root && call != history->at && history->calls[call].children == 0 &&
            history->calls[call].kept == 0) {
         uint32_t parent = history->calls[call].parent;
-        free_changes(history, call);
         history->calls[call].next = history->free_call;
         history->free_call = call;
         if (parent != NONE) {
@@ -118,17 +247,13 @@ void tl_fmu_history_lose(tl_fmu_history *history) {
 
 /* What is kept stays as a place that leads nowhere. */
 void tl_fmu_history_begin(tl_fmu_history *history) {
-    for (uint32_t i = 0; i < history->call_count; i++) {
-        tl_fmu_history_call *call = &history->calls[i];
-        call->children = 0;
-        call->parent = NONE;
-        call->steps = 0;
-    }
     uint32_t kept = 0;
     history->free_call = NONE;
     for (uint32_t i = history->call_count; i-- > 0;) {
         tl_fmu_history_call *call = &history->calls[i];
-        call->change = NONE;
+        call->children = 0;
+        call->parent = NONE;
+        call->steps = 0;
         if (call->kept == 0) {
             call->next = history->free_call;
             history->free_call = i;
@@ -136,41 +261,13 @@ void tl_fmu_history_begin(tl_fmu_history *history) {
             kept++;
         }
     }
-    for (uint32_t i = 0; i < history->change_count; i++) {
-        history->changes[i].next = i + 1 < history->change_count ? i + 1 : NONE;
-    }
-    history->free_change = 0;
     history->has_run_over = kept == history->call_count;
     history->root = take_call(history);
     history->at = history->root;
     history->off++;
-    memset(history->value, 0, history->value_count * sizeof *history->value);
 }
 
-/* False: no room; what was added of it is free again. */
-static bool add_changes(tl_fmu_history *history, uint32_t call, const uint64_t *values, size_t first, size_t count) {
-    for (size_t i = 0; i < count; i++) {
-        if (values[i] == history->value[first + i]) {
-            continue;
-        }
-        uint32_t change = history->free_change;
-        if (change == NONE) {
-            free_changes(history, call);
-            return false;
-        }
-        history->free_change = history->changes[change].next;
-        history->changes[change] = (tl_fmu_history_change){
-            .next = history->calls[call].change, .index = (uint32_t)(first + i), .value = values[i]};
-        history->calls[call].change = change;
-    }
-    if (count != 0) {
-        memcpy(&history->value[first], values, count * sizeof *values);
-    }
-    return true;
-}
-
-void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const uint64_t *values, size_t first,
-                        size_t count) {
+void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const void *values, size_t size) {
     uint32_t parent = history->at;
     uint32_t steps = parent == NONE ? 0 : history->calls[parent].steps + (call->is_step ? 1 : 0);
     uint32_t made = parent == NONE || steps > history->most ? NONE : take_call(history);
@@ -180,23 +277,14 @@ void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call
         return;
     }
     tl_fmu_history_call *place = &history->calls[made];
-    *place = (tl_fmu_history_call){.kind = call->kind,
-                                   .is_step = call->is_step,
-                                   .is_final = call->is_final,
-                                   .now = call->now,
-                                   .size = call->size,
-                                   .gave = call->gave,
-                                   .steps = steps,
-                                   .parent = parent,
-                                   .next = NONE,
-                                   .change = NONE};
-    history->calls[parent].children++;
-    if (!add_changes(history, made, values, first, count)) {
-        history->has_run_over = true;
-        tl_fmu_history_lose(history);
-        free_branch(history, made);
-        return;
+    *place = *call;
+    place->steps = steps;
+    place->parent = parent;
+    place->next = NONE;
+    if (size != 0) {
+        memcpy(history->values + made * history->size, values, size);
     }
+    history->calls[parent].children++;
     history->at = made;
 }
 
@@ -262,17 +350,13 @@ bool tl_fmu_history_find_way(tl_fmu_history *history, const void *kept, uint32_t
         call = parent;
     }
     *anew = call != history->at;
-    if (*anew) {
-        memset(history->value, 0, history->value_count * sizeof *history->value);
-    }
     return true;
 }
 
-uint32_t tl_fmu_history_follow(tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made) {
+uint32_t tl_fmu_history_follow(const tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made,
+                               const void **values) {
     *made = &history->calls[call];
-    for (uint32_t change = (*made)->change; change != NONE; change = history->changes[change].next) {
-        history->value[history->changes[change].index] = history->changes[change].value;
-    }
+    *values = history->values + call * history->size;
     return (*made)->next;
 }
 
@@ -290,9 +374,7 @@ enum { STEP = TL_PROLOGUE_EXIT_INITIALIZATION + 1 };
 void tl_fmu_replay_end(tl_fmu_replay *replay) {
     tl_fmu_prologue_end(&replay->prologue);
     tl_fmu_history_close(&replay->history);
-    free(replay->scratch);
     free(replay->place);
-    replay->scratch = NULL;
     replay->place = NULL;
 }
 
@@ -306,7 +388,6 @@ static size_t count_ports(const tl_ports *ports) {
 typedef struct port_group {
     const fmi2ValueReference *references;
     size_t count;
-    size_t first; /* of its values in the history */
     bool is_set;
 } port_group;
 
@@ -315,17 +396,17 @@ static port_group group_of(const tl_fmu_replay *replay, tl_fmu_prologue_kind kin
     const tl_ports *out = replay->outputs;
     switch (kind) {
     case TL_PROLOGUE_SET_REAL:
-        return (port_group){in->real_references, in->real_count, 0, true};
+        return (port_group){in->real_references, in->real_count, true};
     case TL_PROLOGUE_SET_INTEGER:
-        return (port_group){in->integer_references, in->integer_count, in->real_count, true};
+        return (port_group){in->integer_references, in->integer_count, true};
     case TL_PROLOGUE_SET_BOOLEAN:
-        return (port_group){in->boolean_references, in->boolean_count, in->real_count + in->integer_count, true};
+        return (port_group){in->boolean_references, in->boolean_count, true};
     case TL_PROLOGUE_GET_REAL:
-        return (port_group){.references = out->real_references, .count = out->real_count};
+        return (port_group){out->real_references, out->real_count, false};
     case TL_PROLOGUE_GET_INTEGER:
-        return (port_group){.references = out->integer_references, .count = out->integer_count};
+        return (port_group){out->integer_references, out->integer_count, false};
     case TL_PROLOGUE_GET_BOOLEAN:
-        return (port_group){.references = out->boolean_references, .count = out->boolean_count};
+        return (port_group){out->boolean_references, out->boolean_count, false};
     case TL_PROLOGUE_SET_STRING:
     case TL_PROLOGUE_SETUP:
     case TL_PROLOGUE_ENTER_INITIALIZATION:
@@ -335,36 +416,13 @@ static port_group group_of(const tl_fmu_replay *replay, tl_fmu_prologue_kind kin
     return (port_group){.references = NULL};
 }
 
-/* All values in the way of the history. */
-static void read_values(tl_fmu_prologue_kind kind, const void *values, size_t count, uint64_t *to) {
-    if (kind == TL_PROLOGUE_SET_REAL || kind == TL_PROLOGUE_GET_REAL) {
-        if (count != 0) {
-            memcpy(to, values, count * sizeof *to);
-        }
-        return;
-    }
-    const fmi2Integer *integers = values; /* fmi2Boolean is the same C type */
-    for (size_t i = 0; i < count; i++) {
-        to[i] = (uint32_t)integers[i];
-    }
-}
-
-static void write_values(tl_fmu_prologue_kind kind, const uint64_t *from, size_t count, void *values) {
-    if (kind == TL_PROLOGUE_SET_REAL) {
-        memcpy(values, from, count * sizeof *from);
-        return;
-    }
-    fmi2Integer *integers = values;
-    for (size_t i = 0; i < count; i++) {
-        integers[i] = (fmi2Integer)(uint32_t)from[i];
-    }
-}
-
 /* What cannot be told from other values, but by chance. */
-static uint64_t mark(const uint64_t *values, size_t count) {
+static uint64_t mark(const void *values, size_t size) {
     uint64_t sum = 14695981039346656037U; /* FNV-1a, by words */
-    for (size_t i = 0; i < count; i++) {
-        sum = (sum ^ values[i]) * 1099511628211U;
+    for (size_t i = 0; i < size; i += sizeof sum) {
+        uint64_t word = 0;
+        memcpy(&word, (const unsigned char *)values + i, size - i < sizeof word ? size - i : sizeof word);
+        sum = (sum ^ word) * 1099511628211U;
         sum ^= sum >> 29;
     }
     return sum;
@@ -389,34 +447,31 @@ void tl_fmu_replay_wait(tl_fmu_replay *replay) {
 
 /* Calls of a step: each group at most once. */
 static uint32_t calls_of_step(const tl_fmu_replay *replay) {
-    const tl_ports *in = replay->inputs;
-    const tl_ports *out = replay->outputs;
-    const size_t counts[] = {in->real_count,  in->integer_count,  in->boolean_count,
-                             out->real_count, out->integer_count, out->boolean_count};
     uint32_t calls = 1;
-    bool is_of_reals = count_ports(in) == in->real_count && count_ports(out) == out->real_count;
-    for (size_t i = 0; i < sizeof counts / sizeof counts[0]; i++) {
-        calls += counts[i] != 0 ? 1 : 0;
+    bool is_of_reals = count_ports(replay->inputs) == replay->inputs->real_count &&
+                       count_ports(replay->outputs) == replay->outputs->real_count;
+    for (int kind = TL_PROLOGUE_SET_REAL; kind <= TL_PROLOGUE_GET_BOOLEAN; kind++) {
+        calls += group_of(replay, (tl_fmu_prologue_kind)kind).count != 0 ? 1 : 0;
     }
     return is_of_reals ? 3 : calls; /* in one go no group is left out */
 }
 
 static fmi2Status take_memory(tl_fmu_replay *replay) {
     tl_error error;
-    size_t in = replay->inputs == NULL ? 0 : count_ports(replay->inputs);
-    size_t out = replay->outputs == NULL ? 0 : count_ports(replay->outputs);
-    size_t most = (in > out ? in : out) + 1;
-    if (replay->inputs == NULL || replay->outputs == NULL) {
+    const tl_ports *in = replay->inputs;
+    if (in == NULL || replay->outputs == NULL) {
         return fmi2Error;
     }
-    replay->scratch = calloc(most, sizeof *replay->scratch);
-    replay->place = calloc(most, sizeof *replay->place);
-    if (replay->scratch == NULL || replay->place == NULL ||
-        tl_fmu_history_open(&replay->history, replay->most, calls_of_step(replay), in, &error) != TL_OK) {
+    size_t integers = in->integer_count > in->boolean_count ? in->integer_count : in->boolean_count;
+    size_t size = in->real_count * sizeof(fmi2Real);
+    size = size > integers * sizeof(fmi2Integer) ? size : aligned(integers * sizeof(fmi2Integer));
+    replay->place = calloc(count_ports(replay->outputs) + 1, sizeof *replay->place);
+    if (replay->place == NULL ||
+        tl_fmu_history_open(&replay->history, replay->most, calls_of_step(replay), size, &error) != TL_OK) {
         tl_fmu_replay_end(replay);
         return fmi2Error;
     }
-    replay->told->bytes = tl_fmu_history_bytes(replay->most, calls_of_step(replay), in);
+    replay->told->bytes = count_bytes(replay->most, calls_of_step(replay), size);
     return fmi2OK;
 }
 
@@ -446,9 +501,9 @@ static void note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2Val
         replay->told->is_over = true;
         return;
     }
-    read_values(kind, values, count, replay->scratch);
-    const tl_fmu_history_call call = {.kind = (uint8_t)kind, .gave = known.is_set ? 0 : mark(replay->scratch, count)};
-    tl_fmu_history_add(&replay->history, &call, replay->scratch, known.first, known.is_set ? count : 0);
+    size_t size = bytes_of_values(kind, count);
+    const tl_fmu_history_call call = {.kind = (uint8_t)kind, .gave = known.is_set ? 0 : mark(values, size)};
+    tl_fmu_history_add(&replay->history, &call, values, known.is_set ? size : 0);
     look_for_end(replay);
 }
 
@@ -473,7 +528,7 @@ void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fm
     }
     const tl_fmu_history_call call = {
         .kind = STEP, .is_step = true, .is_final = step->final != fmi2False, .now = step->now, .size = step->size};
-    tl_fmu_history_add(&replay->history, &call, replay->scratch, 0, 0);
+    tl_fmu_history_add(&replay->history, &call, NULL, 0);
     look_for_end(replay);
 }
 
@@ -493,45 +548,22 @@ void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state) {
     *state = NULL;
 }
 
-static fmi2Status play_values(tl_fmu_replay *replay, tl_fmu_prologue_kind kind) {
-    const port_group known = group_of(replay, kind);
-    const tl_fmi2 *fmi = replay->functions;
-    write_values(kind, &replay->history.value[known.first], known.count, replay->place);
-    const void *values = replay->place;
-    switch (kind) {
-    case TL_PROLOGUE_SET_REAL:
-        return fmi->set_real(replay->instance, known.references, known.count, values);
-    case TL_PROLOGUE_SET_INTEGER:
-        return fmi->set_integer(replay->instance, known.references, known.count, values);
-    default:
-        return fmi->set_boolean(replay->instance, known.references, known.count, values);
-    }
-}
-
-/* Other values than then: from here on it is not what it was. */
-static fmi2Status play_get(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, uint64_t gave) {
-    const port_group known = group_of(replay, kind);
-    const tl_fmi2 *fmi = replay->functions;
-    void *values = replay->place;
-    fmi2Status status =
-        kind == TL_PROLOGUE_GET_REAL      ? fmi->get_real(replay->instance, known.references, known.count, values)
-        : kind == TL_PROLOGUE_GET_INTEGER ? fmi->get_integer(replay->instance, known.references, known.count, values)
-                                          : fmi->get_boolean(replay->instance, known.references, known.count, values);
-    if (status <= fmi2Warning) {
-        read_values(kind, values, known.count, replay->scratch);
-        replay->told->differs = replay->told->differs || mark(replay->scratch, known.count) != gave;
-    }
-    return status;
-}
-
-static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call) {
+/* A call that reads other values than then: from here on the FMU is not what it was. */
+static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, const void *values) {
     if (call->is_step) {
         replay->told->steps++;
         return replay->functions->do_step(replay->instance, call->now, call->size,
                                           call->is_final ? fmi2True : fmi2False);
     }
     tl_fmu_prologue_kind kind = (tl_fmu_prologue_kind)call->kind;
-    return kind <= TL_PROLOGUE_SET_BOOLEAN ? play_values(replay, kind) : play_get(replay, kind, call->gave);
+    const port_group known = group_of(replay, kind);
+    const played made = {kind, known.count, values, known.references, replay->place};
+    fmi2Status status = call_again(&made, replay->functions, replay->instance);
+    if (status <= fmi2Warning && !known.is_set) {
+        uint64_t gives = mark(replay->place, bytes_of_values(kind, known.count));
+        replay->told->differs = replay->told->differs || gives != call->gave;
+    }
+    return status;
 }
 
 /* Reset, and its prologue. */
@@ -550,8 +582,9 @@ static fmi2Status go(tl_fmu_replay *replay, uint32_t first, bool anew) {
     fmi2Status status = anew ? begin_anew(replay) : fmi2OK;
     for (uint32_t at = first; at != TL_FMU_HISTORY_NONE && status <= fmi2Warning;) {
         const tl_fmu_history_call *call;
-        at = tl_fmu_history_follow(&replay->history, at, &call);
-        status = play(replay, call);
+        const void *values;
+        at = tl_fmu_history_follow(&replay->history, at, &call, &values);
+        status = play(replay, call, values);
     }
     return status;
 }

@@ -9,16 +9,63 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/rollback/fmu_prologue.h"
 #include "master/base/status.h"
 #include "master/fmi/component.h"
 #include "master/fmi/fmi2.h"
+
+/* ---- What an FMU was given from its beginning to its first step: start values, the experiment, its initialisation, and what was asked of it meanwhile.
+ *
+ * Purpose: after a reset it is given all of that again, in the same order and with the same values, and then stands where it stood.
+ * Memory:  one block that grows; what was kept is dropped by tl_fmu_prologue_begin(), and its room used again. Texts and references are copied.
+ * Errors:  if memory is out, what is kept is not whole (`is_cut`), and cannot be given again.
+ * Thread:  that of the FMUs.
+ */
+
+typedef enum tl_fmu_prologue_kind {
+    TL_PROLOGUE_SET_REAL,
+    TL_PROLOGUE_SET_INTEGER,
+    TL_PROLOGUE_SET_BOOLEAN,
+    TL_PROLOGUE_SET_STRING,
+    TL_PROLOGUE_GET_REAL,
+    TL_PROLOGUE_GET_INTEGER,
+    TL_PROLOGUE_GET_BOOLEAN,
+    TL_PROLOGUE_SETUP, /* one value of type tl_fmu_setup */
+    TL_PROLOGUE_ENTER_INITIALIZATION,
+    TL_PROLOGUE_EXIT_INITIALIZATION
+} tl_fmu_prologue_kind;
+
+/* Arguments of fmi2SetupExperiment. */
+typedef struct tl_fmu_setup {
+    fmi2Real tolerance, start, stop;
+    fmi2Boolean has_tolerance, has_stop;
+} tl_fmu_setup;
+
+/* Zeroed: nothing is kept. */
+typedef struct tl_fmu_prologue {
+    unsigned char
+        *bytes; /* private: calls one behind the other; then room for values that are got, or pointers to texts: */
+    size_t used, room;
+    size_t most; /* as many as a call has at most */
+    bool is_cut;
+} tl_fmu_prologue;
+
+/* From the beginning. */
+void tl_fmu_prologue_begin(tl_fmu_prologue *prologue);
+
+/* A call that was made. `references` and `values` as in FMI, of `count`; of a get there are no values. */
+void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
+                         size_t count, const void *values);
+
+/* All calls again, to `instance` by `functions`, until one is not well: its status. fmi2Error if they are not all kept. Takes no memory. */
+fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance);
+
+/* Gives the memory back. */
+void tl_fmu_prologue_end(tl_fmu_prologue *prologue);
 
 /* ---- What an FMU was given since its first step, on all branches that may still be wanted: a tree of calls.
  *
  * Purpose: a *position* is what an FMU was given so far. One that is kept can be come back to: reset, and given everything again on the way from the root to
  *          there; or from where the FMU stands, if that is on the way. This is the memory for it, and knows nothing of FMUs: fmu_replay.h makes the calls.
- * Compact: of a call that sets values, only those are kept that differ from the ones before. A call again gets all of its values, as it did.
  * Freed:   a branch is given up once no position on it is kept and nothing stands there.
  * Limits:  a position of more than `most` steps is not kept, nor one for which there is no room: the FMU is *off* the tree then. It can be kept as
  *          long as it stays where it is.
@@ -43,41 +90,31 @@ typedef struct tl_fmu_history_call {
     uint32_t next;     /* on the way that is played, or the next free one */
     uint32_t children; /* calls that follow it */
     uint32_t kept;     /* handles that lead here */
-    uint32_t change;   /* the first value that it changed */
 } tl_fmu_history_call;
 
-typedef struct tl_fmu_history_change {
-    uint32_t next;
-    uint32_t index;
-    uint64_t value;
-} tl_fmu_history_change;
-
-/* Fields are private but for `value`. Zeroed: not open. */
+/* Fields are private. Zeroed: not open. */
 typedef struct tl_fmu_history {
     uint32_t most; /* steps */
     uint32_t call_count;
-    uint32_t change_count;
-    size_t value_count;
+    size_t size; /* bytes of values that a call sets at most */
     tl_fmu_history_call *calls;
-    tl_fmu_history_change *changes;
-    uint64_t *value; /* all that are set, as they are where the FMU stands, or where the way that is played is */
-    uint32_t free_call, free_change;
+    unsigned char *values; /* of each call */
+    uint32_t free_call;
     uint32_t root;
     uint32_t at;       /* NONE: off the tree */
     uint32_t off;      /* numbers the places off the tree */
     bool has_run_over; /* there was no room once */
 } tl_fmu_history;
 
-/* For `most` steps of `calls` calls at most, which set up to `values` values. It stands at the root. Errors: TL_TRY_AGAIN. */
-tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t values, tl_error *error);
+/* For `most` steps of `calls` calls at most, each of which sets up to `size` bytes of values. It stands at the root. Errors: TL_TRY_AGAIN. */
+tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t size, tl_error *error);
 void tl_fmu_history_close(tl_fmu_history *history);
 
 /* It stands at a root without a past. What was kept before is still to be given back, and leads nowhere. */
 void tl_fmu_history_begin(tl_fmu_history *history);
 
-/* A call was made from where it stands: `values` are the new values from `first` on, `count` of them. Then it stands behind it, or off the tree. */
-void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const uint64_t *values, size_t first,
-                        size_t count);
+/* A call was made from where it stands, which set `size` bytes of values. Then it stands behind it, or off the tree. */
+void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const void *values, size_t size);
 
 /* Nobody knows where it stands: a call has failed. */
 void tl_fmu_history_lose(tl_fmu_history *history);
@@ -93,8 +130,9 @@ bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
  * stands. False: there is none. */
 bool tl_fmu_history_find_way(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
 
-/* What this call of the way was; `value` is as it was given. Returns the next one, or NONE. */
-uint32_t tl_fmu_history_follow(tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made);
+/* What this call of the way was, and the values that it set. Returns the next one, or NONE. */
+uint32_t tl_fmu_history_follow(const tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made,
+                               const void **values);
 
 /* The way was gone to its end. */
 void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
@@ -102,7 +140,7 @@ void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
 /* ---- A rollback that needs nothing of an FMU: it is reset, and given again what it was given.
  *
  * Purpose: for one that has no states, or wrong ones, and whose memory cannot be copied. Each call that was made is noted here: until the first step by
- *          fmu_prologue.h, from then on by fmu_replay.h. A state is a position in that, and costs no memory of its own.
+ *          its prologue, from then on by its history. A state is a position in that, and costs no memory of its own.
  * Exact:   if the FMU does the same again when it is given the same again. What calls gave is held against what they give again, and a difference ends the
  *          replay (`is_over`).
  * Cost:    of a way back, the steps from the beginning on, or none if it stands on the way.
@@ -129,8 +167,7 @@ typedef struct tl_fmu_replay {
     tl_fmu_replay_phase phase;                   /* private, from here on */
     tl_fmu_prologue prologue;
     tl_fmu_history history;
-    uint64_t *scratch; /* values of the greatest call, as history has them, */
-    double *place;     /* and as FMI has them */
+    double *place; /* for the values of a call that reads some */
 } tl_fmu_replay;
 
 void tl_fmu_replay_end(tl_fmu_replay *replay);

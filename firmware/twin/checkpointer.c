@@ -6,36 +6,31 @@
 static const tl_time INTERVAL = 10 * TL_SECOND;
 enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };
 
-static int64_t interval_of(tl_time step) {
-    int64_t ticks = INTERVAL / step;
-    return ticks < 1 ? 1 : ticks < INTERVAL_MOST ? ticks : INTERVAL_MOST;
-}
-
 size_t tl_checkpointer_room(size_t size) {
     return 2 * size;
 }
 
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
                           bool readable) {
+    int64_t ticks = INTERVAL / assembly->config.step;
     *self = (tl_checkpointer){
         .twin = assembly->twin,
         .outbox = outbox,
         .journal = journal,
-        .interval = interval_of(assembly->config.step),
+        .interval = ticks < 1               ? 1
+                    : ticks < INTERVAL_MOST ? ticks
+                                            : INTERVAL_MOST,
         .is_off = assembly->config.record_resume == 0,
     };
-    if (!self->is_off && !tl_twin_can_save(self->twin)) {
-        self->only_marks = true;
-        tl_journal_event(
-            journal, -1, TL_EVENT_INFO, "checkpoint",
-            "not every FMU is rolled back by states that it can turn into bytes (canSerializeFMUstate): after a restart the newest "
-            "inputs are run again");
-    } else if (!self->is_off && !readable) {
-        self->only_marks = true;
-        tl_journal_event(
-            journal, -1, TL_EVENT_WARNING, "checkpoint",
-            "loading a saved state of these FMUs has ended a process, or went on otherwise: none are saved, "
-            "and after a restart the newest inputs are run again");
+    bool can_save = tl_twin_can_save(self->twin);
+    self->only_marks = !self->is_off && (!can_save || !readable);
+    if (self->only_marks) {
+        tl_journal_event(journal, -1, can_save ? TL_EVENT_WARNING : TL_EVENT_INFO, "checkpoint", "%s",
+                         can_save
+                             ? "loading a saved state of these FMUs has ended a process, or went on otherwise: none "
+                               "are saved, and after a restart the newest inputs are run again"
+                             : "not every FMU is rolled back by states that it can turn into bytes "
+                               "(canSerializeFMUstate): after a restart the newest inputs are run again");
     }
 }
 
@@ -86,11 +81,8 @@ static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *s
         end(self, "it is too large, or there is not enough memory");
         return false;
     }
-    bool saved = save(self, size);
-    if (saved) {
-        saved = save(self, size);
-    }
-    self->is_ready = saved;
+    self->is_ready = save(self, size);
+    self->is_ready = self->is_ready && save(self, size);
     if (self->cost > budget->time) {
         end(self, "it takes longer than the budget of a step");
     }
@@ -127,13 +119,9 @@ void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget 
     }
     if (self->only_marks) {
         tl_checkpointer_put(self, tick, 0);
-    } else if (!self->is_ready) {
-        if (save_first(self, budget, &size)) {
-            tl_checkpointer_put(self, tick, size);
-        }
-    } else if (!has_time(self, tick, budget)) {
+    } else if (self->is_ready && !has_time(self, tick, budget)) {
         tell_late(self, tick);
-    } else if (save(self, &size)) {
+    } else if (self->is_ready ? save(self, &size) : save_first(self, budget, &size)) {
         tl_checkpointer_put(self, tick, size);
     }
 }

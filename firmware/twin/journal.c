@@ -73,25 +73,15 @@ void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, c
     __atomic_store_n(&entry->turn, number + 1, __ATOMIC_RELEASE);
 }
 
-static tl_log_level level_of(tl_severity severity) {
-    switch (severity) {
-    case TL_EVENT_ERROR:
-        return TL_LOG_ERROR;
-    case TL_EVENT_WARNING:
-        return TL_LOG_WARNING;
-    case TL_EVENT_INFO:
-        break;
-    }
-    return TL_LOG_NOTICE;
-}
-
 void tl_journal_drain(tl_journal *journal) {
+    static const tl_log_level levels[] = {
+        [TL_EVENT_INFO] = TL_LOG_NOTICE, [TL_EVENT_WARNING] = TL_LOG_WARNING, [TL_EVENT_ERROR] = TL_LOG_ERROR};
     for (;;) {
         tl_journal_entry *entry = &journal->entries[journal->tail % TL_JOURNAL_ENTRIES];
         if (__atomic_load_n(&entry->turn, __ATOMIC_ACQUIRE) != journal->tail + 1) {
             break;
         }
-        tl_log(level_of(entry->severity), "%s%s: %s", entry->apart ? "shadow: " : "", entry->source, entry->text);
+        tl_log(levels[entry->severity], "%s%s: %s", entry->apart ? "shadow: " : "", entry->source, entry->text);
         __atomic_store_n(&entry->turn, journal->tail + TL_JOURNAL_ENTRIES, __ATOMIC_RELEASE);
         journal->tail++;
     }

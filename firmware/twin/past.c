@@ -2,16 +2,38 @@
 #include "firmware/twin/past.h"
 
 #include <inttypes.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
-#include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
 
+void tl_past_say(tl_past_tell *tell, void *context, tl_severity severity, const char *format, ...) {
+    char text[TL_PAST_TEXT];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    tell(context, severity, text);
+}
+
 /* ---- past rule ---- */
+
+enum { NAME = 32 };
+
+/* "run 7", or "the run before". */
+static const char *name_run(int64_t run, char text[NAME]) {
+    if (run < 0) {
+        (void)snprintf(text, NAME, "the run before");
+    } else {
+        (void)snprintf(text, NAME, "run %" PRId64, run);
+    }
+    return text;
+}
 
 static const tl_time FOLLOW_TIME = TL_SECOND / 2; /* for as many ticks as are led along again */
 
@@ -24,33 +46,202 @@ bool tl_past_refuse(char why[TL_PAST_WHY], const char *format, ...) {
 }
 
 bool tl_past_was_interrupted(int64_t run, const char *reason, char why[TL_PAST_WHY]) {
-    char name[TL_PAST_NAME];
+    char name[NAME];
     bool interrupted = reason == NULL || strcmp(reason, "not ended cleanly") == 0 || strncmp(reason, "SIG", 3) == 0;
-    return interrupted || tl_past_refuse(why, "%s ended: %.100s", tl_past_name(run, name), reason);
-}
-
-bool tl_past_is_recent(int64_t run, const tl_config *config, tl_time gap, char why[TL_PAST_WHY]) {
-    char name[TL_PAST_NAME];
-    if (gap < 0) {
-        return tl_past_refuse(why, "by the clock %s has not happened yet", tl_past_name(run, name));
-    }
-    return gap <= config->record_resume ||
-           tl_past_refuse(why, "nobody ran since %s for %.1f s, which is more than record.resume_s",
-                          tl_past_name(run, name), tl_seconds(gap));
+    return interrupted || tl_past_refuse(why, "%s ended: %.100s", name_run(run, name), reason);
 }
 
 bool tl_past_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_PAST_WHY]) {
-    char name[TL_PAST_NAME];
+    char name[NAME];
+    if (gap < 0) {
+        return tl_past_refuse(why, "by the clock %s has not happened yet", name_run(run, name));
+    }
+    if (gap > config->record_resume) {
+        return tl_past_refuse(why, "nobody ran since %s for %.1f s, which is more than record.resume_s",
+                              name_run(run, name), tl_seconds(gap));
+    }
     int64_t now = last + gap / config->step;
     return config->duration == 0 || now < config->duration / config->step + (int64_t)lead ||
-           tl_past_refuse(why, "the duration of %s is over", tl_past_name(run, name));
+           tl_past_refuse(why, "the duration of %s is over", name_run(run, name));
 }
 
 int64_t tl_past_most_followed(tl_time execution, size_t components) {
     tl_time each = execution * (tl_time)components;
     tl_time most = each > 0 ? FOLLOW_TIME / each : TL_PAST_TICKS;
     return most < 1 ? 1 : most < TL_PAST_TICKS ? most : TL_PAST_TICKS;
+}
+
+/* ---- packed ticks ---- */
+
+enum { FIRST_CAPACITY = 64 };
+
+/* What the first byte may be: a tick without u has no step. */
+enum { NO_STEP, HAS_STEP, HAS_RESET };
+
+/* ---- one tick ---- */
+
+static size_t u_at(const tl_recorder_shape *shape) {
+    return 1 + tl_packed_size(tl_packed_signals, shape);
+}
+
+size_t tl_past_tick_bytes(const tl_recorder_shape *shape) {
+    return u_at(shape) + shape->adjust * sizeof(double);
+}
+
+/* A device may say any time: one that is too far away to count with stays at the border. */
+static tl_time nearer(tl_time stamp) {
+    tl_time most = stamp > TL_PAST_FAR ? TL_PAST_FAR : stamp;
+    return stamp == TL_TIME_NEVER || most >= -TL_PAST_FAR ? most : -TL_PAST_FAR;
+}
+
+static void pack(const tl_recorder_shape *shape, const tl_sample *sample, unsigned char *bytes) {
+    tl_sample near = *sample;
+    for (size_t i = 0; i < shape->plant; i++) {
+        near.stamps[i] = nearer(sample->stamps[i]);
+    }
+    bytes[0] = NO_STEP;
+    unsigned char *u = tl_pack(tl_packed_signals, shape, &near, bytes + 1);
+    memset(u, 0, shape->adjust * sizeof(double));
+}
+
+/* As it is packed, and no further. */
+static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_past_tick *tick) {
+    tick->has_u = bytes[0] != NO_STEP;
+    tick->resets = bytes[0] == HAS_RESET;
+    const unsigned char *u = tl_unpack(tl_packed_signals, shape, bytes + 1, &tick->sample);
+    memcpy(tick->u, u, shape->adjust * sizeof(double));
+}
+
+bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes) {
+    tl_past_tick tick;
+    bool sound = bytes[0] <= HAS_RESET;
+    unpack(shape, bytes, &tick);
+    for (size_t i = 0; sound && i < shape->plant; i++) {
+        tl_time stamp = tick.sample.stamps[i];
+        bool in_time = stamp == TL_TIME_NEVER || (stamp >= -TL_PAST_FAR && stamp <= TL_PAST_FAR);
+        sound = isfinite(tick.sample.values[i]) && in_time && tick.sample.quality[i] <= TL_OUTLIER;
+    }
+    for (size_t i = 0; sound && i < shape->adjust; i++) {
+        sound = isfinite(tick.u[i]);
+    }
+    return sound;
+}
+
+void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start,
+                         tl_past_tick *tick) {
+    memset(tick, 0, sizeof *tick);
+    memset(tick->sample.quality, TL_NO_LINK, sizeof tick->sample.quality);
+    unpack(shape, bytes, tick);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        bool never = i >= shape->plant || tick->sample.stamps[i] == TL_TIME_NEVER;
+        tick->sample.stamps[i] = never ? TL_TIME_NEVER : tick->sample.stamps[i] + start;
+    }
+}
+
+/* ---- a row of ticks ---- */
+
+static unsigned char *place_of(const tl_past_ticks *ticks, size_t index) {
+    return ticks->bytes + index * tl_past_tick_bytes(&ticks->shape);
+}
+
+void tl_past_ticks_begin(tl_past_ticks *ticks, int64_t first) {
+    ticks->first = first;
+    ticks->count = 0;
+}
+
+void tl_past_ticks_free(tl_past_ticks *ticks) {
+    free(ticks->bytes);
+    *ticks = (tl_past_ticks){.shape = ticks->shape};
+}
+
+static bool make_room(tl_past_ticks *ticks) {
+    if (ticks->count < ticks->capacity) {
+        return true;
+    }
+    size_t capacity = ticks->capacity == 0 ? FIRST_CAPACITY : 2 * ticks->capacity;
+    unsigned char *bytes = realloc(ticks->bytes, capacity * tl_past_tick_bytes(&ticks->shape));
+    if (bytes != NULL) {
+        ticks->bytes = bytes;
+        ticks->capacity = capacity;
+    }
+    return bytes != NULL;
+}
+
+bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample) {
+    if (!make_room(ticks)) {
+        return false;
+    }
+    pack(&ticks->shape, sample, place_of(ticks, ticks->count++));
+    return true;
+}
+
+void tl_past_ticks_set_step(tl_past_ticks *ticks, int64_t tick, const double *u, bool resets) {
+    if (tick >= ticks->first && tick - ticks->first < (int64_t)ticks->count) {
+        unsigned char *bytes = place_of(ticks, (size_t)(tick - ticks->first));
+        bytes[0] = resets ? HAS_RESET : HAS_STEP;
+        memcpy(bytes + u_at(&ticks->shape), u, ticks->shape.adjust * sizeof *u);
+    }
+}
+
+static tl_status add_recorded(tl_past_ticks *ticks, const tl_history_tick *tick, tl_error *error) {
+    if (!tl_past_ticks_add(ticks, &tick->sample)) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
+    }
+    if (tick->has_step && tick->adjusted == ticks->shape.adjust) {
+        tl_past_ticks_set_step(ticks, tick->sample.tick, tick->u, (tick->flags & TL_FLAG_RESET) != 0);
+    }
+    return TL_OK;
+}
+
+tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
+                             int64_t most, tl_error *error) {
+    tl_history_ticks *walk = NULL;
+    tl_history_tick tick;
+    bool end = false;
+    tl_past_ticks_begin(ticks, from);
+    tl_status status = tl_history_ticks_begin(history, run, from, &walk, error);
+    for (int64_t next = from; status == TL_OK && !end && next - from < most; next++) {
+        status = tl_history_ticks_next(walk, &tick, &end, error);
+        end = end || (status == TL_OK && tick.sample.tick != next);
+        status = status == TL_OK && !end ? add_recorded(ticks, &tick, error) : status;
+    }
+    tl_history_ticks_end(walk);
+    return status;
+}
+
+int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first) {
+    bool stepped = false;
+    size_t at = (size_t)(first - ticks->first);
+    while (at < ticks->count && (place_of(ticks, at)[0] != NO_STEP || !stepped)) {
+        stepped = place_of(ticks, at++)[0] != NO_STEP;
+    }
+    return stepped ? ticks->first + (int64_t)at - 1 : first - 1;
+}
+
+/* ---- which signals ---- */
+
+/* Name by name. */
+static void add_name(char digest[TL_SHA256_TEXT], const char *name) {
+    char text[TL_SHA256_TEXT + 512];
+    int length = snprintf(text, sizeof text, "%s %s", digest, name);
+    tl_sha256(text, (size_t)length < sizeof text ? (size_t)length : sizeof text - 1, digest);
+}
+
+void tl_past_identify_recorded(const tl_recorder_signal *signals, size_t count, char digest[TL_SHA256_TEXT]) {
+    memset(digest, 0, TL_SHA256_TEXT);
+    for (size_t i = 0; i < count; i++) {
+        add_name(digest, signals[i].name);
+    }
+}
+
+void tl_past_identify(const tl_config *config, char digest[TL_SHA256_TEXT]) {
+    char name[512];
+    memset(digest, 0, TL_SHA256_TEXT);
+    for (size_t i = 0; i < config->signal_count; i++) {
+        (void)snprintf(name, sizeof name, "plant.%s", config->signals[i].plan.name);
+        add_name(digest, name);
+    }
 }
 
 /* ---- past ---- */
@@ -73,12 +264,18 @@ typedef struct past_head {
     uint64_t tunings;
     uint64_t signals, adjusts;
     uint64_t from;
+    char of[72]; /* which signals, and zeros */
 } past_head;
 
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '4'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '5'};
 
 size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
     return sizeof(past_head) + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
+}
+
+size_t tl_past_size(const tl_past *past) {
+    return tl_past_image_bytes(&past->shape, (size_t)(past->last - past->first + 1), past->checkpoint_size,
+                               past->tuning_count);
 }
 
 size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last) {
@@ -92,20 +289,11 @@ size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t firs
     return to - from;
 }
 
-const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]) {
-    if (run < 0) {
-        (void)snprintf(text, TL_PAST_NAME, "the run before");
-    } else {
-        (void)snprintf(text, TL_PAST_NAME, "run %" PRId64, run);
-    }
-    return text;
-}
-
 void tl_past_write(const tl_past *past, void *image) {
     unsigned char *place = image;
     size_t ticks = (size_t)(past->last - past->first + 1);
     past_head own = {
-        .size = tl_past_image_bytes(&past->shape, ticks, past->checkpoint_size, past->tuning_count),
+        .size = tl_past_size(past),
         .run = past->run,
         .first = past->first,
         .last = past->last,
@@ -119,6 +307,7 @@ void tl_past_write(const tl_past *past, void *image) {
         .from = (uint64_t)past->from,
     };
     memcpy(own.magic, MAGIC, sizeof MAGIC);
+    memcpy(own.of, past->signals, sizeof past->signals);
     memcpy(place, &own, sizeof own);
     place += sizeof own;
     if (past->checkpoint_size != 0) {
@@ -146,50 +335,38 @@ static bool is_within(int64_t value, int64_t least, int64_t most) {
 
 /* Where the twin begins, and with what. */
 static bool is_origin(const past_head *found) {
-    switch (found->from) {
-    case TL_RESUMED_CHECKPOINT:
-        return found->checkpoint_size > 0 && found->first > 0;
-    case TL_RESUMED_START:
-        return found->checkpoint_size == 0 && found->first == 0;
-    case TL_RESUMED_INPUTS:
-        return found->checkpoint_size == 0 && found->first > 0;
-    default:
-        return false;
-    }
+    bool is_of_samples = found->from == TL_RESUMED_NOT && found->tunings == 0 && found->last >= found->first;
+    bool is_known =
+        found->from == TL_RESUMED_CHECKPOINT || found->from == TL_RESUMED_START || found->from == TL_RESUMED_INPUTS;
+    return (is_of_samples || (is_known && (found->from == TL_RESUMED_START) == (found->first == 0))) &&
+           (found->from == TL_RESUMED_CHECKPOINT) == (found->checkpoint_size > 0);
+}
+
+static tl_recorder_shape shape_of(const past_head *found, const tl_config *config) {
+    const tl_recorder_shape samples = {.plant = config->signal_count};
+    return found->from == TL_RESUMED_NOT ? samples : tl_recorder_shape_of(config);
 }
 
 static tl_status check_head(const past_head *found, size_t size, const tl_config *config, tl_error *error) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    if (memcmp(found->magic, MAGIC, sizeof MAGIC) != 0 || found->size != size) {
-        return fail_damaged(error, "it does not begin as it should");
-    }
-    if (found->signals != shape.plant || found->adjusts != shape.adjust || found->step != config->step) {
+    char digest[sizeof found->of] = "";
+    const tl_recorder_shape shape = shape_of(found, config);
+    const int64_t last_possible = TL_PAST_FAR / config->step;
+    tl_past_identify(config, digest);
+    if (found->signals != shape.plant || found->adjusts != shape.adjust || found->step != config->step ||
+        memcmp(found->of, digest, sizeof digest) != 0) {
         return fail_damaged(error, "it has not the signals of this configuration");
     }
-    int64_t last_possible = TL_PAST_FAR / config->step;
-    if (!is_within(found->first, 0, last_possible) || !is_within(found->last, found->first - 1, last_possible) ||
-        found->last - found->first >= TL_PAST_TICKS) {
-        return fail_damaged(error, "its ticks cannot be");
-    }
-    size_t ticks = (size_t)(found->last - found->first + 1);
-    if (found->checkpoint_size > size || found->tunings > TL_PAST_TUNINGS ||
-        tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) != size) {
-        return fail_damaged(error, "it has not its size");
-    }
-    if (!is_origin(found) || !is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR)) {
-        return fail_damaged(error, "it does not begin where a run can");
-    }
-    return TL_OK;
-}
-
-/* In mode ahead the last tick may be one later than what the gap was found by. */
-static tl_status check_time(const past_head *found, const tl_config *config, tl_time now, tl_error *error) {
-    if (!is_within(found->start, -TL_PAST_FAR, TL_PAST_FAR) || !is_within(found->started, FIRST_YEAR, LAST_YEAR)) {
-        return fail_damaged(error, "its times cannot be");
-    }
-    tl_time gap = now - tl_time_of_step(found->start, found->step, found->last);
-    return is_within(gap, -found->step, config->record_resume + READING) ? TL_OK
-                                                                         : fail_damaged(error, "it is not of just now");
+    bool is_sound =
+        memcmp(found->magic, MAGIC, sizeof MAGIC) == 0 && found->size == size &&
+        is_within(found->first, 0, last_possible) && is_within(found->last, found->first - 1, last_possible) &&
+        found->last - found->first < TL_PAST_TICKS && found->checkpoint_size <= size &&
+        found->tunings <= TL_PAST_TUNINGS && is_origin(found) &&
+        is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR) && is_within(found->start, -TL_PAST_FAR, TL_PAST_FAR) &&
+        is_within(found->started, FIRST_YEAR, LAST_YEAR);
+    size_t ticks = is_sound ? (size_t)(found->last - found->first + 1) : 0;
+    is_sound =
+        is_sound && tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) == size;
+    return is_sound ? TL_OK : fail_damaged(error, "its head");
 }
 
 static tl_status check_ticks(const tl_past *past, tl_error *error) {
@@ -236,6 +413,7 @@ static tl_past past_of(const past_head *found, const unsigned char *behind, tl_t
         .ticks = behind + found->checkpoint_size + found->tunings * sizeof(tl_run_tuning),
     };
     past.gap = past.gap < 0 ? 0 : past.gap;
+    memcpy(past.signals, found->of, sizeof past.signals);
     if (past.checkpoint_size != 0) {
         past.checkpoint = behind;
         past.age = tl_time_of_step(0, past.step, past.last - past.checkpoint_tick);
@@ -243,23 +421,44 @@ static tl_past past_of(const past_head *found, const unsigned char *behind, tl_t
     return past;
 }
 
-tl_status tl_past_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
-                       tl_error *error) {
+/* Zeroed if it is none. */
+static tl_status read_image(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
+                            tl_error *error) {
     past_head found;
     *past = (tl_past){.from = TL_RESUMED_NOT};
     if (size < sizeof found || size > TL_PAST_MOST) {
-        return fail_damaged(error, "it has not its size");
+        return fail_damaged(error, "its size");
     }
     memcpy(&found, image, sizeof found);
     tl_status status = check_head(&found, size, config, error);
-    if (status == TL_OK) {
-        status = check_time(&found, config, now, error);
-    }
     if (status == TL_OK) {
         tl_past read = past_of(&found, (const unsigned char *)image + sizeof found, now);
         status = check_tunings(&read, error);
         status = status == TL_OK ? check_ticks(&read, error) : status;
         *past = status == TL_OK ? read : *past;
+    }
+    return status;
+}
+
+/* In mode ahead the last tick may be one later than what the gap was found by. */
+tl_status tl_past_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
+                       tl_error *error) {
+    tl_status status = read_image(image, size, config, now, past, error);
+    tl_time gap = now - tl_time_of_step(past->start, past->step, past->last);
+    if (status == TL_OK &&
+        (past->from == TL_RESUMED_NOT || !is_within(gap, -past->step, config->record_resume + READING))) {
+        *past = (tl_past){.from = TL_RESUMED_NOT};
+        return fail_damaged(error, "it is not of just now");
+    }
+    return status;
+}
+
+tl_status tl_past_read_samples(const void *image, size_t size, const tl_config *config, tl_time start, tl_past *past,
+                               tl_error *error) {
+    tl_status status = read_image(image, size, config, 0, past, error);
+    if (status == TL_OK && (past->from != TL_RESUMED_NOT || past->start != start)) {
+        *past = (tl_past){.from = TL_RESUMED_NOT};
+        return fail_damaged(error, "it is not of the run that is under way");
     }
     return status;
 }
@@ -283,22 +482,11 @@ typedef struct follower {
     const tl_past_follow_settings *settings;
     const tl_past *past;
     tl_time until;           /* CLOCK_MONOTONIC: nobody waits for room for longer */
-    char name[TL_PAST_NAME]; /* of its run */
+    char name[NAME];         /* of its run */
     tl_twin_tunings tunings; /* that are still to be taken; */
     bool has_tuning;         /* one was, and is not recorded yet: */
     tl_run_tuning tuning;    /* this */
 } follower;
-
-static void tell(const follower *self, tl_severity severity, const char *format, ...) TL_PRINTF(3, 4);
-
-static void tell(const follower *self, tl_severity severity, const char *format, ...) {
-    char text[TL_PAST_TEXT];
-    va_list arguments;
-    va_start(arguments, format);
-    (void)vsnprintf(text, sizeof text, format, arguments);
-    va_end(arguments);
-    self->settings->tell(self->settings->context, severity, text);
-}
 
 static tl_status build_anew(const follower *self, tl_error *error) {
     tl_status status = tl_assembly_rebuild(self->settings->assembly);
@@ -307,26 +495,23 @@ static tl_status build_anew(const follower *self, tl_error *error) {
 
 /* ---- where it begins ---- */
 
-/* Into the twin; if that fails, it is a new one again. */
-static tl_status load(const follower *self, tl_past_outcome *outcome, tl_error *error) {
+/* If a checkpoint cannot be loaded, the twin is a new one again. */
+static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error *error) {
     const tl_past *past = self->past;
-    tl_status status = tl_twin_load(self->settings->assembly->twin, past->checkpoint_tick, past->checkpoint,
-                                    past->checkpoint_size, error);
+    tl_twin *twin = self->settings->assembly->twin;
+    if (past->from != TL_RESUMED_CHECKPOINT) {
+        tl_twin_begin_at(twin, past->first);
+        return TL_OK;
+    }
+    tl_status status = tl_twin_load(twin, past->checkpoint_tick, past->checkpoint, past->checkpoint_size, error);
     if (status == TL_OK || status == TL_FMU_FATAL) {
         return status;
     }
     *outcome = TL_PAST_REFUSED;
-    tell(self, TL_EVENT_WARNING, "the checkpoint of tick %" PRId64 " of %s is of no use: %.120s", past->checkpoint_tick,
-         self->name, error->text);
+    tl_past_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                "the checkpoint of tick %" PRId64 " of %s is of no use: %.120s", past->checkpoint_tick, self->name,
+                error->text);
     return build_anew(self, error);
-}
-
-static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error *error) {
-    if (self->past->from == TL_RESUMED_CHECKPOINT) {
-        return load(self, outcome, error);
-    }
-    tl_twin_begin_at(self->settings->assembly->twin, self->past->first);
-    return TL_OK;
 }
 
 /* ---- what is recorded ---- */
@@ -335,31 +520,19 @@ static void wait_for_room(const follower *self) {
     (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
 }
 
-static void put_start(const follower *self, const tl_resumption *resumption) {
-    tl_outbox_start start = {.resumption = *resumption};
-    tl_account_take(self->settings->assembly->twin, &start.account);
-    if (!tl_outbox_put_start(self->settings->outbox, &start)) {
-        wait_for_room(self); /* for its room too: it goes in before the first sample */
-    }
-}
-
-/* The one that the run begins with. */
-static void put_checkpoint(const follower *self) {
+/* With the checkpoint that the run begins with. */
+static void begin_run(const follower *self, const tl_resumption *resumption) {
     const tl_past *past = self->past;
     tl_outbox *outbox = self->settings->outbox;
+    tl_outbox_start start = {.resumption = *resumption};
     size_t capacity = 0;
-    if (tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
+    tl_account_take(self->settings->assembly->twin, &start.account);
+    if (!tl_outbox_put_start(outbox, &start)) {
+        wait_for_room(self); /* for its room too: it goes in before the first sample */
+    }
+    if (past->checkpoint != NULL && tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
         memcpy(tl_outbox_checkpoint_room(outbox, &capacity), past->checkpoint, past->checkpoint_size);
         tl_outbox_put_checkpoint(outbox, past->checkpoint_tick, past->checkpoint_size);
-    }
-}
-
-static void begin_run(const follower *self, const tl_resumption *resumption) {
-    if (self->settings->outbox != NULL) {
-        put_start(self, resumption);
-        if (self->past->checkpoint != NULL) {
-            put_checkpoint(self);
-        }
     }
 }
 
@@ -372,17 +545,9 @@ static void put_tuning(follower *self) {
 }
 
 static void put_sample(follower *self, const tl_sample *sample) {
-    if (self->settings->outbox != NULL) {
-        put_tuning(self);
-        wait_for_room(self);
-        (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
-    }
-}
-
-static void put_step(const follower *self, const tl_record *record) {
-    if (self->settings->outbox != NULL) {
-        tl_twin_recorder_put(self->settings->outbox, record, self->settings->assembly->twin);
-    }
+    put_tuning(self);
+    wait_for_room(self);
+    (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
 }
 
 /* ---- what was in force ---- */
@@ -390,11 +555,10 @@ static void put_step(const follower *self, const tl_record *record) {
 /* Of the new run, at this tick; what it was begun with needs no saying, and has the number that it has now. */
 static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tick) {
     const tl_outbox *outbox = self->settings->outbox;
-    const tl_run_tuning *in_force = outbox != NULL ? tl_outbox_tuning(outbox) : NULL;
-    self->has_tuning = in_force != NULL && (self->has_tuning || strcmp(in_force->hash, tuning->hash) != 0);
+    self->has_tuning = self->has_tuning || strcmp(tl_outbox_tuning(outbox)->hash, tuning->hash) != 0;
     self->tuning = *tuning;
     self->tuning.tick = tick;
-    if (outbox != NULL && strcmp(outbox->configured.hash, tuning->hash) == 0) {
+    if (strcmp(outbox->configured.hash, tuning->hash) == 0) {
         self->tuning.number = outbox->configured.number;
     }
 }
@@ -411,8 +575,8 @@ static void take_tunings(follower *self, int64_t tick) {
         if (tl_assembly_retune(assembly, &tuning.values, &error) == TL_OK) {
             note_tuning(self, &tuning, tick);
         } else {
-            tell(self, TL_EVENT_WARNING, "what %s took at tick %" PRId64 " is passed over: %.140s", self->name,
-                 tuning.tick, error.text);
+            tl_past_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                        "what %s took at tick %" PRId64 " is passed over: %.140s", self->name, tuning.tick, error.text);
         }
     }
 }
@@ -435,7 +599,7 @@ static tl_status follow_tick(follower *self, const tl_past_tick *tick, tl_summar
     tl_status status = tl_twin_follow(assembly->twin, &tick->sample, tick->u, &record, &ready, error);
     if (ready) {
         tl_summary_add(summary, &assembly->config, &record);
-        put_step(self, &record);
+        tl_twin_recorder_put(self->settings->outbox, &record, assembly->twin);
     }
     if (ahead) {
         put_sample(self, &tick->sample);
@@ -461,11 +625,11 @@ static void tell_all(const follower *self, tl_time took) {
         (void)snprintf(from, sizeof from, "%s",
                        past->from == TL_RESUMED_START ? "the start of its recorded inputs" : "its newest inputs");
     }
-    tell(self, TL_EVENT_INFO,
-         "goes on with %s at tick %" PRId64 " from %s, %" PRId64
-         " ticks run again in %.0f ms; nobody ran for %.2f s (%" PRId64 " ticks)",
-         self->name, past->last + 1, from, past->last - past->first + 1, tl_seconds(took) * 1e3, tl_seconds(past->gap),
-         past->gap / past->step);
+    tl_past_say(self->settings->tell, self->settings->context, TL_EVENT_INFO,
+                "goes on with %s at tick %" PRId64 " from %s, %" PRId64
+                " ticks run again in %.0f ms; nobody ran for %.2f s (%" PRId64 " ticks)",
+                self->name, past->last + 1, from, past->last - past->first + 1, tl_seconds(took) * 1e3,
+                tl_seconds(past->gap), past->gap / past->step);
 }
 
 /* From where the twin stands now. A failure leaves a new twin, and a run that is of no use. */
@@ -487,7 +651,8 @@ static tl_status go_on(follower *self, tl_summary *summary, tl_past_outcome *out
     if (status == TL_FMU_FATAL) {
         return status;
     }
-    tell(self, TL_EVENT_WARNING, "begins anew: to go on with %s has failed: %.140s", self->name, error->text);
+    tl_past_say(self->settings->tell, self->settings->context, TL_EVENT_WARNING,
+                "begins anew: to go on with %s has failed: %.140s", self->name, error->text);
     return build_anew(self, error);
 }
 
@@ -497,7 +662,7 @@ tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past 
                      .past = past,
                      .until = tl_clock_now(NULL) + PATIENCE,
                      .tunings = {.bytes = past->tunings, .count = past->tuning_count}};
-    (void)tl_past_name(past->run, self.name);
+    (void)name_run(past->run, self.name);
     *summary = (tl_summary){0};
     *outcome = TL_PAST_FOLLOWED;
     tl_status status = begin(&self, outcome, error);

@@ -9,12 +9,15 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/config/config.h"
 #include "firmware/report/summary.h"
+#include "firmware/store/history.h"
 #include "firmware/store/outbox.h"
+#include "firmware/store/recorder_entry.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/past_ticks.h"
+#include "master/base/signal.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
@@ -38,15 +41,69 @@ bool tl_past_refuse(char why[TL_PAST_WHY], const char *format, ...) TL_PRINTF(2,
  * end. */
 bool tl_past_was_interrupted(int64_t run, const char *reason, char why[TL_PAST_WHY]);
 
-/* `gap`, ns, is how long ago its last tick was. */
-bool tl_past_is_recent(int64_t run, const tl_config *config, tl_time gap, char why[TL_PAST_WHY]);
-
-/* Whether the run, as it is asked for now, has anything left to do. */
+/* Whether its last tick, `gap` ns ago, was not too long ago, and the run, as it is asked for now, has anything left to do. */
 bool tl_past_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                           char why[TL_PAST_WHY]);
 
 /* Ticks that can be followed in the time for it, if one execution takes so many ns and there are so many components; 0 ns: it is not known. */
 int64_t tl_past_most_followed(tl_time execution, size_t components);
+
+/* ---- Ticks to be followed, packed one after the other: what the plant showed, and the u that was committed.
+ *
+ * Purpose: in an image, and for the maker of one. A tick of two signals takes a thirtieth of what a tl_past_tick takes.
+ * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), the signals (recorder_entry.h) with stamps
+ *          relative to t_start, u; private to program and machine. It may lie anywhere.
+ * Trust:   tl_past_tick_is_sound() judges packed bytes; the others believe them.
+ * Owner:   the memory of a row is its own until tl_past_ticks_free().
+ */
+
+/* What a time in ns is nearer to 0 than: sums of two are in range. */
+#define TL_PAST_FAR (INT64_MAX / 4)
+
+typedef struct tl_past_tick {
+    tl_sample sample;        /* signals that the shape does not have: no link */
+    bool has_u;              /* false for the first ticks of a run */
+    bool resets;             /* before its step the FMUs began anew (TL_FLAG_RESET) */
+    double u[TL_MAX_ADJUST]; /* zeros if it has none */
+} tl_past_tick;
+
+size_t tl_past_tick_bytes(const tl_recorder_shape *shape);
+
+/* Numbers are finite, times below TL_PAST_FAR, qualities exist. */
+bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes);
+
+/* `start` is added to the stamps; tick and instant are set to 0. */
+void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick);
+
+/* ---- a row of them, for who makes one ---- */
+
+/* A zeroed row with its shape is empty. */
+typedef struct tl_past_ticks {
+    tl_recorder_shape shape;
+    int64_t first;
+    size_t count;
+    size_t capacity;
+    unsigned char *bytes; /* count · tl_past_tick_bytes() of them are used */
+} tl_past_ticks;
+
+/* Forgets what is in it. The next one to be added is `first`. */
+void tl_past_ticks_begin(tl_past_ticks *ticks, int64_t first);
+void tl_past_ticks_free(tl_past_ticks *ticks);
+
+/* The next tick, without u. False: memory is out. Stamps count from t_start. */
+bool tl_past_ticks_add(tl_past_ticks *ticks, const tl_sample *sample);
+
+/* Begins anew: the recorded ticks of a run from `from` on, up to a hole, at most `most` of them; u if the run has as many as the shape. Errors:
+ * those of history.h. */
+tl_status tl_past_ticks_read(tl_past_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
+                             int64_t most, tl_error *error);
+
+/* The u of a tick that was added, and whether the FMUs began anew before its step; of other ticks it is ignored. */
+void tl_past_ticks_set_step(tl_past_ticks *ticks, int64_t tick, const double *u, bool resets);
+
+/* The last one that can be followed from `first` on, which is one of them, or the next: the first few need no u, but from the first that has it each must.
+ * first − 1: none can. */
+int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first);
 
 /* ---- A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
  *
@@ -55,6 +112,7 @@ int64_t tl_past_most_followed(tl_time execution, size_t components);
  *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
  * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
  *          and machine only.
+ * Samples: the image of a run that is under way, for a twin that begins beside it: ticks without u, with which nothing else comes (from = TL_RESUMED_NOT).
  * Trust:   tl_past_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
  *          others can write is copied first, and they say when it is whole.
  * Owner:   a past points into its image, or to what its maker says.
@@ -64,8 +122,7 @@ int64_t tl_past_most_followed(tl_time execution, size_t components);
 enum {
     TL_PAST_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
     TL_PAST_TUNINGS = 16, /* what was in force first, and the newest of what was taken since */
-    TL_PAST_NAME = 32,
-    TL_PAST_TEXT = 224 /* of what is told */
+    TL_PAST_TEXT = 224    /* of what is told */
 };
 
 /* Bytes of an image at most. */
@@ -75,7 +132,7 @@ enum {
 #define TL_PAST_UNNUMBERED ((int64_t)-1)
 
 typedef struct tl_past {
-    tl_resumed_from from;            /* not TL_RESUMED_NOT */
+    tl_resumed_from from;            /* TL_RESUMED_NOT: samples only */
     int64_t run;                     /* that is gone on with */
     int64_t first, last;             /* ticks to be followed; none if last is first − 1 */
     tl_time step;                    /* T_S, ns */
@@ -90,14 +147,22 @@ typedef struct tl_past {
         tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
     size_t tuning_count;
     tl_recorder_shape shape;
-    const unsigned char *ticks; /* packed */
+    char signals[TL_SHA256_TEXT]; /* which the signals of the plant are: tl_past_identify() */
+    const unsigned char *ticks;   /* packed */
 } tl_past;
 
 /* What is worth being said, as events of the source "resume". `text` lives during the call. */
 typedef void tl_past_tell(void *context, tl_severity severity, const char *text);
+void tl_past_say(tl_past_tell *tell, void *context, tl_severity severity, const char *format, ...) TL_PRINTF(4, 5);
+
+/* The signals of the plant, by name, as a configuration has them, and as they are recorded. */
+void tl_past_identify(const tl_config *config, char digest[TL_SHA256_TEXT]);
+void tl_past_identify_recorded(const tl_recorder_signal *signals, size_t count, char digest[TL_SHA256_TEXT]);
 
 /* An image of so many ticks, a checkpoint of so many bytes, and so many tunings. */
 size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
+
+size_t tl_past_size(const tl_past *past);
 
 /* Of all that was taken in a run, in the order of their ticks, what matters from `first` to `last`: to the front. How many. */
 size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
@@ -110,11 +175,12 @@ void tl_past_write(const tl_past *past, void *image);
 tl_status tl_past_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
                        tl_error *error);
 
+/* An image of samples of the run with this t_start and configuration. Errors: as above. */
+tl_status tl_past_read_samples(const void *image, size_t size, const tl_config *config, tl_time start, tl_past *past,
+                               tl_error *error);
+
 /* One of the ticks first … last, its stamps and instant on CLOCK_MONOTONIC; false: it is none of them. */
 bool tl_past_tick_at(const tl_past *past, int64_t tick, tl_past_tick *out);
-
-/* "run 7", or "the run before". */
-const char *tl_past_name(int64_t run, char text[TL_PAST_NAME]);
 
 /* ---- Going on with a past: the new twin is brought to where an earlier run was ended.
  *
@@ -135,7 +201,7 @@ typedef enum tl_past_outcome {
 
 typedef struct tl_past_follow_settings {
     tl_assembly *assembly; /* its twin has not begun, and may be built anew */
-    tl_outbox *outbox;     /* into which the new run goes; NULL: nothing is recorded */
+    tl_outbox *outbox;     /* into which the new run goes */
     tl_past_tell *tell;
     void *context; /* of tell */
 } tl_past_follow_settings;

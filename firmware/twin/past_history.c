@@ -2,7 +2,6 @@
 #include "firmware/twin/past_history.h"
 
 #include <inttypes.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -43,25 +42,6 @@ struct tl_past_history {
     char why[TL_PAST_WHY]; /* the twin begins anew; "": nothing worth saying */
 };
 
-static void tell(const tl_past_history *self, tl_severity severity, const char *format, ...) TL_PRINTF(3, 4);
-
-static void tell(const tl_past_history *self, tl_severity severity, const char *format, ...) {
-    char text[TL_PAST_TEXT];
-    va_list arguments;
-    va_start(arguments, format);
-    (void)vsnprintf(text, sizeof text, format, arguments);
-    va_end(arguments);
-    self->settings.tell(self->settings.context, severity, text);
-}
-
-static void tell_unreadable(const tl_past_history *self, const tl_error *error) {
-    tell(self, TL_EVENT_WARNING, "begins anew: %.200s", error->text);
-}
-
-static const tl_config *config_of(const tl_past_history *self) {
-    return self->settings.config;
-}
-
 /* ---- which run ---- */
 
 /* The last tick whose step is there; −1: none. */
@@ -77,29 +57,23 @@ static tl_status last_tick(tl_past_history *self, const tl_history_run *run, int
     return status;
 }
 
-/* One that was ended before it had a step of its own has nothing that the run before it has not. */
-static tl_status is_fruitless(tl_past_history *self, const tl_history_run *run, bool *without, tl_error *error) {
-    int64_t own = run->resumption.from == TL_RESUMED_NOT ? 0 : run->resumption.tick;
-    int64_t last = -1;
-    tl_status status = last_tick(self, run, &last, error);
-    *without = last < own;
-    return status;
-}
-
-/* The newest run before ours that got anywhere. */
+/* The newest run before ours that got anywhere. One that was ended before it had a step of its own has nothing that the run before it has not. */
 static tl_status find_run(tl_past_history *self, tl_error *error) {
     const tl_history_run *runs = NULL;
     size_t count = 0;
     int fruitless = 0;
     tl_status status = tl_history_runs(self->history, &runs, &count, error);
     for (size_t i = count; status == TL_OK && i-- > 0 && self->run == NULL && fruitless < TL_PAST_FRUITLESS;) {
+        int64_t own = runs[i].resumption.from == TL_RESUMED_NOT ? 0 : runs[i].resumption.tick;
         if (runs[i].run >= self->settings.before || strcmp(runs[i].verb, "run") != 0) {
             continue;
         }
-        bool without = false;
-        status = is_fruitless(self, &runs[i], &without, error);
-        fruitless += without ? 1 : 0;
-        self->run = without ? NULL : &runs[i];
+        status = last_tick(self, &runs[i], &self->last, error);
+        if (self->last < own) {
+            fruitless++;
+        } else {
+            self->run = &runs[i];
+        }
     }
     if (status == TL_OK && self->run == NULL && fruitless == TL_PAST_FRUITLESS) {
         (void)tl_past_refuse(self->why, "%d runs in a row have got nowhere", TL_PAST_FRUITLESS);
@@ -107,17 +81,13 @@ static tl_status find_run(tl_past_history *self, tl_error *error) {
     return status;
 }
 
-/* What was in force when it ended. */
-static const char *hash_at_end(const tl_past_history *self) {
-    return self->taken_count != 0 ? self->taken[self->taken_count - 1].hash : self->run->configuration_hash;
-}
-
 static bool is_same(tl_past_history *self) {
     const tl_history_run *run = self->run;
+    const char *at_end = self->taken_count != 0 ? self->taken[self->taken_count - 1].hash : run->configuration_hash;
     if (run->fmus[0] == '\0' || run->boot[0] == '\0' || !run->has_start) {
         return tl_past_refuse(self->why, "run %" PRId64 " does not tell what it takes to go on with it", run->run);
     }
-    if (strcmp(hash_at_end(self), config_of(self)->hash) != 0) {
+    if (strcmp(at_end, self->settings.config->hash) != 0) {
         return tl_past_refuse(self->why, "the configuration is not that of run %" PRId64, run->run);
     }
     return strcmp(run->fmus, self->settings.fmus) == 0 ||
@@ -152,44 +122,34 @@ static bool find_gap(tl_past_history *self, tl_time now) {
     return find_gap_by_utc(self, &self->gap);
 }
 
-/* And t_start on our clock. */
-static bool find_time(tl_past_history *self) {
-    tl_time now = tl_clock_now(NULL);
-    if (!find_gap(self, now)) {
-        return tl_past_refuse(self->why, "run %" PRId64 " does not tell when it was", self->run->run);
-    }
-    if (!tl_past_is_recent(self->run->run, config_of(self), self->gap, self->why)) {
-        return false;
-    }
-    self->start = now - self->gap - tl_time_of_step(0, self->run->step, self->last);
-    return true;
-}
-
 /* Whether there is a run to go on with; if not, `why` may say why. */
 static tl_status find(tl_past_history *self, bool *found, tl_error *error) {
     tl_status status = find_run(self, error);
     const tl_history_run *run = self->run;
     *found = false;
+    if (status == TL_OK && run != NULL) {
+        status = tl_history_tunings(self->history, run, &self->taken, &self->taken_count, error);
+    }
     if (status != TL_OK || run == NULL) {
         return status;
     }
-    status = last_tick(self, run, &self->last, error);
-    if (status == TL_OK) {
-        status = tl_history_tunings(self->history, run, &self->taken, &self->taken_count, error);
-    }
-    bool goes_on = status == TL_OK && tl_past_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self);
     tl_time now = tl_clock_now(NULL);
-    if (status == TL_OK && !goes_on && find_gap(self, now) && self->gap >= 0) {
+    bool goes_on = tl_past_was_interrupted(run->run, run->ended_reason, self->why) && is_same(self);
+    bool is_known = find_gap(self, now);
+    if (!goes_on && is_known && self->gap >= 0) {
         self->ended = now - self->gap;
     }
-    *found = goes_on && find_time(self) &&
-             tl_past_is_under_way(run->run, config_of(self), self->last, self->gap, run->lead, self->why);
-    self->most =
-        tl_past_most_followed(*found ? tl_history_execution_cost(self->history, run) : 0, self->settings.components);
+    if (goes_on && !is_known) {
+        goes_on = tl_past_refuse(self->why, "run %" PRId64 " does not tell when it was", run->run);
+    }
+    *found =
+        goes_on && tl_past_is_under_way(run->run, self->settings.config, self->last, self->gap, run->lead, self->why);
+    if (*found) {
+        self->start = now - self->gap - tl_time_of_step(0, run->step, self->last);
+        self->most = tl_past_most_followed(tl_history_execution_cost(self->history, run), self->settings.components);
+    }
     return status;
 }
-
-/* ---- from where ---- */
 
 /* The ticks from `from` on, up to a hole. Looks at no more than it takes to see that there are more than can be followed. */
 static tl_status survey(tl_past_history *self, int64_t from, tl_error *error) {
@@ -205,7 +165,7 @@ static bool read_tuning(tl_past_history *self, const char *hash, int64_t tick, t
     *tuning = (tl_run_tuning){.tick = tick};
     (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", hash);
     return tl_history_text(self->history, hash, &text, &error) == TL_OK &&
-           tl_config_tuning_of(config_of(self), text, &tuning->values, &error) == TL_OK;
+           tl_config_tuning_of(self->settings.config, text, &tuning->values, &error) == TL_OK;
 }
 
 /* In force at `first`, and the newest that were taken up to `last`. */
@@ -246,6 +206,7 @@ static void take(tl_past_history *self, tl_resumed_from from, int64_t last, cons
         .shape = self->ticks.shape,
         .ticks = self->ticks.bytes,
     };
+    tl_past_identify(self->settings.config, self->found.signals);
 }
 
 /* Why nobody can load it; NULL: that may be tried. */
@@ -267,34 +228,20 @@ static const char *find_fault(const tl_history_checkpoint *checkpoint) {
 static tl_status try_checkpoint(tl_past_history *self, const tl_history_checkpoint *checkpoint, bool *found,
                                 tl_error *error) {
     tl_status status = survey(self, checkpoint->tick + 1, error);
-    int64_t last = tl_past_ticks_last(&self->ticks);
+    int64_t last = tl_past_ticks_last(&self->ticks, self->ticks.first);
     if (status != TL_OK || last < self->last || last - checkpoint->tick > self->most) {
         return status;
     }
     const char *fault = find_fault(checkpoint);
     if (fault != NULL) {
-        tell(self, TL_EVENT_WARNING, "the checkpoint of tick %" PRId64 " of run %" PRId64 " is of no use: %s",
-             checkpoint->tick, self->run->run, fault);
+        tl_past_say(self->settings.tell, self->settings.context, TL_EVENT_WARNING,
+                    "the checkpoint of tick %" PRId64 " of run %" PRId64 " is of no use: %s", checkpoint->tick,
+                    self->run->run, fault);
         return TL_OK;
     }
     take(self, TL_RESUMED_CHECKPOINT, last, checkpoint);
     *found = true;
     return TL_OK;
-}
-
-static tl_status next_checkpoint(tl_past_history *self, bool *found, tl_error *error) {
-    const tl_history_checkpoint *checkpoint = NULL;
-    tl_status status = TL_OK;
-    if (self->looked < CHECKPOINTS_MOST) {
-        status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
-    }
-    if (status != TL_OK || checkpoint == NULL) {
-        self->stage = AT_INPUTS;
-        return status;
-    }
-    self->looked++;
-    self->before = checkpoint->tick;
-    return try_checkpoint(self, checkpoint, found, error);
 }
 
 /* Without one: all of the run if there is time for it, else the newest of it. */
@@ -306,7 +253,7 @@ static tl_status find_inputs(tl_past_history *self, bool *found, tl_error *error
         bool long_ago = self->last - range[0] + 1 > self->most;
         status = survey(self, long_ago ? self->last - self->most + 1 : range[0], error);
     }
-    *found = status == TL_OK && any && tl_past_ticks_last(&self->ticks) == self->last;
+    *found = status == TL_OK && any && tl_past_ticks_last(&self->ticks, self->ticks.first) == self->last;
     if (*found) {
         take(self, self->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, self->last, NULL);
     } else if (status == TL_OK) {
@@ -326,7 +273,16 @@ static tl_status search(tl_past_history *self, bool *found, tl_error *error) {
         self->stage = any ? AT_CHECKPOINTS : OVER;
     }
     while (status == TL_OK && !*found && self->stage == AT_CHECKPOINTS) {
-        status = next_checkpoint(self, found, error);
+        const tl_history_checkpoint *checkpoint = NULL;
+        if (self->looked++ < CHECKPOINTS_MOST) {
+            status = tl_history_checkpoint_before(self->history, self->run, self->before, &checkpoint, error);
+        }
+        if (status == TL_OK && checkpoint != NULL) {
+            self->before = checkpoint->tick;
+            status = try_checkpoint(self, checkpoint, found, error);
+        } else {
+            self->stage = AT_INPUTS;
+        }
     }
     if (status == TL_OK && self->stage == AT_INPUTS) {
         self->stage = OVER;
@@ -342,18 +298,17 @@ bool tl_past_history_next(tl_past_history *history, size_t *size) {
     if (history == NULL) {
         return false;
     }
+    const tl_past_history_settings *settings = &history->settings;
     tl_status status = search(history, &found, &error);
     if (status != TL_OK) {
         history->stage = OVER;
-        tell_unreadable(history, &error);
+        tl_past_say(settings->tell, settings->context, TL_EVENT_WARNING, "begins anew: %.200s", error.text);
         return false;
     }
     if (found) {
-        const tl_past *past = &history->found;
-        *size = tl_past_image_bytes(&past->shape, (size_t)(past->last - past->first + 1), past->checkpoint_size,
-                                    past->tuning_count);
+        *size = tl_past_size(&history->found);
     } else if (history->why[0] != '\0') {
-        tell(history, TL_EVENT_INFO, "begins anew: %s", history->why);
+        tl_past_say(settings->tell, settings->context, TL_EVENT_INFO, "begins anew: %s", history->why);
         history->why[0] = '\0';
     }
     return found;
@@ -374,15 +329,15 @@ tl_past_history *tl_past_history_open(const tl_past_history_settings *settings) 
     }
     tl_past_history *opened = calloc(1, sizeof *opened);
     if (opened == NULL) {
-        settings->tell(settings->context, TL_EVENT_WARNING,
-                       "begins anew: not enough memory to look for an earlier run");
+        tl_past_say(settings->tell, settings->context, TL_EVENT_WARNING,
+                    "begins anew: not enough memory to look for an earlier run");
         return NULL;
     }
     opened->settings = *settings;
     opened->before = INT64_MAX;
     opened->ticks.shape = tl_recorder_shape_of(settings->config);
     if (tl_history_open(settings->path, &opened->history, &error) != TL_OK) {
-        tell_unreadable(opened, &error);
+        tl_past_say(settings->tell, settings->context, TL_EVENT_WARNING, "begins anew: %.200s", error.text);
         tl_past_history_close(opened);
         return NULL;
     }
@@ -395,4 +350,112 @@ void tl_past_history_close(tl_past_history *history) {
         tl_past_ticks_free(&history->ticks);
         free(history);
     }
+}
+
+/* ---- samples of the run that is under way ---- */
+
+/* What is being looked through. */
+typedef struct sample_search {
+    tl_history *history;
+    const char *boot;
+    const tl_history_run *run; /* whose ticks are taken */
+    tl_past_ticks found;
+} sample_search;
+
+static bool is_of_boot(const sample_search *self, const tl_history_run *run) {
+    return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, self->boot) == 0;
+}
+
+/* The run before it, of which it has t_start, and so the signals: neither a handover nor a resumption changes them. */
+static const tl_history_run *find_parent(const sample_search *self) {
+    const tl_history_run *run = self->run;
+    const tl_history_run *parent = NULL;
+    tl_error error;
+    bool is_there = run->resumption.from != TL_RESUMED_NOT && run->resumption.run > 0 &&
+                    tl_history_find(self->history, run->resumption.run, &parent, &error) == TL_OK;
+    return is_there && is_of_boot(self, parent) && parent->start == run->start && parent->step == run->step ? parent
+                                                                                                            : NULL;
+}
+
+/* 0 and -1 if there are none. */
+static tl_status range_of(const sample_search *self, int64_t range[2], tl_error *error) {
+    bool any = false;
+    range[0] = 0;
+    range[1] = -1;
+    return tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
+}
+
+/* From which tick on, and of which run. */
+static tl_status choose(sample_search *self, int64_t *from, tl_error *error) {
+    int64_t range[2];
+    tl_status status = range_of(self, range, error);
+    if (status == TL_OK && *from < 0) {
+        *from = range[1] + 1 - TL_PAST_SAMPLES_BEFORE / self->run->step;
+        *from = *from > 0 ? *from : 0;
+    }
+    const tl_history_run *parent = status == TL_OK && *from < range[0] ? find_parent(self) : NULL;
+    if (parent != NULL) {
+        self->run = parent;
+        status = range_of(self, range, error);
+    }
+    *from = *from > range[0] ? *from : range[0];
+    return status;
+}
+
+static size_t write_image(const sample_search *self, const tl_recorder_signal *signals, void *image) {
+    tl_past past = {
+        .from = TL_RESUMED_NOT,
+        .run = self->run->run,
+        .first = self->found.first,
+        .last = self->found.first + (int64_t)self->found.count - 1,
+        .step = self->run->step,
+        .start = self->run->start,
+        .shape = self->found.shape,
+        .ticks = self->found.bytes,
+    };
+    if (self->found.count == 0) {
+        return 0;
+    }
+    tl_past_identify_recorded(signals, past.shape.plant, past.signals);
+    tl_past_write(&past, image);
+    return tl_past_size(&past);
+}
+
+/* Of the newest run, if it is being written, as many as there is room for. */
+static tl_status fill(sample_search *self, int64_t from, void *image, size_t room, size_t *size, tl_error *error) {
+    const tl_history_run *runs = NULL;
+    const tl_recorder_signal *signals = NULL;
+    size_t count = 0;
+    tl_status status = tl_history_runs(self->history, &runs, &count, error);
+    if (status != TL_OK || count == 0 || runs[count - 1].ended != NULL || !is_of_boot(self, &runs[count - 1])) {
+        return status;
+    }
+    self->run = &runs[count - 1];
+    status = choose(self, &from, error);
+    if (status == TL_OK) {
+        status = tl_history_signals(self->history, self->run, TL_HISTORY_PLANT, &signals, &count, error);
+    }
+    const tl_recorder_shape shape = {.plant = count};
+    size_t head = tl_past_image_bytes(&shape, 0, 0, 0);
+    if (status == TL_OK && count <= TL_MAX_SIGNALS && room > head) {
+        self->found.shape = shape;
+        size_t most = (room - head) / tl_past_tick_bytes(&shape);
+        most = most < TL_PAST_TICKS ? most : TL_PAST_TICKS;
+        status = tl_past_ticks_read(&self->found, self->history, self->run, from, (int64_t)most, error);
+        *size = status == TL_OK ? write_image(self, signals, image) : 0;
+    }
+    return status;
+}
+
+tl_status tl_past_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room, size_t *size,
+                               tl_error *error) {
+    sample_search self = {.boot = boot};
+    *size = 0;
+    tl_status status = tl_history_open(path, &self.history, error);
+    if (status == TL_OK) {
+        status = fill(&self, from, image, room, size, error);
+    }
+    tl_history_close(self.history);
+    tl_past_ticks_free(&self.found);
+    return status;
 }

@@ -47,4 +47,17 @@ tl_time tl_past_history_ended(const tl_past_history *history);
 /* The image of the past that was found last. */
 void tl_past_history_write(const tl_past_history *history, void *image);
 
+/* ---- Recorded samples of the run that is under way, for a twin that begins beside it: a shadow has minutes behind it before it is compared.
+ *
+ * Run:     the newest one of this boot that is being written; of ticks before it begins, those of the run that it goes on with, which has the same t_start.
+ */
+
+/* From where the newest are given, if nobody says from which tick on. */
+#define TL_PAST_SAMPLES_BEFORE (60 * TL_SECOND)
+
+/* Into `image`, which has `room` bytes: samples from tick `from` on, up to a hole, for tl_past_read_samples(); below 0: from a minute before the newest on. `boot` is
+ * tl_identity_boot(). *size is 0 if there are none. Errors: those of history.h. */
+tl_status tl_past_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room, size_t *size,
+                               tl_error *error);
+
 #endif

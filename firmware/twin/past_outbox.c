@@ -10,7 +10,6 @@
 #include <string.h>
 
 #include "firmware/base/os.h"
-#include "firmware/twin/past.h"
 
 enum {
     CHECKPOINTS = 2,
@@ -40,7 +39,7 @@ typedef struct stretch {
 
 struct tl_past_outbox {
     const tl_outbox *outbox;
-    const tl_assembly *assembly;
+    const tl_config *config;
     tl_twin_facts facts;
     tl_past_tell *tell;
     void *context; /* of tell */
@@ -58,21 +57,16 @@ struct tl_past_outbox {
     char why[TL_PAST_WHY];
 };
 
-static const tl_config *config_of(const tl_past_outbox *self) {
-    return &self->assembly->config;
-}
-
 /* ---- one stretch ---- */
 
-static void begin_stretch(const tl_past_outbox *self, stretch *run, const tl_resumption *beginning,
-                          const tl_run_tuning *in_force) {
-    unsigned char *bytes = run->ticks.bytes; /* its memory is used again */
-    size_t capacity = run->ticks.capacity;
-    *run = (stretch){.is_there = true, .beginning = *beginning, .last = -1};
-    run->ticks = (tl_past_ticks){.shape = tl_recorder_shape_of(config_of(self)), .bytes = bytes, .capacity = capacity};
-    run->tunings[0] = *in_force;
-    run->tunings[0].tick = 0;
-    run->tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
+static void begin_stretch(tl_past_outbox *self, const tl_resumption *beginning, const tl_run_tuning *in_force) {
+    tl_past_ticks ticks = self->newest.ticks; /* its memory is used again */
+    ticks.shape = tl_recorder_shape_of(self->config);
+    tl_past_ticks_begin(&ticks, 0);
+    self->newest = (stretch){.is_there = true, .beginning = *beginning, .last = -1, .ticks = ticks};
+    self->newest.tunings[0] = *in_force;
+    self->newest.tunings[0].tick = 0;
+    self->newest.tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
 }
 
 /* One that was ended before it had a step of its own has nothing that the run before it has not. */
@@ -82,7 +76,7 @@ static bool got_anywhere(const stretch *run) {
 }
 
 static bool is_tick(const tl_past_outbox *self, int64_t tick) {
-    return tick >= 0 && tick <= TL_PAST_FAR / config_of(self)->step;
+    return tick >= 0 && tick <= TL_PAST_FAR / self->config->step;
 }
 
 static void take_sample(tl_past_outbox *self, const tl_sample *sample) {
@@ -97,30 +91,21 @@ static void take_sample(tl_past_outbox *self, const tl_sample *sample) {
         run->has_begun = true;
         tl_past_ticks_begin(&run->ticks, sample->tick);
     }
-    self->is_out_of_memory = !tl_past_ticks_add(&run->ticks, sample, NULL) || self->is_out_of_memory;
-}
-
-static bool are_finite(const double *values, size_t count) {
-    size_t i = 0;
-    while (i < count && isfinite(values[i])) {
-        i++;
-    }
-    return i == count;
+    self->is_out_of_memory = !tl_past_ticks_add(&run->ticks, sample) || self->is_out_of_memory;
 }
 
 static void take_step(tl_past_outbox *self, const tl_record *record) {
     stretch *run = &self->newest;
-    int64_t lead = (int64_t)self->facts.lead;
-    if (!run->is_there || !is_tick(self, record->step) || !is_tick(self, record->step + lead) ||
-        !are_finite(record->u, config_of(self)->adjust_count)) {
+    int64_t tick = is_tick(self, record->step) ? record->step + (int64_t)self->facts.lead : -1;
+    bool is_sound = run->is_there && is_tick(self, tick);
+    for (size_t i = 0; i < self->config->adjust_count; i++) {
+        is_sound = is_sound && isfinite(record->u[i]);
+    }
+    if (!is_sound) {
         return;
     }
-    int64_t tick = record->step + lead;
     run->last = tick > run->last ? tick : run->last;
-    tl_past_ticks_set_u(&run->ticks, tick, record->u);
-    if ((record->flags & TL_FLAG_RESET) != 0) {
-        tl_past_ticks_set_reset(&run->ticks, tick);
-    }
+    tl_past_ticks_set_step(&run->ticks, tick, record->u, (record->flags & TL_FLAG_RESET) != 0);
     if (record->used > 0 && record->used < TL_SECOND) {
         run->used += record->used;
         run->executions += record->executions;
@@ -163,7 +148,7 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
         choose(self);
-        begin_stretch(self, &self->newest, &entry->beginning, &entry->tuning);
+        begin_stretch(self, &entry->beginning, &entry->tuning);
         self->newest.holds = entry->holds;
         break;
     case TL_ENTRY_SAMPLE:
@@ -191,7 +176,7 @@ static bool begin_walk(tl_past_outbox *self, unsigned which, uint64_t *position)
     if (self->left.tick < -1 || !is_tick(self, self->left.tick + 1)) {
         return false;
     }
-    begin_stretch(self, &self->newest, &self->left.beginning, &self->left.tuning);
+    begin_stretch(self, &self->left.beginning, &self->left.tuning);
     self->newest.has_checkpoint = self->left.size != 0;
     self->newest.has_begun = self->left.size != 0;
     self->newest.last = self->left.tick;
@@ -222,19 +207,12 @@ static bool walk(tl_past_outbox *self, unsigned which, bool any_run) {
 
 /* ---- the rule ---- */
 
-/* How long ago its last tick was; less than none: its clock cannot be. */
-static tl_time gap_of(const tl_past_outbox *self, const stretch *run) {
-    tl_time start = run->beginning.start;
-    bool near = start >= -TL_PAST_FAR && start <= TL_PAST_FAR;
-    return near ? tl_clock_now(NULL) - tl_time_of_step(start, config_of(self)->step, run->last) : -1;
-}
-
 static bool may_go_on(tl_past_outbox *self, const stretch *run) {
-    const tl_config *config = config_of(self);
-    tl_time gap = gap_of(self, run);
+    tl_time start = run->beginning.start;
+    bool is_near = start >= -TL_PAST_FAR && start <= TL_PAST_FAR;
+    tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
     return tl_past_was_interrupted(TL_PAST_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
-           tl_past_is_recent(TL_PAST_UNNUMBERED, config, gap, self->why) &&
-           tl_past_is_under_way(TL_PAST_UNNUMBERED, config, run->last, gap, self->facts.lead, self->why);
+           tl_past_is_under_way(TL_PAST_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
 }
 
 static int64_t most_followed(const tl_past_outbox *self, const stretch *run) {
@@ -244,14 +222,14 @@ static int64_t most_followed(const tl_past_outbox *self, const stretch *run) {
 
 /* ---- from where ---- */
 
-static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64_t last) {
-    run->tuning_count = tl_past_choose_tunings(run->tunings, run->tuning_count, run->ticks.first, last);
+static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
+    run->tuning_count = tl_past_choose_tunings(run->tunings, run->tuning_count, first, last);
     self->found = (tl_past){
         .from = from,
         .run = TL_PAST_UNNUMBERED,
-        .first = run->ticks.first,
+        .first = first,
         .last = last,
-        .step = config_of(self)->step,
+        .step = self->config->step,
         .start = run->beginning.start,
         .started = run->beginning.started,
         .checkpoint = from == TL_RESUMED_CHECKPOINT ? self->left.bytes : NULL,
@@ -259,16 +237,17 @@ static void take(tl_past_outbox *self, stretch *run, tl_resumed_from from, int64
         .tunings = (const unsigned char *)run->tunings,
         .tuning_count = run->tuning_count,
         .shape = run->ticks.shape,
-        .ticks = run->ticks.bytes,
+        .ticks = run->ticks.bytes + (size_t)(first - run->ticks.first) * tl_past_tick_bytes(&run->ticks.shape),
     };
+    tl_past_identify(self->config, self->found.signals);
 }
 
 /* Of mode ahead it may lead one tick further. */
 static bool take_checkpoint(tl_past_outbox *self, stretch *run) {
-    int64_t last = tl_past_ticks_last(&run->ticks);
+    int64_t last = tl_past_ticks_last(&run->ticks, run->ticks.first);
     bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
     if (leads) {
-        take(self, run, TL_RESUMED_CHECKPOINT, last);
+        take(self, run, TL_RESUMED_CHECKPOINT, run->ticks.first, last);
     }
     return leads;
 }
@@ -278,13 +257,11 @@ static bool take_inputs(tl_past_outbox *self, stretch *run) {
     int64_t most = most_followed(self, run);
     bool is_there = run->last - run->ticks.first < (int64_t)run->ticks.count;
     bool long_ago = run->last - run->ticks.first + 1 > most;
-    if (is_there && long_ago) {
-        tl_past_ticks_cut(&run->ticks, run->last - most + 1);
-    }
-    if (!is_there || (run->has_hole && !long_ago) || tl_past_ticks_last(&run->ticks) != run->last) {
+    int64_t first = long_ago ? run->last - most + 1 : run->ticks.first;
+    if (!is_there || (run->has_hole && !long_ago) || tl_past_ticks_last(&run->ticks, first) != run->last) {
         return tl_past_refuse(self->why, "what the run before has recorded of its last ticks has a hole");
     }
-    take(self, run, run->ticks.first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, run->last);
+    take(self, run, first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, first, run->last);
     return true;
 }
 
@@ -325,17 +302,14 @@ static bool try_next(tl_past_outbox *self, const attempt *now, bool *over) {
 }
 
 static void tell_why(const tl_past_outbox *self, const char *why) {
-    char text[TL_PAST_TEXT];
-    (void)snprintf(text, sizeof text, "begins anew: %.200s", why);
-    self->tell(self->context, TL_EVENT_INFO, text);
+    tl_past_say(self->tell, self->context, TL_EVENT_INFO, "begins anew: %.200s", why);
 }
 
 /* The image of what was found, and read as any other. */
 static bool make_image(tl_past_outbox *self, tl_past *past) {
     const tl_past *found = &self->found;
     tl_error error = {TL_OK, ""};
-    size_t size = tl_past_image_bytes(&found->shape, (size_t)(found->last - found->first + 1), found->checkpoint_size,
-                                      found->tuning_count);
+    size_t size = tl_past_size(found);
     free(self->image);
     self->image = malloc(size);
     if (self->image == NULL) {
@@ -343,7 +317,7 @@ static bool make_image(tl_past_outbox *self, tl_past *past) {
         return false;
     }
     tl_past_write(found, self->image);
-    bool sound = tl_past_read(self->image, size, config_of(self), tl_clock_now(NULL), past, &error) == TL_OK;
+    bool sound = tl_past_read(self->image, size, self->config, tl_clock_now(NULL), past, &error) == TL_OK;
     if (!sound) {
         tell_why(self, error.text);
     }
@@ -352,18 +326,16 @@ static bool make_image(tl_past_outbox *self, tl_past *past) {
 
 bool tl_past_outbox_next(tl_past_outbox *left, tl_past *past) {
     bool found = false;
-    bool over = false;
-    while (left != NULL && !found && !over && left->attempt < ATTEMPTS) {
+    bool over = left == NULL;
+    while (!found && !over && left->attempt < ATTEMPTS) {
         found = try_next(left, &attempts[left->attempt++], &over);
     }
     if (found) {
         found = make_image(left, past);
-        over = !found;
     } else if (left != NULL && !left->has_told) {
-        over = true;
         tell_why(left, left->is_out_of_memory ? NO_MEMORY : left->why);
     }
-    if (over) {
+    if (!found && left != NULL) {
         left->has_told = true;
         left->attempt = ATTEMPTS;
     }
@@ -389,7 +361,7 @@ tl_past_outbox *tl_past_outbox_open(const tl_outbox *outbox, const tl_assembly *
         return NULL;
     }
     opened->outbox = outbox;
-    opened->assembly = assembly;
+    opened->config = &assembly->config;
     opened->facts = tl_twin_get_facts(assembly->twin);
     opened->tell = tell;
     opened->context = context;

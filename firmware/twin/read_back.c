@@ -7,25 +7,17 @@
 
 #include "master/twin/twin_read_back.h"
 
-enum { NAME = 128 };
-
 typedef enum read_stage { STAGE_LEFT_OUT, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE } read_stage;
 
 /* One component's in the block. */
 typedef struct read_answer {
     uint32_t stage;
-    uint32_t outcome; /* tl_read_back_outcome */
-    uint32_t after;
-    double first;
-    double again;
-    char variable[NAME];
-    char error[TL_ERROR_TEXT];
+    tl_read_back_component found; /* if it is done */
 } read_answer;
 
 /* At the block's beginning; what was told lies behind it. */
 typedef struct read_block {
-    uint64_t told;    /* bytes */
-    uint32_t is_cold; /* FMUs are not initialised before */
+    uint64_t told; /* bytes */
     read_answer of[TL_RECORDER_COMPONENTS];
 } read_block;
 
@@ -35,47 +27,7 @@ static unsigned char *bytes_of(read_block *block) {
     return (unsigned char *)block + sizeof *block;
 }
 
-static size_t components_of(const tl_assembly *assembly) {
-    return assembly->config.component_count;
-}
-
 /* ---- the process that reads ---- */
-
-static void keep_answer(read_answer *kept, const tl_read_back *read) {
-    kept->outcome = (uint32_t)read->outcome;
-    kept->after = read->after;
-    kept->first = read->first;
-    kept->again = read->again;
-    (void)snprintf(kept->variable, sizeof kept->variable, "%s", read->variable != NULL ? read->variable : "");
-    (void)snprintf(kept->error, sizeof kept->error, "%s",
-                   read->outcome == TL_READ_BACK_REFUSED ? read->error.text : "");
-}
-
-/* What is said lies there as soon as it is known: this process may end with the next call. */
-static void say(read_answer *kept, read_stage reached) {
-    __atomic_store_n(&kept->stage, (uint32_t)reached, __ATOMIC_RELEASE);
-}
-
-tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error) {
-    read_block *own = block;
-    tl_status status = own->is_cold != 0 ? TL_OK : tl_twin_begin_to_read(assembly->twin, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    for (size_t i = 0; i < components_of(assembly); i++) {
-        tl_read_back read;
-        if (own->of[i].stage != STAGE_WANTED || own->told > ROOM) {
-            continue;
-        }
-        say(&own->of[i], STAGE_BEGUN);
-        tl_twin_read_state(assembly->twin, bytes_of(own), (size_t)own->told, i, &read);
-        keep_answer(&own->of[i], &read);
-        say(&own->of[i], STAGE_DONE);
-    }
-    return TL_OK;
-}
-
-/* ---- the process that has told ---- */
 
 /* In which words it failed, without the component's name and what is only of use with a log. */
 static void quote(const char *error, const char *name, char *text, size_t size) {
@@ -85,47 +37,55 @@ static void quote(const char *error, const char *name, char *text, size_t size) 
     (void)snprintf(text, size, "%.*s", (int)strcspn(said, ";"), said);
 }
 
-static void write_difference(const char *variable, unsigned after, double first, double again, const char *whose,
-                             tl_read_back_component *found) {
-    (void)snprintf(found->text, sizeof found->text, "%.*s is %.9g in step %u after it, and %.9g %s", NAME - 1, variable,
-                   first, after, again, whose);
-}
-
-static void judge(const read_answer *given, const char *name, tl_read_back_component *found) {
+/* `is_here`: of the control, in the process that has told. */
+static void judge(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
     char words[TL_ERROR_TEXT];
-    read_answer copy = *given;
-    copy.variable[sizeof copy.variable - 1] = '\0';
-    copy.error[sizeof copy.error - 1] = '\0';
-    *found = (tl_read_back_component){.finding = TL_READ_BACK_IS_EXACT};
-    if (copy.outcome == TL_READ_BACK_DIFFERS) {
-        found->finding = TL_READ_BACK_IS_OTHER;
-        write_difference(copy.variable, copy.after, copy.first, copy.again, "in the other process", found);
-    } else if (copy.outcome != TL_READ_BACK_EXACT) {
-        found->finding = TL_READ_BACK_IS_REFUSED;
-        quote(copy.error, name, words, sizeof words);
-        (void)snprintf(found->text, sizeof found->text, "%s", words);
+    *found = (tl_read_back_component){.finding = is_here ? TL_READ_BACK_UNKNOWN : TL_READ_BACK_IS_EXACT};
+    if (read->outcome == TL_READ_BACK_DIFFERS) {
+        found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_OTHER;
+        (void)snprintf(found->text, sizeof found->text, "%.127s is %.9g in step %u after it, and %.9g %s",
+                       read->variable, read->first, read->after, read->again,
+                       is_here ? "if it is led back and steps again" : "in the other process");
+    } else if (read->outcome == TL_READ_BACK_REFUSED) {
+        found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_REFUSED;
+        quote(read->error.text, name, words, sizeof words);
+        (void)snprintf(found->text, sizeof found->text, "%s%.400s",
+                       is_here ? "led back, it fails in a step that it had done: " : "", words);
     }
 }
 
-static void judge_here(const tl_read_back *here, const char *name, tl_read_back_component *found) {
-    char words[TL_ERROR_TEXT];
-    *found = (tl_read_back_component){.finding = TL_READ_BACK_UNKNOWN};
-    if (here->outcome == TL_READ_BACK_DIFFERS) {
-        found->finding = TL_READ_BACK_NOR_HERE;
-        write_difference(here->variable, here->after, here->first, here->again, "if it is led back and steps again",
-                         found);
-    } else if (here->outcome == TL_READ_BACK_REFUSED) {
-        found->finding = TL_READ_BACK_NOR_HERE;
-        quote(here->error.text, name, words, sizeof words);
-        (void)snprintf(found->text, sizeof found->text, "led back, it fails in a step that it had done: %.400s", words);
-    }
+/* What is said lies there as soon as it is known: this process may end with the next call. */
+static void say(read_answer *kept, read_stage reached) {
+    __atomic_store_n(&kept->stage, (uint32_t)reached, __ATOMIC_RELEASE);
 }
+
+tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error) {
+    read_block *own = block;
+    tl_status status = tl_twin_begin_to_read(assembly->twin, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        tl_read_back read;
+        if (own->of[i].stage != STAGE_WANTED || own->told > ROOM) {
+            continue;
+        }
+        say(&own->of[i], STAGE_BEGUN);
+        tl_twin_read_state(assembly->twin, bytes_of(own), (size_t)own->told, i, &read);
+        judge(&read, assembly->config.components[i].name, false, &own->of[i].found);
+        say(&own->of[i], STAGE_DONE);
+    }
+    return TL_OK;
+}
+
+/* ---- the process that has told ---- */
 
 /* What came of one that was wanted, of a process that has ended; true: it is settled. */
-static bool settle(read_answer *given, const char *name, const tl_error *end, tl_read_back_component *found) {
+static bool settle(read_answer *given, const tl_error *end, tl_read_back_component *found) {
     const read_stage reached = (read_stage)given->stage;
     if (reached == STAGE_DONE) {
-        judge(given, name, found);
+        *found = given->found;
+        found->text[sizeof found->text - 1] = '\0';
     } else {
         found->finding = reached == STAGE_BEGUN ? TL_READ_BACK_ENDS : TL_READ_BACK_UNKNOWN;
         (void)snprintf(found->text, sizeof found->text, "%s", end->text);
@@ -137,42 +97,22 @@ static bool settle(read_answer *given, const char *name, const tl_error *end, tl
 }
 
 /* As many processes as it takes: each of them settles one at least, or is the last. */
-static void ask(const tl_read_back_host *host, const tl_assembly *assembly, bool is_cold,
-                tl_read_back_component *found) {
+static void ask(const tl_read_back_host *host, tl_read_back_report *report) {
     read_block *block = host->block;
     bool goes_on = true;
-    block->is_cold = is_cold ? 1 : 0;
     while (goes_on) {
         tl_error end = {.text = "it did not come so far"};
         bool is_left = false;
         goes_on = false;
         (void)host->ask(host->context, &end);
-        for (size_t i = 0; i < components_of(assembly); i++) {
+        for (size_t i = 0; i < report->count; i++) {
             if (block->of[i].stage != STAGE_LEFT_OUT) {
-                bool settled = settle(&block->of[i], assembly->config.components[i].name, &end, &found[i]);
+                bool settled = settle(&block->of[i], &end, &report->of[i]);
                 goes_on = goes_on || settled;
                 is_left = is_left || !settled;
             }
         }
         goes_on = goes_on && is_left;
-    }
-}
-
-/* Those that have been read exactly by one that was initialised before. */
-static void ask_cold(const tl_read_back_host *host, const tl_assembly *assembly, tl_read_back_report *report) {
-    read_block *block = host->block;
-    tl_read_back_component cold[TL_RECORDER_COMPONENTS] = {{.finding = TL_READ_BACK_UNKNOWN}};
-    bool any = false;
-    for (size_t i = 0; i < report->count; i++) {
-        block->of[i].stage = report->of[i].finding == TL_READ_BACK_IS_EXACT ? STAGE_WANTED : STAGE_LEFT_OUT;
-        any = any || block->of[i].stage == STAGE_WANTED;
-    }
-    if (any) {
-        ask(host, assembly, true, cold);
-    }
-    for (size_t i = 0; i < report->count; i++) {
-        report->of[i].must_initialise =
-            cold[i].finding != TL_READ_BACK_UNKNOWN && cold[i].finding != TL_READ_BACK_IS_EXACT;
     }
 }
 
@@ -187,7 +127,7 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
     for (size_t i = 0; i < report->count; i++) {
         tl_read_back_component *found = &report->of[i];
         if (is_told) {
-            judge_here(&here[i], assembly->config.components[i].name, found);
+            judge(&here[i], assembly->config.components[i].name, true, found);
         } else {
             quote(error.text, "", found->text, sizeof found->text);
         }
@@ -196,18 +136,14 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
     return is_told;
 }
 
-void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, bool also_cold,
-                       tl_read_back_report *report) {
-    *report = (tl_read_back_report){.count = components_of(assembly)};
+void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report) {
+    *report = (tl_read_back_report){.count = assembly->config.component_count};
     if (host == NULL || !tl_twin_can_save(assembly->twin)) {
         return;
     }
     report->is_tried = true;
     if (tell(assembly, host->block, report)) {
-        ask(host, assembly, false, report->of);
-    }
-    if (also_cold) {
-        ask_cold(host, assembly, report);
+        ask(host, report);
     }
     report->is_exact = true;
     for (size_t i = 0; i < report->count; i++) {

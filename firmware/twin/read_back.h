@@ -32,7 +32,6 @@ typedef enum tl_read_back_finding {
 /* Of one component. */
 typedef struct tl_read_back_component {
     tl_read_back_finding finding;
-    bool must_initialise; /* IS_EXACT: but not in an instance that was not initialised before */
     char
         text[TL_READ_BACK_TEXT]; /* which, or why: a sentence about it, without its name; "": there is nothing to say */
 } tl_read_back_component;
@@ -51,10 +50,8 @@ typedef struct tl_read_back_host {
     void *block; /* of TL_READ_BACK_BYTES */
 } tl_read_back_host;
 
-/* Of a twin that has begun, between two ticks, and is where it was afterwards; `host` may be NULL: nobody is asked. `also_cold`: and whether they have to be
- * initialised before. */
-void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, bool also_cold,
-                       tl_read_back_report *report);
+/* Of a twin that has begun, between two ticks, and is where it was afterwards; `host` may be NULL: nobody is asked. */
+void tl_read_back_take(const tl_assembly *assembly, const tl_read_back_host *host, tl_read_back_report *report);
 
 /* Another process cannot go on with such a state. */
 bool tl_read_back_is_useless(tl_read_back_finding finding);

@@ -13,7 +13,81 @@
 #include "firmware/report/html_report.h"
 #include "firmware/twin/twin_recorder.h"
 
-static void tl_replay_report_add(tl_replay_report *report, const tl_record *record);
+/* ---- replay report ---- */
+
+struct tl_replay_report {
+    const tl_account *account;
+    tl_new_file file;
+    tl_html_report *report;
+    char begun[TL_UTC_TEXT];
+    tl_recorder_signal match[TL_MAX_MATCH];
+    tl_recorder_signal adjust[TL_MAX_ADJUST];
+    double tolerance[TL_MAX_MATCH];
+};
+
+static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_replay_report *report = context;
+    const tl_history_event event = {"", tick >= 0, tick, tl_severity_name(severity), source, text};
+    tl_html_report_add_event(report->report, &event);
+}
+
+tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
+                                const char *recording, tl_journal *journal, tl_replay_report **report,
+                                tl_error *error) {
+    tl_replay_report *made = calloc(1, sizeof *made);
+    if (made == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
+    }
+    made->account = account;
+    tl_twin_recorder_signals(config, account, made->match, made->adjust);
+    for (size_t i = 0; i < config->match_count; i++) {
+        made->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
+    }
+    tl_utc_text(tl_utc_now(), made->begun);
+    const tl_html_settings settings = {
+        .name = config->name,
+        .source = recording,
+        .begun = made->begun,
+        .version = TL_VERSION,
+        .solver = account->algorithm,
+        .fallback = account->fallback,
+        .measurements = tl_measurements_name(config->measurements),
+        .step = config->step,
+        .prediction = account->prediction,
+        .match = made->match,
+        .adjust = made->adjust,
+        .match_count = config->match_count,
+        .adjust_count = config->adjust_count,
+        .tolerance = made->tolerance,
+    };
+    tl_status status = tl_html_report_create(&settings, &made->report, error);
+    if (status == TL_OK) {
+        status = tl_new_file_open(path, &made->file, error);
+    }
+    if (status != TL_OK) {
+        tl_replay_report_close(made);
+        return status;
+    }
+    tl_journal_listen(journal, hear, made);
+    *report = made;
+    return TL_OK;
+}
+
+tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
+                                tl_error *error) {
+    tl_run_figures figures = summary->figures;
+    tl_run_figures_take_account(&figures, report->account);
+    tl_html_report_write(report->report, &figures, ended, report->file.file);
+    return tl_new_file_keep(&report->file, error);
+}
+
+void tl_replay_report_close(tl_replay_report *report) {
+    if (report != NULL) {
+        tl_new_file_discard(&report->file);
+        tl_html_report_destroy(report->report);
+        free(report);
+    }
+}
 
 /* ---- replay ---- */
 
@@ -22,15 +96,11 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
     const tl_lock_change *change = tl_lock_judge_step(replay->judge, record);
-    if (replay->watch != NULL) {
-        tl_watch_record(replay->watch, tick, record);
-    }
-    if (replay->watch != NULL && change != NULL) {
+    tl_watch_record(replay->watch, tick, record);
+    if (change != NULL) {
         tl_watch_lock(replay->watch, tick, change);
     }
-    if (replay->watch != NULL) {
-        tl_watch_bounds(replay->watch, tick, replay->judge);
-    }
+    tl_watch_bounds(replay->watch, tick, replay->judge);
     if (replay->recorder != NULL) {
         tl_recorder_put_step(replay->recorder, record, result->besides.counts);
     }
@@ -38,7 +108,7 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
         tl_trajectory_add(replay->trajectory, config, record);
     }
     if (replay->report != NULL) {
-        tl_replay_report_add(replay->report, record);
+        tl_html_report_add_record(replay->report->report, record);
     }
 }
 
@@ -59,9 +129,7 @@ static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings 
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
         tl_config_retune(replay->config, &tuning.values);
         tl_lock_judge_retune(replay->judge, &tuning.values);
-        if (replay->watch != NULL) {
-            tl_watch_retune(replay->watch, tick, tuning.hash);
-        }
+        tl_watch_retune(replay->watch, tick, tuning.hash);
         if (replay->recorder != NULL) {
             tl_recorder_put_tuning(replay->recorder, &tuning);
         }
@@ -74,15 +142,13 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     const tl_sample *sample = &tick->sample;
     if (tick->made_up) {
         ++*missed;
-    } else if (replay->watch != NULL) {
+    } else {
         tl_time instant = tl_time_of_step(0, replay->config->step, sample->tick);
         tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
         *missed = 0;
     }
-    if (!tick->followed) {
+    if (!tick->followed) { /* that was told by the run that it is of */
         tl_lock_judge_sample(replay->judge, sample);
-    }
-    if (replay->watch != NULL && !tick->followed) { /* that was told by the run that it is of */
         tl_watch_sample(replay->watch, sample);
     }
     if (replay->recorder != NULL) {
@@ -90,25 +156,21 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     }
 }
 
-/* A tick that only completes the record before it is a sample of its own only if it did. */
-static void keep_last(const tl_replay *replay, const tl_twin_fed *fed, tl_summary *summary) {
-    if (fed->result->ready == 0) {
-        return;
-    }
-    if (replay->recorder != NULL) {
-        tl_recorder_put_sample(replay->recorder, &fed->tick->sample);
-    }
-    keep(replay, fed->tick->sample.tick, fed->result, summary);
-}
-
-static void keep_step(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
+/* A last tick only completes the record before it: it is a sample of its own only if it did. */
+static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
                       tl_summary *summary) {
-    take_tunings(replay, fed->tick->sample.tick, tunings);
-    take_sample(replay, fed->tick, missed);
-    tl_summary_sample(summary, replay->config, &fed->tick->sample);
-    if (fed->result->ready != 0) {
-        keep(replay, fed->tick->sample.tick, fed->result, summary);
-        summary->figures.skipped += fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+    const tl_sample *sample = &fed->tick->sample;
+    bool ready = fed->result->ready != 0;
+    if (!fed->last) {
+        take_tunings(replay, sample->tick, tunings);
+        take_sample(replay, fed->tick, missed);
+        tl_summary_sample(summary, replay->config, sample);
+        summary->figures.skipped += ready && fed->result->record.outcome == TL_MADE_UP ? 1 : 0;
+    } else if (ready && replay->recorder != NULL) {
+        tl_recorder_put_sample(replay->recorder, sample);
+    }
+    if (ready) {
+        keep(replay, sample->tick, fed->result, summary);
     }
 }
 
@@ -135,23 +197,13 @@ static tl_status run(const tl_replay *replay, tl_progress *progress, tl_summary 
         if (end || fed.result == NULL) {
             return status == TL_OK ? look_for_interruption(replay, summary, error) : status;
         }
-        if (fed.last) {
-            keep_last(replay, &fed, summary);
-        } else {
-            keep_step(replay, &fed, &missed, &tunings, summary);
-        }
+        keep_tick(replay, &fed, &missed, &tunings, summary);
         if (status != TL_OK) {
             return status;
         }
         (void)look_for_interruption(replay, summary, error);
         tl_progress_update(progress, fed.tick->sample.tick);
     }
-}
-
-/* Ticks that a record needs beyond that of its step: in mode ahead its measurement comes one later. */
-static unsigned ticks_needed(const tl_replay *replay) {
-    unsigned lead = (unsigned)replay->account->lead;
-    return replay->config->measurements == TL_AHEAD ? lead + 1 : lead;
 }
 
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error) {
@@ -171,11 +223,13 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
     tl_status status = run(replay, &progress, summary, error);
     tl_progress_end(&progress);
     if (status == TL_OK && summary->figures.steps + summary->figures.skipped == 0) {
+        /* In mode ahead the measurement of a step comes one tick later. */
+        unsigned needed = (unsigned)replay->account->lead + (replay->config->measurements == TL_AHEAD ? 1 : 0);
         status =
             tl_fail(error, TL_BAD_DATA,
                     "the recording ends before the first step: it has %lld ticks of %g s, and a step needs %u more "
                     "than its first",
-                    (long long)ticks, tl_seconds(replay->config->step), ticks_needed(replay));
+                    (long long)ticks, tl_seconds(replay->config->step), needed);
     }
     tl_lock_judge_get(replay->judge, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
@@ -201,95 +255,4 @@ tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning 
                        beginning->checkpoint->format, text);
     }
     return TL_OK;
-}
-
-/* ---- replay report ---- */
-
-struct tl_replay_report {
-    const tl_config *config;
-    const tl_account *account;
-    tl_new_file file;
-    tl_html_report *report;
-    char recording[PATH_MAX];
-    char begun[TL_UTC_TEXT];
-    tl_recorder_signal match[TL_MAX_MATCH];
-    tl_recorder_signal adjust[TL_MAX_ADJUST];
-    double tolerance[TL_MAX_MATCH];
-};
-
-static tl_status create(tl_replay_report *report, tl_error *error) {
-    const tl_config *config = report->config;
-    tl_twin_recorder_signals(config, report->account, report->match, report->adjust);
-    for (size_t i = 0; i < config->match_count; i++) {
-        report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
-    }
-    tl_utc_text(tl_utc_now(), report->begun);
-    const tl_html_settings settings = {
-        .name = config->name,
-        .source = report->recording,
-        .begun = report->begun,
-        .version = TL_VERSION,
-        .solver = report->account->algorithm,
-        .fallback = report->account->fallback,
-        .measurements = tl_measurements_name(config->measurements),
-        .step = config->step,
-        .prediction = report->account->prediction,
-        .match = report->match,
-        .adjust = report->adjust,
-        .match_count = config->match_count,
-        .adjust_count = config->adjust_count,
-        .tolerance = report->tolerance,
-    };
-    return tl_html_report_create(&settings, &report->report, error);
-}
-
-tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
-                                const char *recording, tl_replay_report **report, tl_error *error) {
-    tl_replay_report *made = calloc(1, sizeof *made);
-    if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
-    }
-    made->config = config;
-    made->account = account;
-    (void)snprintf(made->recording, sizeof made->recording, "%s", recording);
-    tl_status status = create(made, error);
-    if (status == TL_OK) {
-        status = tl_new_file_open(path, &made->file, error);
-    }
-    if (status != TL_OK) {
-        tl_replay_report_close(made);
-        return status;
-    }
-    *report = made;
-    return TL_OK;
-}
-
-static void tl_replay_report_add(tl_replay_report *report, const tl_record *record) {
-    tl_html_report_add_record(report->report, record);
-}
-
-static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_replay_report *report = context;
-    const tl_history_event event = {"", tick >= 0, tick, tl_severity_name(severity), source, text};
-    tl_html_report_add_event(report->report, &event);
-}
-
-void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal) {
-    tl_journal_listen(journal, hear, report);
-}
-
-tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
-                                tl_error *error) {
-    tl_run_figures figures = summary->figures;
-    tl_run_figures_take_account(&figures, report->account);
-    tl_html_report_write(report->report, &figures, ended, report->file.file);
-    return tl_new_file_keep(&report->file, error);
-}
-
-void tl_replay_report_close(tl_replay_report *report) {
-    if (report != NULL) {
-        tl_new_file_discard(&report->file);
-        tl_html_report_destroy(report->report);
-        free(report);
-    }
 }

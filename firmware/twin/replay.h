@@ -26,13 +26,10 @@
 
 typedef struct tl_replay_report tl_replay_report;
 
-/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration and account
- * must outlive the report; `recording` is copied. */
+/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration, account and
+ * the name of the recording must outlive the report, and it what the journal is told, of which each event is one of the report. */
 tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
-                                const char *recording, tl_replay_report **report, tl_error *error);
-
-/* From now on, what the journal is told is an event of the report. The report must outlive what is told. */
-void tl_replay_report_listen(tl_replay_report *report, tl_journal *journal);
+                                const char *recording, tl_journal *journal, tl_replay_report **report, tl_error *error);
 
 /* Writes the page, with the account as it stands now, and gives it its name. `ended`: why, in words. */
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
@@ -53,7 +50,7 @@ typedef struct tl_replay {
     tl_recording *recording;
     tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
     tl_recorder *recorder; /* NULL: none */
-    tl_watch *watch;       /* tells events as a live run's does; NULL: none */
+    tl_watch *watch;       /* tells events as a live run's does */
     tl_lock_judge *judge;
     FILE *trajectory;         /* NULL: none */
     tl_replay_report *report; /* NULL: none */

@@ -21,36 +21,26 @@ void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal
 
 /* ---- rejected readings ---- */
 
-static void tell_more_rejected(const tl_watch *watch, int64_t tick, size_t signal) {
-    const tl_watch_rejected *rejected = &watch->rejected[signal];
-    const tl_config_signal *of = &watch->config->signals[watch->config->signals[signal].of];
-    if (rejected->count > TL_WATCH_REJECTED) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
-                         "plant.%s: %llu more readings were rejected within a minute, the furthest one %.6g",
-                         of->plan.name, (unsigned long long)(rejected->count - TL_WATCH_REJECTED), rejected->furthest);
-    }
-}
-
 static void tell_rejected(tl_watch *watch, int64_t tick, size_t signal, double value) {
     tl_watch_rejected *rejected = &watch->rejected[signal];
     const tl_config_signal *own = &watch->config->signals[signal];
-    const tl_config_signal *of = &watch->config->signals[own->of];
-    double distance = fabs(value - rejected->accepted);
-    if (rejected->count == 0 || (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step) {
-        tell_more_rejected(watch, tick, signal);
+    const char *name = watch->config->signals[own->of].plan.name;
+    bool is_later = rejected->count != 0 && (tick - rejected->since) > TL_WATCH_MINUTE / watch->config->step;
+    if (is_later && rejected->count > TL_WATCH_REJECTED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "plant",
+                         "plant.%s: %llu more readings were rejected within a minute", name,
+                         (unsigned long long)(rejected->count - TL_WATCH_REJECTED));
+    }
+    if (is_later || rejected->count == 0) {
         rejected->count = 0;
         rejected->since = tick;
-        rejected->distance = 0.0;
     }
     if (++rejected->count <= TL_WATCH_REJECTED) {
         tl_journal_event(
             watch->journal, tick, TL_EVENT_WARNING, "plant",
             "plant.%s: a reading of %.6g is rejected: it is %.6g from the last accepted one, more than its "
             "gate of %.6g",
-            of->plan.name, value, distance, watch->config->signals[own->shows].condition.gate);
-    } else if (distance > rejected->distance) {
-        rejected->distance = distance;
-        rejected->furthest = value;
+            name, value, fabs(value - rejected->accepted), watch->config->signals[own->shows].condition.gate);
     }
 }
 
@@ -148,12 +138,9 @@ static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *recor
         return;
     }
     watch->free_run = free_run;
-    if (free_run) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "no matched signal is good: the twin runs free on the last good values");
-    } else {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "matched signals are good: synchronising again");
-    }
+    tl_journal_event(watch->journal, tick, free_run ? TL_EVENT_WARNING : TL_EVENT_INFO, "twin",
+                     free_run ? "no matched signal is good: the twin runs free on the last good values"
+                              : "matched signals are good: synchronising again");
 }
 
 /* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
@@ -187,53 +174,34 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
     return ENDED;
 }
 
-static void watch_variable(tl_watch *watch, int64_t tick, const tl_record *record, size_t index) {
-    tl_watch_trouble *held = &watch->held[index];
-    const char *name = watch->config->adjust[index].variable;
-    switch (follow(watch, held, record, (record->held >> index & 1U) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "%s: the matched outputs do not react to it; held at nominal", name);
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "%s: the matched outputs react to it again; steps held: %llu", name,
-                         (unsigned long long)held->count);
-        break;
-    case NOTHING_NEW:
-        break;
-    }
-}
+/* What is told around a name when a trouble begins, and, with how often it was there, when it is over. */
+typedef struct trouble_words {
+    const char *begun[2];
+    const char *over[2];
+} trouble_words;
 
-static void watch_fallback(tl_watch *watch, int64_t tick, const tl_record *record) {
-    const char *name = watch->config->fallback;
-    switch (follow(watch, &watch->fallback, record, (record->flags & TL_FLAG_FALLBACK) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "the solver finds no more; the second one, %s, takes over", name);
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "the solver does without the second one, %s, again; searches it took over: %llu", name,
-                         (unsigned long long)watch->fallback.count);
-        break;
-    case NOTHING_NEW:
-        break;
-    }
-}
+static const trouble_words HELD = {
+    {"", ": the matched outputs do not react to it; held at nominal"},
+    {"", ": the matched outputs react to it again; steps held"},
+};
+static const trouble_words FALLBACK = {
+    {"the solver finds no more; the second one, ", ", takes over"},
+    {"the solver does without the second one, ", ", again; searches it took over"},
+};
+static const trouble_words STAGNATION = {
+    {"a search made no progress and was ended", ""},
+    {"searches make progress again; ended before", ""},
+};
 
-static void watch_stagnation(tl_watch *watch, int64_t tick, const tl_record *record) {
-    switch (follow(watch, &watch->stagnation, record, (record->flags & TL_FLAG_STAGNATED) != 0)) {
-    case BEGUN:
-        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "a search made no progress and was ended");
-        break;
-    case ENDED:
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "searches make progress again; ended before: %llu",
-                         (unsigned long long)watch->stagnation.count);
-        break;
-    case NOTHING_NEW:
-        break;
+static void watch_trouble(const tl_watch *watch, int64_t tick, const tl_record *record, tl_watch_trouble *trouble,
+                          bool has, const char *name, const trouble_words *words) {
+    const turn now = follow(watch, trouble, record, has);
+    if (now == BEGUN) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "%s%s%s", words->begun[0], name,
+                         words->begun[1]);
+    } else if (now == ENDED) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin", "%s%s%s: %llu", words->over[0], name,
+                         words->over[1], (unsigned long long)trouble->count);
     }
 }
 
@@ -274,14 +242,6 @@ static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *recor
     }
 }
 
-static void tell_searched_again(tl_watch *watch, int64_t tick) {
-    if (watch->abandoned > 1) {
-        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
-    }
-    watch->abandoned = 0;
-}
-
 /* Event horizon: what became of a stroke. */
 static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
@@ -293,8 +253,12 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     if (abandoned) {
         tell_abandoned(watch, tick, record);
     }
+    if (ended && watch->abandoned > 1) {
+        tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
+                         "stroke: searched again; strokes that were not: %llu", (unsigned long long)watch->abandoned);
+    }
     if (ended) {
-        tell_searched_again(watch, tick);
+        watch->abandoned = 0;
         tell_stroke(watch, tick, record);
     }
     if (ended || abandoned || (record->flags & TL_FLAG_RESET) != 0) {
@@ -303,31 +267,27 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     }
 }
 
-static double milliseconds(tl_time time) {
-    return tl_seconds(time) * 1e3;
-}
-
 /* What was measured for the first time, what has moved by more than a step, what is not sure any more. */
 static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
     tl_time input =
         watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
     tl_time delay = record->delay + input;
     tl_time moved = delay > watch->delay ? delay - watch->delay : watch->delay - delay;
-    tl_delay_state before = watch->delay_state;
-    if (record->delay_state == TL_DELAY_LOST && before != TL_DELAY_LOST) {
+    const double now_ms = tl_seconds(delay) * 1e3;
+    bool is_known = record->delay_state == TL_DELAY_KNOWN;
+    if (record->delay_state == TL_DELAY_LOST && watch->delay_state != TL_DELAY_LOST) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use",
-                         milliseconds(delay));
-    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_UNKNOWN) {
+                         "delay: what is measured is not sure any more; \316\224o = %.3f ms stays in use", now_ms);
+    } else if (is_known && watch->delay_state == TL_DELAY_UNKNOWN) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "delay: \316\224o = %.3f ms measured, and used from now on", milliseconds(delay));
-    } else if (record->delay_state == TL_DELAY_KNOWN && moved > watch->config->step) {
+                         "delay: \316\224o = %.3f ms measured, and used from now on", now_ms);
+    } else if (is_known && moved > watch->config->step) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
-                         "delay: \316\224o has drifted from %.3f ms to %.3f ms", milliseconds(watch->delay),
-                         milliseconds(delay));
-    } else if (record->delay_state == TL_DELAY_KNOWN && before == TL_DELAY_LOST) {
+                         "delay: \316\224o has drifted from %.3f ms to %.3f ms", tl_seconds(watch->delay) * 1e3,
+                         now_ms);
+    } else if (is_known && watch->delay_state == TL_DELAY_LOST) {
         tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                         "delay: \316\224o = %.3f ms is measured surely again", milliseconds(delay));
+                         "delay: \316\224o = %.3f ms is measured surely again", now_ms);
     } else {
         return;
     }
@@ -335,17 +295,14 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->delay = delay;
 }
 
-static void watch_reset(const tl_watch *watch, int64_t tick, const tl_record *record) {
+/* That the FMUs began anew, or that one does not come back. What was found then is an event of its own, which has no tick: a replay may find it at another one. */
+static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
+    bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "lock",
                          "begun anew: the FMUs have their start values before step %lld, and u is nominal",
                          (long long)record->step);
     }
-}
-
-/* What was found is an event of its own, which has no tick: a replay may find it at another one. */
-static void watch_difference(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
     if (differed && !watch->differed) {
         tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin", "an FMU does not come back to where it was");
     }
@@ -361,15 +318,16 @@ void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
         watch_stroke(watch, tick, record);
         return;
     }
-    watch_reset(watch, tick, record);
-    watch_difference(watch, tick, record);
+    watch_fmus(watch, tick, record);
     watch_free_run(watch, tick, record);
     watch_rest(watch, tick, record);
     for (size_t i = 0; i < watch->config->adjust_count; i++) {
-        watch_variable(watch, tick, record, i);
+        watch_trouble(watch, tick, record, &watch->held[i], (record->held >> i & 1U) != 0,
+                      watch->config->adjust[i].variable, &HELD);
     }
-    watch_fallback(watch, tick, record);
-    watch_stagnation(watch, tick, record);
+    watch_trouble(watch, tick, record, &watch->fallback, (record->flags & TL_FLAG_FALLBACK) != 0,
+                  watch->config->fallback != NULL ? watch->config->fallback : "", &FALLBACK);
+    watch_trouble(watch, tick, record, &watch->stagnation, (record->flags & TL_FLAG_STAGNATED) != 0, "", &STAGNATION);
     watch_delay(watch, tick, record);
 }
 
@@ -405,10 +363,7 @@ void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash) {
 
 void tl_watch_skipped(tl_watch *watch, int64_t tick, uint64_t count, tl_time now) {
     watch->skipped += count;
-    if (watch->skipped == 0) {
-        return;
-    }
-    if (watch->skipped_since != TL_TIME_NEVER && now - watch->skipped_since < TL_SECOND) {
+    if (watch->skipped == 0 || (watch->skipped_since != TL_TIME_NEVER && now - watch->skipped_since < TL_SECOND)) {
         return;
     }
     watch->skipped_since = now;

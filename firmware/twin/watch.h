@@ -39,8 +39,6 @@ typedef struct tl_watch_rejected {
     double accepted; /* the last one that was; NaN: none was yet */
     int64_t since;   /* the minute's first tick */
     uint64_t count;  /* in it */
-    double furthest; /* of those that were not told: value and */
-    double distance; /* distance from the last accepted one */
 } tl_watch_rejected;
 
 typedef struct tl_watch {

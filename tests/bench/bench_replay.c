@@ -14,11 +14,15 @@
 static int run(tl_assembly *assembly, const char *recording) {
     static tl_account account;
     static tl_lock_judge judge;
-    tl_replay replay = {.config = &assembly->config, .account = &account, .judge = &judge};
+    static tl_journal journal;
+    static tl_watch watch;
+    tl_replay replay = {.config = &assembly->config, .account = &account, .watch = &watch, .judge = &judge};
     tl_summary summary;
     tl_error error;
     tl_account_take(assembly->twin, &account);
     tl_lock_judge_init(&judge, &assembly->config, &account);
+    tl_journal_init(&journal, NULL);
+    tl_watch_init(&watch, &assembly->config, &journal);
     tl_status status = tl_recording_open(recording, &assembly->config, &replay.recording, &error);
     if (status == TL_OK) {
         const tl_twin_feed_settings settings = {.config = &assembly->config,

@@ -9,7 +9,7 @@
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
-enum { RIGHT_BEGINNING = 1, RIGHT_TIME = 2 };
+enum { RIGHT_BEGINNING = 1, RIGHT_TIME = 2, RIGHT_SIGNALS = 4 };
 
 static const tl_time NOW = 5000 * TL_SECOND;
 
@@ -21,10 +21,10 @@ static const char configuration[] =
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
 /* Where the words of its head are. */
-enum { SIZE = 8, LAST = 32, STEP = 40, START = 48 };
+enum { SIZE = 8, LAST = 32, STEP = 40, START = 48, SIGNALS = 104, HEAD = 176 };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
-    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '4'};
+    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '5'};
     const uint64_t bytes = size;
     int64_t last = 0;
     int64_t step = 0;
@@ -37,6 +37,9 @@ static void put_right(unsigned what, unsigned char *image, size_t size) {
         memcpy(&step, image + STEP, sizeof step);
         int64_t start = (int64_t)((uint64_t)NOW - (uint64_t)last * (uint64_t)step);
         memcpy(image + START, &start, sizeof start);
+    }
+    if ((what & RIGHT_SIGNALS) != 0 && size >= HEAD) {
+        tl_past_identify(tl_fuzz_config(configuration), (char *)image + SIGNALS);
     }
 }
 
@@ -102,6 +105,12 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     put_right(data[0], image, size);
     tl_status status = tl_past_read(image, size, tl_fuzz_config(configuration), NOW, &past, &error);
     tl_fuzz_hold(status == TL_OK || (status == TL_BAD_DATA && error.text[0] != '\0'));
+    int64_t start = 0;
+    memcpy(&start, image + (size >= HEAD ? START : 0), size >= HEAD ? sizeof start : 0);
+    if (status != TL_OK) {
+        status = tl_past_read_samples(image, size, tl_fuzz_config(configuration), start, &past, &error);
+        tl_fuzz_hold(status == TL_BAD_DATA || past.from == TL_RESUMED_NOT);
+    }
     if (status == TL_OK) {
         check(&past);
         write_again(&past, image, size);

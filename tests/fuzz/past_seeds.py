@@ -1,18 +1,19 @@
 #!/usr/bin/env python3
-"""Makes the seeds of fuzz_past: an image with a checkpoint, one of inputs, and one from the start. The build runs it:
+"""Makes the seeds of fuzz_past: an image with a checkpoint, one of inputs, one from the start, and samples. The build runs it:
 tests/fuzz/past_seeds.py FOLDER"""
 import struct
 import sys
 from pathlib import Path
 
 STEP, NOW = 10_000_000, 5_000_000_000_000
-RIGHT = b"\3"  # magic, size and start are put right by the harness
+RIGHT = b"\7"  # magic, size, start and signals are put right by the harness
 NO_STEP, STEPPED, BEGAN_ANEW = 0, 1, 2
 
 
-def tick(number, step):
+def tick(number, step, adjusts):
     stamps = (-2**63 if number == 0 else number * STEP - 1234, number * STEP)
-    return struct.pack("=B2d2q2Bd", step, 0.1 * number, 60.0 - number, *stamps, number % 2, 0, 0.0 if step == NO_STEP else 0.003)
+    u = (0.0 if step == NO_STEP else 0.003,) * adjusts
+    return struct.pack(f"=B2d2q2B{adjusts}d", step, 0.1 * number, 60.0 - number, *stamps, number % 2, 0, *u)
 
 
 def tuning(tick):
@@ -23,11 +24,12 @@ def tuning(tick):
 
 
 def image(origin, first, count, checkpoint, taken=b""):
-    ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i]) for i in range(count))
-    size = 104 + len(taken) + len(checkpoint) + len(ticks)
+    adjusts = 0 if origin == 0 else 1  # of samples: none
+    ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i * adjusts], adjusts) for i in range(count))
+    size = 176 + len(taken) + len(checkpoint) + len(ticks)
     last = first + count - 1
-    head = struct.pack("=8s12q", b"twlkpst4", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
-                       len(checkpoint), len(taken) // 888, 2, 1, origin)
+    head = struct.pack("=8s12q72x", b"twlkpst5", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+                       len(checkpoint), len(taken) // 888, 2, adjusts, origin)
     return RIGHT + head + checkpoint + taken + ticks
 
 
@@ -37,6 +39,7 @@ def main():
     (folder / "tunings").write_bytes(image(1, 1001, 3, b"state", tuning(900) + tuning(1002)))
     (folder / "start").write_bytes(image(2, 0, 3, b""))
     (folder / "inputs").write_bytes(image(3, 500, 2, b""))
+    (folder / "samples").write_bytes(image(0, 1000, 8, b""))
     (folder / "no_ticks").write_bytes(image(1, 77, 0, b"state"))
 
 

@@ -61,11 +61,6 @@ def test_it_is_no_fault_of_the_bytes():
     expect("saved state" not in warnings and "does not come back to where it was" in warnings, warnings)
 
 
-def test_it_must_initialise_first():
-    found, warnings, _ = check(hostile_fmu.make("foreign_state", HOW="cold"))
-    expect(found == "read back exactly; but it must initialise first" and not warnings, f"{found}\n{warnings}")
-
-
 def test_one_does_not_hide_the_others():
     """Each is told of, whichever ends its process."""
     bad, good = str(hostile_fmu.make("foreign_state")), str(hostile_fmu.make("good"))

@@ -68,10 +68,10 @@ static void test_nothing_to_say(void) {
 
 static void test_states_that_another_process_cannot_read(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(LOCK, &assembly));
-    states = (tl_read_back_report){.is_tried = true,
-                                   .count = 2,
-                                   .of = {{.finding = TL_READ_BACK_IS_EXACT, .must_initialise = true},
-                                          {.finding = TL_READ_BACK_ENDS, .text = "so"}}};
+    states =
+        (tl_read_back_report){.is_tried = true,
+                              .count = 2,
+                              .of = {{.finding = TL_READ_BACK_IS_EXACT}, {.finding = TL_READ_BACK_ENDS, .text = "so"}}};
     expect_advice(1, "warnings\n"
                      "  components.motor: a saved state of it ends the process that loads it (so):\n"
                      "    `run --supervise --state DIR` finds that out, too, and saves none; any\n"

@@ -4,7 +4,7 @@
 #include <unity.h>
 
 #include "firmware/live/live_blocks.h"
-#include "firmware/twin/past_samples.h"
+#include "firmware/twin/past_history.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"
 
@@ -16,7 +16,7 @@ static tl_live_twin_pulse pulse;
 static tl_live_past_answer answer;
 static tl_block past;
 static tl_live_samples wishes;
-static tl_past_samples samples;
+static tl_past samples;
 static tl_error error;
 
 void setUp(void) {
@@ -41,7 +41,7 @@ static void wish(uint32_t number, int64_t from) {
 }
 
 static tl_status read_past(void) {
-    return tl_past_samples_read(past.bytes, (size_t)answer.size, &run.course.assembly.config, run.course.start,
+    return tl_past_read_samples(past.bytes, (size_t)answer.size, &run.course.assembly.config, run.course.start,
                                 &samples, &error);
 }
 
@@ -53,7 +53,7 @@ static void test_one_wish_after_the_other(void) {
     TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
-    TEST_ASSERT_EQUAL_size_t(NEWEST - 40 + 1, samples.count);
+    TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
     wish(2, NEWEST);
     tl_live_samples_look(&wishes, run.path);
     TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);

@@ -3,6 +3,7 @@
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include <unity.h>
 
@@ -29,7 +30,7 @@ void setUp(void) {
 }
 
 void tearDown(void) {
-    tl_fmu_heap_close(&heap);
+    (void)munmap(heap.base, heap.reserved);
 }
 
 static void expect_marked(const block *one) {
@@ -218,7 +219,6 @@ static void test_no_addresses(void) {
     tl_fmu_heap other;
     tl_error error;
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_fmu_heap_open(&other, SIZE_MAX - ((size_t)1 << 20), &error));
-    tl_fmu_heap_close(&other);
 }
 
 int main(void) {

@@ -32,7 +32,7 @@ static void step(model *one) {
 
 void setUp(void) {
     tl_error error;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_history_open(&history, MOST, CALLS, VALUES, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_fmu_history_open(&history, MOST, CALLS, VALUES * sizeof(uint64_t), &error));
     fmu = (model){.sum = 1};
     dice = (tl_test_random){20261125};
 }
@@ -49,9 +49,9 @@ static void give(void) {
     memcpy(values, fmu.value, sizeof values);
     values[tl_test_random_below(&dice, VALUES)] = tl_test_random_below(&dice, 4);
     set(&fmu, values);
-    tl_fmu_history_add(&history, &set_call, values, 0, VALUES);
+    tl_fmu_history_add(&history, &set_call, values, sizeof values);
     step(&fmu);
-    tl_fmu_history_add(&history, &step_call, NULL, 0, 0);
+    tl_fmu_history_add(&history, &step_call, NULL, 0);
 }
 
 /* False: there is no way. */
@@ -66,11 +66,12 @@ static bool go(void *kept) {
     }
     while (at != TL_FMU_HISTORY_NONE) {
         const tl_fmu_history_call *call;
-        at = tl_fmu_history_follow(&history, at, &call);
+        const void *values;
+        at = tl_fmu_history_follow(&history, at, &call, &values);
         if (call->is_step) {
             step(&fmu);
         } else {
-            set(&fmu, history.value);
+            set(&fmu, values);
         }
     }
     tl_fmu_history_arrive(&history, kept);
@@ -151,15 +152,10 @@ static void test_any_tree(void) {
     }
     TEST_ASSERT_TRUE(go(root));
     uint32_t calls = 0;
-    uint32_t changes = 0;
     for (uint32_t at = history.free_call; at != TL_FMU_HISTORY_NONE; at = history.calls[at].next) {
         calls++;
     }
-    for (uint32_t at = history.free_change; at != TL_FMU_HISTORY_NONE; at = history.changes[at].next) {
-        changes++;
-    }
     TEST_ASSERT_EQUAL_UINT32(history.call_count - 1, calls);
-    TEST_ASSERT_EQUAL_UINT32(history.change_count, changes);
 }
 
 /* ---- limits ---- */

@@ -15,7 +15,6 @@
 #include <unity.h>
 
 #include "firmware/rollback/fmu_heap.h"
-#include "firmware/rollback/fmu_keeping.h"
 
 enum { SKIPPED = 77, AT_EXIT = 70 };
 
@@ -50,7 +49,6 @@ static size_t count_kept(void) {
 
 void setUp(void) {
     tl_error error;
-    tl_fmu_keeping_begin();
     heap = tl_fmu_allocation_open((size_t)1 << 24, &error);
     TEST_ASSERT_NOT_NULL(heap);
     before = 0;

@@ -307,7 +307,7 @@ static void test_only_the_first_calls_are_watched(void) {
 }
 
 int main(void) {
-    if (!tl_fmu_memory_serves()) {
+    if (!tl_fmu_allocation_serves()) {
         printf("skipped: a sanitizer has an allocator of its own\n");
         return SKIPPED;
     }

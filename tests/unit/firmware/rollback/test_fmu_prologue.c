@@ -1,5 +1,5 @@
 /* What an FMU was given until its first step is given again: all calls, in their order, with their values. */
-#include "firmware/rollback/fmu_prologue.h"
+#include "firmware/rollback/fmu_replay.h"
 
 #include <stdarg.h>
 #include <stdio.h>

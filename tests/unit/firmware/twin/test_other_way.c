@@ -8,7 +8,7 @@
 
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/other_way.h"
+#include "firmware/twin/check_trials.h"
 #include "tests/support/scratch.h"
 
 #define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"

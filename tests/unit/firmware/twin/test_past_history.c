@@ -294,7 +294,7 @@ static void test_inputs_that_an_fmu_cannot_bear(void) {
     tl_summary summary;
     tl_past_outcome outcome = TL_PAST_FOLLOWED;
     const tl_past_follow_settings settings = {
-        .assembly = &course.assembly, .outbox = NULL, .tell = hear, .context = &course};
+        .assembly = &course.assembly, .outbox = tl_course_outbox(&course), .tell = hear, .context = &course};
     expect_ok(tl_past_follow(&settings, &past, &summary, &outcome, &error));
     TEST_ASSERT_EQUAL_INT(TL_PAST_FAILED, outcome);
     TEST_ASSERT_EQUAL_INT(TL_RESUMED_NOT, summary.resumption.from);

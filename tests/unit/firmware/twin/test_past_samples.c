@@ -4,7 +4,8 @@
 
 #include <unity.h>
 
-#include "firmware/twin/past_samples.h"
+#include "firmware/base/os.h"
+#include "firmware/twin/past_history.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
@@ -15,7 +16,7 @@ static tl_scratch scratch;
 static tl_course_record run;
 static unsigned char image[1 << 20];
 static size_t size;
-static tl_past_samples samples;
+static tl_past samples;
 static tl_error error;
 
 void setUp(void) {
@@ -42,19 +43,21 @@ static void find(int64_t from) {
 }
 
 static tl_status read_image(void) {
-    return tl_past_samples_read(image, size, &run.course.assembly.config, run.course.start, &samples, &error);
+    return tl_past_read_samples(image, size, &run.course.assembly.config, run.course.start, &samples, &error);
 }
 
 /* As the plant has shown them, from the first to the last. */
 static void expect_samples(int64_t first, int64_t last) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_image(), error.text);
     TEST_ASSERT_EQUAL_INT64(first, samples.first);
-    TEST_ASSERT_EQUAL_size_t((size_t)(last - first + 1), samples.count);
+    TEST_ASSERT_EQUAL_INT64(last, samples.last);
     for (int64_t tick = first; tick <= last; tick++) {
         tl_sample wanted;
-        tl_sample found;
+        tl_past_tick recorded;
         tl_course_sample(&run.course, tick, &wanted);
-        TEST_ASSERT_TRUE(tl_past_samples_at(&samples, tick, run.course.assembly.config.step, &found));
+        TEST_ASSERT_TRUE(tl_past_tick_at(&samples, tick, &recorded));
+        TEST_ASSERT_FALSE(recorded.has_u);
+        const tl_sample found = recorded.sample;
         TEST_ASSERT_EQUAL_INT64(tick, found.tick);
         TEST_ASSERT_EQUAL_INT64(wanted.instant, found.instant);
         for (size_t i = 0; i < run.course.assembly.config.signal_count; i++) {
@@ -63,9 +66,9 @@ static void expect_samples(int64_t first, int64_t last) {
             TEST_ASSERT_EQUAL_UINT8(wanted.quality[i], found.quality[i]);
         }
     }
-    tl_sample none;
-    TEST_ASSERT_FALSE(tl_past_samples_at(&samples, first - 1, run.course.assembly.config.step, &none));
-    TEST_ASSERT_FALSE(tl_past_samples_at(&samples, last + 1, run.course.assembly.config.step, &none));
+    tl_past_tick none;
+    TEST_ASSERT_FALSE(tl_past_tick_at(&samples, first - 1, &none));
+    TEST_ASSERT_FALSE(tl_past_tick_at(&samples, last + 1, &none));
 }
 
 /* ---- which ---- */
@@ -97,7 +100,7 @@ static void test_as_many_as_there_is_room_for(void) {
     find_in(40, whole / 2);
     TEST_ASSERT_TRUE(size <= whole / 2 && size > whole / 3);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_image());
-    int64_t next = samples.first + (int64_t)samples.count;
+    int64_t next = samples.last + 1;
     expect_samples(40, next - 1);
     find(next);
     expect_samples(next, NEWEST);
@@ -140,14 +143,14 @@ static void test_of_the_run_and_its_parent(void) {
     expect_samples(0, FLIP - 1);
 }
 
-/* It had another plant: what it saw is none of this one's. */
-static void test_not_of_a_parent_with_other_signals(void) {
+/* It had another plant: what it saw is none of this one's, and is refused. */
+static void test_a_parent_with_other_signals(void) {
     flip(FLIP);
     record_to(NEWEST);
     tl_sql_execute(run.path, "UPDATE signals SET name = 'plant.other' WHERE run = 1 AND kind = 'plant' AND signal = 0");
     find(40);
-    expect_samples(FLIP, NEWEST);
-    find(-1);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_image());
+    find(FLIP);
     expect_samples(FLIP, NEWEST);
 }
 
@@ -193,7 +196,7 @@ static void test_nothing_was_recorded(void) {
 static void expect_refused(const char *words) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, read_image());
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, words), error.text);
-    TEST_ASSERT_EQUAL_size_t(0, samples.count);
+    TEST_ASSERT_NULL(samples.ticks);
 }
 
 static void test_of_other_signals(void) {
@@ -201,13 +204,13 @@ static void test_of_other_signals(void) {
     find(40);
     const char *name = run.course.assembly.config.signals[1].plan.name;
     run.course.assembly.config.signals[1].plan.name = "other";
-    expect_refused("not of the signals of this configuration");
+    expect_refused("not the signals of this configuration");
     run.course.assembly.config.signals[1].plan.name = name;
     run.course.assembly.config.signal_count--;
-    expect_refused("not of the signals of this configuration");
+    expect_refused("not the signals of this configuration");
     run.course.assembly.config.signal_count++;
     run.course.assembly.config.step *= 2;
-    expect_refused("not of the signals of this configuration");
+    expect_refused("not the signals of this configuration");
     run.course.assembly.config.step /= 2;
     run.course.start++;
     expect_refused("not of the run that is under way");
@@ -225,12 +228,15 @@ static void test_an_image_that_is_damaged(void) {
     }
     size = whole;
     image[0] ^= 1;
-    expect_refused("do not begin as they should");
+    expect_refused("its head");
     image[0] ^= 1;
     expect_samples(40, NEWEST);
+    tl_past past;
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_past_read(image, size, &run.course.assembly.config, tl_clock_now(NULL), &past,
+                                                    &error));   /* a twin goes on from none of them */
     unsigned char *value = image + (samples.ticks - image) + 1; /* behind whether it has u */
     memcpy(value, &none, sizeof none);
-    expect_refused("one of them is damaged");
+    expect_refused("its tick 40");
 }
 
 int main(void) {
@@ -241,7 +247,7 @@ int main(void) {
     RUN_TEST(test_as_many_as_there_is_room_for);
     RUN_TEST(test_up_to_a_hole);
     RUN_TEST(test_of_the_run_and_its_parent);
-    RUN_TEST(test_not_of_a_parent_with_other_signals);
+    RUN_TEST(test_a_parent_with_other_signals);
     RUN_TEST(test_not_of_a_run_that_began_anew);
     RUN_TEST(test_not_of_a_run_that_has_ended);
     RUN_TEST(test_not_of_another_boot);

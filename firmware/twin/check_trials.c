@@ -1,8 +1,10 @@
-/* Another rollback method, found by trials: see other_way.h. */
-#include "firmware/twin/other_way.h"
+/* What a check finds out by trying it: see check_trials.h. */
+#include "firmware/twin/check_trials.h"
 
 #include <stdio.h>
 #include <string.h>
+
+/* ---- other ways ---- */
 
 #define NO_COMPONENT SIZE_MAX
 
@@ -14,10 +16,6 @@ typedef struct way_search {
 
 static size_t count_of(const way_search *self) {
     return self->settings->config->component_count;
-}
-
-static tl_rollback configured(const way_search *self, size_t component) {
-    return self->settings->config->components[component].rollback;
 }
 
 static bool is_changed(const way_search *self, size_t component) {
@@ -81,7 +79,8 @@ static void give_up(const way_search *self, const char *why) {
 
 /* Has the culprit try what `auto` finds. False: `auto` is what has failed. */
 static bool use_auto(way_search *self, size_t culprit) {
-    bool is_new = configured(self, culprit) != TL_ROLLBACK_AUTO && !is_changed(self, culprit);
+    bool is_new =
+        self->settings->config->components[culprit].rollback != TL_ROLLBACK_AUTO && !is_changed(self, culprit);
     if (is_new) {
         self->job.rollback[culprit] = (unsigned char)TL_ROLLBACK_AUTO;
     }
@@ -130,60 +129,122 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
 
 /* ---- texts ---- */
 
-static const char *by(tl_rollback way) {
-    static const char *const words[TL_ROLLBACKS] = {[TL_ROLLBACK_STATE] = "by its state",
-                                                    [TL_ROLLBACK_MEMORY] = "by its memory",
-                                                    [TL_ROLLBACK_REPLAY] = "by replay"};
-    return words[way] != NULL ? words[way] : "otherwise";
-}
-
-/* The value of the key "rollback". A state that needs its values again has no name of its own. */
-static const char *key_of(const tl_twin_way *way) {
-    static const char *const words[TL_ROLLBACKS] = {
-        [TL_ROLLBACK_STATE] = "state", [TL_ROLLBACK_MEMORY] = "memory", [TL_ROLLBACK_REPLAY] = "replay"};
-    return way->is_given_again != 0 || words[way->rollback] == NULL ? "auto" : words[way->rollback];
-}
-
-static size_t add_text(char *text, size_t used, const char *more) {
-    return used + (size_t)snprintf(text + used, used < TL_OTHER_WAY_TEXT ? TL_OTHER_WAY_TEXT - used : 0, "%s", more);
-}
+/* The value of the key "rollback", and how the method is named. */
+static const struct {
+    const char *key;
+    const char *words;
+} ways[TL_ROLLBACKS] = {
+    [TL_ROLLBACK_STATE] = {"state", "by its state"},
+    [TL_ROLLBACK_MEMORY] = {"memory", "by its memory"},
+    [TL_ROLLBACK_REPLAY] = {"replay", "by replay"},
+};
 
 /* From so many bytes on, sizes are in MiB. */
 enum { LARGE = 10000 * 1024 };
 
-static void tell_found(const tl_other_way *other, char *text) {
+/* A state that needs its values again has no name of its own: it is a method of "auto". */
+static void tell_found(const tl_other_way *other, FILE *out) {
     const tl_twin_way *way = &other->way;
-    char more[200];
-    size_t used = 0;
+    const char *key = way->is_given_again != 0 ? NULL : ways[way->rollback].key;
+    const char *words = ways[way->rollback].words;
     if (way->rollback == TL_ROLLBACK_REPLAY) {
-        (void)snprintf(more, sizeof more, "comes back by replay, within %u steps of its beginning only",
-                       (unsigned)other->replay_steps);
+        (void)fprintf(out, "comes back by replay, within %u steps of its beginning only",
+                      (unsigned)other->replay_steps);
     } else {
-        (void)snprintf(more, sizeof more, "comes back exactly %s%s", by((tl_rollback)way->rollback),
-                       way->is_given_again != 0 ? ", if it is given again what it had been given" : "");
+        (void)fprintf(out, "comes back exactly %s%s", words != NULL ? words : "otherwise",
+                      way->is_given_again != 0 ? ", if it is given again what it had been given" : "");
     }
-    used = add_text(text, used, more);
     if (way->is_measured != 0) {
-        (void)snprintf(more, sizeof more, "; a save and a restore take %.4g \302\265s here",
-                       tl_seconds(way->save + way->restore) * 1e6);
-        used = add_text(text, used, more);
+        (void)fprintf(out, "; a save and a restore take %.4g \302\265s here",
+                      tl_seconds(way->save + way->restore) * 1e6);
     }
     if (way->is_measured != 0 && way->bytes != 0) {
         bool is_large = way->bytes >= LARGE;
-        (void)snprintf(more, sizeof more, ", a state takes %.1f %s",
-                       (double)way->bytes / (is_large ? 1048576.0 : 1024.0), is_large ? "MiB" : "KiB");
-        used = add_text(text, used, more);
+        (void)fprintf(out, ", a state takes %.1f %s", (double)way->bytes / (is_large ? 1048576.0 : 1024.0),
+                      is_large ? "MiB" : "KiB");
     }
-    (void)snprintf(more, sizeof more, ": write \"rollback\": \"%s\" in the component", key_of(way));
-    (void)add_text(text, used, more);
+    (void)fprintf(out, ": write \"rollback\": \"%s\" in the component", key != NULL ? key : "auto");
 }
 
 void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) {
-    if (other->kind == TL_OTHER_WAY_FOUND) {
-        tell_found(other, text);
-    } else if (other->kind == TL_OTHER_WAY_NONE) {
-        (void)snprintf(text, TL_OTHER_WAY_TEXT, "does not come back in another way either");
-    } else {
-        (void)snprintf(text, TL_OTHER_WAY_TEXT, "could not be tried in another way: %s", other->text);
+    FILE *out = fmemopen(text, TL_OTHER_WAY_TEXT, "w");
+    if (out == NULL) {
+        text[0] = '\0';
+        return;
     }
+    if (other->kind == TL_OTHER_WAY_FOUND) {
+        tell_found(other, out);
+    } else if (other->kind == TL_OTHER_WAY_NONE) {
+        (void)fputs("does not come back in another way either", out);
+    } else {
+        (void)fprintf(out, "could not be tried in another way: %s", other->text);
+    }
+    (void)fclose(out);
+}
+
+/* ---- pairs ---- */
+
+/* Of a process that cannot be started the outcome says that there is no place for it. */
+static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl_twin_pair_outcome *outcome,
+                          tl_error *error) {
+    tl_twin_job job = *settings->job;
+    tl_twin_child_settings own = *settings;
+    tl_twin_child *child = NULL;
+    job.task = TL_TASK_PAIR;
+    job.alone = alone;
+    job.reads_back = false;
+    own.job = &job;
+    own.page = NULL;
+    own.memory_limit *= 2;
+    tl_status status = tl_twin_child_start(&own, &child, error);
+    if (status == TL_TRY_AGAIN) {
+        *outcome = (tl_twin_pair_outcome){.status = status};
+        (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
+        return TL_OK;
+    }
+    if (status == TL_OK) {
+        status = tl_twin_child_compare(child, outcome, error);
+    }
+    tl_twin_child_close(child);
+    return status;
+}
+
+/* Both twins have stepped, and differ. */
+static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twin_pair_outcome *pair,
+                            tl_pair_verdict *verdict, tl_error *error) {
+    tl_twin_pair_outcome again;
+    tl_status status = try_pair(settings, true, &again, error);
+    if (status == TL_OK) {
+        const tl_twin_pair_account *first = &pair->account;
+        uint32_t steps = first->steps < again.account.steps ? first->steps : again.account.steps;
+        bool is_steady = again.status == TL_OK && steps > 0 &&
+                         memcmp(first->marks, again.account.marks, steps * sizeof *first->marks) == 0;
+        verdict->kind = is_steady ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
+    }
+    return status;
+}
+
+tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_verdict *verdict, tl_error *error) {
+    tl_twin_pair_outcome pair;
+    tl_status status = try_pair(settings, false, &pair, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    *verdict =
+        (tl_pair_verdict){.kind = pair.account.steps > 0 ? TL_PAIR_SAME : TL_PAIR_UNKNOWN, .steps = pair.account.steps};
+    (void)snprintf(verdict->component, sizeof verdict->component, "%s", pair.account.component);
+    (void)snprintf(verdict->text, sizeof verdict->text, "%s", pair.text);
+    if (pair.status == TL_TRY_AGAIN) {
+        verdict->kind = TL_PAIR_UNKNOWN;
+    } else if (pair.status != TL_OK) {
+        verdict->kind = pair.account.has_second != 0 ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
+        if (!pair.has_ended) {
+            verdict->text[strcspn(verdict->text, ";")] =
+                '\0'; /* what follows is advice for a log that nobody has seen */
+        }
+    } else if (pair.text[0] != '\0') {
+        verdict->kind = TL_PAIR_UNKNOWN;
+        return tell_apart(settings, &pair, verdict, error);
+    }
+    return TL_OK;
 }
