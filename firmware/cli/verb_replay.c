@@ -71,14 +71,13 @@ static tl_status open_outputs(const tl_verb_job *job, const char *recording, eve
     const tl_recording_tunings tunings = tl_recording_get_tunings(replay->recording);
     tl_status status = TL_OK;
     if (job->options->database != NULL) {
-        const tl_twin_recorder_settings settings = {.config = config,
-                                                    .account = replay->account,
-                                                    .verb = "replay",
-                                                    .path = job->options->database,
-                                                    .known = tunings.known,
-                                                    .known_count = tunings.count,
-                                                    .wait_when_full = true};
-        status = tl_twin_recorder_open(&settings, &replay->recorder, error);
+        tl_twin_record record;
+        tl_twin_recorder_describe(config, job->options->database, &record);
+        record.settings.verb = "replay";
+        record.settings.known = tunings.known;
+        record.settings.known_count = tunings.count;
+        record.settings.wait_when_full = true;
+        status = tl_twin_recorder_open(config, replay->account, &record, &replay->recorder, error);
     }
     if (status == TL_OK && job->options->report != NULL) {
         status =
@@ -236,10 +235,8 @@ static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_e
     if (beginning == NULL) {
         return TL_OK;
     }
-    job->order.begins = TL_BEGINS_AT;
     job->order.tick = beginning->tick;
     if (beginning->follows && beginning->resumption.from == TL_RESUMED_CHECKPOINT) {
-        job->order.begins = TL_BEGINS_CHECKPOINT;
         job->order.tick = beginning->checkpoint->tick;
         job->order.checkpoint = beginning->checkpoint->bytes;
         job->order.checkpoint_size = beginning->checkpoint->size;

@@ -36,16 +36,16 @@ static void set_way(way_search *self, size_t component, tl_rollback way) {
 
 /* ---- one trial ---- */
 
-static tl_status try_ways(const way_search *self, tl_twin_ways_outcome *outcome, tl_error *error) {
+static tl_status try_ways(const way_search *self, tl_twin_outcome *outcome, tl_error *error) {
     tl_twin_child_settings own = *self->settings;
     tl_twin_child *child = NULL;
     own.job = &self->job;
     own.page = NULL;
     tl_status status = tl_twin_child_start(&own, &child, error);
     if (status == TL_OK) {
-        status = tl_twin_child_try_ways(child, outcome, error);
+        status = tl_twin_child_finish(child, outcome, error);
     } else if (status != TL_INTERRUPTED) {
-        *outcome = (tl_twin_ways_outcome){.status = status};
+        *outcome = (tl_twin_outcome){.status = status};
         (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
         status = TL_OK;
     }
@@ -53,12 +53,12 @@ static tl_status try_ways(const way_search *self, tl_twin_ways_outcome *outcome,
     return status;
 }
 
-static bool has_failed(const tl_twin_ways_outcome *tried) {
+static bool has_failed(const tl_twin_outcome *tried) {
     return tried->status != TL_OK || tried->text[0] != '\0';
 }
 
 /* Who is to blame. Who ends the process before it has the component's name is the one that is led back otherwise than before, if that is one only. */
-static size_t find_culprit(const way_search *self, const tl_twin_ways_outcome *tried) {
+static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
     size_t only = NOBODY;
     size_t changed = 0;
     for (size_t i = 0; i < count_of(self); i++) {
@@ -82,7 +82,7 @@ static void quote(const way_search *self, size_t component, const char *said, ch
 }
 
 /* Nobody is to blame. `before`: with what all came back, or with what it began. */
-static void give_up(const way_search *self, const tl_twin_job *before, const tl_twin_ways_outcome *tried) {
+static void give_up(const way_search *self, const tl_twin_job *before, const tl_twin_outcome *tried) {
     for (size_t i = 0; i < count_of(self); i++) {
         bool was_found = before->rollback[i] != (unsigned char)TL_ROLLBACK_NONE;
         if (self->job.rollback[i] != before->rollback[i]) {
@@ -128,13 +128,13 @@ static bool take_next_way(way_search *self, size_t culprit, const char *why) {
 }
 
 /* Until all come back, as *now says. *is_found is false: one does not, or it could not be found out. */
-static tl_status find_any(way_search *self, const tl_twin_ways *checked, tl_twin_ways_outcome *now, bool *is_found,
+static tl_status find_any(way_search *self, const tl_twin_ways *checked, tl_twin_outcome *now, bool *is_found,
                           tl_error *error) {
     const tl_twin_job before = self->job;
     size_t culprit = NOBODY;
     bool goes_on = checked->cannot_return != 0;
     tl_status status = TL_OK;
-    *now = (tl_twin_ways_outcome){.ways = *checked};
+    *now = (tl_twin_outcome){.ways = *checked};
     while (goes_on && status == TL_OK) {
         culprit = find_culprit(self, now);
         goes_on = culprit != NOBODY && take_next_way(self, culprit, now->text);
@@ -187,7 +187,7 @@ static void settle(const way_search *self, const tl_twin_ways *replayed, const t
 /* All come back, as `base` says: some perhaps by forking as well. */
 static tl_status find_forks(way_search *self, const tl_twin_ways *base, tl_error *error) {
     const tl_twin_job before = self->job;
-    tl_twin_ways_outcome now = {.ways = *base};
+    tl_twin_outcome now = {.ways = *base};
     size_t left = fork_replayed(self, base);
     tl_status status = TL_OK;
     bool failed = left != 0;
@@ -216,7 +216,7 @@ static tl_status find_forks(way_search *self, const tl_twin_ways *base, tl_error
 tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
                             tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error) {
     way_search self = {.settings = settings, .job = *settings->job, .found = found};
-    tl_twin_ways_outcome now;
+    tl_twin_outcome now;
     bool is_found = true;
     self.job.task = TL_TASK_WAYS;
     self.job.reads_back = false;

@@ -67,14 +67,14 @@ static void describe_place(const tl_twin_child *child, char *text, size_t size) 
 }
 
 bool tl_twin_child_was_killed_by_others(const tl_twin_child *child) {
-    char why[TL_TWIN_WARDEN_TEXT];
+    char why[TL_TWIN_KILLED_TEXT];
     return tl_twin_process_role(child->process)->signal == SIGKILL && !tl_twin_process_was_killed(child->process, why);
 }
 
 /* It has ended, and should not have. */
 static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     const tl_role *role = tl_twin_process_role(child->process);
-    char why[TL_TWIN_WARDEN_TEXT];
+    char why[TL_TWIN_KILLED_TEXT];
     char place[160];
     tl_twin_process_flush(child->process);
     if (tl_twin_process_was_killed(child->process, why)) {
@@ -136,7 +136,7 @@ static bool has_patience(const tl_twin_child *child) {
 }
 
 /* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing for so long that nothing will come any more; it is
- * to be killed. The warden looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
+ * to be killed. The watch thread looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
 static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
     tl_fmu_call call;
     tl_time begun = tl_clock_now(NULL);
@@ -431,12 +431,6 @@ static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBL
     }
 }
 
-static void copy_pair(const tl_twin_child *child, tl_twin_pair_account *account) {
-    *account = child->extra->pair;
-    account->steps = account->steps < TL_PAIR_STEPS ? account->steps : TL_PAIR_STEPS;
-    copy_component(child, account->component);
-}
-
 void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
     *ways = child->extra->ways;
     copy_component(child, ways->component);
@@ -445,24 +439,15 @@ void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
     }
 }
 
-tl_status tl_twin_child_try_ways(tl_twin_child *child, tl_twin_ways_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_ways_outcome){.status = expect_end(child, NULL, error)};
+tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error) {
+    *outcome = (tl_twin_outcome){.status = expect_end(child, NULL, error)};
     if (tl_interrupt_requested() != NULL) {
         return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
     }
+    outcome->pair = child->extra->pair;
+    outcome->pair.steps = outcome->pair.steps < TL_PAIR_STEPS ? outcome->pair.steps : TL_PAIR_STEPS;
+    copy_component(child, outcome->pair.component);
     tl_twin_child_ways(child, &outcome->ways);
-    outcome->has_ended = !child->has_ended;
-    (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
-    *error = (tl_error){TL_OK, ""};
-    return TL_OK;
-}
-
-tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_pair_outcome){.status = expect_end(child, NULL, error)};
-    if (tl_interrupt_requested() != NULL) {
-        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
-    }
-    copy_pair(child, &outcome->account);
     outcome->has_ended = !child->has_ended;
     (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
     *error = (tl_error){TL_OK, ""};

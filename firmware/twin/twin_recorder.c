@@ -44,25 +44,19 @@ void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twi
     record->settings.format = record->format;
 }
 
-tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error) {
-    const tl_account *account = settings->account;
+tl_status tl_twin_recorder_open(const tl_config *config, const tl_account *account, tl_twin_record *record,
+                                tl_recorder **recorder, tl_error *error) {
     const char *components[TL_RECORDER_COMPONENTS];
-    tl_twin_record record;
-    tl_recorder_settings *made = &record.settings;
-    tl_twin_recorder_describe(settings->config, settings->path, &record);
-    made->verb = settings->verb;
-    made->wait_when_full = settings->wait_when_full;
-    made->known = settings->known;
-    made->known_count = settings->known_count;
-    made->components = components;
-    tl_twin_recorder_signals(settings->config, account, record.names.match, record.names.adjust);
+    tl_recorder_settings settings = record->settings;
+    tl_twin_recorder_signals(config, account, record->names.match, record->names.adjust);
     for (size_t i = 0; i < account->components; i++) {
         components[i] = account->component[i].name;
     }
-    made->prediction = account->prediction;
-    made->lead = account->lead;
-    made->component_count = account->components;
-    return tl_recorder_open(made, recorder, error);
+    settings.components = components;
+    settings.component_count = account->components;
+    settings.prediction = account->prediction;
+    settings.lead = account->lead;
+    return tl_recorder_open(&settings, recorder, error);
 }
 
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]) {
@@ -79,9 +73,12 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
 void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
     static const tl_time ms = TL_SECOND / 1000;
     static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
-    beginning =
-        (tl_outbox_start){.resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
-    tl_account_take(twin, &beginning.account);
+    beginning = (tl_outbox_start){
+        .holds = twin == NULL,
+        .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    if (twin != NULL) {
+        tl_account_take(twin, &beginning.account);
+    }
     (void)tl_outbox_put_start(outbox, &beginning);
 }
 

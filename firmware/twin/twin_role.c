@@ -8,6 +8,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/forked/forked_pool.h"
@@ -77,6 +78,17 @@ static void send_word(role *self, tl_message type, tl_status status, const tl_er
     send_message(self, type, &word);
 }
 
+/* The next message of the parent, in self->packed. */
+static tl_status receive(role *self, tl_message *type, tl_error *error) {
+    tl_channel_news news = tl_channel_take(&self->channel, type, self->packed);
+    while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
+        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+        news = tl_channel_take(&self->channel, type, self->packed);
+    }
+    *error = self->channel.fault;
+    return error->status;
+}
+
 /* ---- start ---- */
 
 /* As the parent has it: the sizes of messages depend on it. */
@@ -93,7 +105,7 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
         assembly->config.saving.structure = false;
         assembly->config.saving.sequences = false;
     }
-    if (self->job.without_delays) {
+    if (self->job.tells == TL_TELLS_OUTPUTS) { /* a plant has none */
         tl_config_forget_delays(&assembly->config);
     }
     tl_config_use_lookups(&assembly->config);
@@ -170,7 +182,7 @@ static tl_confine_settings settings_of(const role *self, const tl_twin_places *p
         .read = (const char *const *)places->path,
         .read_count = places->count,
         .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL,
-        .file_bytes = self->job.file_bytes,
+        .file_bytes = TL_FMU_ENTRY_BYTES, /* which may be unpacked; the parent looks at what they write together */
         .memory = self->job.memory,
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
@@ -262,20 +274,6 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
 
 /* ---- the work, in the thread of the FMUs ---- */
 
-static tl_status begin(const role *self, tl_error *error) {
-    switch (self->job.begins) {
-    case TL_BEGINS_NEW:
-        break;
-    case TL_BEGINS_AT:
-        tl_twin_begin_at(self->assembly.twin, self->job.tick);
-        break;
-    case TL_BEGINS_CHECKPOINT:
-        return tl_twin_load(self->assembly.twin, self->job.tick, self->job.checkpoint, self->job.checkpoint_size,
-                            error);
-    }
-    return TL_OK;
-}
-
 static bool is_stopped(const role *self) {
     return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
 }
@@ -310,46 +308,30 @@ static void answer(role *self, bool last) {
 
 /* Until it is told to end. */
 static tl_status step_until_end(role *self, tl_error *error) {
-    for (;;) {
-        tl_message type = TL_MESSAGE_END;
-        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
-        if (news == TL_CHANNEL_BROKEN) {
-            *error = self->channel.fault;
-            return error->status;
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
-            return TL_OK;
-        }
-        if (news == TL_CHANNEL_SOMETHING) {
-            answer(self, type == TL_MESSAGE_FINISH);
-        } else {
-            (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
-        }
+    tl_message type = TL_MESSAGE_END;
+    tl_status status = receive(self, &type, error);
+    while (status == TL_OK && type != TL_MESSAGE_END) {
+        answer(self, type == TL_MESSAGE_FINISH);
+        status = receive(self, &type, error);
     }
+    return status;
 }
 
 /* Another process is asked; returns when it has ended. Told to end meanwhile, this one goes on without. */
 static tl_status ask(void *context, tl_error *error) {
     role *self = context;
+    tl_message type = TL_MESSAGE_END;
     tl_twin_word word;
     send_message(self, TL_MESSAGE_SHOWN, NULL);
-    for (;;) {
-        tl_message type = TL_MESSAGE_END;
-        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
-        if (news == TL_CHANNEL_BROKEN) {
-            *error = self->channel.fault;
-            return error->status;
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
-            return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_SEEN) {
-            memcpy(&word, self->packed, sizeof word);
-            return word.status == (int32_t)TL_OK ? TL_OK
-                                                 : tl_fail(error, (tl_status)word.status, "%s", self->orders->error);
-        }
-        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+    tl_status status = receive(self, &type, error);
+    if (status != TL_OK) {
+        return status;
     }
+    if (type == TL_MESSAGE_END) {
+        return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
+    }
+    memcpy(&word, self->packed, sizeof word);
+    return word.status == (int32_t)TL_OK ? TL_OK : tl_fail(error, (tl_status)word.status, "%s", self->orders->error);
 }
 
 static tl_status check(role *self, tl_status built, tl_error *error) {
@@ -409,8 +391,11 @@ static void work(void *context) {
         return;
     }
     tl_status status = tl_assembly_build(&self->assembly);
-    if (status == TL_OK) {
-        status = begin(self, &error);
+    if (status == TL_OK && self->job.checkpoint_size != 0) {
+        status =
+            tl_twin_load(self->assembly.twin, self->job.tick, self->job.checkpoint, self->job.checkpoint_size, &error);
+    } else if (status == TL_OK) {
+        tl_twin_begin_at(self->assembly.twin, self->job.tick);
     }
     if (self->assembly.twin != NULL) {
         tl_account_take(self->assembly.twin, &self->extra->built);

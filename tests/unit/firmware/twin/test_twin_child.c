@@ -357,23 +357,23 @@ static void test_a_check(void) {
 }
 
 static void test_a_pair(void) {
-    tl_twin_pair_outcome pair;
+    tl_twin_outcome pair;
     order.task = TL_TASK_PAIR;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &pair, &error), error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, pair.status);
     TEST_ASSERT_EQUAL_STRING("", pair.text);
     TEST_ASSERT_FALSE(pair.has_ended);
-    TEST_ASSERT_GREATER_THAN_UINT32(0, pair.account.steps);
-    TEST_ASSERT_EQUAL_UINT32(1, pair.account.has_second);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, pair.pair.steps);
+    TEST_ASSERT_EQUAL_UINT32(1, pair.pair.has_second);
 }
 
 static void test_ways(void) {
-    tl_twin_ways_outcome tried;
+    tl_twin_outcome tried;
     order.task = TL_TASK_WAYS;
     order.rollback[1] = TL_ROLLBACK_REPLAY;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, tried.status);
     TEST_ASSERT_EQUAL_STRING("", tried.text);
     TEST_ASSERT_FALSE(tried.has_ended);
@@ -599,10 +599,10 @@ static void test_what_it_prints(void) {
 }
 
 static void test_ways_that_are_none(void) {
-    tl_twin_ways_outcome tried;
+    tl_twin_outcome tried;
     order.task = TL_TASK_WAYS;
     start_liar("ways that are none", 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
     TEST_ASSERT_EQUAL_STRING("", error.text);
     TEST_ASSERT_TRUE(tried.has_ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tried.status);
@@ -613,15 +613,15 @@ static void test_ways_that_are_none(void) {
 }
 
 static void test_a_pair_that_is_none(void) {
-    tl_twin_pair_outcome pair;
+    tl_twin_outcome pair;
     order.task = TL_TASK_PAIR;
     start_liar("a pair that is none", 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &pair, &error), error.text);
     TEST_ASSERT_TRUE(pair.has_ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, pair.status);
-    TEST_ASSERT_EQUAL_UINT32(TL_PAIR_STEPS, pair.account.steps);
-    TEST_ASSERT_LESS_THAN_UINT64(TL_PAIR_NAME, strlen(pair.account.component));
-    TEST_ASSERT_NULL(strchr(pair.account.component, '\033'));
+    TEST_ASSERT_EQUAL_UINT32(TL_PAIR_STEPS, pair.pair.steps);
+    TEST_ASSERT_LESS_THAN_UINT64(TL_PAIR_NAME, strlen(pair.pair.component));
+    TEST_ASSERT_NULL(strchr(pair.pair.component, '\033'));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(pair.text, "exit code 3"), pair.text);
 }
 

@@ -18,6 +18,7 @@
 #include <unity.h>
 
 #include "firmware/base/os.h"
+#include "firmware/process/bounds.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"
@@ -412,7 +413,7 @@ static void test_what_it_is_refused_is_told_once(void) {
 
 /* A supervisor looks at calls itself. */
 static void test_a_call_that_lasts_is_the_supervisors(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("hang");
     settings.call_limit = TL_SECOND / 20;
     start_and_see_it_live();
@@ -423,7 +424,7 @@ static void test_a_call_that_lasts_is_the_supervisors(void) {
 }
 
 static void test_a_call_that_lasts_is_given_up(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("hang");
     settings.call_limit = TL_SECOND / 20;
     settings.passes_signals = true;
@@ -461,7 +462,7 @@ static void dig(void) {
 }
 
 static void test_a_bound_is_kept(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("wait");
     start_and_see_it_live();
     dig();
@@ -478,7 +479,7 @@ static void wait_until_dead(void) {
 
 /* Another thread reaps it. Its number may be anybody's then. */
 static void test_a_dead_one_is_let_go(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("print");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     start();
