@@ -15,98 +15,79 @@
 
 /* ---- before ---- */
 
-static size_t count_libraries(const tl_config *config) {
-    size_t count = 0;
-    for (size_t i = 0; i < config->component_count; i++) {
-        count += config->components[i].library_count;
-    }
-    return count;
-}
-
-/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. Returns `text`. */
-static const char *tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. */
+static void tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     struct stat about;
     if (stat(path, &about) != 0) {
-        return tl_other_case(path, text);
+        (void)tl_other_case(path, text);
+        return;
     }
     (void)snprintf(text, TL_OTHER_CASE_TEXT, "; what is there is %s, and an FMU is a file: name the .fmu file itself",
                    S_ISDIR(about.st_mode)    ? "a folder"
                    : S_ISFIFO(about.st_mode) ? "a FIFO"
                    : S_ISSOCK(about.st_mode) ? "a socket"
                                              : "a device");
-    return text;
 }
 
-/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. */
-static char *find_library(const tl_config *config, const char *name) {
+/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. NULL: it is too long. */
+static char *find_library(tl_assembly *assembly, const char *name) {
     char path[PATH_MAX];
-    if (!tl_config_library_path(config, name, path, sizeof path) || strchr(path, '/') == NULL) {
+    char found[PATH_MAX];
+    if (!tl_config_library_path(&assembly->config, name, path, sizeof path)) {
         return NULL;
     }
-    return realpath(path, NULL);
+    bool is_there = strchr(path, '/') != NULL && realpath(path, found) != NULL;
+    return tl_arena_text(&assembly->arena, is_there ? found : path);
+}
+
+/* False: not enough memory. */
+static bool open_file(tl_assembly *assembly, const tl_config_component *component, tl_assembly_file *file) {
+    char path[PATH_MAX];
+    file->descriptor = -1;
+    if (tl_config_fmu_path(&assembly->config, component->fmu, path, sizeof path)) {
+        file->is_there = true;
+        file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    } else {
+        tell_what_is_there(path, file->other);
+    }
+    file->path = tl_arena_text(&assembly->arena, path);
+    file->libraries = tl_arena_take(&assembly->arena, component->library_count, sizeof *file->libraries);
+    for (size_t i = 0; file->libraries != NULL && i < component->library_count; i++) {
+        file->libraries[i] = find_library(assembly, component->libraries[i].name);
+    }
+    return file->path != NULL && file->libraries != NULL;
 }
 
 tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
     const tl_config *config = &assembly->config;
-    assembly->files = calloc(config->component_count + 1, sizeof *assembly->files);
-    assembly->libraries = calloc(count_libraries(config) + 1, sizeof *assembly->libraries);
-    if (assembly->files == NULL || assembly->libraries == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    tl_arena *arena = &assembly->arena;
+    tl_config_use_lookups(&assembly->config);
+    assembly->fmus = tl_arena_take(arena, config->component_count, sizeof *assembly->fmus);
+    assembly->components = tl_arena_take(arena, config->component_count, sizeof *assembly->components);
+    assembly->signals = tl_arena_take(arena, config->signal_count, sizeof *assembly->signals);
+    assembly->match = tl_arena_take(arena, config->match_count, sizeof *assembly->match);
+    assembly->outputs = tl_arena_take(arena, config->emulated_count, sizeof *assembly->outputs);
+    assembly->files = tl_arena_take(arena, config->component_count, sizeof *assembly->files);
+    bool has_room = assembly->fmus != NULL && assembly->components != NULL && assembly->signals != NULL &&
+                    assembly->match != NULL && assembly->outputs != NULL && assembly->files != NULL;
+    for (size_t i = 0; has_room && i < config->component_count; i++) {
+        has_room = open_file(assembly, &config->components[i], &assembly->files[i]);
     }
-    for (size_t i = 0; i < config->component_count; i++) {
-        const tl_config_component *component = &config->components[i];
-        char path[PATH_MAX];
-        tl_assembly_file *file = &assembly->files[i];
-        file->descriptor = -1;
-        if (tl_config_fmu_path(config, component->fmu, path, sizeof path)) {
-            file->path = strdup(path);
-            file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-        } else {
-            (void)tell_what_is_there(path, file->other);
-        }
-        for (size_t k = 0; k < component->library_count; k++) {
-            assembly->libraries[assembly->library_count++] = find_library(config, component->libraries[k].name);
-        }
-    }
-    return TL_OK;
-}
-
-static void close_files(tl_assembly *assembly) {
-    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
-        free(assembly->files[i].path);
-        if (assembly->files[i].descriptor >= 0) {
-            (void)close(assembly->files[i].descriptor);
-        }
-    }
-    for (size_t i = 0; i < assembly->library_count; i++) {
-        free(assembly->libraries[i]);
-    }
-    free(assembly->files);
-    free(assembly->libraries);
+    return has_room ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "not enough memory");
 }
 
 /* ---- building ---- */
 
-static bool library_path(const tl_assembly *assembly, size_t place, const char *name, char *path, size_t size) {
-    if (assembly->libraries != NULL && assembly->libraries[place] != NULL) {
-        return snprintf(path, size, "%s", assembly->libraries[place]) < (int)size;
-    }
-    return tl_config_library_path(&assembly->config, name, path, size);
-}
-
-/* Of one component; FMUs are opened only when all of them are there. `first`: how many libraries the components before it name. */
-static void open_libraries(tl_assembly *assembly, const tl_config_component *component, size_t first) {
+/* Of one component; FMUs are opened only when all of them are there. */
+static void open_libraries(tl_assembly *assembly, size_t index) {
+    const tl_config_component *component = &assembly->config.components[index];
     for (size_t i = 0; i < component->library_count; i++) {
-        const tl_config_name *library = &component->libraries[i];
-        char path[PATH_MAX];
+        const char *path = assembly->files[index].libraries[i];
         tl_error error;
-        if (!library_path(assembly, first + i, library->name, path, sizeof path)) {
-            tl_report_add(&assembly->problems.report, TL_BAD_DATA, library->where, "the path is too long; shorten it");
-            continue;
-        }
-        tl_status status = tl_library_open(path, &error);
+        tl_status status = path != NULL ? tl_library_open(path, &error)
+                                        : tl_fail(&error, TL_BAD_DATA, "the path is too long; shorten it");
         if (status != TL_OK) {
-            tl_report_add(&assembly->problems.report, status, library->where, "%s", error.text);
+            tl_report_add(&assembly->problems.report, status, component->libraries[i].where, "%s", error.text);
         }
     }
 }
@@ -137,18 +118,18 @@ static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) 
     return NULL;
 }
 
-/* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened,
+/* With variables of its own whoever else uses that file; NULL where reported. */
+static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *file,
                               const tl_config_component *configured) {
     const char *where = configured->where;
     tl_rollback rollback = assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE;
-    const tl_fmu *shared = find_shared(assembly, path);
+    const tl_fmu *shared = find_shared(assembly, file->path);
     if (shared != NULL) {
         return shared;
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
-    tl_status status = tl_fmu_load(path, opened, rollback, fmu, &error);
+    tl_status status = tl_fmu_load(file->path, file->descriptor, rollback, fmu, &error);
     if (status != TL_OK) {
         tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
         return NULL;
@@ -159,53 +140,36 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opene
 }
 
 /* Who writes a configuration elsewhere says by this which of the installed FMUs is meant. */
-static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const char *path, int opened) {
+static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const tl_assembly_file *file) {
     char found[TL_SHA256_TEXT];
     if (configured->sha256 == NULL) {
         return true;
     }
-    int file = opened >= 0 ? opened : open(path, O_RDONLY | O_CLOEXEC);
-    (void)tl_identity_open_file(file, found);
-    if (opened < 0 && file >= 0) {
-        (void)close(file);
-    }
+    (void)tl_identity_open_file(file->descriptor, found);
     if (strcmp(found, configured->sha256) != 0) {
         tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
                       "another file is meant than %.200s: its SHA-256 is %s, expected %s; install that one, or correct "
                       "\"sha256\"",
-                      path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
+                      file->path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
         return false;
     }
     return true;
 }
 
-/* As it was found before, or is found now. */
-static bool fmu_path(const tl_assembly *assembly, size_t index, char *path, size_t size) {
-    if (assembly->files != NULL && assembly->files[index].path != NULL) {
-        return snprintf(path, size, "%s", assembly->files[index].path) < (int)size;
-    }
-    return tl_config_fmu_path(&assembly->config, assembly->config.components[index].fmu, path, size);
-}
-
 static void load_component(tl_assembly *assembly, size_t index) {
     const tl_config_component *configured = &assembly->config.components[index];
-    tl_plan_component *component = &assembly->components[index];
-    char path[PATH_MAX];
-    int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
-    if (!fmu_path(assembly, index, path, sizeof path)) {
-        char other[TL_OTHER_CASE_TEXT];
-        const char *beside = assembly->files != NULL ? assembly->files[index].other : tell_what_is_there(path, other);
+    const tl_assembly_file *file = &assembly->files[index];
+    if (!file->is_there) {
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
             "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
             "for \"%s\" first)%s",
-            configured->fmu, path, beside);
+            configured->fmu, file->path, file->other);
         return;
     }
-    const tl_fmu *fmu =
-        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured) : NULL;
+    const tl_fmu *fmu = is_meant(assembly, configured, file) ? load_fmu(assembly, file, configured) : NULL;
     if (fmu != NULL) {
-        *component = (tl_plan_component){
+        assembly->components[index] = (tl_plan_component){
             .where = configured->where,
             .name = configured->name,
             .model = &fmu->model,
@@ -311,21 +275,13 @@ static void fill_plan(tl_assembly *assembly) {
 tl_status tl_assembly_build(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     tl_report *report = &assembly->problems.report;
-    tl_config_use_lookups(&assembly->config);
-    assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
-    assembly->components = calloc(config->component_count, sizeof *assembly->components);
-    assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
-    assembly->match = calloc(config->match_count + 1, sizeof *assembly->match);
-    assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
-    if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
-        assembly->match == NULL || assembly->outputs == NULL) {
-        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
+    tl_error error;
+    if (assembly->files == NULL && tl_assembly_open(assembly, &error) != TL_OK) {
+        tl_report_add(report, error.status, "", "%s", error.text);
         return report->worst;
     }
-    size_t libraries = 0;
     for (size_t i = 0; i < config->component_count; i++) {
-        open_libraries(assembly, &config->components[i], libraries);
-        libraries += config->components[i].library_count;
+        open_libraries(assembly, i);
     }
     bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
     for (size_t i = 0; i < config->component_count && opened; i++) {
@@ -369,15 +325,14 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
     return status;
 }
 
-const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence) {
+void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]) {
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         const char *name = assembly->config.components[i].name;
         size_t length = strlen(name);
         if (strncmp(sentence, name, length) == 0 && sentence[length] == ':') {
-            return name;
+            (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", name);
         }
     }
-    return NULL;
 }
 
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
@@ -400,12 +355,12 @@ void tl_assembly_free(tl_assembly *assembly) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
         tl_fmu_unload(&assembly->fmus[i]);
     }
-    free(assembly->fmus);
-    free(assembly->components);
-    free(assembly->signals);
-    free(assembly->match);
-    free(assembly->outputs);
-    close_files(assembly);
+    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
+        if (assembly->files[i].is_there && assembly->files[i].descriptor >= 0) {
+            (void)close(assembly->files[i].descriptor);
+        }
+    }
+    tl_arena_release(&assembly->arena);
     tl_config_free(&assembly->config);
     *assembly = (tl_assembly){0};
 }

@@ -135,14 +135,6 @@ static tl_status lead_second(const tl_assembly *second, const double *values, si
     return status;
 }
 
-/* What fails in a step begins with its name. */
-static void name_failed(const tl_assembly *second, const tl_error *error, tl_twin_pair_account *account) {
-    const char *component = tl_assembly_component_of(second, error->text);
-    if (component != NULL) {
-        name(account, component);
-    }
-}
-
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
                                bool *differs, tl_error *error) {
     size_t width = tl_twin_value_count(first->twin);
@@ -158,7 +150,7 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
         status = tl_assembly_build_quietly(second, account->component, error);
         if (status == TL_OK) {
             status = lead_second(second, values, width, account, differs, error);
-            name_failed(second, error, account);
+            tl_assembly_find_component(second, error->text, account->component);
         }
     }
     if (status == TL_OK &&

@@ -42,7 +42,15 @@ static void add_library(tl_twin_places *places, const char *path) {
     add(places, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
 }
 
-static void add_component(tl_twin_places *places, const tl_config *config, const tl_config_component *component) {
+static void add_component(tl_twin_places *places, const tl_assembly *assembly, size_t index) {
+    const tl_config *config = &assembly->config;
+    const tl_config_component *component = &config->components[index];
+    for (size_t i = 0; i < component->library_count; i++) {
+        const char *library = assembly->files[index].libraries[i];
+        if (library != NULL && strchr(library, '/') != NULL) {
+            add_library(places, library);
+        }
+    }
     for (size_t i = 0; i < component->read_count; i++) {
         add_file(places, config, component->reads[i].name);
     }
@@ -128,15 +136,8 @@ static void add_users_packages(tl_twin_places *places) {
 
 void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
     static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH"};
-    const tl_config *config = &assembly->config;
-    for (size_t i = 0; i < config->component_count; i++) {
-        add_component(places, config, &config->components[i]);
-    }
-    for (char *const *library = assembly->libraries; library < assembly->libraries + assembly->library_count;
-         library++) {
-        if (*library != NULL) {
-            add_library(places, *library);
-        }
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        add_component(places, assembly, i);
     }
     for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
         add_variable(places, variables[i], add_folder);

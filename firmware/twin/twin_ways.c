@@ -77,10 +77,9 @@ static bool tell_of_forks(const tl_assembly *assembly, tl_twin_ways *ways, tl_er
 
 /* That a step cannot be made says nothing about ways back. */
 static void blame(const tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
-    const char *component = tl_assembly_component_of(assembly, error->text);
     bool is_about_it = ways->cannot_return != 0 && ways->component[0] == '\0';
-    if (!tell_of_forks(assembly, ways, error) && is_about_it && component != NULL) {
-        name(ways, component);
+    if (!tell_of_forks(assembly, ways, error) && is_about_it) {
+        tl_assembly_find_component(assembly, error->text, ways->component);
     }
 }
 
