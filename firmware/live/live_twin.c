@@ -19,8 +19,6 @@
 #include "firmware/process/role.h"
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
-#include "firmware/twin/safe_hold.h"
-#include "firmware/twin/status_line.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* ---- live twin memory ---- */

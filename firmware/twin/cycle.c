@@ -4,15 +4,18 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/monitor/lock_judge.h"
+#include "firmware/process/interrupt.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
@@ -61,16 +64,6 @@ struct tl_cycle {
     tl_latest published; /* the same, for other threads */
 };
 
-/* ---- another tuning ---- */
-
-static void tl_cycle_keep_in_force(tl_cycle *cycle);
-
-static void tl_cycle_put_in_force(tl_cycle *cycle);
-
-static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account);
-
-/* ---- a flip ---- */
-
 /* ---- realtime ---- */
 
 /* The smallest there is. */
@@ -100,183 +93,7 @@ __attribute__((noinline)) void tl_realtime_touch_stack(void) {
     }
 }
 
-/* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
-
-static bool is_due(const tl_cycle *cycle) {
-    return cycle->flip.is_ahead && cycle->next_tick >= cycle->flip.tick;
-}
-
-/* At the tick of the flip each is what it will be. */
-static tl_time tl_cycle_delay(const tl_cycle *cycle) {
-    bool is_shadow_then = cycle->is_shadow != is_due(cycle);
-    return is_shadow_then ? cycle->settings.assembly->config.step / 4 : 0;
-}
-
-/* It has done its part. */
-static void say(tl_cycle *cycle) {
-    cycle->flip.is_ahead = false;
-    __atomic_store_n(cycle->settings.place.flipped, cycle->flip.number, __ATOMIC_RELEASE);
-}
-
-/* At the start of a tick. */
-static void tl_cycle_look_for_flip(tl_cycle *cycle) {
-    const tl_cycle_place *place = &cycle->settings.place;
-    tl_cycle_flip *flip = &cycle->flip;
-    uint32_t to = 0;
-    if (place->stage == NULL || flip->is_ahead ||
-        !tl_live_stage_look(place->stage, flip->number, &flip->number, &to, &flip->tick)) {
-        return;
-    }
-    flip->is_ahead = (to == place->place) == cycle->is_shadow;
-    if (!flip->is_ahead) {
-        say(cycle); /* it is that already */
-    }
-}
-
-/* What it does from the next tick on is counted from 0. */
-static void count_anew(tl_cycle *cycle) {
-    tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
-    cycle->summary = (tl_summary){.resumption = cycle->resumption};
-    cycle->warm_up = facts.first + facts.lead;
-    cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
-    cycle->first_step = cycle->next_tick - (int64_t)facts.lead;
-    cycle->shown.executions = 0;
-    cycle->shown.used = 0;
-    memset(cycle->shown.match, 0, sizeof cycle->shown.match);
-}
-
-/* If the supervisor was stopped as it announced the flip, the two twins may have seen it at different ticks. */
-static void tell_late_flip(const tl_cycle *cycle) {
-    if (cycle->next_tick > cycle->flip.tick) {
-        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
-                         "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
-                         "; ticks around it may be missing or in both runs",
-                         cycle->flip.tick, cycle->next_tick);
-    }
-}
-
-/* Nothing is missed any more: the next tick is at its time. */
-static void tl_cycle_be_live(tl_cycle *cycle) {
-    if (cycle->is_behind) {
-        cycle->is_behind = false;
-        count_anew(cycle);
-    }
-}
-
-/* ---- the shadow ---- */
-
-/* The twin forgets what is not saved, and so does who judges it: what follows is what a replay of the run does. `size` 0: nothing is saved. */
-static tl_status begin_run(tl_cycle *cycle, size_t size) {
-    const tl_cycle_settings *settings = &cycle->settings;
-    bool done = false;
-    tl_outbox_start start = {.holds = false};
-    tl_status status = tl_twin_forget(settings->assembly->twin, &done, &cycle->error);
-    if (status != TL_OK) {
-        return status;
-    }
-    tl_account_take(settings->assembly->twin, &start.account);
-    tl_cycle_begin_judges(cycle, &start.account);
-    cycle->resumption = (tl_resumption){
-        .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
-        .run = -1, /* the one before */
-        .tick = cycle->flip.tick > cycle->next_tick ? cycle->flip.tick : cycle->next_tick,
-        .start = settings->place.start,
-        .started = settings->place.started,
-    };
-    start.resumption = cycle->resumption;
-    (void)tl_outbox_put_start(settings->outbox, &start);
-    if (size != 0) {
-        tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
-    }
-    tl_cycle_put_in_force(cycle);
-    cycle->has_run = true;
-    return TL_OK;
-}
-
-/* At a tick with time to spare, or after the last one before the flip. */
-static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
-    tl_time step = cycle->settings.assembly->config.step;
-    bool is_last = cycle->next_tick >= cycle->flip.tick;
-    tl_time left = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
-    size_t size = 0;
-    bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : left, &size);
-    return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
-}
-
-static void tell_taken_over(const tl_cycle *cycle) {
-    const tl_resumption *resumption = &cycle->resumption;
-    bool is_saved = resumption->from == TL_RESUMED_CHECKPOINT;
-    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
-                     "has taken over from tick %" PRId64 " on%s", resumption->tick,
-                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
-}
-
-/* What is bad now is told again: whoever reads the run's events has not seen it. */
-static void take_over(tl_cycle *cycle) {
-    cycle->is_shadow = false;
-    cycle->is_behind = false;
-    tl_journal_set_apart(cycle->settings.journal, false);
-    tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
-    count_anew(cycle);
-    tell_taken_over(cycle);
-    tell_late_flip(cycle);
-    say(cycle);
-}
-
-/* ---- the run's ---- */
-
-static void hand_over(tl_cycle *cycle) {
-    tell_late_flip(cycle);
-    tl_cycle_keep_in_force(cycle);
-    (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
-    cycle->settings.place.start = cycle->start;
-    cycle->settings.place.started = tl_outbox_beginning(cycle->settings.outbox)->started;
-    cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
-    cycle->has_run = false;
-    cycle->is_shadow = true;
-    tl_journal_set_apart(cycle->settings.journal, true);
-    count_anew(cycle);
-    say(cycle);
-}
-
-/* Mode ahead: the last record of a run that ends by a flip is complete with this sample, and both are put. */
-static void tl_cycle_hand_over_with(tl_cycle *cycle) {
-    if (is_due(cycle) && !cycle->is_shadow) {
-        hand_over(cycle);
-    }
-}
-
-/* ---- ticks ---- */
-
-static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
-    if (!is_due(cycle)) {
-        return TL_OK;
-    }
-    if (!cycle->is_shadow) {
-        if (cycle->settings.assembly->config.measurements != TL_AHEAD) { /* there its last record is not complete */
-            hand_over(cycle);
-        }
-        return TL_OK;
-    }
-    tl_status status = cycle->has_run ? TL_OK : try_to_begin_run(cycle, NULL);
-    if (status == TL_OK) {
-        take_over(cycle);
-    }
-    return status;
-}
-
-static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
-    if (cycle->has_run) {
-        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
-    } else if (cycle->flip.is_ahead) {
-        return try_to_begin_run(cycle, budget);
-    } else {
-        tl_checkpointer_rehearse(&cycle->checkpointer, budget);
-    }
-    return TL_OK;
-}
-
-/* ---- cycle tuning ---- */
+/* ---- another tuning ---- */
 
 static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
     if (cycle->settings.answer != NULL) {
@@ -339,7 +156,6 @@ static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
     tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
 }
 
-/* Both judges begin anew. */
 static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
     tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
     tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
@@ -356,10 +172,167 @@ static void tl_cycle_keep_in_force(tl_cycle *cycle) {
     cycle->has_tuning = false;
 }
 
-/* A run begins after the twin was built: what is in force goes into it with its first sample, if the twin was not built with it. */
-static void tl_cycle_put_in_force(tl_cycle *cycle) {
-    cycle->has_tuning = cycle->was_tuned;
+/* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
+
+static bool is_due(const tl_cycle *cycle) {
+    return cycle->flip.is_ahead && cycle->next_tick >= cycle->flip.tick;
+}
+
+/* At the tick of the flip each is what it will be. */
+static tl_time tl_cycle_delay(const tl_cycle *cycle) {
+    bool is_shadow_then = cycle->is_shadow != is_due(cycle);
+    return is_shadow_then ? cycle->settings.assembly->config.step / 4 : 0;
+}
+
+/* It has done its part. */
+static void say(tl_cycle *cycle) {
+    cycle->flip.is_ahead = false;
+    __atomic_store_n(cycle->settings.place.flipped, cycle->flip.number, __ATOMIC_RELEASE);
+}
+
+/* At the start of a tick. */
+static void tl_cycle_look_for_flip(tl_cycle *cycle) {
+    const tl_cycle_place *place = &cycle->settings.place;
+    tl_cycle_flip *flip = &cycle->flip;
+    uint32_t to = 0;
+    if (place->stage == NULL || flip->is_ahead ||
+        !tl_live_stage_look(place->stage, flip->number, &flip->number, &to, &flip->tick)) {
+        return;
+    }
+    flip->is_ahead = (to == place->place) == cycle->is_shadow;
+    if (!flip->is_ahead) {
+        say(cycle); /* it is that already */
+    }
+}
+
+/* What it does from the next tick on is counted from 0. */
+static void count_anew(tl_cycle *cycle) {
+    tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
+    cycle->summary = (tl_summary){.resumption = cycle->resumption};
+    cycle->warm_up = facts.first + facts.lead;
+    cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
+    cycle->first_step = cycle->next_tick - (int64_t)facts.lead;
+    cycle->shown.executions = 0;
+    cycle->shown.used = 0;
+    memset(cycle->shown.match, 0, sizeof cycle->shown.match);
+}
+
+/* If the supervisor was stopped as it announced the flip, the two twins may have seen it at different ticks. */
+static void tell_late_flip(const tl_cycle *cycle) {
+    if (cycle->next_tick > cycle->flip.tick) {
+        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
+                         "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
+                         "; ticks around it may be missing or in both runs",
+                         cycle->flip.tick, cycle->next_tick);
+    }
+}
+
+/* ---- the shadow ---- */
+
+/* The twin forgets what is not saved, and so does who judges it: what follows is what a replay of the run does. `size` 0: nothing is saved. */
+static tl_status begin_run(tl_cycle *cycle, size_t size) {
+    const tl_cycle_settings *settings = &cycle->settings;
+    bool done = false;
+    tl_outbox_start start = {.holds = false};
+    tl_status status = tl_twin_forget(settings->assembly->twin, &done, &cycle->error);
+    if (status != TL_OK) {
+        return status;
+    }
+    tl_account_take(settings->assembly->twin, &start.account);
+    tl_cycle_begin_judges(cycle, &start.account);
+    cycle->resumption = (tl_resumption){
+        .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
+        .run = -1, /* the one before */
+        .tick = cycle->flip.tick > cycle->next_tick ? cycle->flip.tick : cycle->next_tick,
+        .start = settings->place.start,
+        .started = settings->place.started,
+    };
+    start.resumption = cycle->resumption;
+    (void)tl_outbox_put_start(settings->outbox, &start);
+    if (size != 0) {
+        tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
+    }
+    cycle->has_tuning = cycle->was_tuned; /* what is in force goes into the run with its first sample */
     cycle->tuning.tick = cycle->next_tick;
+    cycle->has_run = true;
+    return TL_OK;
+}
+
+/* At a tick with time to spare, or after the last one before the flip. */
+static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
+    tl_time step = cycle->settings.assembly->config.step;
+    bool is_last = cycle->next_tick >= cycle->flip.tick;
+    tl_time left = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
+    size_t size = 0;
+    bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : left, &size);
+    return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
+}
+
+static void tell_taken_over(const tl_cycle *cycle) {
+    const tl_resumption *resumption = &cycle->resumption;
+    bool is_saved = resumption->from == TL_RESUMED_CHECKPOINT;
+    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
+                     "has taken over from tick %" PRId64 " on%s", resumption->tick,
+                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
+}
+
+/* What is bad now is told again: whoever reads the run's events has not seen it. */
+static void take_over(tl_cycle *cycle) {
+    cycle->is_shadow = false;
+    cycle->is_behind = false;
+    tl_journal_set_apart(cycle->settings.journal, false);
+    tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
+    count_anew(cycle);
+    tell_taken_over(cycle);
+    tell_late_flip(cycle);
+    say(cycle);
+}
+
+/* ---- the run's ---- */
+
+static void hand_over(tl_cycle *cycle) {
+    tell_late_flip(cycle);
+    tl_cycle_keep_in_force(cycle);
+    (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
+    cycle->settings.place.start = cycle->start;
+    cycle->settings.place.started = tl_outbox_beginning(cycle->settings.outbox)->started;
+    cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
+    cycle->has_run = false;
+    cycle->is_shadow = true;
+    tl_journal_set_apart(cycle->settings.journal, true);
+    count_anew(cycle);
+    say(cycle);
+}
+
+/* ---- ticks ---- */
+
+static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
+    if (!is_due(cycle)) {
+        return TL_OK;
+    }
+    if (!cycle->is_shadow && cycle->settings.assembly->config.measurements == TL_AHEAD) {
+        return TL_OK; /* its last record is not complete */
+    }
+    if (!cycle->is_shadow) {
+        hand_over(cycle);
+        return TL_OK;
+    }
+    tl_status status = cycle->has_run ? TL_OK : try_to_begin_run(cycle, NULL);
+    if (status == TL_OK) {
+        take_over(cycle);
+    }
+    return status;
+}
+
+static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
+    if (cycle->has_run) {
+        tl_checkpointer_after(&cycle->checkpointer, tick, budget);
+    } else if (cycle->flip.is_ahead) {
+        return try_to_begin_run(cycle, budget);
+    } else {
+        tl_checkpointer_rehearse(&cycle->checkpointer, budget);
+    }
+    return TL_OK;
 }
 
 /* ---- cycle ---- */
@@ -479,7 +452,9 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     }
     if (ahead) {
         put_sample(cycle, &sample);
-        tl_cycle_hand_over_with(cycle);
+        if (is_due(cycle) && !cycle->is_shadow) { /* its last record is complete with this sample */
+            hand_over(cycle);
+        }
     }
     if (status == TL_OK) {
         bool skipped = budget == NULL && tick >= cycle->warm_up;
@@ -522,7 +497,10 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     }
     tl_watch_skipped(&cycle->watch, present, cycle->skipped - skipped_before, tl_time_of_step(start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
-        tl_cycle_be_live(cycle);
+        if (cycle->is_behind) { /* nothing is missed any more */
+            cycle->is_behind = false;
+            count_anew(cycle);
+        }
         status = compute(cycle, present, budget);
         tl_time deadline = tl_time_of_step(start, period, present + 1);
         cycle->summary.deadline_misses += tl_clock_now(NULL) > deadline ? 1 : 0;
@@ -598,13 +576,6 @@ static void run(void *context) {
     tl_heart_end(cycle->heart);
 }
 
-/* It goes on with the ticks of a run that began at `start`. */
-static void go_on_at(tl_cycle *cycle, int64_t tick, tl_time start) {
-    cycle->start = start;
-    cycle->next_tick = tick;
-    cycle->warm_up = cycle->warm_up > tick ? cycle->warm_up : tick;
-}
-
 /* Tick 0 is a period away, unless there were ticks before. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
@@ -612,24 +583,11 @@ static void find_start(tl_cycle *cycle) {
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
-    if (place->is_shadow) {
-        go_on_at(cycle, place->tick, place->start);
-    } else if (resumption->from != TL_RESUMED_NOT) {
-        go_on_at(cycle, resumption->tick, resumption->start);
+    if (place->is_shadow || resumption->from != TL_RESUMED_NOT) {
+        cycle->start = place->is_shadow ? place->start : resumption->start;
+        cycle->next_tick = place->is_shadow ? place->tick : resumption->tick;
     }
-}
-
-/* For the recorder: t_start is tick 0. A run that goes on with an earlier one has begun with what it has followed. */
-static void begin_run_cycle(const tl_cycle *cycle) {
-    const tl_cycle_settings *settings = &cycle->settings;
-    if (settings->resumed.resumption.from == TL_RESUMED_NOT && !cycle->is_shadow) {
-        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, cycle->start);
-    }
-}
-
-/* Steps i = 0 … n with n = duration/T_S. */
-static int64_t last_tick(const tl_config *config, int64_t delay) {
-    return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
+    cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
 }
 
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error) {
@@ -641,9 +599,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     }
     started->settings = *settings;
     started->summary = settings->resumed;
-    started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
-    tl_watch_init(&started->watch, config, settings->journal);
     tl_account_take(settings->assembly->twin, &account);
+    started->last_tick = config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + account.lead;
+    tl_watch_init(&started->watch, config, settings->journal);
     tl_cycle_begin_judges(started, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
@@ -653,7 +611,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->has_run = !started->is_shadow;
     started->flip.number = settings->place.flips;
     find_start(started);
-    begin_run_cycle(started);
+    if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
+        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, started->start);
+    }                                                            /* else it has begun with what it has followed */
     started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
@@ -674,4 +634,102 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
     tl_status status = cycle->status;
     free(cycle);
     return status;
+}
+
+/* ---- status line ---- */
+
+/* Nominal by a choice that lasts, and not because no correction was found. */
+static const char *outcome_of(const tl_record *record) {
+    return (record->flags & TL_FLAG_RESTS) != 0 ? "rests" : tl_outcome_name(record->outcome);
+}
+
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
+    const tl_record *record = &status->record;
+    int length =
+        snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
+    for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
+                           config->adjust[i].variable, record->u[i] - record->u_hat[i]);
+    }
+    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", outcome_of(record));
+    if (config->adjust_count != 0) {
+        length +=
+            snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));
+    }
+    for (size_t i = 0; i < config->match_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
+                           record->y_hat_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
+                                                               : "  %.63s %.4g (plant %.4g, %s)",
+                           config->match[i].variable, record->y[i], record->y_hat[i],
+                           tl_quality_name((tl_quality)record->y_hat_quality[i]));
+    }
+    (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
+                   tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
+}
+
+/* ---- safe hold ---- */
+
+/* How often the log repeats what is wrong, and how long the thread sleeps at most. */
+static const tl_time HOLD_REMIND = 600 * TL_SECOND;
+static const tl_time HOLD_SHOW = TL_SECOND;
+static const tl_time HOLD_LOOK = TL_SECOND / 20;
+
+/* Takes what is due up to now; returns the next tick. */
+static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
+    tl_time step = settings->config->step;
+    tl_time now = tl_clock_now(NULL);
+    for (; tl_time_of_step(start, step, tick) <= now; tick++) {
+        tl_sample sample;
+        tl_plant_input_take(settings->input, tick, tl_time_of_step(start, step, tick), &sample);
+        (void)tl_outbox_put_sample(settings->outbox, &sample);
+        tl_heart_beat(settings->heart);
+    }
+    return tick;
+}
+
+/* `left`: until the next try. */
+static void describe_hold(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
+    const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
+    long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;
+    if (settings->since != 0) {
+        (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                       "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+        return;
+    }
+    (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                   "safe hold: %s %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
+                   "start the run. Last failure: %s",
+                   settings->missing > 0 ? "the twin could not be started" : "the twin failed",
+                   settings->missing > 0 ? settings->missing : settings->failures,
+                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded, settings->reason);
+}
+
+void tl_safe_hold(const tl_safe_hold_settings *settings) {
+    char text[TL_HEARTBEAT_STATUS];
+    tl_time begun = tl_clock_now(NULL);
+    tl_time shown = begun;
+    describe_hold(settings, settings->time, text);
+    tl_journal_event(settings->journal, -1, settings->since != 0 ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor", "%s",
+                     text);
+    tl_heartbeats_set_status(settings->beats, text);
+    tl_time start = settings->since != 0 ? settings->since : begun + settings->config->step;
+    tl_time remind = begun + HOLD_REMIND;
+    tl_twin_recorder_start(settings->outbox, NULL, start);
+    for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
+        tl_time due = tl_time_of_step(start, settings->config->step, tick);
+        tl_time most = tl_clock_now(NULL) + HOLD_LOOK;
+        tl_clock_sleep_until(due < most ? due : most);
+        tick = hold_samples(settings, start, tick);
+        tl_heart_beat(settings->heart);
+        tl_journal_drain(settings->journal);
+        if (tl_clock_now(NULL) - shown >= HOLD_SHOW) {
+            shown += HOLD_SHOW;
+            describe_hold(settings, begun + settings->time - shown, text);
+            tl_heartbeats_set_status(settings->beats, text);
+        }
+        if (shown >= remind) {
+            tl_log(TL_LOG_ERROR, "%s", text);
+            remind += HOLD_REMIND;
+        }
+    }
 }

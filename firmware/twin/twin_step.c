@@ -19,9 +19,6 @@
 enum { GUARD_TICKS = 16 };
 static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
-static void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size,
-                                     char text[TL_TWIN_NO_WAY_BACK_TEXT]);
-
 /* ---- packed ---- */
 
 /* Besides the signals of its sample. */
@@ -98,13 +95,6 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
     return budget;
 }
 
-/* The FMUs begin anew if they did so in the recording; that the rescue has wanted it at the tick before is known already. */
-static void bring_back(const tl_assembly *assembly, const tl_recording_tick *tick) {
-    if (tick->resets) {
-        tl_twin_reset(assembly->twin);
-    }
-}
-
 /* As the run did: led along, made up, or searched. */
 static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                       tl_record *record, bool *ready, tl_error *error) {
@@ -168,23 +158,35 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
     return status;
 }
 
-/* Once a process. */
+/* Once a process: why it runs free from this step on. */
 static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
     static bool told;
-    bool is_free = result->ready == 1 && (result->record.flags & TL_FLAG_NO_WAY_BACK) != 0;
-    char text[TL_TWIN_NO_WAY_BACK_TEXT];
-    if (is_free && !told) {
-        tl_twin_tell_no_way_back(assembly->twin, result->record.step, assembly->config.step, text);
-        tl_log(TL_LOG_WARNING, "%s", text);
+    if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_WAY_BACK) == 0) {
+        return;
     }
-    told = told || is_free;
+    told = true;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
+    tl_twin_ledger entry = {.name = ""};
+    for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
+        entry = tl_twin_get_ledger(assembly->twin, i);
+    }
+    const char *why = entry.replay.differs   ? "did not do again what it had done"
+                      : entry.replay.is_over ? "was tried on more ways than there is room for"
+                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
+    tl_log(TL_LOG_WARNING,
+           "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again until then",
+           tl_seconds(tl_time_of_step(0, assembly->config.step, result->record.step)), name, why,
+           (unsigned long long)entry.replay.steps);
 }
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
     bool ready = false;
-    bring_back(assembly, tick);
+    if (tick->resets) { /* as in the recording; that the rescue has wanted it at the tick before is known already */
+        tl_twin_reset(assembly->twin);
+    }
     if (!tick->followed) {
         tl_lock_rescue_sample(rescue, &tick->sample);
     }
@@ -287,22 +289,4 @@ bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news)
     news->component = finding.component;
     write_sentence(&finding, news);
     return news->found;
-}
-
-/* A sentence: why it runs free from `step` on, of T_S = `size`. */
-static void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size,
-                                     char text[TL_TWIN_NO_WAY_BACK_TEXT]) {
-    tl_twin_facts facts = tl_twin_get_facts(twin);
-    const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
-    tl_twin_ledger entry = {.name = ""};
-    for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
-        entry = tl_twin_get_ledger(twin, i);
-    }
-    const char *why = entry.replay.differs   ? "did not do again what it had done"
-                      : entry.replay.is_over ? "was tried on more ways than there is room for"
-                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
-    (void)snprintf(text, TL_TWIN_NO_WAY_BACK_TEXT,
-                   "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again "
-                   "until then",
-                   tl_seconds(tl_time_of_step(0, size, step)), name, why, (unsigned long long)entry.replay.steps);
 }

@@ -108,6 +108,4 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
 /* The newest finding of a run that has ended. False: there is none. */
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
 
-enum { TL_TWIN_NO_WAY_BACK_TEXT = 320 };
-
 #endif
