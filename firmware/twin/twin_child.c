@@ -42,7 +42,7 @@ struct tl_twin_child {
     tl_error last_error;
     int64_t least_step; /* that a record may be of */
     union {
-        unsigned char packed[TL_TWIN_PACKED]; /* a result */
+        tl_twin_result result;
         tl_confine_facts facts;
         tl_twin_word word;
     } payload; /* of a message, copied */
@@ -462,9 +462,7 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
     if (child->stopping) {
         return TL_OK; /* it would be passed over */
     }
-    unsigned char packed[TL_TWIN_PACKED];
-    tl_twin_pack_tick(child->settings.config, tick, packed);
-    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, packed)) {
+    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
         return end_liar(child, child->channel.fault.text, error);
     }
     return TL_OK;
@@ -513,7 +511,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (type != TL_MESSAGE_RESULT) {
         return end_liar(child, "a message came before its time", error);
     }
-    tl_twin_unpack_result(child->settings.config, child->settings.job->tells, child->payload.packed, result);
+    memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->tells));
     if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
         result->tick = TL_TWIN_NO_TICK;
         return end_liar(child, "a result is none", error);

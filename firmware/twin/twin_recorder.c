@@ -73,9 +73,9 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
 void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
     static const tl_time ms = TL_SECOND / 1000;
     static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
-    beginning = (tl_outbox_start){
-        .holds = twin == NULL,
-        .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    beginning =
+        (tl_outbox_start){.holds = twin == NULL,
+                          .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
     if (twin != NULL) {
         tl_account_take(twin, &beginning.account);
     }

@@ -41,11 +41,13 @@ typedef struct role {
     tl_assembly second; /* of a pair */
     tl_lock_rescue rescue;
     tl_twin_tunings tunings; /* that are still to be taken */
-    tl_recording_tick tick;  /* as it came last, */
-    tl_twin_result result;   /* and what came of it */
-    unsigned char packed[TL_TWIN_PACKED];
-    unsigned unpushed; /* results since the other end was woken, if it slept */
-    bool over;         /* a step has failed: what is still asked for gets no answer */
+    union {
+        tl_recording_tick tick;
+        tl_twin_word word;
+    } received;
+    tl_twin_result result; /* of the tick that came last */
+    unsigned unpushed;     /* results since the other end was woken, if it slept */
+    bool over;             /* a step has failed: what is still asked for gets no answer */
 } role;
 
 /* ---- telling ---- */
@@ -78,12 +80,12 @@ static void send_word(role *self, tl_message type, tl_status status, const tl_er
     send_message(self, type, &word);
 }
 
-/* The next message of the parent, in self->packed. */
+/* The next message of the parent, in self->received. */
 static tl_status receive(role *self, tl_message *type, tl_error *error) {
-    tl_channel_news news = tl_channel_take(&self->channel, type, self->packed);
+    tl_channel_news news = tl_channel_take(&self->channel, type, &self->received);
     while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
         (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
-        news = tl_channel_take(&self->channel, type, self->packed);
+        news = tl_channel_take(&self->channel, type, &self->received);
     }
     *error = self->channel.fault;
     return error->status;
@@ -279,31 +281,27 @@ static bool is_stopped(const role *self) {
 }
 
 static tl_status execute(role *self, tl_error *error) {
-    int64_t tick = self->tick.sample.tick;
+    int64_t tick = self->received.tick.sample.tick;
     tl_status status = tl_twin_take_tunings(&self->assembly, &self->tunings, tick, &self->rescue, error);
     if (status != TL_OK) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;
     }
-    return tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->rescue, &self->result, error);
+    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.tells, &self->rescue, &self->result, error);
 }
 
-/* The tick is in self->packed. */
 static void answer(role *self, bool last) {
-    const tl_config *config = &self->assembly.config;
     tl_error error;
     if (self->over || is_stopped(self)) {
         return;
     }
-    tl_twin_unpack_tick(config, self->packed, &self->tick);
     if (last) {
-        tl_twin_execute_last(&self->assembly, &self->tick, self->job.tells, &self->result);
+        tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.tells, &self->result);
     } else if (execute(self, &error) != TL_OK) {
         set_error(self, &error);
         self->over = true;
     }
-    tl_twin_pack_result(config, self->job.tells, &self->result, self->packed);
-    send_message(self, TL_MESSAGE_RESULT, self->packed);
+    send_message(self, TL_MESSAGE_RESULT, &self->result);
 }
 
 /* Until it is told to end. */
@@ -321,7 +319,6 @@ static tl_status step_until_end(role *self, tl_error *error) {
 static tl_status ask(void *context, tl_error *error) {
     role *self = context;
     tl_message type = TL_MESSAGE_END;
-    tl_twin_word word;
     send_message(self, TL_MESSAGE_SHOWN, NULL);
     tl_status status = receive(self, &type, error);
     if (status != TL_OK) {
@@ -330,8 +327,8 @@ static tl_status ask(void *context, tl_error *error) {
     if (type == TL_MESSAGE_END) {
         return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
     }
-    memcpy(&word, self->packed, sizeof word);
-    return word.status == (int32_t)TL_OK ? TL_OK : tl_fail(error, (tl_status)word.status, "%s", self->orders->error);
+    tl_status seen = (tl_status)self->received.word.status;
+    return seen == TL_OK ? TL_OK : tl_fail(error, seen, "%s", self->orders->error);
 }
 
 static tl_status check(role *self, tl_status built, tl_error *error) {

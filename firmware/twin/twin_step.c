@@ -19,59 +19,11 @@
 enum { GUARD_TICKS = 16 };
 static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
-/* ---- packed ---- */
-
-/* Besides the signals of its sample. */
-static const tl_packed_part TICK_PARTS[] = {
-    {offsetof(tl_recording_tick, sample), offsetof(tl_sample, values), TL_PACKED_ONE},
-    {offsetof(tl_recording_tick, executions),
-     offsetof(tl_recording_tick, followed) + sizeof(bool) - offsetof(tl_recording_tick, executions), TL_PACKED_ONE},
-    {offsetof(tl_recording_tick, u), sizeof(double), TL_PACKED_ADJUST},
-    {0},
-};
-
-static const size_t RESULT_HEAD = offsetof(tl_twin_result, record);
-
-size_t tl_twin_packed_tick_size(const tl_config *config) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    return tl_packed_size(TICK_PARTS, &shape) + tl_packed_size(tl_packed_signals, &shape);
-}
-
-void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, unsigned char *bytes) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    (void)tl_pack(tl_packed_signals, &shape, &tick->sample, tl_pack(TICK_PARTS, &shape, tick, bytes));
-}
-
-void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    (void)tl_unpack(tl_packed_signals, &shape, tl_unpack(TICK_PARTS, &shape, bytes, tick), &tick->sample);
-}
-
-static size_t besides_size(const tl_config *config, tl_twin_tells tells) {
-    return tells == TL_TELLS_COUNTS    ? (config->component_count + 1) * sizeof(tl_recorder_component)
-           : tells == TL_TELLS_OUTPUTS ? config->emulated_count * sizeof(double)
-                                       : 0;
-}
-
-size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    return RESULT_HEAD + tl_packed_size(tl_packed_record, &shape) + besides_size(config, tells);
-}
-
-void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_twin_result *result,
-                         unsigned char *bytes) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    memcpy(bytes, result, RESULT_HEAD);
-    bytes = tl_pack(tl_packed_record, &shape, &result->record, bytes + RESULT_HEAD);
-    memcpy(bytes, &result->besides, besides_size(config, tells));
-}
-
-void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
-                           tl_twin_result *result) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    memcpy(result, bytes, RESULT_HEAD);
-    bytes = tl_unpack(tl_packed_record, &shape, bytes + RESULT_HEAD, &result->record);
-    memcpy(&result->besides, bytes, besides_size(config, tells));
+size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
+    return offsetof(tl_twin_result, besides) + (tells == TL_TELLS_COUNTS
+                                                    ? (config->component_count + 1) * sizeof(tl_recorder_component)
+                                                : tells == TL_TELLS_OUTPUTS ? config->emulated_count * sizeof(double)
+                                                                            : 0);
 }
 
 static bool is_sound_record(const tl_record *record, const tl_config *config, int64_t tick, int64_t least) {

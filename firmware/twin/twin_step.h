@@ -44,19 +44,8 @@ typedef struct tl_twin_result {
     } besides; /* as far as there are some */
 } tl_twin_result;
 
-/* ---- packed, as they cross between processes; `bytes` may lie anywhere. What is unpacked is not checked. */
-
-/* Bytes that a packed tick or result takes at most. */
-enum { TL_TWIN_PACKED = 8192 };
-
-size_t tl_twin_packed_tick_size(const tl_config *config);
-size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells);
-void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, unsigned char *bytes);
-void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick);
-void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_twin_result *result,
-                         unsigned char *bytes);
-void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
-                           tl_twin_result *result);
+/* Bytes of a result, of which the rest of `besides` is left out. */
+size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
 
 /* Whether what another process says of this tick can be one: outcomes and qualities that exist, a step that is not before `least`, nor after the
  * tick. Numbers are not judged. */

@@ -57,12 +57,12 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
     return (tl_channel_settings){
         .sizes.bytes =
             {
-                [TL_MESSAGE_TICK] = (uint32_t)tl_twin_packed_tick_size(config),
-                [TL_MESSAGE_FINISH] = (uint32_t)tl_twin_packed_tick_size(config),
+                [TL_MESSAGE_TICK] = sizeof(tl_recording_tick),
+                [TL_MESSAGE_FINISH] = sizeof(tl_recording_tick),
                 [TL_MESSAGE_SEEN] = sizeof(tl_twin_word),
                 [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
                 [TL_MESSAGE_BUILT] = sizeof(tl_twin_word),
-                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_packed_result_size(config, tells),
+                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, tells),
                 [TL_MESSAGE_ENDED] = sizeof(tl_twin_word),
             },
         .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},

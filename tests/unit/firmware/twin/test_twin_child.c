@@ -68,13 +68,11 @@ static void send_built(void) {
     send_word(TL_MESSAGE_BUILT, TL_OK, "");
 }
 
-static void send_result(const tl_config *config, int64_t tick, int32_t status, const char *error) {
+static void send_result(int64_t tick, int32_t status, const char *error) {
     static tl_twin_result result;
-    unsigned char packed[TL_TWIN_PACKED];
     result = (tl_twin_result){.tick = tick, .status = status, .ready = 0};
     (void)snprintf(extra->error, sizeof extra->error, "%s", error);
-    tl_twin_pack_result(config, TL_TELLS_RECORDS, &result, packed);
-    send_message(TL_MESSAGE_RESULT, packed);
+    send_message(TL_MESSAGE_RESULT, &result);
 }
 
 /* Until the other end has taken all that was sent. */
@@ -92,7 +90,7 @@ static void sleep_for_ever(void) {
 }
 
 /* What is said before the twin is built. */
-static bool lie_early(const char *lie, const tl_config *config) {
+static bool lie_early(const char *lie) {
     if (strcmp(lie, "ends at once") == 0) {
         _exit(0);
     }
@@ -101,7 +99,7 @@ static bool lie_early(const char *lie, const tl_config *config) {
     }
     send_ready();
     if (strcmp(lie, "a result before it is built") == 0) {
-        send_result(config, 0, TL_OK, "");
+        send_result(0, TL_OK, "");
     } else if (strcmp(lie, "ready twice") == 0) {
         send_ready();
     } else if (strcmp(lie, "fails and says nothing") == 0) {
@@ -141,18 +139,18 @@ static bool lie_early(const char *lie, const tl_config *config) {
 }
 
 /* And what after it. */
-static void lie_late(const char *lie, const tl_config *config) {
+static void lie_late(const char *lie) {
     send_built();
     if (strcmp(lie, "built twice") == 0) {
         send_built();
     } else if (strcmp(lie, "a result of another tick") == 0) {
-        send_result(config, 1, TL_OK, "");
+        send_result(1, TL_OK, "");
     } else if (strcmp(lie, "interrupted at a tick") == 0) {
-        send_result(config, 0, TL_INTERRUPTED, "");
+        send_result(0, TL_INTERRUPTED, "");
     } else if (strcmp(lie, "a step fails with escapes") == 0) {
-        send_result(config, 0, TL_FMU_FAILED, "in \033]0;title\007 motor");
+        send_result(0, TL_FMU_FAILED, "in \033]0;title\007 motor");
     } else if (strcmp(lie, "a step fails silently") == 0) {
-        send_result(config, 0, TL_FMU_FAILED, "");
+        send_result(0, TL_FMU_FAILED, "");
     } else if (strcmp(lie, "a result that is too short") == 0) {
         send_any(TL_MESSAGE_RESULT, 1, extra);
     } else if (strcmp(lie, "a tick") == 0) {
@@ -210,8 +208,8 @@ static void be_liar(const char *lie) {
     own = blocks[TL_CHILD].bytes;
     others = blocks[TL_PARENT].bytes;
     extra = tl_channel_extra(&wire, TL_CHILD, own);
-    if (!lie_early(lie, &config)) {
-        lie_late(lie, &config);
+    if (!lie_early(lie)) {
+        lie_late(lie);
     }
     sleep_for_ever();
 }
