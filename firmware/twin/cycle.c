@@ -86,26 +86,15 @@ void tl_realtime_tell_refused(tl_journal *journal) {
                      "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
 }
 
-__attribute__((noinline)) void tl_realtime_touch_stack(void) {
-    volatile char room[TL_REALTIME_STACK];
+/* What the cycle calls does not fault for pages of its stack where memory is not locked. */
+__attribute__((noinline)) static void touch_stack(void) {
+    volatile char room[256 * 1024];
     for (size_t i = 0; i < sizeof room; i += PAGE) {
         room[i] = 0;
     }
 }
 
 /* ---- another tuning ---- */
-
-static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
-    if (cycle->settings.answer != NULL) {
-        tl_live_tuning_answer_with(cycle->settings.answer, number, cycle->next_tick, why);
-    }
-}
-
-static void refuse_tuning(tl_cycle *cycle, const tl_live_tuning_head *head, const char *why) {
-    tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
-                     "configuration %.12s refused: %.150s", tl_identity_is_sound(head->hash) ? head->hash : "?", why);
-    answer(cycle, head->number, why);
-}
 
 static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
@@ -116,7 +105,6 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
     tl_lock_judge_retune(&cycle->second, &head->tuning);
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
-    answer(cycle, head->number, NULL);
 }
 
 /* There is another number than that which was looked at last. */
@@ -132,8 +120,12 @@ static void look_at_tuning(tl_cycle *cycle) {
     if (status == TL_OK) {
         take_tuning(cycle, &head);
     } else {
-        refuse_tuning(cycle, &head, error.text);
+        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
+                         "configuration %.12s refused: %.150s", tl_identity_is_sound(head.hash) ? head.hash : "?",
+                         error.text);
     }
+    tl_live_tuning_answer_with(cycle->settings.answer, head.number, cycle->next_tick,
+                               status == TL_OK ? NULL : error.text);
 }
 
 /* At the start of a tick. */
@@ -268,22 +260,17 @@ static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
 }
 
-static void tell_taken_over(const tl_cycle *cycle) {
-    const tl_resumption *resumption = &cycle->resumption;
-    bool is_saved = resumption->from == TL_RESUMED_CHECKPOINT;
-    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
-                     "has taken over from tick %" PRId64 " on%s", resumption->tick,
-                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
-}
-
 /* What is bad now is told again: whoever reads the run's events has not seen it. */
 static void take_over(tl_cycle *cycle) {
+    bool is_saved = cycle->resumption.from == TL_RESUMED_CHECKPOINT;
     cycle->is_shadow = false;
     cycle->is_behind = false;
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
     count_anew(cycle);
-    tell_taken_over(cycle);
+    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
+                     "has taken over from tick %" PRId64 " on%s", cycle->resumption.tick,
+                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
     tell_late_flip(cycle);
     say(cycle);
 }
@@ -418,14 +405,6 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
 }
 
-/* In its first tick the twin begins, and its FMUs are proved. */
-static void note_beginning(tl_cycle *cycle) {
-    if (!cycle->has_begun) {
-        cycle->has_begun = true;
-        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
-    }
-}
-
 /* One tick: searched within `budget`, or made up where that is NULL. */
 static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     tl_heart_beat(cycle->heart);
@@ -446,7 +425,10 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
-    note_beginning(cycle);
+    if (!cycle->has_begun) { /* in its first tick the twin begins, and its FMUs are proved */
+        cycle->has_begun = true;
+        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+    }
     if (ready) {
         keep(cycle, tick, &record);
     }
@@ -550,7 +532,7 @@ static void run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
     tl_locale_use();
-    tl_realtime_touch_stack();
+    touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
         tl_clock_sleep_until(instant);

@@ -30,11 +30,6 @@ void tl_realtime_lock_memory(tl_journal *journal);
 /* An event: the cycle's thread did not get its priority. */
 void tl_realtime_tell_refused(tl_journal *journal);
 
-/* The calling thread has touched the next TL_REALTIME_STACK bytes of its stack: what the cycle calls does not fault for pages where memory is
- * not locked. */
-enum { TL_REALTIME_STACK = 256 * 1024 };
-void tl_realtime_touch_stack(void);
-
 /* ---- The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
  *
  * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
@@ -76,7 +71,7 @@ typedef struct tl_cycle_settings {
     tl_journal *journal;
     tl_heartbeats *beats;          /* NULL: nobody listens */
     const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */
-    tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: nobody asks */
+    tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: as `tuning` */
     tl_cycle_place place;
     bool unreadable; /* saved states of these FMUs are not to be loaded: none are saved */
     tl_summary

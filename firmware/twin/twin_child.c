@@ -44,7 +44,7 @@ struct tl_twin_child {
     union {
         tl_twin_result result;
         tl_confine_facts facts;
-        tl_twin_word word;
+        int32_t word;
     } payload; /* of a message, copied */
 };
 
@@ -108,18 +108,13 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 /* ---- messages ---- */
 
 /* Nobody interrupts it but us. */
-static tl_status take_word(tl_twin_child *child, tl_message type) {
-    unsigned told = (unsigned)child->payload.word.status;
+static void take_word(tl_twin_child *child, tl_message type) {
+    unsigned told = (unsigned)child->payload.word;
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
     copy_error(child, child->last_error.text);
     child->has_ended = type == TL_MESSAGE_ENDED;
-    return TL_OK;
-}
-
-static bool is_word(tl_message type) {
-    return type == TL_MESSAGE_BUILT || type == TL_MESSAGE_ENDED;
 }
 
 static void begin_patience(tl_twin_child *child) {
@@ -164,7 +159,10 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
             begin_patience(child);
-            return is_word(*type) ? take_word(child, *type) : TL_OK;
+            if (*type == TL_MESSAGE_BUILT || *type == TL_MESSAGE_ENDED) {
+                take_word(child, *type);
+            }
+            return TL_OK;
         case TL_CHANNEL_BROKEN:
             return end_liar(child, child->channel.fault.text, error);
         case TL_CHANNEL_NOTHING:
@@ -344,17 +342,18 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
     return take_account(child, &child->extra->built, account, error);
 }
 
-/* Waits for a last word; what is asked for before goes to `show`. */
-static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_child *child, tl_error *error),
-                            tl_error *error) {
-    tl_message type = TL_MESSAGE_ENDED;
+static tl_status show(tl_twin_child *child, tl_error *error);
+
+/* Waits for a last word. */
+static tl_status expect_end(tl_twin_child *child, tl_error *error) {
+    tl_message type = TL_MESSAGE_SHOWN;
     tl_status status = expect(child, TL_MESSAGE_BUILT, error);
     while (status == TL_OK && !child->has_ended) {
         status = next_message(child, 1, &type, error);
-        if (status == TL_OK && type != TL_MESSAGE_ENDED) {
-            status = type == TL_MESSAGE_SHOWN && show != NULL
-                         ? show(child, error)
-                         : end_liar(child, "a message came before its time", error);
+        if (status == TL_OK && type == TL_MESSAGE_SHOWN) {
+            status = show(child, error);
+        } else if (status == TL_OK && type != TL_MESSAGE_ENDED) {
+            status = end_liar(child, "a message came before its time", error);
         }
     }
     if (status != TL_OK) {
@@ -370,11 +369,6 @@ static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_chil
 
 /* ---- others that read what it shows ---- */
 
-/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
-static unsigned most_readers(const tl_twin_child *child) {
-    return 2 * ((unsigned)child->settings.config->component_count + 1);
-}
-
 static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     tl_twin_child_settings settings = child->settings;
@@ -384,7 +378,7 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     settings.page = NULL;
     tl_status status = make(&settings, &child->read_back, &reader, error);
     if (status == TL_OK && reader != NULL) {
-        status = expect_end(reader, NULL, error);
+        status = expect_end(reader, error);
     }
     tl_twin_child_close(reader); /* killed: nobody waits for how it would free its FMUs */
     if (status != TL_OK && error->text[0] == '\0') {
@@ -394,12 +388,14 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     return status;
 }
 
+/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
 static tl_status show(tl_twin_child *child, tl_error *error) {
+    const size_t most = child->read_back.size == 0 ? 0 : 2 * (child->settings.config->component_count + 1);
     tl_error end = {.text = ""};
-    if (child->read_back.size == 0 || child->readers++ >= most_readers(child)) {
+    if (child->readers++ >= most) {
         return end_liar(child, "it asks for other processes without end", error);
     }
-    const tl_twin_word word = {.status = (int32_t)run_reader(child, &end)};
+    const int32_t word = (int32_t)run_reader(child, &end);
     begin_patience(child);
     if (child->stopping) {
         return TL_OK; /* it was told */
@@ -413,7 +409,7 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error) {
-    tl_status status = expect_end(child, show, error);
+    tl_status status = expect_end(child, error);
     *warnings = child->extra->warnings;
     return status;
 }
@@ -440,7 +436,7 @@ void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
 }
 
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_outcome){.status = expect_end(child, NULL, error)};
+    *outcome = (tl_twin_outcome){.status = expect_end(child, error)};
     if (tl_interrupt_requested() != NULL) {
         return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
     }
@@ -529,33 +525,16 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
 
 /* ---- end ---- */
 
-/* What is computed still, and not taken any more, is passed over. */
-static tl_status wait_for_last_word(tl_twin_child *child, tl_error *error) {
-    tl_status status = TL_OK;
-    tl_message type = TL_MESSAGE_RESULT;
-    while (status == TL_OK && !child->has_ended) {
-        status = next_message(child, 1, &type, error);
-    }
-    return status;
-}
-
-static tl_status wait_for_end(tl_twin_child *child, tl_error *error) {
-    begin_patience(child);
-    while (!tl_twin_process_reap(child->process)) {
-        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
-            return end_silent(child, error);
-        }
-    }
-    const tl_role *role = tl_twin_process_role(child->process);
-    return role->signal == 0 && role->code == 0 ? TL_OK : describe_end(child, error);
-}
-
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error) {
     if (tl_twin_child_is_gone(child)) {
         return TL_OK; /* and it was told how */
     }
     tl_twin_child_stop(child);
-    tl_status status = wait_for_last_word(child, error);
+    tl_status status = TL_OK;
+    tl_message type = TL_MESSAGE_RESULT;
+    while (status == TL_OK && !child->has_ended) {
+        status = next_message(child, 1, &type, error);
+    }
     if (status == TL_OK && account != NULL) {
         status = take_account(child, &child->extra->ended, account, error);
     }
@@ -571,7 +550,17 @@ bool tl_twin_child_is_gone(const tl_twin_child *child) {
 }
 
 tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error) {
-    return tl_twin_child_is_gone(child) ? TL_OK : wait_for_end(child, error);
+    const tl_role *role = tl_twin_process_role(child->process);
+    if (role->has_ended) {
+        return TL_OK;
+    }
+    begin_patience(child);
+    while (!tl_twin_process_reap(child->process)) {
+        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
+            return end_silent(child, error);
+        }
+    }
+    return role->signal == 0 && role->code == 0 ? TL_OK : describe_end(child, error);
 }
 
 void tl_twin_child_close(tl_twin_child *child) {

@@ -22,24 +22,21 @@ static void begin(walker *self, const tl_assembly *assembly) {
     memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
 }
 
-/* A tick in which u is nominal. */
-static tl_status tick_free(walker *self, bool *ready, tl_error *error) {
+/* A tick in which u is nominal, or moved. */
+static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *error) {
     const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
-    tl_record record;
-    tl_status status = tl_twin_step(self->assembly->twin, &self->sample, &budget, &record, ready, error);
-    if (status == TL_OK && *ready) {
-        memcpy(self->nominal, record.u_hat, sizeof self->nominal);
-    }
-    self->sample.tick++;
-    return status;
-}
-
-static tl_status tick_excited(walker *self, bool *ready, tl_error *error) {
+    const tl_assembly *assembly = self->assembly;
     double u[TL_MAX_ADJUST] = {0.0};
     tl_record record;
-    tl_far_look_excite(self->assembly, self->nominal, self->steps, u);
-    tl_status status = tl_twin_follow(self->assembly->twin, &self->sample,
-                                      self->assembly->config.adjust_count != 0 ? u : NULL, &record, ready, error);
+    if (!is_free) {
+        tl_far_look_excite(assembly, self->nominal, self->steps, u);
+    }
+    tl_status status = is_free ? tl_twin_step(assembly->twin, &self->sample, &budget, &record, ready, error)
+                               : tl_twin_follow(assembly->twin, &self->sample,
+                                                assembly->config.adjust_count != 0 ? u : NULL, &record, ready, error);
+    if (is_free && status == TL_OK && *ready) {
+        memcpy(self->nominal, record.u_hat, sizeof self->nominal);
+    }
     self->sample.tick++;
     return status;
 }
@@ -51,7 +48,7 @@ static tl_status step(walker *self, tl_error *error) {
     bool ready = false;
     tl_status status = TL_OK;
     while (status == TL_OK && !ready && self->sample.tick <= last) {
-        status = is_free ? tick_free(self, &ready, error) : tick_excited(self, &ready, error);
+        status = step_once(self, is_free, &ready, error);
     }
     self->steps++;
     return status == TL_OK && !ready ? tl_fail(error, TL_FMU_FAILED, "no step was made") : status;
@@ -116,14 +113,12 @@ static void lead_first(const tl_assembly *first, double *values, size_t width, t
     }
 }
 
-static tl_status lead_second(const tl_assembly *second, const double *values, size_t width,
-                             tl_twin_pair_account *account, bool *differs, tl_error *error) {
-    double *own = calloc(width + 1, sizeof *own);
+/* Behind the values of all steps there is room for those of one. */
+static tl_status lead_second(const tl_assembly *second, double *values, size_t width, tl_twin_pair_account *account,
+                             bool *differs, tl_error *error) {
+    double *own = values + TL_PAIR_STEPS * width;
     walker walk;
     tl_status status = TL_OK;
-    if (own == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
-    }
     begin(&walk, second);
     for (uint32_t i = 0; i < account->steps && status == TL_OK && !*differs; i++) {
         status = step(&walk, error);
@@ -131,15 +126,14 @@ static tl_status lead_second(const tl_assembly *second, const double *values, si
             *differs = find_difference(second->twin, values + i * width, own, i, account, error);
         }
     }
-    free(own);
     return status;
 }
 
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
-                               bool *differs, tl_error *error) {
+                               tl_error *error) {
+    bool differs = false;
     size_t width = tl_twin_value_count(first->twin);
-    double *values = calloc(width * TL_PAIR_STEPS + 1, sizeof *values);
-    *differs = false;
+    double *values = calloc(width * (TL_PAIR_STEPS + 1) + 1, sizeof *values);
     if (values == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
@@ -149,12 +143,11 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
         __atomic_store_n(&account->has_second, 1, __ATOMIC_RELEASE);
         status = tl_assembly_build_quietly(second, account->component, error);
         if (status == TL_OK) {
-            status = lead_second(second, values, width, account, differs, error);
+            status = lead_second(second, values, width, account, &differs, error);
             tl_assembly_find_component(second, error->text, account->component);
         }
     }
-    if (status == TL_OK &&
-        !*differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
+    if (status == TL_OK && !differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
         *error = (tl_error){TL_OK, ""};
     }
     free(values);

@@ -26,9 +26,9 @@ typedef struct tl_twin_pair_account {
     char component[TL_PAIR_NAME];  /* the first that differs, or that fails; "": none */
 } tl_twin_pair_account;
 
-/* `first` was built, `second` has a configuration. With `alone` the second one is left out. *differs: there is a difference, and error->text says which.
+/* `first` was built, `second` has a configuration. With `alone` the second one is left out. If there is a difference error->text says which, else it is empty.
  * Errors: TL_TRY_AGAIN; any other, with a text or what was said on the log: there is no second twin, or it cannot step. */
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
-                               bool *differs, tl_error *error);
+                               tl_error *error);
 
 #endif

@@ -73,78 +73,72 @@ static bool is_too_wide(const char *folder) {
     return holds_home || strrchr(folder, '/') == folder;
 }
 
-/* From the environment: an absolute name, since the process has a current folder of its own. */
-static void add_folder(tl_twin_places *places, const char *folder) {
+/* What a folder in a variable stands for is added. True: those behind it are not looked at. */
+typedef bool add_one(tl_twin_places *places, const char *folder);
+
+/* An absolute name, since the process has a current folder of its own. */
+static bool add_folder(tl_twin_places *places, const char *folder) {
     char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
     if (found != NULL && !is_too_wide(found)) {
         add(places, found);
     }
     free(found);
+    return false;
 }
 
 /* Of an installation of Python, or an environment, only what it loads: all else there may be anybody's, as in ~ for ~/bin/python3. */
-static void add_installation(tl_twin_places *places, const char *prefix) {
+static bool add_installation(tl_twin_places *places, const char *prefix) {
     static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
         char path[PATH_MAX];
         if (snprintf(path, sizeof path, "%s/%s", prefix, parts[i]) < (int)sizeof path) {
-            add_folder(places, path);
+            (void)add_folder(places, path);
         }
     }
-}
-
-/* The folders in a variable, with colons between them. */
-static void add_variable(tl_twin_places *places, const char *name, void (*add_one)(tl_twin_places *, const char *)) {
-    const char *list = getenv(name);
-    while (list != NULL && list[0] != '\0') {
-        char folder[PATH_MAX];
-        size_t length = strcspn(list, ":");
-        if (length > 0 && snprintf(folder, sizeof folder, "%.*s", (int)length, list) < (int)sizeof folder) {
-            add_one(places, folder);
-        }
-        list += length;
-        list += list[0] == ':' ? 1 : 0;
-    }
+    return false;
 }
 
 /* Python's packages are those of the python3 that is first in PATH: beside it those of an environment, and where it leads to those of the
  * installation that the environment was made from. */
-static void add_python(tl_twin_places *places) {
-    for (const char *list = getenv("PATH"); list != NULL && list[0] != '\0'; list += list[0] == ':' ? 1 : 0) {
-        char path[PATH_MAX];
-        size_t length = strcspn(list, ":");
-        int written = snprintf(path, sizeof path, "%.*s/python3", (int)length, list);
-        char *program = length > 0 && written < (int)sizeof path ? realpath(path, NULL) : NULL;
-        if (program != NULL) {
-            add_installation(places, dirname(dirname(path)));
-            add_installation(places, dirname(dirname(program)));
-            free(program);
-            return;
-        }
-        list += length;
+static bool add_python(tl_twin_places *places, const char *folder) {
+    char path[PATH_MAX];
+    bool fits = snprintf(path, sizeof path, "%s/python3", folder) < (int)sizeof path;
+    char *program = fits ? realpath(path, NULL) : NULL;
+    if (program == NULL) {
+        return false;
     }
+    (void)add_installation(places, dirname(dirname(path)));
+    (void)add_installation(places, dirname(dirname(program)));
+    free(program);
+    return true;
 }
 
-/* Those of its user. Not all beside them is for FMUs. */
-static void add_users_packages(tl_twin_places *places) {
-    char path[PATH_MAX];
-    const char *base = getenv("PYTHONUSERBASE");
-    if (base != NULL && snprintf(path, sizeof path, "%s/lib", base) < (int)sizeof path) {
-        add_folder(places, path);
+/* The folders in a variable, with colons between them. */
+static void add_variable(tl_twin_places *places, const char *name, add_one *add_each) {
+    const char *list = getenv(name);
+    char *copy = list != NULL ? strdup(list) : NULL;
+    char *rest = NULL;
+    char *folder = copy != NULL ? strtok_r(copy, ":", &rest) : NULL;
+    while (folder != NULL && !add_each(places, folder)) {
+        folder = strtok_r(NULL, ":", &rest);
     }
+    free(copy);
 }
 
 void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
-    static const char *const variables[] = {"LD_LIBRARY_PATH", "PYTHONPATH", "LOCPATH"};
+    static const struct {
+        const char *name;
+        add_one *add;
+    } variables[] = {
+        {"LD_LIBRARY_PATH", add_folder},  {"PYTHONPATH", add_folder}, {"LOCPATH", add_folder},
+        {"PYTHONHOME", add_installation}, {"PATH", add_python},       {"PYTHONUSERBASE", add_installation},
+    };
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         add_component(places, assembly, i);
     }
     for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
-        add_variable(places, variables[i], add_folder);
+        add_variable(places, variables[i].name, variables[i].add);
     }
-    add_variable(places, "PYTHONHOME", add_installation);
-    add_python(places);
-    add_users_packages(places);
 }
 
 void tl_twin_places_free(tl_twin_places *places) {

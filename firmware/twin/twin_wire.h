@@ -27,11 +27,6 @@ enum {
     TL_TWIN_READ_BACK = 8      /* written by this and others of its kind (read_back.h) */
 };
 
-/* Payload of TL_MESSAGE_BUILT, TL_MESSAGE_ENDED and TL_MESSAGE_SEEN. Why it failed is in the block; "": it was said on the log. */
-typedef struct tl_twin_word {
-    int32_t status; /* tl_status */
-} tl_twin_word;
-
 /* In the block of the process with the FMUs, beside its messages. The two accounts are apart: told to end early it writes the last one while its parent
  * still reads the first. */
 typedef struct tl_twin_extra {
@@ -59,11 +54,12 @@ static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_
             {
                 [TL_MESSAGE_TICK] = sizeof(tl_recording_tick),
                 [TL_MESSAGE_FINISH] = sizeof(tl_recording_tick),
-                [TL_MESSAGE_SEEN] = sizeof(tl_twin_word),
+                /* A tl_status. Why it failed is in the block; "": it was said on the log. */
+                [TL_MESSAGE_SEEN] = sizeof(int32_t),
                 [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
-                [TL_MESSAGE_BUILT] = sizeof(tl_twin_word),
+                [TL_MESSAGE_BUILT] = sizeof(int32_t),
                 [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, tells),
-                [TL_MESSAGE_ENDED] = sizeof(tl_twin_word),
+                [TL_MESSAGE_ENDED] = sizeof(int32_t),
             },
         .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},
     };

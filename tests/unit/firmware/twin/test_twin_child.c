@@ -48,7 +48,7 @@ static void send_message(tl_message type, const void *payload) {
 }
 
 static void send_word(tl_message type, int32_t status, const char *error) {
-    const tl_twin_word word = {.status = status};
+    const int32_t word = status;
     (void)snprintf(extra->error, sizeof extra->error, "%s", error);
     send_message(type, &word);
 }
