@@ -20,7 +20,6 @@
 #include "firmware/retune/trial.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/far_look.h"
-#include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_process.h"
 #include "master/twin/twin_timing.h"
 

@@ -345,7 +345,7 @@ static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, con
     (void)snprintf(title, sizeof title, "%s [%s]%s", kind_of_twin(is_shadow, start), self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
     tl_status status = start_with_job(self, place, &job, title, error);
-    place->pid = status == TL_OK ? tl_twin_process_id(place->twin) : 0;
+    place->pid = status == TL_OK ? tl_twin_process_role(place->twin)->pid : 0;
     return place->pid;
 }
 

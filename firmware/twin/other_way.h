@@ -2,7 +2,7 @@
  *
  * Purpose: for `check`, which has seen by which way each component comes back, or that one does not. One that comes back by replay, for so many steps only, may do so by forking for as long
  *          as it runs; one that does not come back may do so by what `auto` finds, or by forking, which `auto` does not try.
- * Trials:  each is a check of all components in another process (twin_ways.h), in which some are led back otherwise; who fails there has the next way of its own, or what it had. So there are at most
+ * Trials:  each is a check of all components in another process (twin_trial.h), in which some are led back otherwise; who fails there has the next way of its own, or what it had. So there are at most
  *          three for each component and one, and none if nothing is to be tried.
  * Bounds:  of each call as in a check (twin_child.h).
  * Thread:  one, as for twin_child.h.
@@ -13,7 +13,7 @@
 #include <stdbool.h>
 
 #include "firmware/twin/twin_child.h"
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 
 typedef enum tl_other_way_kind {
     TL_OTHER_WAY_NOT_SOUGHT, /* there is nothing to tell of it */

@@ -26,9 +26,8 @@ struct tl_twin_child {
     tl_twin_role_tasks tasks;
     tl_channel_settings wire;
     tl_block blocks[TL_SIDES];
-    tl_block read_back;     /* of one that shows something; */
-    const tl_block *others; /* of another one, which it reads; NULL: it is none that reads */
-    unsigned readers;       /* that were started for it */
+    tl_block read_back; /* of one that shows something; */
+    unsigned readers;   /* that were started for it */
     tl_channel channel;
     const tl_twin_extra *extra;
     tl_twin_orders *orders;
@@ -219,28 +218,15 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
         child->orders = tl_channel_extra(&child->wire, TL_PARENT, child->blocks[TL_PARENT].bytes);
         tl_channel_open(&child->wire, TL_PARENT, bytes, &child->channel);
     }
-    if (status == TL_OK && child->settings.job->reads_back && child->others == NULL) {
+    if (status == TL_OK && child->settings.job->reads_back && child->settings.others == NULL) {
         status = tl_block_make_sparse("twinlock-states", TL_READ_BACK_BYTES, &child->read_back, error);
     }
     return status;
 }
 
-static bool is_for_states(const tl_twin_child *child) {
-    return child->others != NULL || child->settings.job->states_only;
-}
-
-/* What it would say a process with the same FMUs has said, or will. */
-static bool is_silent(const tl_twin_child *child) {
-    return is_for_states(child) || child->settings.job->task == TL_TASK_PAIR ||
-           child->settings.job->task == TL_TASK_WAYS;
-}
-
 /* What is not held is said once, at the start. */
 static void say_confinement(const tl_twin_child *child) {
     char text[TL_CONFINE_TEXT];
-    if (is_silent(child)) {
-        return;
-    }
     if (child->settings.job->unconfined) {
         tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
         return;
@@ -252,59 +238,59 @@ static void say_confinement(const tl_twin_child *child) {
 }
 
 static tl_status start(tl_twin_child *child, tl_error *error) {
+    const tl_twin_job *job = child->settings.job;
+    bool is_for_states = child->settings.others != NULL || job->states_only;
+    /* What it would say a process with the same FMUs has said, or will. */
+    bool is_silent = is_for_states || job->task == TL_TASK_PAIR || job->task == TL_TASK_WAYS;
+    size_t twins = job->task == TL_TASK_PAIR ? 2 : 1;
     char title[TL_ROLE_TITLE];
-    (void)snprintf(title, sizeof title, "%s [%s]", is_for_states(child) ? TL_TWIN_READER : "twin",
+    (void)snprintf(title, sizeof title, "%s [%s]", is_for_states ? TL_TWIN_READER : "twin",
                    child->settings.config->name);
     tl_status status = make_blocks(child, error);
     if (status != TL_OK) {
         return status;
     }
     tl_twin_process_settings settings = {
-        .job = child->settings.job,
+        .job = job,
         .fmus = tl_twin_fmus_of(child->settings.config),
-        .which = child->others != NULL || child->settings.job->task == TL_TASK_WAYS ? 1 : 0,
+        .which = child->settings.others != NULL || job->task == TL_TASK_WAYS ? 1 : 0,
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,
         .page = child->settings.page,
-        .is_silent = is_silent(child),
+        .is_silent = is_silent,
         .passes_signals = true,
         .call_limit = child->settings.call_limit,
         .memory_limit = child->settings.memory_limit,
         .tasks = &child->tasks,
     };
-    if (child->settings.job->task == TL_TASK_PAIR) {
-        settings.fmus.count *= 2;
-        settings.fmus.unpacked_bytes *= 2;
-    }
+    settings.fmus.count *= twins;
+    settings.fmus.unpacked_bytes *= twins;
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         settings.given[i] = -1;
     }
     settings.given[TL_TWIN_PARENTS_BLOCK] = child->blocks[TL_PARENT].descriptor;
     settings.given[TL_TWIN_OWN_BLOCK] = child->blocks[TL_CHILD].descriptor;
-    if (child->settings.job->reads_back) {
-        const tl_block *block = child->others != NULL ? child->others : &child->read_back;
+    if (job->reads_back) {
+        const tl_block *block = child->settings.others != NULL ? child->settings.others : &child->read_back;
         settings.given[TL_TWIN_READ_BACK] = block->descriptor;
     }
     status = tl_twin_process_start(&settings, &child->process, error);
     if (status == TL_OK) {
         status = expect_ready(child, error);
     }
-    if (status == TL_OK) {
+    if (status == TL_OK && !is_silent) {
         say_confinement(child);
     }
     return status;
 }
 
-/* `others`: the block that it reads; NULL: it is none that reads. */
-static tl_status make(const tl_twin_child_settings *settings, const tl_block *others, tl_twin_child **child,
-                      tl_error *error) {
+tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
     tl_twin_child *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
     }
     made->settings = *settings;
-    made->others = others;
     made->tasks = (tl_twin_role_tasks){.print_page = settings->print_page};
     tl_status status = start(made, error);
     if (status != TL_OK) {
@@ -313,10 +299,6 @@ static tl_status make(const tl_twin_child_settings *settings, const tl_block *ot
     }
     *child = made;
     return TL_OK;
-}
-
-tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
-    return make(settings, NULL, child, error);
 }
 
 /* ---- work ---- */
@@ -376,7 +358,8 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     job.task = TL_TASK_READ;
     settings.job = &job;
     settings.page = NULL;
-    tl_status status = make(&settings, &child->read_back, &reader, error);
+    settings.others = &child->read_back;
+    tl_status status = tl_twin_child_start(&settings, &reader, error);
     if (status == TL_OK && reader != NULL) {
         status = expect_end(reader, error);
     }

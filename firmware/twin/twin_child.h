@@ -19,10 +19,9 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/refusal.h"
 #include "firmware/twin/twin_job.h"
-#include "firmware/twin/twin_pair.h"
 #include "firmware/twin/twin_role.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
 enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */
@@ -40,6 +39,7 @@ typedef struct tl_twin_child_settings {
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */
     uint64_t memory_limit;    /* bytes that the process may take; 0: tl_confine_fair_memory() */
+    const tl_block *others;   /* what another one shows, which this one reads; NULL: it is none that reads */
 } tl_twin_child_settings;
 
 /* What became of a pair that was compared, or of ways that were tried. */

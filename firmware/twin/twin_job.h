@@ -19,8 +19,8 @@
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
     TL_TASK_READ,  /* build, read states that another process has told (read_back.h), end */
-    TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_pair.h) */
-    TL_TASK_WAYS, /* build, and tell whether the components come back by the ways that the job names, and what that costs (twin_ways.h) */
+    TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_trial.h) */
+    TL_TASK_WAYS, /* build, and tell whether the components come back by the ways that the job names, and what that costs (twin_trial.h) */
     TL_TASK_STEP, /* build, then a result for each tick */
     TL_TASK_LIVE  /* what another room makes of it (twin_role.h) */
 } tl_twin_task;

@@ -22,7 +22,7 @@
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
-#include "firmware/twin/twin_places.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_wire.h"
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
@@ -361,24 +361,6 @@ static bool is_open_to_others(const char *folder) {
     return true;
 }
 
-/* There is nothing to unpack and nobody who writes if it holds; and it is to be there where no folder can be made. */
-static bool needs_folder(const tl_twin_process *process) {
-    return !process->settings.job->holds;
-}
-
-/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
- * of processes are below PROCESSES. Where that user could
- * not come to its folder, it stays root without root's capabilities. */
-static uint32_t private_user(const tl_twin_process *process) {
-    const char *folder = getenv("TMPDIR");
-    tl_confine_facts facts;
-    tl_confine_probe(&facts);
-    bool is_open = !needs_folder(process) || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
-    return geteuid() == 0 && facts.user && is_open
-               ? 0x70000000U + process->settings.which * PROCESSES + (uint32_t)getpid()
-               : 0;
-}
-
 static tl_status make_job(tl_twin_process *process, tl_error *error) {
     tl_twin_job job = *process->settings.job;
     job.folder = process->folder.path;
@@ -387,16 +369,25 @@ static tl_status make_job(tl_twin_process *process, tl_error *error) {
     return tl_twin_job_make(&job, &process->job, error);
 }
 
-/* Root of a container may have numbers of users only for some, and no right to give a folder away. Then it stays who it is. */
+/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
+ * of processes are below PROCESSES. Where that user could not come to its folder, it stays root without root's capabilities; also if root of a container
+ * has numbers of users only for some, and no right to give a folder away. If it holds, there is nothing to unpack and nobody who writes; and it is to be
+ * there where no folder can be made. */
 static tl_status make_folder(tl_twin_process *process, tl_error *error) {
-    process->user = process->settings.job->unconfined ? 0 : private_user(process);
-    if (!needs_folder(process)) {
+    const tl_twin_job *job = process->settings.job;
+    const char *folder = getenv("TMPDIR");
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    bool is_open = job->holds || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    if (!job->unconfined && geteuid() == 0 && facts.user && is_open) {
+        process->user = 0x70000000U + process->settings.which * PROCESSES + (uint32_t)getpid();
+    }
+    if (job->holds ||
+        (process->user != 0 && tl_private_folder_make("twin", process->user, &process->folder, error) == TL_OK)) {
         return TL_OK;
     }
-    if (process->user != 0 && tl_private_folder_make("twin", process->user, &process->folder, error) != TL_OK) {
-        process->user = 0;
-    }
-    return process->user != 0 ? TL_OK : tl_private_folder_make("twin", 0, &process->folder, error);
+    process->user = 0;
+    return tl_private_folder_make("twin", 0, &process->folder, error);
 }
 
 /* ---- start ---- */
@@ -418,19 +409,12 @@ static void add_variable(surroundings *made, const char *name, const char *value
     }
 }
 
-/* Where a user's own packages of Python lie, if there are any and nobody has said it otherwise. */
-static bool has_packages(const char *home) {
-    char path[VARIABLE];
-    return home[0] == '/' && getenv("PYTHONUSERBASE") == NULL &&
-           snprintf(path, sizeof path, "%s/.local", home) < VARIABLE && access(path, F_OK) == 0;
-}
-
 /* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. Python keeps
  * nothing that it has compiled: its folder is gone at the end, and where no Landlock holds it may rename no file. */
 static void surround(const tl_twin_process *process, surroundings *made) {
     const char *home = getenv("HOME");
     made->count = 0;
-    if (!needs_folder(process)) {
+    if (process->settings.job->holds) {
         return;
     }
     add_variable(made, "TMPDIR", process->folder.path, "");
@@ -442,7 +426,7 @@ static void surround(const tl_twin_process *process, surroundings *made) {
     if (home != NULL) {
         add_variable(made, TL_TWIN_PLACES_HOME, home, "");
     }
-    if (home != NULL && has_packages(home)) {
+    if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* where a user's own packages lie */
         add_variable(made, "PYTHONUSERBASE", home, "/.local");
     }
 }
@@ -563,7 +547,7 @@ static tl_status start(tl_twin_process *process, tl_error *error) {
     if (status != TL_OK) {
         return status;
     }
-    process->bounds = (tl_bounds){.folder = needs_folder(process) ? process->folder.path : NULL,
+    process->bounds = (tl_bounds){.folder = process->settings.job->holds ? NULL : process->folder.path,
                                   .bytes = TL_TWIN_FOLDER_MIB * MIB + fmus->unpacked_bytes,
                                   .files = FILES * (fmus->count + 1),
                                   .threads = TL_TWIN_THREADS,
@@ -603,10 +587,6 @@ tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twi
 }
 
 /* ---- watching ---- */
-
-pid_t tl_twin_process_id(const tl_twin_process *process) {
-    return process->role.pid;
-}
 
 const tl_role *tl_twin_process_role(const tl_twin_process *process) {
     return &process->role;

@@ -21,7 +21,6 @@
 
 #include <stdbool.h>
 #include <stdio.h>
-#include <sys/types.h>
 
 #include "firmware/config/config.h"
 #include "firmware/process/channel.h"
@@ -78,10 +77,7 @@ tl_twin_fmus tl_twin_fmus_of_numbers(size_t count, uint64_t file_bytes);
 /* Starts it, and does not wait for what it does. What it is confined by, it tells by other ways. Errors: TL_TRY_AGAIN; then nothing is left. */
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);
 
-/* 0: it was reaped, or let go. */
-pid_t tl_twin_process_id(const tl_twin_process *process);
-
-/* How it has ended, if it has. */
+/* Its number, 0 if it was reaped or let go; and how it has ended, if it has. */
 const tl_role *tl_twin_process_role(const tl_twin_process *process);
 
 /* Looks without waiting. True: it has ended, and is reaped. */

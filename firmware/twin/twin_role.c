@@ -18,7 +18,6 @@
 #include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_wire.h"
 
 /* How long it sleeps at most before it looks whether a signal came. */

@@ -11,9 +11,8 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/confine.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/twin/twin_pair.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
 /* Descriptors of the process with the FMUs. The first three, the job and the start socket are those of every such process. */

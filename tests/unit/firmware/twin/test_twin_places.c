@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_places.h"
+#include "firmware/twin/assembly.h"
 #include "tests/support/scratch.h"
 
 enum { MANY = 2 * TL_TWIN_PLACES + 44 };

@@ -189,7 +189,7 @@ void tearDown(void) {
 
 static void start(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_process_start(&settings, &process, &error), error.text);
-    TEST_ASSERT_GREATER_THAN_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_GREATER_THAN_INT(0, tl_twin_process_role(process)->pid);
 }
 
 static void start_and_see_it_live(void) {
@@ -208,7 +208,7 @@ static void expect_end(int code, int number) {
     TEST_ASSERT_TRUE(role->has_ended);
     TEST_ASSERT_EQUAL_INT(number, role->signal);
     TEST_ASSERT_EQUAL_INT(code, role->code);
-    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_role(process)->pid);
 }
 
 static bool is_emulated(void) {
@@ -473,7 +473,7 @@ static void test_a_bound_is_kept(void) {
 
 static void wait_until_dead(void) {
     siginfo_t info;
-    TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)tl_twin_process_id(process), &info, WEXITED | WNOWAIT));
+    TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)tl_twin_process_role(process)->pid, &info, WEXITED | WNOWAIT));
     TEST_ASSERT_EQUAL_INT(DONE, info.si_status);
 }
 
@@ -483,11 +483,11 @@ static void test_a_dead_one_is_let_go(void) {
     act("print");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     start();
-    pid_t number = tl_twin_process_id(process);
+    pid_t number = tl_twin_process_role(process)->pid;
     wait_until_dead();
     tl_twin_process_let_go(process);
     tl_stderr_expect("fmu: printed\n");
-    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_role(process)->pid);
     TEST_ASSERT_EQUAL_INT(-1, tl_twin_process_role(process)->code);
     dig(); /* for which it would be killed */
     sleep_for(TL_SECOND / 4);

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 #include "tests/support/config_text.h"
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
