@@ -113,8 +113,6 @@ tl_status tl_emulation_open_model(const tl_emulation_model *model, const char *d
             .account = model->account,
             .recording = opened->driving,
             .child = model->child,
-            .assembly = model->assembly,
-            .tells = TL_TELLS_OUTPUTS,
             .plant = true,
         };
         status = tl_twin_feed_open(&settings, &opened->feed, error);

@@ -55,8 +55,7 @@ tl_status tl_emulation_open_recording(const char *path, const tl_config *config,
 typedef struct tl_emulation_model {
     const tl_config *config; /* has `emulate` */
     const tl_account *account;
-    tl_twin_child *child;  /* the twin in a process of its own; NULL: */
-    tl_assembly *assembly; /* the one in this process */
+    tl_twin_child *child;
 } tl_emulation_model;
 
 /* The rows that the model makes; `driving` is the recording of what drives it. */

@@ -213,7 +213,6 @@ static tl_status replay_fed(tl_verb_job *job, const char *path, tl_account *acco
         .account = account,
         .recording = recording,
         .child = job->child,
-        .tells = job->order.tells,
         .paced = job->options->realtime,
     };
     tl_replay replay = {

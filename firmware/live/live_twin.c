@@ -456,12 +456,9 @@ static tl_status look_on(live_twin *self, tl_error *error) {
 }
 
 static void hold(live_twin *self) {
+    const tl_cycle_settings cycle = settings_of_cycle(self);
     const tl_safe_hold_settings settings = {
-        .config = self->config,
-        .input = &self->shared.input,
-        .outbox = &self->shared.outbox,
-        .journal = &self->journal,
-        .beats = &self->shared.pulse->beats,
+        .cycle = &cycle,
         .heart = self->heart,
         .failures = self->shared.job.failures + self->shared.job.tries,
         .missing = self->shared.job.missing,

@@ -23,7 +23,7 @@
 #include "master/base/status.h"
 #include "master/twin/account.h"
 
-/* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Every process with FMUs has its job and its start socket where twin_wire.h says. */
+/* Descriptors, beside 0 (nothing), 1 and 2 (what is logged). Every process with FMUs has its job and its start socket where twin_role.h says. */
 enum {
     TL_LIVE_MAIL = 3,            /* io writes; the twin reads */
     TL_LIVE_TWIN_PULSE_READ = 3, /* of the recorder */

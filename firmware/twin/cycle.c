@@ -658,12 +658,12 @@ static const tl_time HOLD_LOOK = TL_SECOND / 20;
 
 /* Takes what is due up to now; returns the next tick. */
 static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
-    tl_time step = settings->config->step;
+    tl_time step = settings->cycle->assembly->config.step;
     tl_time now = tl_clock_now(NULL);
     for (; tl_time_of_step(start, step, tick) <= now; tick++) {
         tl_sample sample;
-        tl_plant_input_take(settings->input, tick, tl_time_of_step(start, step, tick), &sample);
-        (void)tl_outbox_put_sample(settings->outbox, &sample);
+        tl_plant_input_take(settings->cycle->input, tick, tl_time_of_step(start, step, tick), &sample);
+        (void)tl_outbox_put_sample(settings->cycle->outbox, &sample);
         tl_heart_beat(settings->heart);
     }
     return tick;
@@ -691,23 +691,23 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
     tl_time begun = tl_clock_now(NULL);
     tl_time shown = begun;
     describe_hold(settings, settings->time, text);
-    tl_journal_event(settings->journal, -1, settings->since != 0 ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor", "%s",
-                     text);
-    tl_heartbeats_set_status(settings->beats, text);
-    tl_time start = settings->since != 0 ? settings->since : begun + settings->config->step;
+    tl_journal_event(settings->cycle->journal, -1, settings->since != 0 ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor",
+                     "%s", text);
+    tl_heartbeats_set_status(settings->cycle->beats, text);
+    tl_time start = settings->since != 0 ? settings->since : begun + settings->cycle->assembly->config.step;
     tl_time remind = begun + HOLD_REMIND;
-    tl_twin_recorder_start(settings->outbox, NULL, start);
+    tl_twin_recorder_start(settings->cycle->outbox, NULL, start);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
-        tl_time due = tl_time_of_step(start, settings->config->step, tick);
+        tl_time due = tl_time_of_step(start, settings->cycle->assembly->config.step, tick);
         tl_time most = tl_clock_now(NULL) + HOLD_LOOK;
         tl_clock_sleep_until(due < most ? due : most);
         tick = hold_samples(settings, start, tick);
         tl_heart_beat(settings->heart);
-        tl_journal_drain(settings->journal);
+        tl_journal_drain(settings->cycle->journal);
         if (tl_clock_now(NULL) - shown >= HOLD_SHOW) {
             shown += HOLD_SHOW;
             describe_hold(settings, begun + settings->time - shown, text);
-            tl_heartbeats_set_status(settings->beats, text);
+            tl_heartbeats_set_status(settings->cycle->beats, text);
         }
         if (shown >= remind) {
             tl_log(TL_LOG_ERROR, "%s", text);

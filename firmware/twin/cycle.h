@@ -126,11 +126,8 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
  */
 
 typedef struct tl_safe_hold_settings {
-    const tl_config *config;
-    const tl_plant_input *input;
-    tl_outbox *outbox;
-    tl_journal *journal;
-    tl_heartbeats *beats;
+    const tl_cycle_settings
+        *cycle;         /* that there would be: configuration, plant, outbox, journal and beats of it are used */
     tl_heart *heart;    /* of the thread */
     tl_time time;       /* until the supervisor tries the twin again */
     unsigned missing;   /* starts in a row that got no process; 0: the twin failed */

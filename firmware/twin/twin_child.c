@@ -12,7 +12,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_process.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 
 /* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
@@ -50,10 +50,10 @@ struct tl_twin_child {
 /* ---- how it ended ---- */
 
 /* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
-static void copy_error(const tl_twin_child *child, char text[TL_ERROR_TEXT]) {
+static void copy_text(char *text, const char *told, size_t size) {
     char copy[TL_ERROR_TEXT];
-    memcpy(copy, child->extra->error, sizeof copy);
-    (void)tl_clean_text(copy, strnlen(copy, sizeof copy - 1), text, TL_ERROR_TEXT);
+    memcpy(copy, told, size);
+    (void)tl_clean_text(copy, strnlen(copy, size - 1), text, size);
 }
 
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
@@ -112,7 +112,7 @@ static void take_word(tl_twin_child *child, tl_message type) {
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
-    copy_error(child, child->last_error.text);
+    copy_text(child->last_error.text, child->extra->error, TL_ERROR_TEXT);
     child->has_ended = type == TL_MESSAGE_ENDED;
 }
 
@@ -401,10 +401,8 @@ tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error
 
 /* As it was written; but if it has ended in a call, the FMU of that. Who has said its last word is in calls that end FMUs. */
 static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBLY_NAME]) {
-    char name[TL_ASSEMBLY_NAME];
     tl_fmu_call call;
-    memcpy(name, component, sizeof name);
-    (void)tl_clean_text(name, strnlen(name, sizeof name - 1), component, TL_ASSEMBLY_NAME);
+    copy_text(component, component, TL_ASSEMBLY_NAME);
     if (!child->has_ended && tl_fmu_calls_look(&child->extra->calls, &call)) {
         (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", call.fmu);
     }
@@ -497,7 +495,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
-        copy_error(child, error->text);
+        copy_text(error->text, child->extra->error, TL_ERROR_TEXT);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
             return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");

@@ -23,7 +23,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
 

@@ -52,7 +52,7 @@ typedef struct tl_twin_process_settings {
     unsigned which;    /* 0 … 63, of those that we have at the same time: none has the user of another one */
     const char *title; /* "twin [motor]" */
     int given
-        [TL_ROLE_DESCRIPTORS]; /* what it gets beside nothing, output, page, job and start socket (twin_wire.h); -1: nothing */
+        [TL_ROLE_DESCRIPTORS]; /* what it gets beside nothing, output, page, job and start socket (twin_role.h); -1: nothing */
     const tl_fmu_calls *calls; /* in memory that the process writes: for the watch thread */
     tl_channel *channel;       /* whose thread is nudged if the process ends, or is killed; NULL: none */
     FILE *page;                /* what a check prints goes here; NULL: nothing is printed */

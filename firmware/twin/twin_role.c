@@ -18,7 +18,6 @@
 #include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/twin_wire.h"
 
 /* How long it sleeps at most before it looks whether a signal came. */
 static const tl_time LOOK = TL_SECOND / 4;
@@ -264,7 +263,14 @@ static bool is_stopped(const role *self) {
 
 static tl_status execute(role *self, tl_error *error) {
     int64_t tick = self->received.tick.sample.tick;
-    tl_status status = tl_twin_take_tunings(&self->assembly, &self->tunings, tick, &self->rescue, error);
+    tl_run_tuning tuning;
+    tl_status status = TL_OK;
+    while (status == TL_OK && tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
+        status = tl_assembly_retune(&self->assembly, &tuning.values, error);
+        if (status == TL_OK) {
+            tl_lock_judge_retune(&self->rescue.judge, &tuning.values);
+        }
+    }
     if (status != TL_OK) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;

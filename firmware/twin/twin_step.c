@@ -87,19 +87,6 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
     return is_due;
 }
 
-tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
-                               tl_error *error) {
-    tl_run_tuning tuning;
-    tl_status status = TL_OK;
-    while (status == TL_OK && tl_twin_tunings_next(tunings, tick, &tuning)) {
-        status = tl_assembly_retune(assembly, &tuning.values, error);
-        if (status == TL_OK) {
-            tl_lock_judge_retune(&rescue->judge, &tuning.values);
-        }
-    }
-    return status;
-}
-
 /* Whether the FMUs still come back to where they were. */
 static tl_status look(const tl_assembly *assembly, tl_error *error) {
     tl_twin_look_news news;

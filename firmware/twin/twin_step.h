@@ -61,10 +61,6 @@ typedef struct tl_twin_tunings {
 /* The next one that is in force from this tick on. False: there is none. */
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
 
-/* Before the tick is executed: what is in force from it on. Errors: those of tl_twin_retune(). */
-tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
-                               tl_error *error);
-
 /* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
  * the recording. `rescue` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,

@@ -193,18 +193,15 @@ void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
 
 /* Without any reading, so that u is nominal. */
 static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error *error) {
-    const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
     int64_t last = (int64_t)tl_twin_get_facts(assembly->twin).lead + FIRST_STEPS;
-    tl_sample sample = {.tick = 0};
-    tl_record record;
+    walker walk;
     bool ready = false;
     tl_status status = TL_OK;
-    memset(sample.quality, TL_NO_LINK, assembly->config.signal_count);
-    while (status == TL_OK && sample.tick < last) {
-        status = tl_twin_step(assembly->twin, &sample, &budget, &record, &ready, error);
-        sample.tick++;
+    begin(&walk, assembly);
+    while (status == TL_OK && walk.sample.tick < last) {
+        status = step_once(&walk, true, &ready, error);
     }
-    *tick = sample.tick;
+    *tick = walk.sample.tick;
     return status;
 }
 

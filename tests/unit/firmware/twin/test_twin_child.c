@@ -14,7 +14,7 @@
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_child.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"

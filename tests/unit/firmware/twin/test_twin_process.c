@@ -22,7 +22,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
