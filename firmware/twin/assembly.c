@@ -108,25 +108,15 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
     return true;
 }
 
-/* The one of this file, if it runs in Python: that has its modules once, so there is no second copy to be had. Else NULL. */
-static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) {
-    for (size_t i = 0; i < assembly->fmu_count; i++) {
-        const tl_fmu *known = &assembly->fmus[i];
-        if (known->module[0] != '\0' && strcmp(known->path, path) == 0) {
-            return known;
-        }
-    }
-    return NULL;
-}
-
-/* With variables of its own whoever else uses that file; NULL where reported. */
+/* With variables of its own whoever else uses that file, but if it runs in Python: that has its modules once. NULL where reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *file,
                               const tl_config_component *configured) {
     const char *where = configured->where;
     tl_rollback rollback = assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE;
-    const tl_fmu *shared = find_shared(assembly, file->path);
-    if (shared != NULL) {
-        return shared;
+    for (const tl_fmu *known = assembly->fmus; known < assembly->fmus + assembly->fmu_count; known++) {
+        if (known->module[0] != '\0' && strcmp(known->path, file->path) == 0) {
+            return known;
+        }
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
@@ -363,29 +353,17 @@ void tl_assembly_free(tl_assembly *assembly) {
 
 /* ---- places that FMUs may read ---- */
 
-static bool is_known(const tl_twin_places *places, const char *path) {
-    size_t i = 0;
-    while (i < places->count && strcmp(places->path[i], path) != 0) {
-        i++;
-    }
-    return i < places->count;
-}
-
 /* What exists, is not everything, and is there once. */
 static void add_place(tl_twin_places *places, const char *path) {
     char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
-    if (found != NULL && strcmp(found, "/") != 0 && !is_known(places, found)) {
+    bool is_new = found != NULL && strcmp(found, "/") != 0;
+    for (size_t i = 0; is_new && i < places->count; i++) {
+        is_new = strcmp(places->path[i], found) != 0;
+    }
+    if (is_new) {
         places->path[places->count++] = found;
     } else {
         free(found);
-    }
-}
-
-/* Relative names of the configuration start at its folder. */
-static void add_file(tl_twin_places *places, const tl_config *config, const char *file) {
-    char path[PATH_MAX];
-    if (file[0] != '\0' && tl_config_file_path(config, file, path, sizeof path)) {
-        add_place(places, path);
     }
 }
 
@@ -407,8 +385,12 @@ static void add_component_places(tl_twin_places *places, const tl_assembly *asse
             add_library(places, library);
         }
     }
-    for (size_t i = 0; i < component->read_count; i++) {
-        add_file(places, config, component->reads[i].name);
+    for (size_t i = 0; i < component->read_count; i++) { /* relative names start at the configuration's folder */
+        char path[PATH_MAX];
+        const char *file = component->reads[i].name;
+        if (file[0] != '\0' && tl_config_file_path(config, file, path, sizeof path)) {
+            add_place(places, path);
+        }
     }
     for (size_t i = 0; i < component->set_count; i++) {
         const tl_plan_set *set = &component->set[i];

@@ -23,13 +23,6 @@
 
 /* ---- the data of a cycle ---- */
 
-/* A flip that was announced. */
-typedef struct tl_cycle_flip {
-    uint32_t number; /* of the newest that was seen */
-    bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
-    int64_t tick;    /* from this tick on */
-} tl_cycle_flip;
-
 struct tl_cycle {
     tl_cycle_settings settings;
     tl_heart *heart;
@@ -40,9 +33,13 @@ struct tl_cycle {
     int64_t last_tick;  /* after it the duration is over */
     bool stop;
     bool is_shadow;
-    bool is_behind; /* a shadow that has not been at the plant's ticks yet */
-    bool has_run;   /* a run has begun in the outbox, and has not ended */
-    tl_cycle_flip flip;
+    bool is_behind;      /* a shadow that has not been at the plant's ticks yet */
+    bool has_run;        /* a run has begun in the outbox, and has not ended */
+    struct {             /* that was announced: */
+        uint32_t number; /* of the newest that was seen */
+        bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
+        int64_t tick;    /* from this tick on */
+    } flip;
     tl_resumption resumption; /* how the run began that a flip brings */
     uint64_t skipped;         /* ticks in all, */
     bool has_skipped;         /* and the newest */
@@ -107,11 +104,17 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
 }
 
-/* There is another number than that which was looked at last. */
-static void look_at_tuning(tl_cycle *cycle) {
+/* At the start of a tick, if there is another number than that which was looked at last. */
+static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
+    const tl_live_tuning *block = cycle->settings.tuning;
+    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
+    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
+    if (number == cycle->tuned || number % 2 != 0 || cycle->has_tuning || !has_room) {
+        return;
+    }
     tl_live_tuning_head head = {.number = 0};
     tl_error error = {TL_OK, ""};
-    tl_status status = tl_live_tuning_read(cycle->settings.tuning, &head, &error);
+    tl_status status = tl_live_tuning_read(block, &head, &error);
     if (status == TL_TRY_AGAIN) {
         return; /* at the next tick */
     }
@@ -126,16 +129,6 @@ static void look_at_tuning(tl_cycle *cycle) {
     }
     tl_live_tuning_answer_with(cycle->settings.answer, head.number, cycle->next_tick,
                                status == TL_OK ? NULL : error.text);
-}
-
-/* At the start of a tick. */
-static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
-    const tl_live_tuning *block = cycle->settings.tuning;
-    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
-    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
-    if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning && has_room) {
-        look_at_tuning(cycle);
-    }
 }
 
 /* At the start of a tick: by which yardstick the second judge judges. */
@@ -185,14 +178,13 @@ static void say(tl_cycle *cycle) {
 /* At the start of a tick. */
 static void tl_cycle_look_for_flip(tl_cycle *cycle) {
     const tl_cycle_place *place = &cycle->settings.place;
-    tl_cycle_flip *flip = &cycle->flip;
     uint32_t to = 0;
-    if (place->stage == NULL || flip->is_ahead ||
-        !tl_live_stage_look(place->stage, flip->number, &flip->number, &to, &flip->tick)) {
+    if (place->stage == NULL || cycle->flip.is_ahead ||
+        !tl_live_stage_look(place->stage, cycle->flip.number, &cycle->flip.number, &to, &cycle->flip.tick)) {
         return;
     }
-    flip->is_ahead = (to == place->place) == cycle->is_shadow;
-    if (!flip->is_ahead) {
+    cycle->flip.is_ahead = (to == place->place) == cycle->is_shadow;
+    if (!cycle->flip.is_ahead) {
         say(cycle); /* it is that already */
     }
 }
@@ -297,11 +289,10 @@ static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
     if (!is_due(cycle)) {
         return TL_OK;
     }
-    if (!cycle->is_shadow && cycle->settings.assembly->config.measurements == TL_AHEAD) {
-        return TL_OK; /* its last record is not complete */
-    }
     if (!cycle->is_shadow) {
-        hand_over(cycle);
+        if (cycle->settings.assembly->config.measurements != TL_AHEAD) { /* there its last record is not complete */
+            hand_over(cycle);
+        }
         return TL_OK;
     }
     tl_status status = cycle->has_run ? TL_OK : try_to_begin_run(cycle, NULL);
@@ -620,20 +611,18 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
 
 /* ---- status line ---- */
 
-/* Nominal by a choice that lasts, and not because no correction was found. */
-static const char *outcome_of(const tl_record *record) {
-    return (record->flags & TL_FLAG_RESTS) != 0 ? "rests" : tl_outcome_name(record->outcome);
-}
-
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
+    /* Nominal by a choice that lasts, and not because no correction was found. */
+    bool rests = (record->flags & TL_FLAG_RESTS) != 0;
     int length =
         snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
     for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
         length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
                            config->adjust[i].variable, record->u[i] - record->u_hat[i]);
     }
-    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s", outcome_of(record));
+    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s",
+                       rests ? "rests" : tl_outcome_name(record->outcome));
     if (config->adjust_count != 0) {
         length +=
             snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));

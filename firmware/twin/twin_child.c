@@ -152,12 +152,16 @@ static tl_status end_silent(tl_twin_child *child, tl_error *error) {
         tl_seconds(child->silence));
 }
 
-/* The next message, in child->payload. TL_OK, or TL_FMU_FAILED: the process is at its end. */
-static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message *type, tl_error *error) {
+/* The next message, in child->payload; `allowed` has a bit for each that it can be. TL_OK, or TL_FMU_FAILED: the process is at its end. */
+static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned allowed, tl_message *type,
+                              tl_error *error) {
     for (;;) {
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
             begin_patience(child);
+            if ((allowed & 1U << *type) == 0) {
+                return end_liar(child, "a message came before its time", error);
+            }
             if (*type == TL_MESSAGE_BUILT || *type == TL_MESSAGE_ENDED) {
                 take_word(child, *type);
             }
@@ -183,11 +187,7 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
 
 static tl_status expect(tl_twin_child *child, tl_message wanted, tl_error *error) {
     tl_message type = wanted;
-    tl_status status = next_message(child, 1, &type, error);
-    if (status == TL_OK && type != wanted) {
-        status = end_liar(child, "a message came before its time", error);
-    }
-    return status;
+    return next_message(child, 1, 1U << wanted, &type, error);
 }
 
 /* Until then no FMU is loaded: what the process ends with is what it means, and why was said on the log. */
@@ -324,18 +324,16 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
     return take_account(child, &child->extra->built, account, error);
 }
 
-static tl_status show(tl_twin_child *child, tl_error *error);
-
-/* Waits for a last word. */
-static tl_status expect_end(tl_twin_child *child, tl_error *error) {
+/* Waits for a last word; what is asked for before goes to `show`. */
+static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_child *child, tl_error *error),
+                            tl_error *error) {
+    const unsigned allowed = 1U << TL_MESSAGE_ENDED | (show != NULL ? 1U << TL_MESSAGE_SHOWN : 0);
     tl_message type = TL_MESSAGE_SHOWN;
     tl_status status = expect(child, TL_MESSAGE_BUILT, error);
     while (status == TL_OK && !child->has_ended) {
-        status = next_message(child, 1, &type, error);
-        if (status == TL_OK && type == TL_MESSAGE_SHOWN) {
+        status = next_message(child, 1, allowed, &type, error);
+        if (status == TL_OK && type == TL_MESSAGE_SHOWN && show != NULL) {
             status = show(child, error);
-        } else if (status == TL_OK && type != TL_MESSAGE_ENDED) {
-            status = end_liar(child, "a message came before its time", error);
         }
     }
     if (status != TL_OK) {
@@ -361,7 +359,7 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     settings.others = &child->read_back;
     tl_status status = tl_twin_child_start(&settings, &reader, error);
     if (status == TL_OK && reader != NULL) {
-        status = expect_end(reader, error);
+        status = expect_end(reader, NULL, error);
     }
     tl_twin_child_close(reader); /* killed: nobody waits for how it would free its FMUs */
     if (status != TL_OK && error->text[0] == '\0') {
@@ -392,7 +390,7 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, uint32_t *warnings, tl_error *error) {
-    tl_status status = expect_end(child, error);
+    tl_status status = expect_end(child, show, error);
     *warnings = child->extra->warnings;
     return status;
 }
@@ -417,7 +415,7 @@ void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
 }
 
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_outcome){.status = expect_end(child, error)};
+    *outcome = (tl_twin_outcome){.status = expect_end(child, NULL, error)};
     if (tl_interrupt_requested() != NULL) {
         return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
     }
@@ -477,16 +475,14 @@ static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *e
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error) {
     tl_message type = TL_MESSAGE_RESULT;
-    tl_status status = child->has_ended ? TL_OK : next_message(child, wanted, &type, error);
+    const unsigned allowed = 1U << TL_MESSAGE_RESULT | 1U << TL_MESSAGE_ENDED;
+    tl_status status = child->has_ended ? TL_OK : next_message(child, wanted, allowed, &type, error);
     if (status != TL_OK) {
         return status;
     }
     *stopped = false;
     if (child->has_ended) {
         return take_last_word(child, stopped, error);
-    }
-    if (type != TL_MESSAGE_RESULT) {
-        return end_liar(child, "a message came before its time", error);
     }
     memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->tells));
     if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
@@ -514,7 +510,7 @@ tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error 
     tl_status status = TL_OK;
     tl_message type = TL_MESSAGE_RESULT;
     while (status == TL_OK && !child->has_ended) {
-        status = next_message(child, 1, &type, error);
+        status = next_message(child, 1, ~0U, &type, error);
     }
     if (status == TL_OK && account != NULL) {
         status = take_account(child, &child->extra->ended, account, error);

@@ -24,8 +24,6 @@
 #include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
-enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */
-
 /* The title of a process that only looks at states, in place of "twin": the same role. */
 #define TL_TWIN_READER "states"
 
@@ -71,7 +69,7 @@ tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, t
 /* Tells what FMUs were refused since this was called last. It was said on the log already. */
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
 
-/* A tick; `last`: it only completes the record before. At most TL_TWIN_CHILD_DEPTH may be under way. It is seen there when it is pushed. */
+/* A tick; `last`: it only completes the record before. At most TL_CHANNEL_DEPTH may be under way. It is seen there when it is pushed. */
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
 void tl_twin_child_push(tl_twin_child *child);

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 /* Ticks that are under way at most; and places for them, for the one that was read besides, and for the one that was taken last. */
-enum { AHEAD = TL_TWIN_CHILD_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
+enum { AHEAD = TL_CHANNEL_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
 
 /* A tick that was read, and whether it is only the one after the last step. */
 typedef struct wanted {

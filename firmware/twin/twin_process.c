@@ -148,11 +148,11 @@ static void pass_page(void *context, const char *line) {
     }
 }
 
-static void drain(tl_twin_process *self) {
+void tl_twin_process_flush(tl_twin_process *process) {
     for (int i = 0; i < RELAYS; i++) {
-        if (!__atomic_load_n(&self->ended[i], __ATOMIC_ACQUIRE) && !tl_relay_drain(&self->relays[i]) &&
-            !__atomic_exchange_n(&self->ended[i], true, __ATOMIC_ACQ_REL)) {
-            nudge(self);
+        if (!__atomic_load_n(&process->ended[i], __ATOMIC_ACQUIRE) && !tl_relay_drain(&process->relays[i]) &&
+            !__atomic_exchange_n(&process->ended[i], true, __ATOMIC_ACQ_REL)) {
+            nudge(process);
         }
     }
 }
@@ -192,7 +192,7 @@ static void *speak(void *context) {
         (void)poll(watched, RELAYS + 1, -1);
         (void)!read(self->ends[WAKE], &count, sizeof count);
         stop = __atomic_load_n(&self->speaker_stops, __ATOMIC_ACQUIRE);
-        drain(self);
+        tl_twin_process_flush(self);
         say_refusals(self);
     }
     return NULL;
@@ -616,7 +616,7 @@ void tl_twin_process_let_go(tl_twin_process *process) {
     if (!process->role.has_ended) {
         process->role = (tl_role){.is_forked = process->role.is_forked, .has_ended = true, .code = -1};
     }
-    drain(process);
+    tl_twin_process_flush(process);
 }
 
 bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILLED_TEXT]) {
@@ -640,10 +640,6 @@ void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *he
     }
 }
 
-void tl_twin_process_flush(tl_twin_process *process) {
-    drain(process);
-}
-
 /* The watch thread first: what it has found last is said by the other. */
 static void stop_threads(tl_twin_process *process) {
     if (process->has_watcher) {
@@ -663,7 +659,7 @@ void tl_twin_process_close(tl_twin_process *process) {
     }
     tl_twin_process_kill(process);
     stop_threads(process);
-    drain(process);
+    tl_twin_process_flush(process);
     for (int i = 0; i < RELAYS; i++) {
         if (process->relays[i].pass != NULL) {
             tl_relay_close(&process->relays[i]);

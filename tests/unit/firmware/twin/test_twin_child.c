@@ -315,7 +315,7 @@ static void test_it_is_given_ticks_and_ends(void) {
 static void test_it_is_stopped_with_ticks_under_way(void) {
     bool stopped = false;
     start_honest();
-    for (int64_t i = 0; i < TL_TWIN_CHILD_DEPTH; i++) {
+    for (int64_t i = 0; i < TL_CHANNEL_DEPTH; i++) {
         give(i, false);
     }
     tl_twin_child_push(child);
@@ -323,9 +323,9 @@ static void test_it_is_stopped_with_ticks_under_way(void) {
         take(i, 100);
     }
     tl_twin_child_stop(child);
-    give(TL_TWIN_CHILD_DEPTH, false); /* is passed over */
+    give(TL_CHANNEL_DEPTH, false); /* is passed over */
     for (int64_t i = 10; !stopped; i++) {
-        TEST_ASSERT_LESS_OR_EQUAL_INT64(TL_TWIN_CHILD_DEPTH, i);
+        TEST_ASSERT_LESS_OR_EQUAL_INT64(TL_CHANNEL_DEPTH, i);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_child_take(child, i, 1, &result, &stopped, &error));
     }
     end_honest();
