@@ -79,20 +79,6 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
 
 /* ---- building ---- */
 
-/* Of one component; FMUs are opened only when all of them are there. */
-static void open_libraries(tl_assembly *assembly, size_t index) {
-    const tl_config_component *component = &assembly->config.components[index];
-    for (size_t i = 0; i < component->library_count; i++) {
-        const char *path = assembly->files[index].libraries[i];
-        tl_error error;
-        tl_status status = path != NULL ? tl_library_open(path, &error)
-                                        : tl_fail(&error, TL_BAD_DATA, "the path is too long; shorten it");
-        if (status != TL_OK) {
-            tl_report_add(&assembly->problems.report, status, component->libraries[i].where, "%s", error.text);
-        }
-    }
-}
-
 /* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
 static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
     for (const tl_fmu *other = assembly->fmus; other < fmu && fmu->module[0] != '\0'; other++) {
@@ -266,8 +252,15 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         tl_report_add(report, error.status, "", "%s", error.text);
         return report->worst;
     }
-    for (size_t i = 0; i < config->component_count; i++) {
-        open_libraries(assembly, i);
+    for (size_t i = 0; i < config->component_count; i++) { /* FMUs are opened only when all of these are there */
+        for (size_t k = 0; k < config->components[i].library_count; k++) {
+            const char *path = assembly->files[i].libraries[k];
+            tl_status status = path != NULL ? tl_library_open(path, &error)
+                                            : tl_fail(&error, TL_BAD_DATA, "the path is too long; shorten it");
+            if (status != TL_OK) {
+                tl_report_add(report, status, config->components[i].libraries[k].where, "%s", error.text);
+            }
+        }
     }
     bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
     for (size_t i = 0; i < config->component_count && opened; i++) {

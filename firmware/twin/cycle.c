@@ -147,16 +147,6 @@ static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
     tl_cycle_look_for_yardstick(cycle);
 }
 
-/* A run ends, and the twin goes on: what is in force, whether this cycle took it or what it goes on with had it, is kept for a run that may come. */
-static void tl_cycle_keep_in_force(tl_cycle *cycle) {
-    const tl_outbox *outbox = cycle->settings.outbox;
-    if (!cycle->has_tuning) {
-        cycle->tuning = *tl_outbox_tuning(outbox);
-        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
-    }
-    cycle->has_tuning = false;
-}
-
 /* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
 
 static bool is_due(const tl_cycle *cycle) {
@@ -270,11 +260,16 @@ static void take_over(tl_cycle *cycle) {
 /* ---- the run's ---- */
 
 static void hand_over(tl_cycle *cycle) {
+    tl_outbox *outbox = cycle->settings.outbox;
     tell_late_flip(cycle);
-    tl_cycle_keep_in_force(cycle);
-    (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
+    if (!cycle->has_tuning) { /* what is in force, whoever took it, is kept for a run that may come */
+        cycle->tuning = *tl_outbox_tuning(outbox);
+        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
+    }
+    cycle->has_tuning = false;
+    (void)tl_outbox_put_end(outbox, TL_LIVE_TAKEN_OVER);
     cycle->settings.place.start = cycle->start;
-    cycle->settings.place.started = tl_outbox_beginning(cycle->settings.outbox)->started;
+    cycle->settings.place.started = tl_outbox_beginning(outbox)->started;
     cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
     cycle->has_run = false;
     cycle->is_shadow = true;
@@ -345,10 +340,10 @@ static tl_time patience(const tl_config *config) {
     return config->realtime_hang + 2 * config->step;
 }
 
-/* In mode ahead the record that is complete at its first tick is not of its own steps. */
-static void count(tl_cycle *cycle, const tl_record *record) {
+static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_config *config = &cycle->settings.assembly->config;
-    if (record->step >= cycle->first_step) {
+    const tl_lock_change *change = NULL;
+    if (record->step >= cycle->first_step) { /* in mode ahead the record at its first tick is not of its own steps */
         tl_summary_add(&cycle->summary, config, record);
         cycle->shown.executions += record->executions;
         cycle->shown.used += record->used;
@@ -357,15 +352,10 @@ static void count(tl_cycle *cycle, const tl_record *record) {
                            (tl_quality)record->y_hat_quality[i]);
         }
     }
-}
-
-static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
-    const tl_lock_change *change = NULL;
-    count(cycle, record);
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
-        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+        tl_heart_be_patient(cycle->heart, patience(config));
     }
     if (tl_lock_rescue_step(&cycle->rescue, record, &change)) {
         tl_heart_be_patient(cycle->heart, PATIENCE_WITH_BEGINNING);

@@ -61,10 +61,6 @@ static bool is_text(const char *text, size_t size) {
            memcmp(clean, text, length) == 0;
 }
 
-static bool is_changed(const tl_live_tuning *block, uint32_t number) {
-    return tl_live_tuning_number(block) != number;
-}
-
 static tl_status fail_changed(tl_error *error) {
     return tl_fail(error, TL_TRY_AGAIN, "a tuning is being written");
 }
@@ -94,7 +90,7 @@ tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *
     head->number = number;
     head->size = __atomic_load_n(&block->head.size, __ATOMIC_ACQUIRE);
     tl_words_load((char *)head + BEHIND, (const char *)&block->head + BEHIND, sizeof *head - BEHIND);
-    return is_changed(block, number) ? fail_changed(error) : check(head, error);
+    return tl_live_tuning_number(block) != number ? fail_changed(error) : check(head, error);
 }
 
 tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_head *head,
@@ -106,7 +102,7 @@ tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_h
     }
     tl_words_load(text, block->text, head->size);
     text[head->size] = '\0';
-    if (is_changed(block, head->number)) {
+    if (tl_live_tuning_number(block) != head->number) {
         return fail_changed(error);
     }
     tl_sha256(text, head->size, digest);

@@ -224,19 +224,6 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
     return status;
 }
 
-/* What is not held is said once, at the start. */
-static void say_confinement(const tl_twin_child *child) {
-    char text[TL_CONFINE_TEXT];
-    if (child->settings.job->unconfined) {
-        tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
-        return;
-    }
-    tl_confine_describe(&child->payload.facts, text);
-    if (text[0] != '\0') {
-        tl_log(TL_LOG_NOTICE, "%s", text);
-    }
-}
-
 static tl_status start(tl_twin_child *child, tl_error *error) {
     const tl_twin_job *job = child->settings.job;
     bool is_for_states = child->settings.others != NULL || job->states_only;
@@ -279,8 +266,14 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     if (status == TL_OK) {
         status = expect_ready(child, error);
     }
-    if (status == TL_OK && !is_silent) {
-        say_confinement(child);
+    if (status == TL_OK && !is_silent && job->unconfined) {
+        tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
+    } else if (status == TL_OK && !is_silent) { /* what is not held is said once */
+        char text[TL_CONFINE_TEXT];
+        tl_confine_describe(&child->payload.facts, text);
+        if (text[0] != '\0') {
+            tl_log(TL_LOG_NOTICE, "%s", text);
+        }
     }
     return status;
 }

@@ -249,16 +249,6 @@ static void pass_signal_on(tl_twin_process *self) {
     }
 }
 
-static void look_at_process(tl_twin_process *self) {
-    (void)pthread_mutex_lock(&self->lock);
-    if (self->settings.passes_signals) {
-        pass_signal_on(self);
-        look_at_calls(self);
-    }
-    look_at_bounds(self);
-    (void)pthread_mutex_unlock(&self->lock);
-}
-
 /* What the process has sent: the descriptor that tells of refused calls; -1: the kernel has none, or nothing is refused. */
 static int receive_listener(int socket) {
     char byte = 0;
@@ -319,7 +309,13 @@ static void *watch(void *context) {
         tl_time now = tl_clock_now(NULL);
         if (now >= next) {
             next = now + LOOK_MS * (TL_SECOND / 1000);
-            look_at_process(self);
+            (void)pthread_mutex_lock(&self->lock);
+            if (self->settings.passes_signals) {
+                pass_signal_on(self);
+                look_at_calls(self);
+            }
+            look_at_bounds(self);
+            (void)pthread_mutex_unlock(&self->lock);
         }
     }
 }

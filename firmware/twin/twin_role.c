@@ -50,10 +50,6 @@ typedef struct role {
 
 /* ---- telling ---- */
 
-static void set_error(role *self, const tl_error *error) {
-    (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error->text);
-}
-
 /* Waits for room: the other end takes what there is, or is gone, and this process with it. A result is there at once, whatever
  * becomes of this process; the other end is woken for some together, or when this one has nothing to do. */
 static void send_message(role *self, tl_message type, const void *payload) {
@@ -74,7 +70,7 @@ static void send_message(role *self, tl_message type, const void *payload) {
 /* `error` has no text where it was said on the log. */
 static void send_word(role *self, tl_message type, tl_status status, const tl_error *error) {
     const int32_t word = (int32_t)status;
-    set_error(self, error);
+    (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error->text);
     send_message(self, type, &word);
 }
 
@@ -286,7 +282,7 @@ static void answer(role *self, bool last) {
     if (last) {
         tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.tells, &self->result);
     } else if (execute(self, &error) != TL_OK) {
-        set_error(self, &error);
+        (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error.text);
         self->over = true;
     }
     send_message(self, TL_MESSAGE_RESULT, &self->result);

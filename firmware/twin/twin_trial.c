@@ -219,14 +219,6 @@ static bool tell_of_forks(const tl_assembly *assembly, tl_twin_ways *ways, tl_er
     return false;
 }
 
-/* That a step cannot be made says nothing about ways back. */
-static void blame(const tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
-    bool is_about_it = ways->cannot_return != 0 && ways->component[0] == '\0';
-    if (!tell_of_forks(assembly, ways, error) && is_about_it) {
-        tl_assembly_find_component(assembly, error->text, ways->component);
-    }
-}
-
 /* True: all came back there, too. */
 static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
     tl_far_look look;
@@ -269,7 +261,10 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     status = begin_ways(assembly, &tick, error);
     tl_twin_ways_note(assembly, ways);
     if (status != TL_OK) {
-        blame(assembly, ways, error);
+        /* That a step cannot be made says nothing about ways back. */
+        if (!tell_of_forks(assembly, ways, error) && ways->cannot_return != 0 && ways->component[0] == '\0') {
+            tl_assembly_find_component(assembly, error->text, ways->component);
+        }
         return status;
     }
     *error = (tl_error){TL_OK, ""};
