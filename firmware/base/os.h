@@ -136,6 +136,11 @@ typedef struct tl_latest {
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size);
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size);
 
+/* Copies word by word, since another process may write or read `shared` meanwhile; it begins at a word, and has room for whole ones. Accesses keep
+ * their order, so that a number that is odd during a write tells a reader what to skip. */
+void tl_words_store(void *shared, const void *from, size_t bytes);
+void tl_words_load(void *to, const void *shared, size_t bytes);
+
 /* ---- A thread beside the cycle: it runs under ordinary scheduling, and takes no signals, whoever starts it.
  *
  * Purpose: the one way to start a thread that only reads, writes or waits. A thread inherits priority and signal mask from

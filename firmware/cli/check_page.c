@@ -19,7 +19,6 @@
 #include "firmware/live/live_blocks.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/far_look.h"
-#include "firmware/twin/twin_places.h"
 #include "firmware/twin/twin_process.h"
 #include "master/twin/twin_timing.h"
 

@@ -110,7 +110,6 @@ tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char
     if (status == TL_OK) {
         tl_twin_feed_settings settings = *model;
         settings.recording = opened->driving;
-        settings.tells = TL_TELLS_OUTPUTS;
         settings.plant = true;
         status = tl_twin_feed_open(&settings, &opened->feed, error);
     }

@@ -51,7 +51,7 @@ typedef struct tl_emulation_row {
 tl_status tl_emulation_open_recording(const char *path, const tl_config *config, tl_emulation **emulation,
                                       tl_error *error);
 
-/* The rows that a built twin makes as the plant. `model` has its configuration, with `emulate`, its account, and the process or the assembly; `driving` is the
+/* The rows that a built twin makes as the plant. `model` has its configuration, with `emulate`, its account and its process; `driving` is the
  * recording of what drives it. */
 tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char *driving, uint64_t seed,
                                   tl_emulation **emulation, tl_error *error);

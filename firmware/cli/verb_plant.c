@@ -50,7 +50,6 @@ static tl_status build_model(player *self, tl_error *error) {
     tl_config_use_lookups(&self->model);
     job->order.task = TL_TASK_STEP;
     job->order.tells = TL_TELLS_OUTPUTS;
-    job->order.without_delays = true;
     status = tl_verb_job_start(job, &self->model, NULL, error);
     if (status == TL_OK) {
         status = tl_twin_child_build(job->child, &self->account, error);

@@ -68,15 +68,13 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     tl_replay *replay = &self->replay;
     tl_status status = TL_OK;
     if (options->database != NULL) {
-        const tl_twin_recorder_settings settings = {.config = config,
-                                                    .account = &self->account,
-                                                    .verb = "replay",
-                                                    .path = options->database,
-                                                    .known = tunings.known,
-                                                    .known_count = tunings.count,
-                                                    .wait_when_full = true,
-                                                    .record = &self->record};
-        status = tl_twin_recorder_open(&settings, &replay->recorder, error);
+        tl_recorder_settings *record = &self->record.settings;
+        tl_twin_recorder_describe(config, options->database, &self->record);
+        record->verb = "replay";
+        record->known = tunings.known;
+        record->known_count = tunings.count;
+        record->wait_when_full = true;
+        status = tl_twin_recorder_open(config, &self->account, &self->record, &replay->recorder, error);
     }
     tl_journal_init(&self->journal, replay->recorder);
     if (status == TL_OK && options->report != NULL) {
@@ -195,10 +193,8 @@ static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_e
     if (beginning == NULL) {
         return TL_OK;
     }
-    job->order.begins = TL_BEGINS_AT;
     job->order.tick = beginning->tick;
     if (beginning->follows && beginning->resumption.from == TL_RESUMED_CHECKPOINT) {
-        job->order.begins = TL_BEGINS_CHECKPOINT;
         job->order.tick = beginning->checkpoint->tick;
         job->order.checkpoint = beginning->checkpoint->bytes;
         job->order.checkpoint_size = beginning->checkpoint->size;
@@ -235,7 +231,6 @@ static tl_status replay_with(replayer *self, tl_status opened, tl_error *error) 
         .account = &self->account,
         .recording = self->recording,
         .child = job->child,
-        .tells = job->order.tells,
         .paced = job->options->realtime,
     };
     self->replay = (tl_replay){.config = &job->config,

@@ -22,8 +22,6 @@
 #include "firmware/twin/journal.h"
 #include "firmware/twin/past.h"
 #include "firmware/twin/past_outbox.h"
-#include "firmware/twin/safe_hold.h"
-#include "firmware/twin/status_line.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal, and for its priority. */
@@ -619,12 +617,9 @@ static tl_status look_on(live_twin *self, tl_error *error) {
 }
 
 static void hold(live_twin *self) {
+    const tl_cycle_settings cycle = settings_of_cycle(self);
     const tl_safe_hold_settings settings = {
-        .config = self->config,
-        .input = &self->input,
-        .outbox = &self->outbox,
-        .journal = &self->journal,
-        .beats = &self->pulse->beats,
+        .cycle = &cycle,
         .heart = self->heart,
         .failures = self->job.how.failures + self->job.how.tries,
         .missing = self->job.how.missing,

@@ -24,7 +24,7 @@
 #include "master/twin/account.h"
 
 /* Blocks of shared memory, by the number of their descriptor, which is the same in every process of the run that has the block (live_blocks.h). Descriptor 0
- * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_wire.h says. */
+ * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_role.h says. */
 enum {
     TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
     TL_LIVE_JOB = 4,            /* tl_live_job */

@@ -89,7 +89,7 @@ static void tl_tree_put_event(tl_tree *self, tl_severity severity, const char *s
 
 /* ---- what is heard of FMUs ---- */
 
-/* In a thread of a warden's. Of a shadow's FMUs nothing is kept but the log. */
+/* In the output thread of the process. Of a shadow's FMUs nothing is kept but the log. */
 static void hear_refusal_in(tl_tree *self, uint32_t place, const char *text) {
     if (__atomic_load_n(&tl_tree_stage(self)->place, __ATOMIC_ACQUIRE) == place) {
         tl_tree_put_event(self, TL_EVENT_WARNING, "twin", text);
@@ -239,7 +239,7 @@ static pid_t start_twin(tl_tree *self, tl_live_place *place, bool is_shadow, con
     (void)snprintf(title, sizeof title, "%s [%s]%s", kind, self->config.name,
                    is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
     tl_status status = start_with_job(self, place, &job, title, error);
-    place->pid = status == TL_OK ? tl_twin_process_id(place->twin) : 0;
+    place->pid = status == TL_OK ? tl_twin_process_role(place->twin)->pid : 0;
     return place->pid;
 }
 
@@ -324,7 +324,7 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
 /* ---- ending ---- */
 
 static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
-    char why[TL_TWIN_WARDEN_TEXT];
+    char why[TL_TWIN_KILLED_TEXT];
     bool was_killed = tl_twin_process_was_killed(place->twin, why);
     if (was_killed) {
         (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);

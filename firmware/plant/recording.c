@@ -372,7 +372,7 @@ static void take_readings(tl_recording *recording, const tl_sample *seen) {
 }
 
 static tl_status next_from_database(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
-    tl_history_tick read;
+    tl_history_tick read = {.has_step = false}; /* all of a tick crosses to the process with FMUs */
     tl_status status = tl_history_ticks_next(recording->walk, &read, end, error);
     if (status == TL_BAD_DATA) {
         tl_history_diagnose(recording->history, error);

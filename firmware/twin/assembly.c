@@ -2,6 +2,7 @@
 #include "firmware/twin/assembly.h"
 
 #include <fcntl.h>
+#include <libgen.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,101 +16,68 @@
 
 /* ---- before ---- */
 
-static size_t count_libraries(const tl_config *config) {
-    size_t count = 0;
-    for (size_t i = 0; i < config->component_count; i++) {
-        count += config->components[i].library_count;
-    }
-    return count;
-}
-
-/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. Returns `text`. */
-static const char *tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
+/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. */
+static void tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     struct stat about;
     if (stat(path, &about) != 0) {
-        return tl_other_case(path, text);
+        (void)tl_other_case(path, text);
+        return;
     }
     (void)snprintf(text, TL_OTHER_CASE_TEXT, "; what is there is %s, and an FMU is a file: name the .fmu file itself",
                    S_ISDIR(about.st_mode)    ? "a folder"
                    : S_ISFIFO(about.st_mode) ? "a FIFO"
                    : S_ISSOCK(about.st_mode) ? "a socket"
                                              : "a device");
-    return text;
 }
 
-/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. */
-static char *find_library(const tl_config *config, const char *name) {
+/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. NULL: it is too long. */
+static char *find_library(tl_assembly *assembly, const char *name) {
     char path[PATH_MAX];
-    if (!tl_config_library_path(config, name, path, sizeof path) || strchr(path, '/') == NULL) {
+    char found[PATH_MAX];
+    if (!tl_config_library_path(&assembly->config, name, path, sizeof path)) {
         return NULL;
     }
-    return realpath(path, NULL);
+    bool is_there = strchr(path, '/') != NULL && realpath(path, found) != NULL;
+    return tl_arena_text(&assembly->arena, is_there ? found : path);
+}
+
+/* False: not enough memory. */
+static bool open_file(tl_assembly *assembly, const tl_config_component *component, tl_assembly_file *file) {
+    char path[PATH_MAX];
+    file->descriptor = -1;
+    if (tl_config_fmu_path(&assembly->config, component->fmu, path, sizeof path)) {
+        file->is_there = true;
+        file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    } else {
+        tell_what_is_there(path, file->other);
+    }
+    file->path = tl_arena_text(&assembly->arena, path);
+    file->libraries = tl_arena_take(&assembly->arena, component->library_count, sizeof *file->libraries);
+    for (size_t i = 0; file->libraries != NULL && i < component->library_count; i++) {
+        file->libraries[i] = find_library(assembly, component->libraries[i].name);
+    }
+    return file->path != NULL && file->libraries != NULL;
 }
 
 tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
     const tl_config *config = &assembly->config;
-    assembly->files = calloc(config->component_count + 1, sizeof *assembly->files);
-    assembly->libraries = calloc(count_libraries(config) + 1, sizeof *assembly->libraries);
-    if (assembly->files == NULL || assembly->libraries == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    tl_arena *arena = &assembly->arena;
+    tl_config_use_lookups(&assembly->config);
+    assembly->fmus = tl_arena_take(arena, config->component_count, sizeof *assembly->fmus);
+    assembly->components = tl_arena_take(arena, config->component_count, sizeof *assembly->components);
+    assembly->signals = tl_arena_take(arena, config->signal_count, sizeof *assembly->signals);
+    assembly->match = tl_arena_take(arena, config->match_count, sizeof *assembly->match);
+    assembly->outputs = tl_arena_take(arena, config->emulated_count, sizeof *assembly->outputs);
+    assembly->files = tl_arena_take(arena, config->component_count, sizeof *assembly->files);
+    bool has_room = assembly->fmus != NULL && assembly->components != NULL && assembly->signals != NULL &&
+                    assembly->match != NULL && assembly->outputs != NULL && assembly->files != NULL;
+    for (size_t i = 0; has_room && i < config->component_count; i++) {
+        has_room = open_file(assembly, &config->components[i], &assembly->files[i]);
     }
-    for (size_t i = 0; i < config->component_count; i++) {
-        const tl_config_component *component = &config->components[i];
-        char path[PATH_MAX];
-        tl_assembly_file *file = &assembly->files[i];
-        file->descriptor = -1;
-        if (tl_config_fmu_path(config, component->fmu, path, sizeof path)) {
-            file->path = strdup(path);
-            file->descriptor = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
-        } else {
-            (void)tell_what_is_there(path, file->other);
-        }
-        for (size_t k = 0; k < component->library_count; k++) {
-            assembly->libraries[assembly->library_count++] = find_library(config, component->libraries[k].name);
-        }
-    }
-    return TL_OK;
-}
-
-static void close_files(tl_assembly *assembly) {
-    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
-        free(assembly->files[i].path);
-        if (assembly->files[i].descriptor >= 0) {
-            (void)close(assembly->files[i].descriptor);
-        }
-    }
-    for (size_t i = 0; i < assembly->library_count; i++) {
-        free(assembly->libraries[i]);
-    }
-    free(assembly->files);
-    free(assembly->libraries);
+    return has_room ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "not enough memory");
 }
 
 /* ---- building ---- */
-
-static bool library_path(const tl_assembly *assembly, size_t place, const char *name, char *path, size_t size) {
-    if (assembly->libraries != NULL && assembly->libraries[place] != NULL) {
-        return snprintf(path, size, "%s", assembly->libraries[place]) < (int)size;
-    }
-    return tl_config_library_path(&assembly->config, name, path, size);
-}
-
-/* Of one component; FMUs are opened only when all of them are there. `first`: how many libraries the components before it name. */
-static void open_libraries(tl_assembly *assembly, const tl_config_component *component, size_t first) {
-    for (size_t i = 0; i < component->library_count; i++) {
-        const tl_config_name *library = &component->libraries[i];
-        char path[PATH_MAX];
-        tl_error error;
-        if (!library_path(assembly, first + i, library->name, path, sizeof path)) {
-            tl_report_add(&assembly->problems.report, TL_BAD_DATA, library->where, "the path is too long; shorten it");
-            continue;
-        }
-        tl_status status = tl_library_open(path, &error);
-        if (status != TL_OK) {
-            tl_report_add(&assembly->problems.report, status, library->where, "%s", error.text);
-        }
-    }
-}
 
 /* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
 static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
@@ -126,29 +94,19 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
     return true;
 }
 
-/* The one of this file, if it runs in Python: that has its modules once, so there is no second copy to be had. Else NULL. */
-static const tl_fmu *find_shared(const tl_assembly *assembly, const char *path) {
-    for (size_t i = 0; i < assembly->fmu_count; i++) {
-        const tl_fmu *known = &assembly->fmus[i];
-        if (known->module[0] != '\0' && strcmp(known->path, path) == 0) {
-            return known;
-        }
-    }
-    return NULL;
-}
-
-/* The FMU at `path`, with variables of its own whoever else uses that file; NULL where reported. */
-static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opened,
+/* With variables of its own whoever else uses that file, but if it runs in Python: that has its modules once. NULL where reported. */
+static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *file,
                               const tl_config_component *configured) {
     const char *where = configured->where;
     tl_rollback rollback = assembly->config.synchronise ? configured->rollback : TL_ROLLBACK_NONE;
-    const tl_fmu *shared = find_shared(assembly, path);
-    if (shared != NULL) {
-        return shared;
+    for (const tl_fmu *known = assembly->fmus; known < assembly->fmus + assembly->fmu_count; known++) {
+        if (known->module[0] != '\0' && strcmp(known->path, file->path) == 0) {
+            return known;
+        }
     }
     tl_error error;
     tl_fmu *fmu = &assembly->fmus[assembly->fmu_count];
-    tl_status status = tl_fmu_load(path, opened, rollback, fmu, &error);
+    tl_status status = tl_fmu_load(file->path, file->descriptor, rollback, fmu, &error);
     if (status != TL_OK) {
         tl_report_add(&assembly->problems.report, status, where, "%s", error.text);
         return NULL;
@@ -159,53 +117,36 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const char *path, int opene
 }
 
 /* Who writes a configuration elsewhere says by this which of the installed FMUs is meant. */
-static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const char *path, int opened) {
+static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const tl_assembly_file *file) {
     char found[TL_SHA256_TEXT];
     if (configured->sha256 == NULL) {
         return true;
     }
-    int file = opened >= 0 ? opened : open(path, O_RDONLY | O_CLOEXEC);
-    (void)tl_identity_open_file(file, found);
-    if (opened < 0 && file >= 0) {
-        (void)close(file);
-    }
+    (void)tl_identity_open_file(file->descriptor, found);
     if (strcmp(found, configured->sha256) != 0) {
         tl_report_add(&assembly->problems.report, TL_BAD_DATA, configured->where,
                       "another file is meant than %.200s: its SHA-256 is %s, expected %s; install that one, or correct "
                       "\"sha256\"",
-                      path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
+                      file->path, found[0] != '\0' ? found : "not known, as it cannot be read", configured->sha256);
         return false;
     }
     return true;
 }
 
-/* As it was found before, or is found now. */
-static bool fmu_path(const tl_assembly *assembly, size_t index, char *path, size_t size) {
-    if (assembly->files != NULL && assembly->files[index].path != NULL) {
-        return snprintf(path, size, "%s", assembly->files[index].path) < (int)size;
-    }
-    return tl_config_fmu_path(&assembly->config, assembly->config.components[index].fmu, path, size);
-}
-
 static void load_component(tl_assembly *assembly, size_t index) {
     const tl_config_component *configured = &assembly->config.components[index];
-    tl_plan_component *component = &assembly->components[index];
-    char path[PATH_MAX];
-    int opened = assembly->files != NULL ? assembly->files[index].descriptor : -1;
-    if (!fmu_path(assembly, index, path, sizeof path)) {
-        char other[TL_OTHER_CASE_TEXT];
-        const char *beside = assembly->files != NULL ? assembly->files[index].other : tell_what_is_there(path, other);
+    const tl_assembly_file *file = &assembly->files[index];
+    if (!file->is_there) {
         tl_report_add(
             &assembly->problems.report, TL_BAD_DATA, configured->where,
             "no file \"%s\" here, in TWINLOCK_FMU_PATH, or in ../fmus or ../lib/twinlock/fmus beside the program (looked "
             "for \"%s\" first)%s",
-            configured->fmu, path, beside);
+            configured->fmu, file->path, file->other);
         return;
     }
-    const tl_fmu *fmu =
-        is_meant(assembly, configured, path, opened) ? load_fmu(assembly, path, opened, configured) : NULL;
+    const tl_fmu *fmu = is_meant(assembly, configured, file) ? load_fmu(assembly, file, configured) : NULL;
     if (fmu != NULL) {
-        *component = (tl_plan_component){
+        assembly->components[index] = (tl_plan_component){
             .where = configured->where,
             .name = configured->name,
             .model = &fmu->model,
@@ -230,19 +171,6 @@ static size_t fill_outputs(tl_assembly *assembly) {
         }
     }
     return count;
-}
-
-/* N is one more than what is used, so that a peak at the end of the range is one. */
-static tl_plan_measure measure_of(const tl_config *config) {
-    const tl_config_delays *delays = config->delays;
-    if (delays == NULL || !delays->measure) {
-        return (tl_plan_measure){0};
-    }
-    return (tl_plan_measure){
-        .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
-        .range = delays->range,
-        .look_back = config->output_lookup.look_back,
-    };
 }
 
 /* The end of a stroke is an effect: it is looked up as what is matched. */
@@ -290,7 +218,6 @@ static void fill_plan(tl_assembly *assembly) {
         .measurements = config->measurements,
         .event = event_of(config),
         .input_ticks = config->input_lookup.ticks,
-        .measure = measure_of(config),
         .output_ticks = config->output_lookup.ticks,
         .output_look_back = config->output_lookup.look_back,
         .algorithm = config->algorithm,
@@ -306,26 +233,34 @@ static void fill_plan(tl_assembly *assembly) {
         .heap = memory_used,
         .now = assembly->trusts_states ? NULL : tl_clock_now,
     };
+    const tl_config_delays *delays = config->delays;
+    if (delays != NULL && delays->measure) {
+        /* One lag more than what is used, so that a peak at the end of the range is one. */
+        assembly->plan.measure = (tl_plan_measure){
+            .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
+            .range = delays->range,
+            .look_back = config->output_lookup.look_back,
+        };
+    }
 }
 
 tl_status tl_assembly_build(tl_assembly *assembly) {
     const tl_config *config = &assembly->config;
     tl_report *report = &assembly->problems.report;
-    tl_config_use_lookups(&assembly->config);
-    assembly->fmus = calloc(config->component_count, sizeof *assembly->fmus);
-    assembly->components = calloc(config->component_count, sizeof *assembly->components);
-    assembly->signals = calloc(config->signal_count, sizeof *assembly->signals);
-    assembly->match = calloc(config->match_count + 1, sizeof *assembly->match);
-    assembly->outputs = calloc(config->emulated_count + 1, sizeof *assembly->outputs);
-    if (assembly->fmus == NULL || assembly->components == NULL || assembly->signals == NULL ||
-        assembly->match == NULL || assembly->outputs == NULL) {
-        tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory");
+    tl_error error;
+    if (assembly->files == NULL && tl_assembly_open(assembly, &error) != TL_OK) {
+        tl_report_add(report, error.status, "", "%s", error.text);
         return report->worst;
     }
-    size_t libraries = 0;
-    for (size_t i = 0; i < config->component_count; i++) {
-        open_libraries(assembly, &config->components[i], libraries);
-        libraries += config->components[i].library_count;
+    for (size_t i = 0; i < config->component_count; i++) { /* FMUs are opened only when all of these are there */
+        for (size_t k = 0; k < config->components[i].library_count; k++) {
+            const char *path = assembly->files[i].libraries[k];
+            tl_status status = path != NULL ? tl_library_open(path, &error)
+                                            : tl_fail(&error, TL_BAD_DATA, "the path is too long; shorten it");
+            if (status != TL_OK) {
+                tl_report_add(report, status, config->components[i].libraries[k].where, "%s", error.text);
+            }
+        }
     }
     bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
     for (size_t i = 0; i < config->component_count && opened; i++) {
@@ -369,15 +304,14 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
     return status;
 }
 
-const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence) {
+void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]) {
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         const char *name = assembly->config.components[i].name;
         size_t length = strlen(name);
         if (strncmp(sentence, name, length) == 0 && sentence[length] == ':') {
-            return name;
+            (void)snprintf(component, TL_ASSEMBLY_NAME, "%s", name);
         }
     }
-    return NULL;
 }
 
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
@@ -400,12 +334,147 @@ void tl_assembly_free(tl_assembly *assembly) {
     for (size_t i = 0; i < assembly->fmu_count; i++) {
         tl_fmu_unload(&assembly->fmus[i]);
     }
-    free(assembly->fmus);
-    free(assembly->components);
-    free(assembly->signals);
-    free(assembly->match);
-    free(assembly->outputs);
-    close_files(assembly);
+    for (size_t i = 0; assembly->files != NULL && i < assembly->config.component_count; i++) {
+        if (assembly->files[i].is_there && assembly->files[i].descriptor >= 0) {
+            (void)close(assembly->files[i].descriptor);
+        }
+    }
+    tl_arena_release(&assembly->arena);
     tl_config_free(&assembly->config);
     *assembly = (tl_assembly){0};
+}
+
+/* ---- places that FMUs may read ---- */
+
+/* What exists, is not everything, and is there once. */
+static void add_place(tl_twin_places *places, const char *path) {
+    char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
+    bool is_new = found != NULL && strcmp(found, "/") != 0;
+    for (size_t i = 0; is_new && i < places->count; i++) {
+        is_new = strcmp(places->path[i], found) != 0;
+    }
+    if (is_new) {
+        places->path[places->count++] = found;
+    } else {
+        free(found);
+    }
+}
+
+/* The library itself, and beside it what comes with it (as Python's modules do), if that is a folder for libraries. */
+static void add_library(tl_twin_places *places, const char *path) {
+    char copy[PATH_MAX];
+    (void)snprintf(copy, sizeof copy, "%s", path);
+    const char *folder = dirname(copy);
+    const char *name = strrchr(folder, '/');
+    add_place(places, name != NULL && strncmp(name, "/lib", strlen("/lib")) == 0 ? folder : path);
+}
+
+static void add_component_places(tl_twin_places *places, const tl_assembly *assembly, size_t index) {
+    const tl_config *config = &assembly->config;
+    const tl_config_component *component = &config->components[index];
+    for (size_t i = 0; i < component->library_count; i++) {
+        const char *library = assembly->files[index].libraries[i];
+        if (library != NULL && strchr(library, '/') != NULL) {
+            add_library(places, library);
+        }
+    }
+    for (size_t i = 0; i < component->read_count; i++) { /* relative names start at the configuration's folder */
+        char path[PATH_MAX];
+        const char *file = component->reads[i].name;
+        if (file[0] != '\0' && tl_config_file_path(config, file, path, sizeof path)) {
+            add_place(places, path);
+        }
+    }
+    for (size_t i = 0; i < component->set_count; i++) {
+        const tl_plan_set *set = &component->set[i];
+        if (set->value.type == TL_STRING && strchr(set->value.text, '/') != NULL) {
+            add_place(places, set->value.text);
+        }
+    }
+}
+
+/* What nobody means who writes a list of folders for libraries: all, a folder of all others such as "/home", a home, or what a home lies in. */
+static bool is_too_wide(const char *folder) {
+    const char *home = getenv(TL_TWIN_PLACES_HOME);
+    char *real_home = home != NULL && home[0] == '/' ? realpath(home, NULL) : NULL;
+    size_t length = strlen(folder);
+    bool holds_home = real_home != NULL && strncmp(real_home, folder, length) == 0 &&
+                      (real_home[length] == '\0' || real_home[length] == '/');
+    free(real_home);
+    return holds_home || strrchr(folder, '/') == folder;
+}
+
+/* What a folder in a variable stands for is added. True: those behind it are not looked at. */
+typedef bool add_one(tl_twin_places *places, const char *folder);
+
+/* An absolute name, since the process has a current folder of its own. */
+static bool add_folder(tl_twin_places *places, const char *folder) {
+    char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
+    if (found != NULL && !is_too_wide(found)) {
+        add_place(places, found);
+    }
+    free(found);
+    return false;
+}
+
+/* Of an installation of Python, or an environment, only what it loads: all else there may be anybody's, as in ~ for ~/bin/python3. */
+static bool add_installation(tl_twin_places *places, const char *prefix) {
+    static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
+    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
+        char path[PATH_MAX];
+        if (snprintf(path, sizeof path, "%s/%s", prefix, parts[i]) < (int)sizeof path) {
+            (void)add_folder(places, path);
+        }
+    }
+    return false;
+}
+
+/* Python's packages are those of the python3 that is first in PATH: beside it those of an environment, and where it leads to those of the
+ * installation that the environment was made from. */
+static bool add_python(tl_twin_places *places, const char *folder) {
+    char path[PATH_MAX];
+    bool fits = snprintf(path, sizeof path, "%s/python3", folder) < (int)sizeof path;
+    char *program = fits ? realpath(path, NULL) : NULL;
+    if (program == NULL) {
+        return false;
+    }
+    (void)add_installation(places, dirname(dirname(path)));
+    (void)add_installation(places, dirname(dirname(program)));
+    free(program);
+    return true;
+}
+
+/* The folders in a variable, with colons between them. */
+static void add_variable(tl_twin_places *places, const char *name, add_one *add_each) {
+    const char *list = getenv(name);
+    char *copy = list != NULL ? strdup(list) : NULL;
+    char *rest = NULL;
+    char *folder = copy != NULL ? strtok_r(copy, ":", &rest) : NULL;
+    while (folder != NULL && !add_each(places, folder)) {
+        folder = strtok_r(NULL, ":", &rest);
+    }
+    free(copy);
+}
+
+void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places) {
+    static const struct {
+        const char *name;
+        add_one *add;
+    } variables[] = {
+        {"LD_LIBRARY_PATH", add_folder},  {"PYTHONPATH", add_folder}, {"LOCPATH", add_folder},
+        {"PYTHONHOME", add_installation}, {"PATH", add_python},       {"PYTHONUSERBASE", add_installation},
+    };
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        add_component_places(places, assembly, i);
+    }
+    for (size_t i = 0; i < sizeof variables / sizeof variables[0]; i++) {
+        add_variable(places, variables[i].name, variables[i].add);
+    }
+}
+
+void tl_twin_places_free(tl_twin_places *places) {
+    for (size_t i = 0; i < places->count; i++) {
+        free(places->path[i]);
+    }
+    *places = (tl_twin_places){.count = 0};
 }

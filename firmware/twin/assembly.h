@@ -11,13 +11,16 @@
 #include "firmware/config/config.h"
 #include "firmware/config/problems.h"
 #include "firmware/fmu/fmu_store.h"
+#include "master/base/arena.h"
 #include "master/twin/twin.h"
 
-/* A file that was found and opened before the process gave up the right to. */
+/* What a component needs of the disk: found, and its FMU opened, before the process gives up the right to. */
 typedef struct tl_assembly_file {
-    char *path;                     /* as it was found; NULL: not found */
+    bool is_there;
+    const char *path;               /* as it was found, or where it was looked for first */
     int descriptor;                 /* -1: none */
     char other[TL_OTHER_CASE_TEXT]; /* if it was not found: what is there instead */
+    char **libraries;               /* absolute, or a bare name; an element: NULL if its path is too long */
 } tl_assembly_file;
 
 typedef struct tl_assembly {
@@ -34,12 +37,11 @@ typedef struct tl_assembly {
     bool
         trusts_states; /* set by its user before it is built: what is exact by its own states is led back by these, though a copy may be faster */
     tl_tuning tuning;  /* as configured */
-    tl_assembly_file *files; /* FMU of each component; NULL: not opened before */
-    char **libraries; /* of all components in order, absolute; NULL: not looked for before; an element: nor found */
-    size_t library_count;
+    tl_arena arena;    /* for what follows, and all arrays above */
+    tl_assembly_file *files; /* of each component; NULL: not opened yet */
 } tl_assembly;
 
-/* Of an assembly with a configuration: loads the FMUs and builds the twin. On failure every problem was said on the log and the
+/* Of an assembly with a configuration, which may be opened already: loads the FMUs and builds the twin. On failure every problem was said on the log and the
  * status is that of the first; the assembly must be freed all the same. */
 tl_status tl_assembly_build(tl_assembly *assembly);
 
@@ -48,8 +50,8 @@ enum { TL_ASSEMBLY_NAME = 64 };
 /* The same of what may well be wrong: nothing is said on the log. The error is the first problem, and `component` whose it is; "": no component's. */
 tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASSEMBLY_NAME], tl_error *error);
 
-/* The name with which a sentence begins, before a colon, as those about a call that has failed do; NULL: no component's. */
-const char *tl_assembly_component_of(const tl_assembly *assembly, const char *sentence);
+/* Writes the component's name with which a sentence begins, before a colon, as those about a call that has failed do, if there is one. */
+void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
 /* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the
  * building. Errors: TL_TRY_AGAIN. */
@@ -63,5 +65,29 @@ tl_status tl_assembly_rebuild(tl_assembly *assembly);
 
 /* A zeroed assembly is allowed. */
 void tl_assembly_free(tl_assembly *assembly);
+
+/* ---- The places that the FMUs of a configuration may read besides what every program is made of.
+ *
+ * Purpose: a confined process reads no file that nobody has named. Named are: by the configuration the libraries, what a component `reads`, and
+ *          texts in `set` that are the names of files; by the environment the folders in which loader, Python and locales look: absolute ones that are
+ *          neither a home nor hold one; of an installation of Python what it loads.
+ * Thread:  one thread.
+ */
+
+enum { TL_TWIN_PLACES = 256 }; /* further ones are left out */
+
+/* A variable: the home of who has started all this, since HOME is another folder in a process with FMUs. */
+#define TL_TWIN_PLACES_HOME "TWINLOCK_HOME"
+
+/* Absolute paths of what exists. A zeroed one is empty. */
+typedef struct tl_twin_places {
+    char *path[TL_TWIN_PLACES];
+    size_t count;
+} tl_twin_places;
+
+/* While everything can be looked at still; of an assembly whose libraries were looked for (tl_assembly_open()). */
+void tl_twin_places_find(const tl_assembly *assembly, tl_twin_places *places);
+
+void tl_twin_places_free(tl_twin_places *places);
 
 #endif

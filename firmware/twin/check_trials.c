@@ -24,16 +24,16 @@ static bool is_changed(const way_search *self, size_t component) {
 
 /* ---- one trial ---- */
 
-static tl_status try_ways(const way_search *self, tl_twin_ways_outcome *outcome, tl_error *error) {
+static tl_status try_ways(const way_search *self, tl_twin_outcome *outcome, tl_error *error) {
     tl_twin_child_settings own = *self->settings;
     tl_twin_child *child = NULL;
     own.job = &self->job;
     own.page = NULL;
     tl_status status = tl_twin_child_start(&own, &child, error);
     if (status == TL_OK) {
-        status = tl_twin_child_try_ways(child, outcome, error);
+        status = tl_twin_child_finish(child, outcome, error);
     } else if (status != TL_INTERRUPTED) {
-        *outcome = (tl_twin_ways_outcome){.status = status};
+        *outcome = (tl_twin_outcome){.status = status};
         (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
         status = TL_OK;
     }
@@ -42,7 +42,7 @@ static tl_status try_ways(const way_search *self, tl_twin_ways_outcome *outcome,
 }
 
 /* The component that failed. If the process ended before it had the name: the only one that was changed, if it is one. */
-static size_t find_culprit(const way_search *self, const tl_twin_ways_outcome *tried) {
+static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
     size_t only = NO_COMPONENT;
     size_t changed = 0;
     for (size_t i = 0; i < count_of(self); i++) {
@@ -100,7 +100,7 @@ static void note_found(const way_search *self, const tl_twin_ways *tried) {
 tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
                             tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error) {
     way_search self = {.settings = settings, .job = *settings->job, .found = found};
-    tl_twin_ways_outcome now = {.ways = *checked};
+    tl_twin_outcome now = {.ways = *checked};
     tl_status status = TL_OK;
     self.job.task = TL_TASK_WAYS;
     self.job.reads_back = false;
@@ -185,7 +185,7 @@ void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) 
 /* ---- pairs ---- */
 
 /* Of a process that cannot be started the outcome says that there is no place for it. */
-static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl_twin_pair_outcome *outcome,
+static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl_twin_outcome *outcome,
                           tl_error *error) {
     tl_twin_job job = *settings->job;
     tl_twin_child_settings own = *settings;
@@ -198,46 +198,46 @@ static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl
     own.memory_limit *= 2;
     tl_status status = tl_twin_child_start(&own, &child, error);
     if (status == TL_TRY_AGAIN) {
-        *outcome = (tl_twin_pair_outcome){.status = status};
+        *outcome = (tl_twin_outcome){.status = status};
         (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
         return TL_OK;
     }
     if (status == TL_OK) {
-        status = tl_twin_child_compare(child, outcome, error);
+        status = tl_twin_child_finish(child, outcome, error);
     }
     tl_twin_child_close(child);
     return status;
 }
 
 /* Both twins have stepped, and differ. */
-static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twin_pair_outcome *pair,
+static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twin_outcome *pair,
                             tl_pair_verdict *verdict, tl_error *error) {
-    tl_twin_pair_outcome again;
+    tl_twin_outcome again;
     tl_status status = try_pair(settings, true, &again, error);
     if (status == TL_OK) {
-        const tl_twin_pair_account *first = &pair->account;
-        uint32_t steps = first->steps < again.account.steps ? first->steps : again.account.steps;
+        const tl_twin_pair_account *first = &pair->pair;
+        uint32_t steps = first->steps < again.pair.steps ? first->steps : again.pair.steps;
         bool is_steady = again.status == TL_OK && steps > 0 &&
-                         memcmp(first->marks, again.account.marks, steps * sizeof *first->marks) == 0;
+                         memcmp(first->marks, again.pair.marks, steps * sizeof *first->marks) == 0;
         verdict->kind = is_steady ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
     }
     return status;
 }
 
 tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_verdict *verdict, tl_error *error) {
-    tl_twin_pair_outcome pair;
+    tl_twin_outcome pair;
     tl_status status = try_pair(settings, false, &pair, error);
     if (status != TL_OK) {
         return status;
     }
     *verdict =
-        (tl_pair_verdict){.kind = pair.account.steps > 0 ? TL_PAIR_SAME : TL_PAIR_UNKNOWN, .steps = pair.account.steps};
-    (void)snprintf(verdict->component, sizeof verdict->component, "%s", pair.account.component);
+        (tl_pair_verdict){.kind = pair.pair.steps > 0 ? TL_PAIR_SAME : TL_PAIR_UNKNOWN, .steps = pair.pair.steps};
+    (void)snprintf(verdict->component, sizeof verdict->component, "%s", pair.pair.component);
     (void)snprintf(verdict->text, sizeof verdict->text, "%s", pair.text);
     if (pair.status == TL_TRY_AGAIN) {
         verdict->kind = TL_PAIR_UNKNOWN;
     } else if (pair.status != TL_OK) {
-        verdict->kind = pair.account.has_second != 0 ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
+        verdict->kind = pair.pair.has_second != 0 ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
         if (!pair.has_ended) {
             verdict->text[strcspn(verdict->text, ";")] =
                 '\0'; /* what follows is advice for a log that nobody has seen */

@@ -9,13 +9,12 @@
 #include <stdbool.h>
 
 #include "firmware/twin/twin_child.h"
-#include "firmware/twin/twin_pair.h"
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 
 /* ---- Another rollback method for a component that does not come back by the configured one.
  *
  * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries what `auto` finds.
- * Trials:  each is a check of all components (twin_ways.h). At most one per component.
+ * Trials:  each is a check of all components (twin_trial.h). At most one per component.
  */
 
 typedef enum tl_other_way_kind {
@@ -44,9 +43,9 @@ void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]);
 
 /* ---- What two twins of one configuration tell of its FMUs.
  *
- * Purpose: one process has both twins (twin_pair.h). If they differ, another one has the first again, alone: an FMU that differs from itself alone is *not deterministic*; one that
+ * Purpose: one process has both twins (twin_trial.h). If they differ, another one has the first again, alone: an FMU that differs from itself alone is *not deterministic*; one that
  *          does not, and differs beside another instance, is for *one per process*, whatever it declares. So is one whose second instance crashes, never returns or is refused.
- * Bounds:  of steps as twin_pair.h says.
+ * Bounds:  of steps as twin_trial.h says.
  */
 
 typedef enum tl_pair_kind {

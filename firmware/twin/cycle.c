@@ -4,28 +4,24 @@
 #include <errno.h>
 #include <inttypes.h>
 #include <stddef.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/resource.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/monitor/lock_judge.h"
+#include "firmware/process/interrupt.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/watch.h"
 
 /* ---- the data of a cycle ---- */
-
-/* A flip that was announced. */
-typedef struct tl_cycle_flip {
-    uint32_t number; /* of the newest that was seen */
-    bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
-    int64_t tick;    /* from this tick on */
-} tl_cycle_flip;
 
 struct tl_cycle {
     tl_cycle_settings settings;
@@ -37,9 +33,13 @@ struct tl_cycle {
     int64_t last_tick;  /* after it the duration is over */
     bool stop;
     bool is_shadow;
-    bool is_behind; /* a shadow that has not been at the plant's ticks yet */
-    bool has_run;   /* a run has begun in the outbox, and has not ended */
-    tl_cycle_flip flip;
+    bool is_behind;      /* a shadow that has not been at the plant's ticks yet */
+    bool has_run;        /* a run has begun in the outbox, and has not ended */
+    struct {             /* that was announced: */
+        uint32_t number; /* of the newest that was seen */
+        bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
+        int64_t tick;    /* from this tick on */
+    } flip;
     tl_resumption resumption; /* how the run began that a flip brings */
     uint64_t skipped;         /* ticks in all, */
     bool has_skipped;         /* and the newest */
@@ -60,16 +60,6 @@ struct tl_cycle {
     tl_cycle_status shown;
     tl_latest published; /* the same, for other threads */
 };
-
-/* ---- another tuning ---- */
-
-static void tl_cycle_keep_in_force(tl_cycle *cycle);
-
-static void tl_cycle_put_in_force(tl_cycle *cycle);
-
-static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account);
-
-/* ---- a flip ---- */
 
 /* ---- realtime ---- */
 
@@ -93,11 +83,68 @@ void tl_realtime_tell_refused(tl_journal *journal) {
                      "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
 }
 
-__attribute__((noinline)) void tl_realtime_touch_stack(void) {
-    volatile char room[TL_REALTIME_STACK];
+/* What the cycle calls does not fault for pages of its stack where memory is not locked. */
+__attribute__((noinline)) static void touch_stack(void) {
+    volatile char room[256 * 1024];
     for (size_t i = 0; i < sizeof room; i += PAGE) {
         room[i] = 0;
     }
+}
+
+/* ---- another tuning ---- */
+
+static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
+    cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
+    memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
+    cycle->was_tuned = true;
+    cycle->has_tuning = cycle->has_run;
+    cycle->summary.tunings++;
+    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
+    tl_lock_judge_retune(&cycle->second, &head->tuning);
+    tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
+}
+
+/* At the start of a tick, if there is another number than that which was looked at last. */
+static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
+    const tl_live_tuning *block = cycle->settings.tuning;
+    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
+    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
+    if (number == cycle->tuned || number % 2 != 0 || cycle->has_tuning || !has_room) {
+        return;
+    }
+    tl_live_tuning_head head = {.number = 0};
+    tl_error error = {TL_OK, ""};
+    tl_status status = tl_live_tuning_read(block, &head, &error);
+    if (status == TL_TRY_AGAIN) {
+        return; /* at the next tick */
+    }
+    cycle->tuned = head.number;
+    status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
+    if (status == TL_OK) {
+        take_tuning(cycle, &head);
+    } else {
+        tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
+                         "configuration %.12s refused: %.150s", tl_identity_is_sound(head.hash) ? head.hash : "?",
+                         error.text);
+    }
+    tl_live_tuning_answer_with(cycle->settings.answer, head.number, cycle->next_tick,
+                               status == TL_OK ? NULL : error.text);
+}
+
+/* At the start of a tick: by which yardstick the second judge judges. */
+static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
+    tl_lock_yardstick found;
+    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->yardstick, &found, sizeof found)) {
+        return;
+    }
+    cycle->yardstick = found;
+    tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
+}
+
+static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
+    tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
+    tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
+    tl_cycle_look_for_yardstick(cycle);
 }
 
 /* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
@@ -121,14 +168,13 @@ static void say(tl_cycle *cycle) {
 /* At the start of a tick. */
 static void tl_cycle_look_for_flip(tl_cycle *cycle) {
     const tl_cycle_place *place = &cycle->settings.place;
-    tl_cycle_flip *flip = &cycle->flip;
     uint32_t to = 0;
-    if (place->stage == NULL || flip->is_ahead ||
-        !tl_live_stage_look(place->stage, flip->number, &flip->number, &to, &flip->tick)) {
+    if (place->stage == NULL || cycle->flip.is_ahead ||
+        !tl_live_stage_look(place->stage, cycle->flip.number, &cycle->flip.number, &to, &cycle->flip.tick)) {
         return;
     }
-    flip->is_ahead = (to == place->place) == cycle->is_shadow;
-    if (!flip->is_ahead) {
+    cycle->flip.is_ahead = (to == place->place) == cycle->is_shadow;
+    if (!cycle->flip.is_ahead) {
         say(cycle); /* it is that already */
     }
 }
@@ -152,14 +198,6 @@ static void tell_late_flip(const tl_cycle *cycle) {
                          "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
                          "; ticks around it may be missing or in both runs",
                          cycle->flip.tick, cycle->next_tick);
-    }
-}
-
-/* Nothing is missed any more: the next tick is at its time. */
-static void tl_cycle_be_live(tl_cycle *cycle) {
-    if (cycle->is_behind) {
-        cycle->is_behind = false;
-        count_anew(cycle);
     }
 }
 
@@ -188,7 +226,8 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
     if (size != 0) {
         tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
     }
-    tl_cycle_put_in_force(cycle);
+    cycle->has_tuning = cycle->was_tuned; /* what is in force goes into the run with its first sample */
+    cycle->tuning.tick = cycle->next_tick;
     cycle->has_run = true;
     return TL_OK;
 }
@@ -203,22 +242,17 @@ static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
 }
 
-static void tell_taken_over(const tl_cycle *cycle) {
-    const tl_resumption *resumption = &cycle->resumption;
-    bool is_saved = resumption->from == TL_RESUMED_CHECKPOINT;
-    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
-                     "has taken over from tick %" PRId64 " on%s", resumption->tick,
-                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
-}
-
 /* What is bad now is told again: whoever reads the run's events has not seen it. */
 static void take_over(tl_cycle *cycle) {
+    bool is_saved = cycle->resumption.from == TL_RESUMED_CHECKPOINT;
     cycle->is_shadow = false;
     cycle->is_behind = false;
     tl_journal_set_apart(cycle->settings.journal, false);
     tl_watch_init(&cycle->watch, &cycle->settings.assembly->config, cycle->settings.journal);
     count_anew(cycle);
-    tell_taken_over(cycle);
+    tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
+                     "has taken over from tick %" PRId64 " on%s", cycle->resumption.tick,
+                     is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
     tell_late_flip(cycle);
     say(cycle);
 }
@@ -226,24 +260,22 @@ static void take_over(tl_cycle *cycle) {
 /* ---- the run's ---- */
 
 static void hand_over(tl_cycle *cycle) {
+    tl_outbox *outbox = cycle->settings.outbox;
     tell_late_flip(cycle);
-    tl_cycle_keep_in_force(cycle);
-    (void)tl_outbox_put_end(cycle->settings.outbox, TL_LIVE_TAKEN_OVER);
+    if (!cycle->has_tuning) { /* what is in force, whoever took it, is kept for a run that may come */
+        cycle->tuning = *tl_outbox_tuning(outbox);
+        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
+    }
+    cycle->has_tuning = false;
+    (void)tl_outbox_put_end(outbox, TL_LIVE_TAKEN_OVER);
     cycle->settings.place.start = cycle->start;
-    cycle->settings.place.started = tl_outbox_beginning(cycle->settings.outbox)->started;
+    cycle->settings.place.started = tl_outbox_beginning(outbox)->started;
     cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
     cycle->has_run = false;
     cycle->is_shadow = true;
     tl_journal_set_apart(cycle->settings.journal, true);
     count_anew(cycle);
     say(cycle);
-}
-
-/* Mode ahead: the last record of a run that ends by a flip is complete with this sample, and both are put. */
-static void tl_cycle_hand_over_with(tl_cycle *cycle) {
-    if (is_due(cycle) && !cycle->is_shadow) {
-        hand_over(cycle);
-    }
 }
 
 /* ---- ticks ---- */
@@ -274,92 +306,6 @@ static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_bud
         tl_checkpointer_rehearse(&cycle->checkpointer, budget);
     }
     return TL_OK;
-}
-
-/* ---- cycle tuning ---- */
-
-static void answer(const tl_cycle *cycle, uint32_t number, const char *why) {
-    if (cycle->settings.answer != NULL) {
-        tl_live_tuning_answer_with(cycle->settings.answer, number, cycle->next_tick, why);
-    }
-}
-
-static void refuse_tuning(tl_cycle *cycle, const tl_live_tuning_head *head, const char *why) {
-    tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "retune",
-                     "configuration %.12s refused: %.150s", tl_identity_is_sound(head->hash) ? head->hash : "?", why);
-    answer(cycle, head->number, why);
-}
-
-static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
-    cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
-    memcpy(cycle->tuning.hash, head->hash, sizeof cycle->tuning.hash);
-    cycle->was_tuned = true;
-    cycle->has_tuning = cycle->has_run;
-    cycle->summary.tunings++;
-    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
-    tl_lock_judge_retune(&cycle->second, &head->tuning);
-    tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
-    answer(cycle, head->number, NULL);
-}
-
-/* There is another number than that which was looked at last. */
-static void look_at_tuning(tl_cycle *cycle) {
-    tl_live_tuning_head head = {.number = 0};
-    tl_error error = {TL_OK, ""};
-    tl_status status = tl_live_tuning_read(cycle->settings.tuning, &head, &error);
-    if (status == TL_TRY_AGAIN) {
-        return; /* at the next tick */
-    }
-    cycle->tuned = head.number;
-    status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
-    if (status == TL_OK) {
-        take_tuning(cycle, &head);
-    } else {
-        refuse_tuning(cycle, &head, error.text);
-    }
-}
-
-/* At the start of a tick. */
-static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
-    const tl_live_tuning *block = cycle->settings.tuning;
-    uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
-    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
-    if (number != cycle->tuned && number % 2 == 0 && !cycle->has_tuning && has_room) {
-        look_at_tuning(cycle);
-    }
-}
-
-/* At the start of a tick: by which yardstick the second judge judges. */
-static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
-    tl_lock_yardstick found;
-    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->yardstick, &found, sizeof found)) {
-        return;
-    }
-    cycle->yardstick = found;
-    tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
-}
-
-/* Both judges begin anew. */
-static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
-    tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
-    tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
-    tl_cycle_look_for_yardstick(cycle);
-}
-
-/* A run ends, and the twin goes on: what is in force, whether this cycle took it or what it goes on with had it, is kept for a run that may come. */
-static void tl_cycle_keep_in_force(tl_cycle *cycle) {
-    const tl_outbox *outbox = cycle->settings.outbox;
-    if (!cycle->has_tuning) {
-        cycle->tuning = *tl_outbox_tuning(outbox);
-        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
-    }
-    cycle->has_tuning = false;
-}
-
-/* A run begins after the twin was built: what is in force goes into it with its first sample, if the twin was not built with it. */
-static void tl_cycle_put_in_force(tl_cycle *cycle) {
-    cycle->has_tuning = cycle->was_tuned;
-    cycle->tuning.tick = cycle->next_tick;
 }
 
 /* ---- cycle ---- */
@@ -394,10 +340,10 @@ static tl_time patience(const tl_config *config) {
     return config->realtime_hang + 2 * config->step;
 }
 
-/* In mode ahead the record that is complete at its first tick is not of its own steps. */
-static void count(tl_cycle *cycle, const tl_record *record) {
+static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_config *config = &cycle->settings.assembly->config;
-    if (record->step >= cycle->first_step) {
+    const tl_lock_change *change = NULL;
+    if (record->step >= cycle->first_step) { /* in mode ahead the record at its first tick is not of its own steps */
         tl_summary_add(&cycle->summary, config, record);
         cycle->shown.executions += record->executions;
         cycle->shown.used += record->used;
@@ -406,15 +352,10 @@ static void count(tl_cycle *cycle, const tl_record *record) {
                            (tl_quality)record->y_hat_quality[i]);
         }
     }
-}
-
-static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
-    const tl_lock_change *change = NULL;
-    count(cycle, record);
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
-        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+        tl_heart_be_patient(cycle->heart, patience(config));
     }
     if (tl_lock_rescue_step(&cycle->rescue, record, &change)) {
         tl_heart_be_patient(cycle->heart, PATIENCE_WITH_BEGINNING);
@@ -445,14 +386,6 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
 }
 
-/* In its first tick the twin begins, and its FMUs are proved. */
-static void note_beginning(tl_cycle *cycle) {
-    if (!cycle->has_begun) {
-        cycle->has_begun = true;
-        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
-    }
-}
-
 /* One tick: searched within `budget`, or made up where that is NULL. */
 static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     tl_heart_beat(cycle->heart);
@@ -473,13 +406,18 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
-    note_beginning(cycle);
+    if (!cycle->has_begun) { /* in its first tick the twin begins, and its FMUs are proved */
+        cycle->has_begun = true;
+        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+    }
     if (ready) {
         keep(cycle, tick, &record);
     }
     if (ahead) {
         put_sample(cycle, &sample);
-        tl_cycle_hand_over_with(cycle);
+        if (is_due(cycle) && !cycle->is_shadow) { /* its last record is complete with this sample */
+            hand_over(cycle);
+        }
     }
     if (status == TL_OK) {
         bool skipped = budget == NULL && tick >= cycle->warm_up;
@@ -522,7 +460,10 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     }
     tl_watch_skipped(&cycle->watch, present, cycle->skipped - skipped_before, tl_time_of_step(start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
-        tl_cycle_be_live(cycle);
+        if (cycle->is_behind) { /* nothing is missed any more */
+            cycle->is_behind = false;
+            count_anew(cycle);
+        }
         status = compute(cycle, present, budget);
         tl_time deadline = tl_time_of_step(start, period, present + 1);
         cycle->summary.deadline_misses += tl_clock_now(NULL) > deadline ? 1 : 0;
@@ -572,7 +513,7 @@ static void run(void *context) {
     tl_cycle *cycle = context;
     const tl_config *config = &cycle->settings.assembly->config;
     tl_locale_use();
-    tl_realtime_touch_stack();
+    touch_stack();
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
         tl_clock_sleep_until(instant);
@@ -598,13 +539,6 @@ static void run(void *context) {
     tl_heart_end(cycle->heart);
 }
 
-/* It goes on with the ticks of a run that began at `start`. */
-static void go_on_at(tl_cycle *cycle, int64_t tick, tl_time start) {
-    cycle->start = start;
-    cycle->next_tick = tick;
-    cycle->warm_up = cycle->warm_up > tick ? cycle->warm_up : tick;
-}
-
 /* Tick 0 is a period away, unless there were ticks before. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
@@ -612,24 +546,11 @@ static void find_start(tl_cycle *cycle) {
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->warm_up = facts.first + facts.lead;
     cycle->start = tl_clock_now(NULL) + cycle->settings.assembly->config.step;
-    if (place->is_shadow) {
-        go_on_at(cycle, place->tick, place->start);
-    } else if (resumption->from != TL_RESUMED_NOT) {
-        go_on_at(cycle, resumption->tick, resumption->start);
+    if (place->is_shadow || resumption->from != TL_RESUMED_NOT) {
+        cycle->start = place->is_shadow ? place->start : resumption->start;
+        cycle->next_tick = place->is_shadow ? place->tick : resumption->tick;
     }
-}
-
-/* For the recorder: t_start is tick 0. A run that goes on with an earlier one has begun with what it has followed. */
-static void begin_run_cycle(const tl_cycle *cycle) {
-    const tl_cycle_settings *settings = &cycle->settings;
-    if (settings->resumed.resumption.from == TL_RESUMED_NOT && !cycle->is_shadow) {
-        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, cycle->start);
-    }
-}
-
-/* Steps i = 0 … n with n = duration/T_S. */
-static int64_t last_tick(const tl_config *config, int64_t delay) {
-    return config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + delay;
+    cycle->warm_up = cycle->warm_up > cycle->next_tick ? cycle->warm_up : cycle->next_tick;
 }
 
 tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl_error *error) {
@@ -641,9 +562,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     }
     started->settings = *settings;
     started->summary = settings->resumed;
-    started->last_tick = last_tick(config, tl_twin_get_facts(settings->assembly->twin).lead);
-    tl_watch_init(&started->watch, config, settings->journal);
     tl_account_take(settings->assembly->twin, &account);
+    started->last_tick = config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + account.lead;
+    tl_watch_init(&started->watch, config, settings->journal);
     tl_cycle_begin_judges(started, &account);
     started->heart = tl_heart_begin(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
     tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
@@ -653,7 +574,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->has_run = !started->is_shadow;
     started->flip.number = settings->place.flips;
     find_start(started);
-    begin_run_cycle(started);
+    if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
+        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, started->start);
+    }                                                            /* else it has begun with what it has followed */
     started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
@@ -674,4 +597,100 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
     tl_status status = cycle->status;
     free(cycle);
     return status;
+}
+
+/* ---- status line ---- */
+
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
+    const tl_record *record = &status->record;
+    /* Nominal by a choice that lasts, and not because no correction was found. */
+    bool rests = (record->flags & TL_FLAG_RESTS) != 0;
+    int length =
+        snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
+    for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
+                           config->adjust[i].variable, record->u[i] - record->u_hat[i]);
+    }
+    length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s",
+                       rests ? "rests" : tl_outcome_name(record->outcome));
+    if (config->adjust_count != 0) {
+        length +=
+            snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-8s", tl_lock_state_name(status->lock.state));
+    }
+    for (size_t i = 0; i < config->match_count && i < 2; i++) {
+        length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
+                           record->y_hat_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
+                                                               : "  %.63s %.4g (plant %.4g, %s)",
+                           config->match[i].variable, record->y[i], record->y_hat[i],
+                           tl_quality_name((tl_quality)record->y_hat_quality[i]));
+    }
+    (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
+                   tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
+}
+
+/* ---- safe hold ---- */
+
+/* How often the log repeats what is wrong, and how long the thread sleeps at most. */
+static const tl_time HOLD_REMIND = 600 * TL_SECOND;
+static const tl_time HOLD_SHOW = TL_SECOND;
+static const tl_time HOLD_LOOK = TL_SECOND / 20;
+
+/* Takes what is due up to now; returns the next tick. */
+static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
+    tl_time step = settings->cycle->assembly->config.step;
+    tl_time now = tl_clock_now(NULL);
+    for (; tl_time_of_step(start, step, tick) <= now; tick++) {
+        tl_sample sample;
+        tl_plant_input_take(settings->cycle->input, tick, tl_time_of_step(start, step, tick), &sample);
+        (void)tl_outbox_put_sample(settings->cycle->outbox, &sample);
+        tl_heart_beat(settings->heart);
+    }
+    return tick;
+}
+
+/* `left`: until the next try. */
+static void describe_hold(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
+    const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
+    long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;
+    if (settings->since != 0) {
+        (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                       "the twin begins when the saved states of its FMUs are tested. The plant is read%s", recorded);
+        return;
+    }
+    (void)snprintf(text, TL_HEARTBEAT_STATUS,
+                   "safe hold: %s %u times; next try in %ld %s. The plant is read%s. To try it now, stop and "
+                   "start the run. Last failure: %s",
+                   settings->missing > 0 ? "the twin could not be started" : "the twin failed",
+                   settings->missing > 0 ? settings->missing : settings->failures,
+                   seconds < 120 ? seconds : seconds / 60, seconds < 120 ? "s" : "min", recorded, settings->reason);
+}
+
+void tl_safe_hold(const tl_safe_hold_settings *settings) {
+    char text[TL_HEARTBEAT_STATUS];
+    tl_time begun = tl_clock_now(NULL);
+    tl_time shown = begun;
+    describe_hold(settings, settings->time, text);
+    tl_journal_event(settings->cycle->journal, -1, settings->since != 0 ? TL_EVENT_INFO : TL_EVENT_ERROR, "supervisor",
+                     "%s", text);
+    tl_heartbeats_set_status(settings->cycle->beats, text);
+    tl_time start = settings->since != 0 ? settings->since : begun + settings->cycle->assembly->config.step;
+    tl_time remind = begun + HOLD_REMIND;
+    tl_twin_recorder_start(settings->cycle->outbox, NULL, start);
+    for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
+        tl_time due = tl_time_of_step(start, settings->cycle->assembly->config.step, tick);
+        tl_time most = tl_clock_now(NULL) + HOLD_LOOK;
+        tl_clock_sleep_until(due < most ? due : most);
+        tick = hold_samples(settings, start, tick);
+        tl_heart_beat(settings->heart);
+        tl_journal_drain(settings->cycle->journal);
+        if (tl_clock_now(NULL) - shown >= HOLD_SHOW) {
+            shown += HOLD_SHOW;
+            describe_hold(settings, begun + settings->time - shown, text);
+            tl_heartbeats_set_status(settings->cycle->beats, text);
+        }
+        if (shown >= remind) {
+            tl_log(TL_LOG_ERROR, "%s", text);
+            remind += HOLD_REMIND;
+        }
+    }
 }

@@ -30,11 +30,6 @@ void tl_realtime_lock_memory(tl_journal *journal);
 /* An event: the cycle's thread did not get its priority. */
 void tl_realtime_tell_refused(tl_journal *journal);
 
-/* The calling thread has touched the next TL_REALTIME_STACK bytes of its stack: what the cycle calls does not fault for pages where memory is
- * not locked. */
-enum { TL_REALTIME_STACK = 256 * 1024 };
-void tl_realtime_touch_stack(void);
-
 /* ---- The real-time cycle: the thread of the FMUs wakes at absolute instants, takes a sample, and steps the twin.
  *
  * Purpose: the heart of `twinlock run`. Nothing in it waits: samples come from mailboxes, records go into rings.
@@ -76,7 +71,7 @@ typedef struct tl_cycle_settings {
     tl_journal *journal;
     tl_heartbeats *beats;          /* NULL: nobody listens */
     const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */
-    tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: nobody asks */
+    tl_live_tuning_answer *answer; /* what the cycle says of it; NULL: as `tuning` */
     tl_cycle_place place;
     bool unreadable; /* saved states of these FMUs are not to be loaded: none are saved */
     tl_summary
@@ -115,5 +110,35 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
 /* Ends the cycle within one period at most, fills the summary, and frees it. *has_run: a run of its own is in the outbox, and has not ended there. The
  * status is that of the twin's last step; TL_OK where it was only asked to stop. */
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error);
+
+enum { TL_STATUS_LINE = 512 };
+
+/* How the twin is, in one line, for a terminal and for the service manager. What matters first: the end is cut off where there is no room. Valid UTF-8. For
+ * the main thread. */
+void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]);
+
+/* ---- Safe hold: what is left of a run after a restart loop, or what there is before its twin may begin. There is no twin and no FMU; the plant is read, and its
+ * samples are recorded. Log and status line say what has happened, and when the twin is tried again.
+ *
+ * Purpose: a box that cannot keep its twin alive still loses nothing: what it records can be replayed once the fault is found.
+ * Ticks:   as the cycle's, T_S apart; nothing is computed, so ordinary scheduling will do, and what was late is taken up at once.
+ * Thread:  the main thread, until it is told to end.
+ */
+
+typedef struct tl_safe_hold_settings {
+    const tl_cycle_settings
+        *cycle;         /* that there would be: configuration, plant, outbox, journal and beats of it are used */
+    tl_heart *heart;    /* of the thread */
+    tl_time time;       /* until the supervisor tries the twin again */
+    unsigned missing;   /* starts in a row that got no process; 0: the twin failed */
+    unsigned failures;  /* of this loop, */
+    const char *reason; /* and why the last of them */
+    bool records;       /* somebody writes down what goes into the outbox */
+    tl_time
+        since; /* 0: after a restart loop. Else: until the saved states of the FMUs are tested; samples from then on */
+} tl_safe_hold_settings;
+
+/* Returns once a signal to end has come. */
+void tl_safe_hold(const tl_safe_hold_settings *settings);
 
 #endif

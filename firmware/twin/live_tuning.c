@@ -1,7 +1,4 @@
-/* The tuning block: see live_tuning.h.
- *
- * Without fences (ThreadSanitizer does not know them), as in mailbox.c: the writer's stores release, so they stay behind the odd number; the reader's
- * loads acquire, so they stay before its second look at it. */
+/* The tuning block: see live_tuning.h. */
 #include "firmware/twin/live_tuning.h"
 
 #include <assert.h>
@@ -12,28 +9,12 @@
 
 #include "firmware/base/identity.h"
 #include "master/base/text.h"
+#include "firmware/base/text.h"
 
-enum { WORD = sizeof(uint64_t), PAGE = 4096 };
+enum { PAGE = 4096 };
 
 /* All of the head behind number and size, which share a word. */
 enum { BEHIND = offsetof(tl_live_tuning_head, hash) };
-
-/* ---- words ---- */
-
-static void store_words(void *to, const void *from, size_t bytes) {
-    for (size_t at = 0; at < bytes; at += WORD) {
-        uint64_t word = 0;
-        memcpy(&word, (const char *)from + at, bytes - at < WORD ? bytes - at : WORD);
-        __atomic_store_n((uint64_t *)(void *)((char *)to + at), word, __ATOMIC_RELEASE);
-    }
-}
-
-static void load_words(void *to, const void *from, size_t bytes) {
-    for (size_t at = 0; at < bytes; at += WORD) {
-        uint64_t word = __atomic_load_n((const uint64_t *)(const void *)((const char *)from + at), __ATOMIC_ACQUIRE);
-        memcpy((char *)to + at, &word, bytes - at < WORD ? bytes - at : WORD);
-    }
-}
 
 /* ---- writing ---- */
 
@@ -42,8 +23,8 @@ uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *
     assert(head->size <= TL_CONFIG_MAX_BYTES && strlen(text) == head->size);
     __atomic_store_n(&block->head.number, writing, __ATOMIC_RELAXED);
     __atomic_store_n(&block->head.size, head->size, __ATOMIC_RELEASE);
-    store_words((char *)&block->head + BEHIND, (const char *)head + BEHIND, sizeof *head - BEHIND);
-    store_words(block->text, text, head->size + 1);
+    tl_words_store((char *)&block->head + BEHIND, (const char *)head + BEHIND, sizeof *head - BEHIND);
+    tl_words_store(block->text, text, head->size + 1);
     __atomic_store_n(&block->head.number, writing + 1, __ATOMIC_RELEASE);
     return writing + 1;
 }
@@ -75,20 +56,10 @@ void tl_live_tuning_answer_with(tl_live_tuning_answer *answer, uint32_t number, 
 /* ---- reading ---- */
 
 static bool is_text(const char *text, size_t size) {
-    size_t left = strnlen(text, size);
-    bool shown = left < size;
-    while (shown && left > 0) {
-        uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
-        shown = length != 0 && tl_utf8_can_be_shown(code);
-        text += length;
-        left -= length;
-    }
-    return shown;
-}
-
-static bool is_changed(const tl_live_tuning *block, uint32_t number) {
-    return tl_live_tuning_number(block) != number;
+    char clean[TL_LIVE_TUNING_WHY];
+    size_t length = strnlen(text, size);
+    return length < size && tl_clean_text(text, length, clean, sizeof clean) == length &&
+           memcmp(clean, text, length) == 0;
 }
 
 static tl_status fail_changed(tl_error *error) {
@@ -119,8 +90,8 @@ tl_status tl_live_tuning_read(const tl_live_tuning *block, tl_live_tuning_head *
     memset(head, 0, sizeof *head);
     head->number = number;
     head->size = __atomic_load_n(&block->head.size, __ATOMIC_ACQUIRE);
-    load_words((char *)head + BEHIND, (const char *)&block->head + BEHIND, sizeof *head - BEHIND);
-    return is_changed(block, number) ? fail_changed(error) : check(head, error);
+    tl_words_load((char *)head + BEHIND, (const char *)&block->head + BEHIND, sizeof *head - BEHIND);
+    return tl_live_tuning_number(block) != number ? fail_changed(error) : check(head, error);
 }
 
 tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_head *head,
@@ -130,9 +101,9 @@ tl_status tl_live_tuning_read_text(const tl_live_tuning *block, tl_live_tuning_h
     if (status != TL_OK) {
         return status;
     }
-    load_words(text, block->text, head->size);
+    tl_words_load(text, block->text, head->size);
     text[head->size] = '\0';
-    if (is_changed(block, head->number)) {
+    if (tl_live_tuning_number(block) != head->number) {
         return fail_changed(error);
     }
     tl_sha256(text, head->size, digest);

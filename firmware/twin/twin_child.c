@@ -12,7 +12,7 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_process.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 
 /* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
@@ -26,9 +26,8 @@ struct tl_twin_child {
     tl_twin_role_tasks tasks;
     tl_channel_settings wire;
     tl_block blocks[TL_SIDES];
-    tl_block read_back;     /* of one that shows something; */
-    const tl_block *others; /* of another one, which it reads; NULL: it is none that reads */
-    unsigned readers;       /* that were started for it */
+    tl_block read_back; /* of one that shows something; */
+    unsigned readers;   /* that were started for it */
     tl_channel channel;
     const tl_twin_extra *extra;
     tl_twin_orders *orders;
@@ -42,19 +41,19 @@ struct tl_twin_child {
     tl_error last_error;
     int64_t least_step; /* that a record may be of */
     union {
-        unsigned char packed[TL_TWIN_PACKED]; /* a result */
+        tl_twin_result result;
         tl_confine_facts facts;
-        tl_twin_word word;
+        int32_t word;
     } payload; /* of a message, copied */
 };
 
 /* ---- how it ended ---- */
 
 /* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
-static void copy_error(const tl_twin_child *child, char text[TL_ERROR_TEXT]) {
+static void copy_text(char *text, const char *told, size_t size) {
     char copy[TL_ERROR_TEXT];
-    memcpy(copy, child->extra->error, sizeof copy);
-    (void)tl_clean_text(copy, strnlen(copy, sizeof copy - 1), text, TL_ERROR_TEXT);
+    memcpy(copy, told, size);
+    (void)tl_clean_text(copy, strnlen(copy, size - 1), text, size);
 }
 
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
@@ -67,14 +66,14 @@ static void describe_place(const tl_twin_child *child, char *text, size_t size) 
 }
 
 bool tl_twin_child_was_killed_by_others(const tl_twin_child *child) {
-    char why[TL_TWIN_WARDEN_TEXT];
+    char why[TL_TWIN_KILLED_TEXT];
     return tl_twin_process_role(child->process)->signal == SIGKILL && !tl_twin_process_was_killed(child->process, why);
 }
 
 /* It has ended, and should not have. */
 static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     const tl_role *role = tl_twin_process_role(child->process);
-    char why[TL_TWIN_WARDEN_TEXT];
+    char why[TL_TWIN_KILLED_TEXT];
     char place[160];
     tl_twin_process_flush(child->process);
     if (tl_twin_process_was_killed(child->process, why)) {
@@ -108,18 +107,13 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 /* ---- messages ---- */
 
 /* Nobody interrupts it but us. */
-static tl_status take_word(tl_twin_child *child, tl_message type) {
-    unsigned told = (unsigned)child->payload.word.status;
+static void take_word(tl_twin_child *child, tl_message type) {
+    unsigned told = (unsigned)child->payload.word;
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
-    copy_error(child, child->last_error.text);
+    copy_text(child->last_error.text, child->extra->error, TL_ERROR_TEXT);
     child->has_ended = type == TL_MESSAGE_ENDED;
-    return TL_OK;
-}
-
-static bool is_word(tl_message type) {
-    return type == TL_MESSAGE_BUILT || type == TL_MESSAGE_ENDED;
 }
 
 static void begin_patience(tl_twin_child *child) {
@@ -136,7 +130,7 @@ static bool has_patience(const tl_twin_child *child) {
 }
 
 /* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing for so long that nothing will come any more; it is
- * to be killed. The warden looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
+ * to be killed. The watch thread looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
 static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
     tl_fmu_call call;
     tl_time begun = tl_clock_now(NULL);
@@ -158,13 +152,20 @@ static tl_status end_silent(tl_twin_child *child, tl_error *error) {
         tl_seconds(child->silence));
 }
 
-/* The next message, in child->payload. TL_OK, or TL_FMU_FAILED: the process is at its end. */
-static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message *type, tl_error *error) {
+/* The next message, in child->payload; `allowed` has a bit for each that it can be. TL_OK, or TL_FMU_FAILED: the process is at its end. */
+static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned allowed, tl_message *type,
+                              tl_error *error) {
     for (;;) {
         switch (tl_channel_take(&child->channel, type, &child->payload)) {
         case TL_CHANNEL_SOMETHING:
             begin_patience(child);
-            return is_word(*type) ? take_word(child, *type) : TL_OK;
+            if ((allowed & 1U << *type) == 0) {
+                return end_liar(child, "a message came before its time", error);
+            }
+            if (*type == TL_MESSAGE_BUILT || *type == TL_MESSAGE_ENDED) {
+                take_word(child, *type);
+            }
+            return TL_OK;
         case TL_CHANNEL_BROKEN:
             return end_liar(child, child->channel.fault.text, error);
         case TL_CHANNEL_NOTHING:
@@ -186,11 +187,7 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, tl_message 
 
 static tl_status expect(tl_twin_child *child, tl_message wanted, tl_error *error) {
     tl_message type = wanted;
-    tl_status status = next_message(child, 1, &type, error);
-    if (status == TL_OK && type != wanted) {
-        status = end_liar(child, "a message came before its time", error);
-    }
-    return status;
+    return next_message(child, 1, 1U << wanted, &type, error);
 }
 
 /* Until then no FMU is loaded: what the process ends with is what it means, and why was said on the log. */
@@ -221,92 +218,72 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
         child->orders = tl_channel_extra(&child->wire, TL_PARENT, child->blocks[TL_PARENT].bytes);
         tl_channel_open(&child->wire, TL_PARENT, bytes, &child->channel);
     }
-    if (status == TL_OK && child->settings.job->reads_back && child->others == NULL) {
+    if (status == TL_OK && child->settings.job->reads_back && child->settings.others == NULL) {
         status = tl_block_make("twinlock-states", TL_READ_BACK_BYTES, TL_BLOCK_SPARSE, &child->read_back, error);
     }
     return status;
 }
 
-static bool is_for_states(const tl_twin_child *child) {
-    return child->others != NULL || child->settings.job->states_only;
-}
-
-/* What it would say a process with the same FMUs has said, or will. */
-static bool is_silent(const tl_twin_child *child) {
-    return is_for_states(child) || child->settings.job->task == TL_TASK_PAIR ||
-           child->settings.job->task == TL_TASK_WAYS;
-}
-
-/* What is not held is said once, at the start. */
-static void say_confinement(const tl_twin_child *child) {
-    char text[TL_CONFINE_TEXT];
-    if (is_silent(child)) {
-        return;
-    }
-    if (child->settings.job->unconfined) {
-        tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
-        return;
-    }
-    tl_confine_describe(&child->payload.facts, text);
-    if (text[0] != '\0') {
-        tl_log(TL_LOG_NOTICE, "%s", text);
-    }
-}
-
 static tl_status start(tl_twin_child *child, tl_error *error) {
+    const tl_twin_job *job = child->settings.job;
+    bool is_for_states = child->settings.others != NULL || job->states_only;
+    /* What it would say a process with the same FMUs has said, or will. */
+    bool is_silent = is_for_states || job->task == TL_TASK_PAIR || job->task == TL_TASK_WAYS;
+    size_t twins = job->task == TL_TASK_PAIR ? 2 : 1;
     char title[TL_ROLE_TITLE];
-    (void)snprintf(title, sizeof title, "%s [%s]", is_for_states(child) ? TL_TWIN_READER : "twin",
+    (void)snprintf(title, sizeof title, "%s [%s]", is_for_states ? TL_TWIN_READER : "twin",
                    child->settings.config->name);
     tl_status status = make_blocks(child, error);
     if (status != TL_OK) {
         return status;
     }
     tl_twin_process_settings settings = {
-        .job = child->settings.job,
+        .job = job,
         .fmus = tl_twin_fmus_of(child->settings.config),
-        .which = child->others != NULL || child->settings.job->task == TL_TASK_WAYS ? 1 : 0,
+        .which = child->settings.others != NULL || job->task == TL_TASK_WAYS ? 1 : 0,
         .title = title,
         .calls = &child->extra->calls,
         .channel = &child->channel,
         .page = child->settings.page,
-        .is_silent = is_silent(child),
+        .is_silent = is_silent,
         .passes_signals = true,
         .call_limit = child->settings.call_limit,
         .memory_limit = child->settings.memory_limit,
         .tasks = &child->tasks,
     };
-    if (child->settings.job->task == TL_TASK_PAIR) {
-        settings.fmus.count *= 2;
-        settings.fmus.unpacked_bytes *= 2;
-    }
+    settings.fmus.count *= twins;
+    settings.fmus.unpacked_bytes *= twins;
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         settings.given[i] = -1;
     }
     settings.given[TL_TWIN_PARENTS_BLOCK] = child->blocks[TL_PARENT].descriptor;
     settings.given[TL_TWIN_OWN_BLOCK] = child->blocks[TL_CHILD].descriptor;
-    if (child->settings.job->reads_back) {
-        const tl_block *block = child->others != NULL ? child->others : &child->read_back;
+    if (job->reads_back) {
+        const tl_block *block = child->settings.others != NULL ? child->settings.others : &child->read_back;
         settings.given[TL_TWIN_READ_BACK] = block->descriptor;
     }
     status = tl_twin_process_start(&settings, &child->process, error);
     if (status == TL_OK) {
         status = expect_ready(child, error);
     }
-    if (status == TL_OK) {
-        say_confinement(child);
+    if (status == TL_OK && !is_silent && job->unconfined) {
+        tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
+    } else if (status == TL_OK && !is_silent) { /* what is not held is said once */
+        char text[TL_CONFINE_TEXT];
+        tl_confine_describe(&child->payload.facts, text);
+        if (text[0] != '\0') {
+            tl_log(TL_LOG_NOTICE, "%s", text);
+        }
     }
     return status;
 }
 
-/* `others`: the block that it reads; NULL: it is none that reads. */
-static tl_status make(const tl_twin_child_settings *settings, const tl_block *others, tl_twin_child **child,
-                      tl_error *error) {
+tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
     tl_twin_child *made = calloc(1, sizeof *made);
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
     }
     made->settings = *settings;
-    made->others = others;
     made->tasks = (tl_twin_role_tasks){.print_page = settings->print_page};
     tl_status status = start(made, error);
     if (status != TL_OK) {
@@ -315,10 +292,6 @@ static tl_status make(const tl_twin_child_settings *settings, const tl_block *ot
     }
     *child = made;
     return TL_OK;
-}
-
-tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error) {
-    return make(settings, NULL, child, error);
 }
 
 /* ---- work ---- */
@@ -347,14 +320,13 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
 /* Waits for a last word; what is asked for before goes to `show`. */
 static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_child *child, tl_error *error),
                             tl_error *error) {
-    tl_message type = TL_MESSAGE_ENDED;
+    const unsigned allowed = 1U << TL_MESSAGE_ENDED | (show != NULL ? 1U << TL_MESSAGE_SHOWN : 0);
+    tl_message type = TL_MESSAGE_SHOWN;
     tl_status status = expect(child, TL_MESSAGE_BUILT, error);
     while (status == TL_OK && !child->has_ended) {
-        status = next_message(child, 1, &type, error);
-        if (status == TL_OK && type != TL_MESSAGE_ENDED) {
-            status = type == TL_MESSAGE_SHOWN && show != NULL
-                         ? show(child, error)
-                         : end_liar(child, "a message came before its time", error);
+        status = next_message(child, 1, allowed, &type, error);
+        if (status == TL_OK && type == TL_MESSAGE_SHOWN && show != NULL) {
+            status = show(child, error);
         }
     }
     if (status != TL_OK) {
@@ -370,11 +342,6 @@ static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_chil
 
 /* ---- others that read what it shows ---- */
 
-/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
-static unsigned most_readers(const tl_twin_child *child) {
-    return 2 * ((unsigned)child->settings.config->component_count + 1);
-}
-
 static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
     tl_twin_child_settings settings = child->settings;
@@ -382,7 +349,8 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     job.task = TL_TASK_READ;
     settings.job = &job;
     settings.page = NULL;
-    tl_status status = make(&settings, &child->read_back, &reader, error);
+    settings.others = &child->read_back;
+    tl_status status = tl_twin_child_start(&settings, &reader, error);
     if (status == TL_OK && reader != NULL) {
         status = expect_end(reader, NULL, error);
     }
@@ -394,12 +362,14 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     return status;
 }
 
+/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
 static tl_status show(tl_twin_child *child, tl_error *error) {
+    const size_t most = child->read_back.size == 0 ? 0 : 2 * (child->settings.config->component_count + 1);
     tl_error end = {.text = ""};
-    if (child->read_back.size == 0 || child->readers++ >= most_readers(child)) {
+    if (child->readers++ >= most) {
         return end_liar(child, "it asks for other processes without end", error);
     }
-    const tl_twin_word word = {.status = (int32_t)run_reader(child, &end)};
+    const int32_t word = (int32_t)run_reader(child, &end);
     begin_patience(child);
     if (child->stopping) {
         return TL_OK; /* it was told */
@@ -432,12 +402,6 @@ static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBL
     }
 }
 
-static void copy_pair(const tl_twin_child *child, tl_twin_pair_account *account) {
-    *account = child->extra->pair;
-    account->steps = account->steps < TL_PAIR_STEPS ? account->steps : TL_PAIR_STEPS;
-    copy_component(child, account->component);
-}
-
 void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
     *ways = child->extra->ways;
     copy_component(child, ways->component);
@@ -446,24 +410,15 @@ void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways) {
     }
 }
 
-tl_status tl_twin_child_try_ways(tl_twin_child *child, tl_twin_ways_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_ways_outcome){.status = expect_end(child, NULL, error)};
+tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error) {
+    *outcome = (tl_twin_outcome){.status = expect_end(child, NULL, error)};
     if (tl_interrupt_requested() != NULL) {
         return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
     }
+    outcome->pair = child->extra->pair;
+    outcome->pair.steps = outcome->pair.steps < TL_PAIR_STEPS ? outcome->pair.steps : TL_PAIR_STEPS;
+    copy_component(child, outcome->pair.component);
     tl_twin_child_ways(child, &outcome->ways);
-    outcome->has_ended = !child->has_ended;
-    (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
-    *error = (tl_error){TL_OK, ""};
-    return TL_OK;
-}
-
-tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error) {
-    *outcome = (tl_twin_pair_outcome){.status = expect_end(child, NULL, error)};
-    if (tl_interrupt_requested() != NULL) {
-        return tl_fail(error, TL_INTERRUPTED, "interrupted by %s", tl_interrupt_requested());
-    }
-    copy_pair(child, &outcome->account);
     outcome->has_ended = !child->has_ended;
     (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
     *error = (tl_error){TL_OK, ""};
@@ -478,9 +433,7 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
     if (child->stopping) {
         return TL_OK; /* it would be passed over */
     }
-    unsigned char packed[TL_TWIN_PACKED];
-    tl_twin_pack_tick(child->settings.config, tick, packed);
-    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, packed)) {
+    if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
         return end_liar(child, child->channel.fault.text, error);
     }
     return TL_OK;
@@ -518,7 +471,8 @@ static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *e
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error) {
     tl_message type = TL_MESSAGE_RESULT;
-    tl_status status = child->has_ended ? TL_OK : next_message(child, wanted, &type, error);
+    const unsigned allowed = 1U << TL_MESSAGE_RESULT | 1U << TL_MESSAGE_ENDED;
+    tl_status status = child->has_ended ? TL_OK : next_message(child, wanted, allowed, &type, error);
     if (status != TL_OK) {
         return status;
     }
@@ -526,17 +480,14 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     if (child->has_ended) {
         return take_last_word(child, stopped, error);
     }
-    if (type != TL_MESSAGE_RESULT) {
-        return end_liar(child, "a message came before its time", error);
-    }
-    tl_twin_unpack_result(child->settings.config, child->settings.job->tells, child->payload.packed, result);
+    memcpy(result, &child->payload.result, tl_twin_result_size(child->settings.config, child->settings.job->tells));
     if (!tl_twin_result_is_sound(result, child->settings.config, tick, child->least_step)) {
         result->tick = TL_TWIN_NO_TICK;
         return end_liar(child, "a result is none", error);
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
-        copy_error(child, error->text);
+        copy_text(error->text, child->extra->error, TL_ERROR_TEXT);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
             return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");
@@ -547,33 +498,16 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
 
 /* ---- end ---- */
 
-/* What is computed still, and not taken any more, is passed over. */
-static tl_status wait_for_last_word(tl_twin_child *child, tl_error *error) {
-    tl_status status = TL_OK;
-    tl_message type = TL_MESSAGE_RESULT;
-    while (status == TL_OK && !child->has_ended) {
-        status = next_message(child, 1, &type, error);
-    }
-    return status;
-}
-
-static tl_status wait_for_end(tl_twin_child *child, tl_error *error) {
-    begin_patience(child);
-    while (!tl_twin_process_reap(child->process)) {
-        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
-            return end_silent(child, error);
-        }
-    }
-    const tl_role *role = tl_twin_process_role(child->process);
-    return role->signal == 0 && role->code == 0 ? TL_OK : describe_end(child, error);
-}
-
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error) {
     if (tl_twin_child_is_gone(child)) {
         return TL_OK; /* and it was told how */
     }
     tl_twin_child_stop(child);
-    tl_status status = wait_for_last_word(child, error);
+    tl_status status = TL_OK;
+    tl_message type = TL_MESSAGE_RESULT;
+    while (status == TL_OK && !child->has_ended) {
+        status = next_message(child, 1, ~0U, &type, error);
+    }
     if (status == TL_OK && account != NULL) {
         status = take_account(child, &child->extra->ended, account, error);
     }
@@ -589,7 +523,17 @@ bool tl_twin_child_is_gone(const tl_twin_child *child) {
 }
 
 tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error) {
-    return tl_twin_child_is_gone(child) ? TL_OK : wait_for_end(child, error);
+    const tl_role *role = tl_twin_process_role(child->process);
+    if (role->has_ended) {
+        return TL_OK;
+    }
+    begin_patience(child);
+    while (!tl_twin_process_reap(child->process)) {
+        if (!rest(child, TL_CHANNEL_DEPTH, LOOK / 20)) {
+            return end_silent(child, error);
+        }
+    }
+    return role->signal == 0 && role->code == 0 ? TL_OK : describe_end(child, error);
 }
 
 void tl_twin_child_close(tl_twin_child *child) {

@@ -7,7 +7,7 @@
  * Ends:    an end that was not announced is a failure, told with the FMU and the function that was being called. So are a call that lasts
  *          too long and a bound that is not kept (memory, threads, files); then the process is killed. What came before counts.
  * Threads: all functions are for one thread; another one, of ours, relays what the process prints, answers its refused system calls
- *          and looks at its bounds (twin_warden.h).
+ *          and looks at its bounds (twin_process.h).
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_CHILD_H
 #define TL_FIRMWARE_TWIN_TWIN_CHILD_H
@@ -19,13 +19,10 @@
 #include "firmware/process/channel.h"
 #include "firmware/process/refusal.h"
 #include "firmware/twin/twin_job.h"
-#include "firmware/twin/twin_pair.h"
 #include "firmware/twin/twin_role.h"
 #include "firmware/twin/twin_step.h"
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
-
-enum { TL_TWIN_CHILD_DEPTH = TL_CHANNEL_DEPTH }; /* ticks that can be under way */
 
 /* The title of a process that only looks at states, in place of "twin": the same role. */
 #define TL_TWIN_READER "states"
@@ -40,23 +37,17 @@ typedef struct tl_twin_child_settings {
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns of one call of an FMU */
     uint64_t memory_limit;    /* bytes that the process may take; 0: tl_confine_fair_memory() */
+    const tl_block *others;   /* what another one shows, which this one reads; NULL: it is none that reads */
 } tl_twin_child_settings;
 
-/* What became of a pair. */
-typedef struct tl_twin_pair_outcome {
-    tl_twin_pair_account account; /* as far as it came; texts are clean */
-    bool has_ended;               /* the process has, unannounced, or was killed: */
-    tl_status status;             /* of that, or of the second twin */
-    char text[TL_ERROR_TEXT];     /* how, or how both differ; "": they do not */
-} tl_twin_pair_outcome;
-
-/* What became of ways that were tried. */
-typedef struct tl_twin_ways_outcome {
-    tl_twin_ways ways;        /* as far as it came; texts are clean */
+/* What became of a pair that was compared, or of ways that were tried. */
+typedef struct tl_twin_outcome {
+    tl_twin_pair_account pair; /* as far as it came; texts are clean */
+    tl_twin_ways ways;
     bool has_ended;           /* the process has, unannounced, or was killed: */
-    tl_status status;         /* of that; TL_OK: they were tried to the end */
-    char text[TL_ERROR_TEXT]; /* how one does not come back, or why it was not tried to the end; "": all come back */
-} tl_twin_ways_outcome;
+    tl_status status;         /* of that, or of the second twin; TL_OK: it came to its end */
+    char text[TL_ERROR_TEXT]; /* how, or how both differ, or one does not come back; "": no fault was found */
+} tl_twin_outcome;
 
 /* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
  * TL_TRY_AGAIN. */
@@ -72,16 +63,13 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_err
 /* By which ways components are led back, of a check that has ended, as far as it says. */
 void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);
 
-/* Waits until ways are tried, or the process is at its end. Errors: TL_INTERRUPTED. */
-tl_status tl_twin_child_try_ways(tl_twin_child *child, tl_twin_ways_outcome *outcome, tl_error *error);
-
-/* Waits until a pair is compared, or the process is at its end. Errors: TL_INTERRUPTED. */
-tl_status tl_twin_child_compare(tl_twin_child *child, tl_twin_pair_outcome *outcome, tl_error *error);
+/* Waits until a pair is compared or ways are tried, or the process is at its end. Errors: TL_INTERRUPTED. */
+tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);
 
 /* Tells what FMUs were refused since this was called last. It was said on the log already. */
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
 
-/* A tick; `last`: it only completes the record before. At most TL_TWIN_CHILD_DEPTH may be under way. It is seen there when it is pushed. */
+/* A tick; `last`: it only completes the record before. At most TL_CHANNEL_DEPTH may be under way. It is seen there when it is pushed. */
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
 void tl_twin_child_push(tl_twin_child *child);

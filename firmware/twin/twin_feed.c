@@ -4,7 +4,7 @@
 #include <stdlib.h>
 
 /* Ticks that are under way at most; and places for them, for the one that was read besides, and for the one that was taken last. */
-enum { AHEAD = TL_TWIN_CHILD_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
+enum { AHEAD = TL_CHANNEL_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
 
 /* A tick that was read, and whether it is only the one after the last step. */
 typedef struct wanted {
@@ -24,8 +24,6 @@ struct tl_twin_feed {
     uint64_t given; /* given to the twin, */
     uint64_t taken; /* and back */
     tl_twin_result result;
-    tl_lock_rescue rescue;   /* of a twin in this process, */
-    tl_twin_tunings tunings; /* and what it is still to take */
     wanted ring[PLACES];
 };
 
@@ -40,9 +38,6 @@ tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed 
     }
     made->settings = *settings;
     made->last_tick = tl_twin_feed_last_tick(settings->config, settings->account);
-    tl_lock_rescue_init(&made->rescue, settings->config, settings->account);
-    tl_recording_tunings tunings = tl_recording_get_tunings(settings->recording);
-    made->tunings = (tl_twin_tunings){.bytes = (const unsigned char *)tunings.list, .count = tunings.count};
     *feed = made;
     return TL_OK;
 }
@@ -56,9 +51,7 @@ void tl_twin_feed_stop(tl_twin_feed *feed) {
         feed->ended = true;
         feed->read = feed->given;
     }
-    if (feed->settings.child != NULL) {
-        tl_twin_child_stop(feed->settings.child);
-    }
+    tl_twin_child_stop(feed->settings.child);
 }
 
 /* ---- reading ---- */
@@ -104,36 +97,20 @@ const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed) {
 
 /* As many ticks as the twin may be ahead; a ring that is half full is left alone, so that neither side wakes the other at each tick. */
 static tl_status give(tl_twin_feed *feed, tl_error *error) {
-    uint64_t most = feed->settings.paced || feed->settings.child == NULL ? 1 : AHEAD;
+    uint64_t most = feed->settings.paced ? 1 : AHEAD;
     if (feed->given - feed->taken > HALF) {
         return TL_OK;
     }
     tl_status status = TL_OK;
     while (status == TL_OK && feed->given - feed->taken < most && tl_twin_feed_look(feed) != NULL) {
         const wanted *place = &feed->ring[feed->given % PLACES];
-        if (feed->settings.child != NULL) {
-            status = tl_twin_child_give(feed->settings.child, &place->tick, place->last, error);
-        }
+        status = tl_twin_child_give(feed->settings.child, &place->tick, place->last, error);
         feed->given += status == TL_OK ? 1 : 0;
     }
-    if (status == TL_OK && feed->settings.child != NULL) {
+    if (status == TL_OK) {
         tl_twin_child_push(feed->settings.child);
     }
     return status;
-}
-
-static tl_status take_here(tl_twin_feed *feed, const wanted *place, tl_error *error) {
-    const tl_twin_feed_settings *settings = &feed->settings;
-    if (place->last) {
-        tl_twin_execute_last(settings->assembly, &place->tick, settings->tells, &feed->result);
-        return TL_OK;
-    }
-    tl_status status =
-        tl_twin_take_tunings(settings->assembly, &feed->tunings, place->tick.sample.tick, &feed->rescue, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    return tl_twin_execute(settings->assembly, &place->tick, settings->tells, &feed->rescue, &feed->result, error);
 }
 
 tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error) {
@@ -152,13 +129,9 @@ tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_
     const wanted *place = &feed->ring[feed->taken % PLACES];
     bool stopped = false;
     feed->result.tick = TL_TWIN_NO_TICK;
-    if (feed->settings.child == NULL) {
-        status = take_here(feed, place, error);
-    } else {
-        uint64_t wanted_results = feed->settings.paced ? 1 : (feed->given - feed->taken + 1) / 2;
-        status = tl_twin_child_take(feed->settings.child, place->tick.sample.tick, (unsigned)wanted_results,
-                                    &feed->result, &stopped, error);
-    }
+    uint64_t results = feed->settings.paced ? 1 : (feed->given - feed->taken + 1) / 2;
+    status = tl_twin_child_take(feed->settings.child, place->tick.sample.tick, (unsigned)results, &feed->result,
+                                &stopped, error);
     if (feed->result.tick != TL_TWIN_NO_TICK) {
         *fed = (tl_twin_fed){&place->tick, &feed->result, place->last};
     }

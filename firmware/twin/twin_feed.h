@@ -1,7 +1,7 @@
 /* The feed: a recording read ahead, tick by tick, into a twin, and its results in the same order.
  *
  * Purpose: a twin in another process costs little only if neither side waits for the other at each tick. So ticks are given to it
- *          ahead of time, and results are taken as they come. A twin in this process (for tests) is fed one at a time.
+ *          ahead of time, and results are taken as they come.
  * Ends:    where the recording does, at the configured duration, or when it is told to stop. In mode ahead a step is computed only if its
  *          measurement will come, so the last tick only completes the record before it.
  * Thread:  one.
@@ -21,11 +21,9 @@ typedef struct tl_twin_feed_settings {
     const tl_config *config;
     const tl_account *account; /* of the built twin */
     tl_recording *recording;   /* read by nobody else while it feeds */
-    tl_twin_child *child;      /* the twin in a process of its own; NULL: */
-    tl_assembly *assembly;     /* the one in this process; it takes the recording's tunings */
-    tl_twin_tells tells;
-    bool plant; /* every tick of the recording is a step, whatever the configuration says of an end */
-    bool paced; /* a tick is given when it is wanted, and not before */
+    tl_twin_child *child;      /* the twin */
+    bool plant;                /* every tick of the recording is a step, whatever the configuration says of an end */
+    bool paced;                /* a tick is given when it is wanted, and not before */
 } tl_twin_feed_settings;
 
 /* One tick and what came of it; valid until the next one. */

@@ -5,7 +5,7 @@
 #include <string.h>
 
 /* In this order; the texts with the zero at their end. */
-enum { PATH, TEXT, FOLDER, TEXTS, CHECKPOINT = TEXTS, TUNINGS, LIVE, PIECES };
+enum { PATH, TEXT, FOLDER, CHECKPOINT, TUNINGS, LIVE, PIECES };
 
 /* What lies in the block: this, then the pieces one behind the other. Pointers and sizes in `job` mean nothing there. */
 typedef struct packed {
@@ -39,35 +39,19 @@ tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *er
     return status;
 }
 
-/* Where the pieces begin; false: together they are not as long as they should be. */
-static bool find_pieces(const packed *head, const tl_block *block, const unsigned char *pieces[PIECES]) {
-    const unsigned char *place = (const unsigned char *)block->bytes + sizeof *head;
-    size_t left = block->size - sizeof *head;
-    for (size_t i = 0; i < PIECES; i++) {
-        if (head->sizes[i] > left) {
-            return false;
-        }
-        pieces[i] = place;
-        place += head->sizes[i];
-        left -= head->sizes[i];
-    }
-    return left == 0;
-}
-
 tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *error) {
-    packed head;
+    packed head = {.sizes = {0}};
     const unsigned char *pieces[PIECES];
-    if (block->size < sizeof head) {
-        return tl_fail(error, TL_BAD_DATA, "the job is too short");
+    size_t size = sizeof head;
+    if (block->size >= sizeof head) {
+        memcpy(&head, block->bytes, sizeof head);
     }
-    memcpy(&head, block->bytes, sizeof head);
-    if (!find_pieces(&head, block, pieces)) {
-        return tl_fail(error, TL_BAD_DATA, "the job's parts are not as long as it says");
+    for (size_t i = 0; i < PIECES; i++) {
+        pieces[i] = (const unsigned char *)block->bytes + size;
+        size += head.sizes[i];
     }
-    for (size_t i = 0; i < TEXTS; i++) {
-        if (head.sizes[i] == 0 || pieces[i][head.sizes[i] - 1] != '\0') {
-            return tl_fail(error, TL_BAD_DATA, "a text of the job has no end");
-        }
+    if (size != block->size) {
+        return tl_fail(error, TL_BAD_DATA, "the job has %zu bytes, expected %zu", block->size, size);
     }
     *job = head.job;
     job->path = (const char *)pieces[PATH];

@@ -2,7 +2,7 @@
  *
  * Purpose: the process reads no configuration file and no database: it gets the text of the one that its parent has read, and the
  *          checkpoint that the parent has taken out of the database.
- * Trust:   it comes from the parent, which is trusted; offsets are checked all the same.
+ * Trust:   it is a sealed block of the parent, which is trusted: only its length is checked.
  * Thread:  plain data.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_JOB_H
@@ -19,25 +19,17 @@
 typedef enum tl_twin_task {
     TL_TASK_CHECK, /* build, print the page, end */
     TL_TASK_READ,  /* build, read states that another process has told (read_back.h), end */
-    TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_pair.h) */
-    TL_TASK_WAYS, /* build, and tell whether the components come back by the ways that the job names, and what that costs (twin_ways.h) */
+    TL_TASK_PAIR,  /* build, and a second one beside it, and compare both (twin_trial.h) */
+    TL_TASK_WAYS, /* build, and tell whether the components come back by the ways that the job names, and what that costs (twin_trial.h) */
     TL_TASK_STEP, /* build, then a result for each tick */
     TL_TASK_LIVE  /* what another room makes of it (twin_role.h) */
 } tl_twin_task;
 
-/* Where the twin begins. */
-typedef enum tl_twin_begins {
-    TL_BEGINS_NEW,       /* at tick 0 with start values */
-    TL_BEGINS_AT,        /* at another tick (tl_twin_begin_at()) */
-    TL_BEGINS_CHECKPOINT /* with a saved twin (tl_twin_load()) */
-} tl_twin_begins;
-
 typedef struct tl_twin_job {
     tl_twin_task task;
     tl_twin_tells tells;
-    tl_twin_begins begins;
-    int64_t tick;                    /* of where it begins */
-    const unsigned char *checkpoint; /* and with what */
+    int64_t tick;                    /* where it begins (tl_twin_begin_at()), */
+    const unsigned char *checkpoint; /* or of this saved twin, with which it begins (tl_twin_load()) */
     size_t checkpoint_size;
     const unsigned char *
         tunings; /* that are taken at their ticks, in that order: tl_run_tuning, at no aligned place when it was read */
@@ -45,11 +37,9 @@ typedef struct tl_twin_job {
     const char *path;    /* of the configuration, as given: relative names start at its folder */
     const char *text;    /* what it says */
     const char *folder;  /* private, absolute: for what FMUs write; "": none */
-    uint64_t file_bytes; /* of one file that is unpacked or written */
     uint64_t memory;     /* that the process may take; 0: no limit */
     uint32_t user;       /* to become; 0: stay */
     bool plain;          /* save no executions */
-    bool without_delays;
     bool variables; /* the page lists them */
     bool brief;     /* a check without a far look, and without the times of the machine */
     bool

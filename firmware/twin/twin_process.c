@@ -3,21 +3,59 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <poll.h>
+#include <pthread.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/base/relay.h"
 #include "firmware/fmu/fmu_archive.h"
+#include "firmware/process/bounds.h"
 #include "firmware/process/confine.h"
+#include "firmware/process/fmu_patience.h"
+#include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
-#include "firmware/twin/twin_places.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_role.h"
 
 static const uint64_t MIB = UINT64_C(1024) * 1024;
 
-enum { FILES = TL_FMU_ENTRIES, PROCESSES = 1 << 22 };
+enum {
+    FILES = TL_FMU_ENTRIES,
+    PROCESSES = 1 << 22,
+    LOOK_MS = 50,
+    STACK = 256 * 1024, /* the supervisor locks it */
+    ANSWERS = 64        /* refused calls between two looks at the process: who asks without end is not all there is */
+};
+
+/* Of what it prints. */
+enum {
+    OUTPUT_PATIENCE = 2000,     /* ms */
+    OUTPUT_MOST = 32 << 20,     /* bytes at once, */
+    OUTPUT_RATE = 16 << 10,     /* and per second */
+    OUTPUT_PAGE_MOST = 64 << 20 /* bytes */
+};
+
+/* Descriptors of ours. Where there are two ends, the second one is the other process's. START: a socket by which it hands over the LISTENER, which
+ * tells of refused calls; then, or when it closes its end, START is closed. STOP: the watch thread is to end. WAKE: there is something to say. */
+enum { OUTPUT, PAGE = OUTPUT + 2, START = PAGE + 2, NOTHING = START + 2, STOP, WAKE, LISTENER, ENDS };
+
+enum { LINES, PAGE_LINES, RELAYS };
+
+/* How much may be passed on still: of an FMU's lines, and of those with a level. */
+enum { FMUS_LINES, OUR_LINES, KINDS };
+
+typedef struct budget {
+    int64_t left;
+    tl_time looked;
+} budget;
 
 struct tl_twin_process {
     tl_twin_process_settings settings;
@@ -25,44 +63,261 @@ struct tl_twin_process {
     uint32_t user; /* of its own; 0: ours */
     tl_block job;
     tl_role role;
-    tl_twin_warden *warden;
+    tl_bounds bounds;
+    int ends[ENDS]; /* -1: none, or not any more */
+    pthread_t speaker, watcher;
+    bool has_speaker, has_watcher, speaker_stops;
+    /* the watcher's */
+    tl_fmu_patience patience;
+    tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
+    /* the speaker's, or in the relays' locks */
+    size_t spoken; /* refusals that it has said */
+    tl_relay relays[RELAYS];
+    bool ended[RELAYS];
+    budget budgets[KINDS];
+    bool said_too_much;
+    bool is_stuck; /* nobody reads our log */
+    bool page_is_too_long;
+    uint64_t left_out;
+    uint64_t page_bytes;
+    pthread_mutex_t lock;             /* of all below */
+    bool may_kill;                    /* its number is its own */
+    char killed[TL_TWIN_KILLED_TEXT]; /* why; "": not */
+    tl_fmu_refusals refusals;
+    size_t told; /* of them */
 };
 
-/* ---- its ends ---- */
-
-typedef struct pipes {
-    int output[2];
-    int page[2];
-    int start[2];
-    int nothing;
-} pipes;
-
-static void close_one(int *descriptor) {
-    if (*descriptor >= 0) {
-        (void)close(*descriptor);
+static void close_end(tl_twin_process *self, int end) {
+    if (self->ends[end] >= 0) {
+        (void)close(self->ends[end]);
     }
-    *descriptor = -1;
+    self->ends[end] = -1;
 }
 
-static void close_pair(int pair[2]) {
-    close_one(&pair[0]);
-    close_one(&pair[1]);
+static void signal_end(const tl_twin_process *self, int end) {
+    const uint64_t one = 1;
+    (void)!write(self->ends[end], &one, sizeof one);
 }
 
-static tl_status open_pipes(pipes *made, bool page, tl_error *error) {
-    *made = (pipes){{-1, -1}, {-1, -1}, {-1, -1}, -1};
-    made->nothing = open("/dev/null", O_RDWR | O_CLOEXEC);
-    bool all = made->nothing >= 0 && pipe2(made->output, O_CLOEXEC) == 0 &&
-               (!page || pipe2(made->page, O_CLOEXEC) == 0) &&
-               socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, made->start) == 0;
-    return all ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no pipes for the process of the FMUs: %s", strerror(errno));
+static void nudge(const tl_twin_process *self) {
+    if (self->settings.channel != NULL) {
+        tl_channel_nudge(self->settings.channel);
+    }
 }
 
-static void close_pipes(pipes *made) {
-    close_pair(made->output);
-    close_pair(made->page);
-    close_pair(made->start);
-    close_one(&made->nothing);
+/* ---- what it prints ---- */
+
+static bool may_pass(budget *has, size_t bytes) {
+    tl_time now = tl_clock_now(NULL);
+    const double passed = tl_seconds(now - has->looked);
+    if (passed > 0.001) {
+        double left = (double)has->left + passed * OUTPUT_RATE;
+        has->left = left > OUTPUT_MOST ? OUTPUT_MOST : (int64_t)left;
+        has->looked = now;
+    }
+    bool may = has->left >= (int64_t)bytes;
+    has->left -= may ? (int64_t)bytes : 0;
+    return may;
+}
+
+/* A line without a level is an FMU's. */
+static void pass_output(void *context, const char *line) {
+    tl_twin_process *self = context;
+    const char *text = NULL;
+    int level = tl_log_level_of(line, &text);
+    bool passed = may_pass(&self->budgets[level == TL_LOG_FOREIGN ? FMUS_LINES : OUR_LINES], strlen(line) + 1);
+    if (passed) {
+        passed = tl_log_foreign(level, text, self->is_stuck ? 0 : OUTPUT_PATIENCE);
+        self->is_stuck = !passed;
+    } else if (!self->said_too_much) {
+        self->said_too_much = true;
+        (void)tl_log_foreign(TL_LOG_WARNING,
+                             "FMUs print more than is passed on: what they print from here on is left out",
+                             OUTPUT_PATIENCE);
+    }
+    self->left_out += passed ? 0 : 1;
+}
+
+static void pass_page(void *context, const char *line) {
+    tl_twin_process *self = context;
+    self->page_bytes += strlen(line) + 1;
+    if (self->page_bytes <= OUTPUT_PAGE_MOST) {
+        (void)fprintf(self->settings.page, "%s\n", line);
+    } else {
+        __atomic_store_n(&self->page_is_too_long, true, __ATOMIC_RELEASE);
+    }
+}
+
+void tl_twin_process_flush(tl_twin_process *process) {
+    for (int i = 0; i < RELAYS; i++) {
+        if (!__atomic_load_n(&process->ended[i], __ATOMIC_ACQUIRE) && !tl_relay_drain(&process->relays[i]) &&
+            !__atomic_exchange_n(&process->ended[i], true, __ATOMIC_ACQ_REL)) {
+            nudge(process);
+        }
+    }
+}
+
+static const char *next_refusal(tl_twin_process *self, size_t *told) {
+    (void)pthread_mutex_lock(&self->lock);
+    const char *said = tl_fmu_refusals_next(&self->refusals, told);
+    (void)pthread_mutex_unlock(&self->lock);
+    return said;
+}
+
+/* Who hears of it may wait for one who waits for our lock. */
+static void say_refusals(tl_twin_process *self) {
+    const char *said = NULL;
+    while ((said = next_refusal(self, &self->spoken)) != NULL) {
+        if (!self->settings.is_silent) {
+            (void)tl_log_foreign(TL_LOG_WARNING, said, OUTPUT_PATIENCE);
+        }
+        if (self->settings.hear != NULL) {
+            self->settings.hear(self->settings.context, said);
+        }
+    }
+}
+
+/* The thread that may wait for who reads our log. Ended pipes are left out of its wait: they would be ready for ever. */
+static void *speak(void *context) {
+    tl_twin_process *self = context;
+    bool stop = false;
+    while (!stop) {
+        struct pollfd watched[RELAYS + 1];
+        uint64_t count = 0;
+        for (int i = 0; i < RELAYS; i++) {
+            bool ended = __atomic_load_n(&self->ended[i], __ATOMIC_ACQUIRE);
+            watched[i] = (struct pollfd){.fd = ended ? -1 : self->relays[i].descriptor, .events = POLLIN};
+        }
+        watched[RELAYS] = (struct pollfd){.fd = self->ends[WAKE], .events = POLLIN};
+        (void)poll(watched, RELAYS + 1, -1);
+        (void)!read(self->ends[WAKE], &count, sizeof count);
+        stop = __atomic_load_n(&self->speaker_stops, __ATOMIC_ACQUIRE);
+        tl_twin_process_flush(self);
+        say_refusals(self);
+    }
+    return NULL;
+}
+
+/* ---- the watch thread: it waits for nobody ---- */
+
+static void kill_it(tl_twin_process *self, const char *why) {
+    if (self->killed[0] == '\0' && self->may_kill) {
+        (void)snprintf(self->killed, sizeof self->killed, "%s", why);
+        (void)kill(self->role.pid, SIGKILL);
+        nudge(self);
+    }
+}
+
+static void look_at_calls(tl_twin_process *self) {
+    char text[256];
+    tl_fmu_call call;
+    bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
+    const tl_fmu_patience_view view = {
+        .now = tl_clock_now(NULL),
+        .call = is_called ? &call : NULL,
+        .asked = tl_interrupt_requested(),
+        .times = tl_interrupt_times(),
+        .whatever = true,
+    };
+    if (tl_fmu_patience_is_over(&self->patience, &view, text, sizeof text)) {
+        kill_it(self, text);
+    }
+}
+
+static void look_at_bounds(tl_twin_process *self) {
+    char found[TL_BOUNDS_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
+    if (self->may_kill && !tl_bounds_are_kept(&self->bounds, self->role.pid, found)) {
+        (void)snprintf(text, sizeof text, "the process of the FMUs was killed: %s", found);
+        kill_it(self, text);
+    }
+    if (__atomic_load_n(&self->page_is_too_long, __ATOMIC_ACQUIRE)) {
+        (void)snprintf(text, sizeof text,
+                       "the process of the FMUs was killed: the page of the check is longer than %d MB",
+                       OUTPUT_PAGE_MOST / 1000000);
+        kill_it(self, text);
+    }
+}
+
+/* Before it has a handler it would die of it. */
+static void pass_signal_on(tl_twin_process *self) {
+    int asked = tl_interrupt_signal();
+    tl_time now = tl_clock_now(NULL);
+    if (asked != 0 && self->ends[START] < 0 && self->may_kill && now >= self->pass_on_at) {
+        self->pass_on_at = now + TL_SECOND / 2;
+        (void)kill(self->role.pid, asked);
+    }
+}
+
+/* What the process has sent: the descriptor that tells of refused calls; -1: the kernel has none, or nothing is refused. */
+static int receive_listener(int socket) {
+    char byte = 0;
+    struct iovec content = {.iov_base = &byte, .iov_len = 1};
+    union {
+        struct cmsghdr aligned;
+        char bytes[CMSG_SPACE(sizeof(int))];
+    } control = {.bytes = {0}};
+    struct msghdr message = {
+        .msg_iov = &content, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control};
+    int listener = -1;
+    ssize_t length = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
+    const struct cmsghdr *header = length > 0 ? CMSG_FIRSTHDR(&message) : NULL;
+    if (header != NULL && header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS &&
+        header->cmsg_len == CMSG_LEN(sizeof listener)) {
+        memcpy(&listener, CMSG_DATA(header), sizeof listener);
+    }
+    return listener;
+}
+
+/* Who asks waits for it, so nothing else is done before. Others look at what was said before, with the lock. */
+static void answer_refusals(tl_twin_process *self) {
+    tl_refusal refusal;
+    bool is_new = false;
+    for (int i = 0; i < ANSWERS && tl_refusal_take(self->ends[LISTENER], &refusal); i++) {
+        (void)pthread_mutex_lock(&self->lock);
+        is_new = tl_fmu_refusals_note(&self->refusals, &refusal, self->settings.calls) || is_new;
+        (void)pthread_mutex_unlock(&self->lock);
+        tl_refusal_answer(self->ends[LISTENER], &refusal);
+    }
+    if (is_new) {
+        signal_end(self, WAKE);
+    }
+}
+
+static void *watch(void *context) {
+    enum { STOPS, STARTS, LISTENS, WATCHED };
+    tl_twin_process *self = context;
+    tl_time next = 0;
+    for (;;) {
+        struct pollfd watched[WATCHED] = {
+            [STOPS] = {.fd = self->ends[STOP], .events = POLLIN},
+            [STARTS] = {.fd = self->ends[START], .events = POLLIN},
+            [LISTENS] = {.fd = self->ends[LISTENER], .events = POLLIN},
+        };
+        (void)poll(watched, WATCHED, LOOK_MS);
+        if (watched[STOPS].revents != 0) {
+            return NULL;
+        }
+        if (watched[STARTS].revents != 0) {
+            self->ends[LISTENER] = receive_listener(self->ends[START]);
+            close_end(self, START);
+        }
+        answer_refusals(self);
+        if ((watched[LISTENS].revents & (POLLHUP | POLLERR)) != 0) {
+            close_end(self, LISTENER);
+        }
+        tl_time now = tl_clock_now(NULL);
+        if (now >= next) {
+            next = now + LOOK_MS * (TL_SECOND / 1000);
+            (void)pthread_mutex_lock(&self->lock);
+            if (self->settings.passes_signals) {
+                pass_signal_on(self);
+                look_at_calls(self);
+            }
+            look_at_bounds(self);
+            (void)pthread_mutex_unlock(&self->lock);
+        }
+    }
 }
 
 /* ---- what it may ---- */
@@ -98,48 +353,33 @@ static bool is_open_to_others(const char *folder) {
     return true;
 }
 
-/* There is nothing to unpack and nobody who writes if it holds; and it is to be there where no folder can be made. */
-static bool needs_folder(const tl_twin_process *process) {
-    return !process->settings.job->holds;
-}
-
-/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
- * of processes are below PROCESSES. Where that user could
- * not come to its folder, it stays root without root's capabilities. */
-static uint32_t private_user(const tl_twin_process *process) {
-    const char *folder = getenv("TMPDIR");
-    tl_confine_facts facts;
-    tl_confine_probe(&facts);
-    bool is_open = !needs_folder(process) || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
-    return geteuid() == 0 && facts.user && is_open
-               ? 0x70000000U + process->settings.which * PROCESSES + (uint32_t)getpid()
-               : 0;
-}
-
-/* Bytes. */
-static uint64_t memory_limit(const tl_twin_process *process) {
-    return process->settings.memory_limit != 0 ? process->settings.memory_limit : tl_confine_fair_memory();
-}
-
 static tl_status make_job(tl_twin_process *process, tl_error *error) {
     tl_twin_job job = *process->settings.job;
     job.folder = process->folder.path;
-    job.memory = memory_limit(process);
+    job.memory = process->settings.memory_limit;
     job.user = process->user;
-    job.file_bytes = TL_FMU_ENTRY_BYTES; /* which may be unpacked; the warden looks at what they write together */
     return tl_twin_job_make(&job, &process->job, error);
 }
 
-/* Root of a container may have numbers of users only for some, and no right to give a folder away. Then it stays who it is. */
+/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
+ * of processes are below PROCESSES. Where that user could not come to its folder, it stays root without root's capabilities; also if root of a container
+ * has numbers of users only for some, and no right to give a folder away. If it holds, there is nothing to unpack and nobody who writes; and it is to be
+ * there where no folder can be made. */
 static tl_status make_folder(tl_twin_process *process, tl_error *error) {
-    process->user = process->settings.job->unconfined ? 0 : private_user(process);
-    if (!needs_folder(process)) {
+    const tl_twin_job *job = process->settings.job;
+    const char *folder = getenv("TMPDIR");
+    tl_confine_facts facts;
+    tl_confine_probe(&facts);
+    bool is_open = job->holds || is_open_to_others(folder == NULL || folder[0] == '\0' ? "/tmp" : folder);
+    if (!job->unconfined && geteuid() == 0 && facts.user && is_open) {
+        process->user = 0x70000000U + process->settings.which * PROCESSES + (uint32_t)getpid();
+    }
+    if (job->holds ||
+        (process->user != 0 && tl_private_folder_make("twin", process->user, &process->folder, error) == TL_OK)) {
         return TL_OK;
     }
-    if (process->user != 0 && tl_private_folder_make("twin", process->user, &process->folder, error) != TL_OK) {
-        process->user = 0;
-    }
-    return process->user != 0 ? TL_OK : tl_private_folder_make("twin", 0, &process->folder, error);
+    process->user = 0;
+    return tl_private_folder_make("twin", 0, &process->folder, error);
 }
 
 /* ---- start ---- */
@@ -148,44 +388,38 @@ enum { VARIABLE = PATH_MAX + 32 };
 
 /* What is added to the environment of the process. */
 typedef struct surroundings {
-    char temporary[VARIABLE];
-    char home[VARIABLE];
-    char packages[VARIABLE];
-    char users_home[VARIABLE];
+    char texts[TL_ROLE_VARIABLES][VARIABLE];
     const char *variables[TL_ROLE_VARIABLES];
     size_t count;
 } surroundings;
 
-/* Where a user's own packages of Python lie, if there are any and nobody has said it otherwise. */
-static bool find_packages(char variable[VARIABLE]) {
-    const char *home = getenv("HOME");
-    int length = snprintf(variable, VARIABLE, "PYTHONUSERBASE=%s/.local", home != NULL ? home : "");
-    return home != NULL && home[0] == '/' && length < VARIABLE && getenv("PYTHONUSERBASE") == NULL &&
-           access(strchr(variable, '/'), F_OK) == 0;
+/* One that is too long is left out. */
+static void add_variable(surroundings *made, const char *name, const char *value, const char *end) {
+    char *text = made->texts[made->count];
+    if (snprintf(text, VARIABLE, "%s=%s%s", name, value, end) < VARIABLE) {
+        made->variables[made->count++] = text;
+    }
 }
 
 /* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. Python keeps
  * nothing that it has compiled: its folder is gone at the end, and where no Landlock holds it may rename no file. */
 static void surround(const tl_twin_process *process, surroundings *made) {
+    const char *home = getenv("HOME");
     made->count = 0;
-    if (!needs_folder(process)) {
+    if (process->settings.job->holds) {
         return;
     }
-    (void)snprintf(made->temporary, sizeof made->temporary, "TMPDIR=%s", process->folder.path);
-    made->variables[made->count++] = made->temporary;
+    add_variable(made, "TMPDIR", process->folder.path, "");
     if (process->settings.job->unconfined) {
         return;
     }
-    (void)snprintf(made->home, sizeof made->home, "HOME=%s", process->folder.path);
-    made->variables[made->count++] = made->home;
-    made->variables[made->count++] = "PYTHONDONTWRITEBYTECODE=1";
-    const char *home = getenv("HOME");
-    if (home != NULL &&
-        snprintf(made->users_home, sizeof made->users_home, TL_TWIN_PLACES_HOME "=%s", home) < VARIABLE) {
-        made->variables[made->count++] = made->users_home;
+    add_variable(made, "HOME", process->folder.path, "");
+    add_variable(made, "PYTHONDONTWRITEBYTECODE", "1", "");
+    if (home != NULL) {
+        add_variable(made, TL_TWIN_PLACES_HOME, home, "");
     }
-    if (find_packages(made->packages)) {
-        made->variables[made->count++] = made->packages;
+    if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* where a user's own packages lie */
+        add_variable(made, "PYTHONUSERBASE", home, "/.local");
     }
 }
 
@@ -230,7 +464,28 @@ static int run_forked(const char *title, void *context) {
     return tl_twin_role_run(process->settings.tasks);
 }
 
-static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *error) {
+static tl_status open_ends(tl_twin_process *process, tl_error *error) {
+    static tl_relay_line *const passes[RELAYS] = {[LINES] = pass_output, [PAGE_LINES] = pass_page};
+    int *ends = process->ends;
+    ends[NOTHING] = open("/dev/null", O_RDWR | O_CLOEXEC);
+    ends[STOP] = eventfd(0, EFD_CLOEXEC);
+    ends[WAKE] = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    bool all = ends[NOTHING] >= 0 && ends[STOP] >= 0 && ends[WAKE] >= 0 && pipe2(&ends[OUTPUT], O_CLOEXEC) == 0 &&
+               (process->settings.page == NULL || pipe2(&ends[PAGE], O_CLOEXEC) == 0) &&
+               socketpair(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC, 0, &ends[START]) == 0;
+    for (int i = 0; i < RELAYS; i++) {
+        int *end = &ends[i == LINES ? OUTPUT : PAGE];
+        process->ended[i] = *end < 0;
+        if (*end >= 0) {
+            tl_relay_open(&process->relays[i], *end, passes[i], process);
+            *end = -1; /* it is the relay's */
+        }
+    }
+    return all ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no pipes for the process of the FMUs: %s", strerror(errno));
+}
+
+static tl_status execute(tl_twin_process *process, tl_error *error) {
+    const int *ends = process->ends;
     surroundings around;
     surround(process, &around);
     tl_role_settings settings = {
@@ -242,68 +497,79 @@ static tl_status execute(tl_twin_process *process, const pipes *ends, tl_error *
         .context = process,
     };
     memcpy(settings.descriptors, process->settings.given, sizeof settings.descriptors);
-    settings.descriptors[0] = ends->nothing;
-    const int output = process->settings.is_silent ? ends->nothing : ends->output[1];
+    settings.descriptors[0] = ends[NOTHING];
+    const int output = ends[process->settings.is_silent ? NOTHING : OUTPUT + 1];
     settings.descriptors[TL_TWIN_OUTPUT] = output;
     settings.descriptors[TL_TWIN_OUTPUT + 1] = output;
     settings.descriptors[TL_TWIN_JOB] = process->job.descriptor;
-    settings.descriptors[TL_TWIN_START_SOCKET] = ends->start[1];
+    settings.descriptors[TL_TWIN_START_SOCKET] = ends[START + 1];
     if (process->settings.job->task == TL_TASK_CHECK) {
-        settings.descriptors[TL_TWIN_PAGE] = process->settings.page != NULL ? ends->page[1] : ends->nothing;
+        settings.descriptors[TL_TWIN_PAGE] = ends[process->settings.page != NULL ? PAGE + 1 : NOTHING];
     }
-    return tl_role_start(&settings, &process->role, error);
+    tl_status status = tl_role_start(&settings, &process->role, error);
+    for (int end = OUTPUT; end < START; end += 2) {
+        close_end(process, end + 1);
+    }
+    close_end(process, START + 1);
+    close_end(process, NOTHING);
+    process->may_kill = status == TL_OK;
+    return status;
 }
 
-static tl_status start_warden(tl_twin_process *process, pipes *ends, tl_error *error) {
-    const tl_twin_process_settings *given = &process->settings;
-    const tl_twin_warden_settings settings = {
-        .process = process->role.pid,
-        .output = ends->output[0],
-        .page = ends->page[0],
-        .start = ends->start[0],
-        .page_file = given->page,
-        .calls = given->calls,
-        .channel = given->channel,
-        .is_silent = given->is_silent,
-        .passes_signals = given->passes_signals,
-        .call_limit = given->call_limit,
-        .bounds = {.folder = needs_folder(process) ? process->folder.path : NULL,
-                   .bytes = TL_TWIN_FOLDER_MIB * MIB + given->fmus.unpacked_bytes,
-                   .files = FILES * (given->fmus.count + 1),
-                   .threads = TL_TWIN_THREADS,
-                   .memory = memory_limit(process)},
-        .hear = given->hear,
-        .context = given->context,
-    };
-    ends->output[0] = -1;
-    ends->page[0] = -1;
-    ends->start[0] = -1;
-    return tl_twin_warden_start(&settings, &process->warden, error);
+static bool start_thread(tl_twin_process *process, pthread_t *thread, void *(*run)(void *context), tl_error *error) {
+    int result = tl_side_thread_start(thread, STACK, run, process);
+    if (result != 0) {
+        (void)tl_fail(error, TL_TRY_AGAIN, "no thread to watch the process of the FMUs: %s", strerror(result));
+    }
+    return result == 0;
 }
 
-static tl_status start(tl_twin_process *process, pipes *ends, tl_error *error) {
+static tl_status start(tl_twin_process *process, tl_error *error) {
+    const tl_twin_fmus *fmus = &process->settings.fmus;
     tl_status status = make_folder(process, error);
     if (status == TL_OK) {
         status = make_job(process, error);
     }
     if (status == TL_OK) {
-        status = open_pipes(ends, process->settings.page != NULL, error);
+        status = open_ends(process, error);
     }
     if (status == TL_OK) {
-        status = execute(process, ends, error);
+        status = execute(process, error);
     }
-    return status == TL_OK ? start_warden(process, ends, error) : status;
+    if (status != TL_OK) {
+        return status;
+    }
+    process->bounds = (tl_bounds){.folder = process->settings.job->holds ? NULL : process->folder.path,
+                                  .bytes = TL_TWIN_FOLDER_MIB * MIB + fmus->unpacked_bytes,
+                                  .files = FILES * (fmus->count + 1),
+                                  .threads = TL_TWIN_THREADS,
+                                  .memory = process->settings.memory_limit};
+    process->has_speaker = start_thread(process, &process->speaker, speak, error);
+    process->has_watcher = process->has_speaker && start_thread(process, &process->watcher, watch, error);
+    return process->has_watcher ? TL_OK : error->status;
 }
 
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error) {
     tl_twin_process *made = calloc(1, sizeof *made);
-    pipes ends = {{-1, -1}, {-1, -1}, {-1, -1}, -1};
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the process of the FMUs");
     }
     made->settings = *settings;
-    tl_status status = start(made, &ends, error);
-    close_pipes(&ends);
+    if (made->settings.memory_limit == 0) {
+        made->settings.memory_limit = tl_confine_fair_memory();
+    }
+    for (int i = 0; i < ENDS; i++) {
+        made->ends[i] = -1;
+    }
+    for (int i = 0; i < RELAYS; i++) {
+        made->ended[i] = true;
+    }
+    for (int i = 0; i < KINDS; i++) {
+        made->budgets[i] = (budget){.left = OUTPUT_MOST, .looked = tl_clock_now(NULL)};
+    }
+    (void)pthread_mutex_init(&made->lock, NULL);
+    tl_fmu_patience_init(&made->patience, settings->call_limit);
+    tl_status status = start(made, error);
     if (status != TL_OK) {
         tl_twin_process_close(made);
         return status;
@@ -314,56 +580,93 @@ tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twi
 
 /* ---- watching ---- */
 
-pid_t tl_twin_process_id(const tl_twin_process *process) {
-    return process->role.pid;
-}
-
 const tl_role *tl_twin_process_role(const tl_twin_process *process) {
     return &process->role;
 }
 
+static void spare(tl_twin_process *process) {
+    (void)pthread_mutex_lock(&process->lock);
+    process->may_kill = false;
+    (void)pthread_mutex_unlock(&process->lock);
+}
+
 bool tl_twin_process_reap(tl_twin_process *process) {
-    return tl_twin_warden_reap(process->warden, &process->role);
+    (void)pthread_mutex_lock(&process->lock);
+    bool ended = tl_role_watch(&process->role);
+    process->may_kill = process->may_kill && !ended;
+    (void)pthread_mutex_unlock(&process->lock);
+    return ended;
 }
 
 void tl_twin_process_kill(tl_twin_process *process) {
-    tl_twin_warden_kill(process->warden, &process->role);
+    spare(process);
+    tl_role_kill(&process->role);
 }
 
 void tl_twin_process_let_go(tl_twin_process *process) {
-    tl_twin_warden_let_go(process->warden);
+    spare(process);
     if (!process->role.has_ended) {
         process->role = (tl_role){.is_forked = process->role.is_forked, .has_ended = true, .code = -1};
     }
-    tl_twin_warden_flush(process->warden);
+    tl_twin_process_flush(process);
 }
 
-bool tl_twin_process_was_killed(const tl_twin_process *process, char text[TL_TWIN_WARDEN_TEXT]) {
-    return tl_twin_warden_has_killed(process->warden, text);
+bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILLED_TEXT]) {
+    (void)pthread_mutex_lock(&process->lock);
+    (void)snprintf(text, TL_TWIN_KILLED_TEXT, "%s", process->killed);
+    (void)pthread_mutex_unlock(&process->lock);
+    return text[0] != '\0';
 }
 
-bool tl_twin_process_was_refused(const tl_twin_process *process) {
-    return tl_twin_warden_has_refused(process->warden);
+bool tl_twin_process_was_refused(tl_twin_process *process) {
+    (void)pthread_mutex_lock(&process->lock);
+    bool was_refused = process->refusals.count > 0;
+    (void)pthread_mutex_unlock(&process->lock);
+    return was_refused;
 }
 
-void tl_twin_process_tell(const tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context) {
-    tl_twin_warden_tell(process->warden, hear, context);
+void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context) {
+    const char *said = NULL;
+    while ((said = next_refusal(process, &process->told)) != NULL) {
+        hear(context, said);
+    }
 }
 
-void tl_twin_process_flush(const tl_twin_process *process) {
-    tl_twin_warden_flush(process->warden);
+/* The watch thread first: what it has found last is said by the other. */
+static void stop_threads(tl_twin_process *process) {
+    if (process->has_watcher) {
+        signal_end(process, STOP);
+        (void)pthread_join(process->watcher, NULL);
+    }
+    if (process->has_speaker) {
+        __atomic_store_n(&process->speaker_stops, true, __ATOMIC_RELEASE);
+        signal_end(process, WAKE);
+        (void)pthread_join(process->speaker, NULL);
+    }
 }
 
 void tl_twin_process_close(tl_twin_process *process) {
     if (process == NULL) {
         return;
     }
-    if (process->warden != NULL) {
-        tl_twin_warden_kill(process->warden, &process->role);
-    } else {
-        tl_role_kill(&process->role);
+    tl_twin_process_kill(process);
+    stop_threads(process);
+    tl_twin_process_flush(process);
+    for (int i = 0; i < RELAYS; i++) {
+        if (process->relays[i].pass != NULL) {
+            tl_relay_close(&process->relays[i]);
+        }
     }
-    tl_twin_warden_stop(process->warden);
+    if (process->left_out != 0) {
+        char text[128];
+        (void)snprintf(text, sizeof text, "%llu lines that FMUs have printed were left out",
+                       (unsigned long long)process->left_out);
+        (void)tl_log_foreign(TL_LOG_WARNING, text, OUTPUT_PATIENCE);
+    }
+    for (int i = 0; i < ENDS; i++) {
+        close_end(process, i);
+    }
+    (void)pthread_mutex_destroy(&process->lock);
     tl_block_close(&process->job);
     tl_private_folder_remove(&process->folder);
     free(process);

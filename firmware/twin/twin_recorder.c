@@ -44,16 +44,12 @@ void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twi
     record->settings.format = record->format;
 }
 
-tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error) {
-    tl_recorder_settings *made = &settings->record->settings;
-    tl_twin_recorder_describe(settings->config, settings->path, settings->record);
-    made->verb = settings->verb;
-    made->wait_when_full = settings->wait_when_full;
-    made->known = settings->known;
-    made->known_count = settings->known_count;
-    made->account = settings->account;
-    made->component_count = settings->account->components;
-    return tl_recorder_open(made, recorder, error);
+tl_status tl_twin_recorder_open(const tl_config *config, const tl_account *account, tl_twin_record *record,
+                                tl_recorder **recorder, tl_error *error) {
+    tl_twin_recorder_signals(config, account, record->names.match, record->names.adjust);
+    record->settings.account = account;
+    record->settings.component_count = account->components;
+    return tl_recorder_open(&record->settings, recorder, error);
 }
 
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]) {
@@ -71,8 +67,11 @@ void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time star
     static const tl_time ms = TL_SECOND / 1000;
     static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
     beginning =
-        (tl_outbox_start){.resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
-    tl_account_take(twin, &beginning.account);
+        (tl_outbox_start){.holds = twin == NULL,
+                          .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    if (twin != NULL) {
+        tl_account_take(twin, &beginning.account);
+    }
     (void)tl_outbox_put_start(outbox, &beginning);
 }
 

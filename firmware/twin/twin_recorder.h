@@ -21,22 +21,12 @@ typedef struct tl_twin_record {
     char format[TL_IDENTITY_TEXT];
 } tl_twin_record;
 
-typedef struct tl_twin_recorder_settings {
-    const tl_config *config;
-    const tl_account *account;
-    const char *verb;               /* "replay" */
-    const char *path;               /* of the database */
-    const tl_recorder_known *known; /* as in recorder_settings.h */
-    size_t known_count;
-    bool wait_when_full;    /* as in recorder.h */
-    tl_twin_record *record; /* is filled; it and the configuration outlive the recorder */
-} tl_twin_recorder_settings;
-
-/* Errors: those of tl_recorder_open(). */
-tl_status tl_twin_recorder_open(const tl_twin_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
-
-/* For a run that is recorded at `path`. The configuration and the record must stay where they are, as long as the settings are used. */
+/* For a run that is recorded at `path`. The configuration and the record outlive the recorder. */
 void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record);
+
+/* With its signals and components, of a run that was described. Errors: those of tl_recorder_open(). */
+tl_status tl_twin_recorder_open(const tl_config *config, const tl_account *account, tl_twin_record *record,
+                                tl_recorder **recorder, tl_error *error);
 
 /* What the FMUs of this configuration are: tl_identity_files() of the components'. */
 void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]);
@@ -49,7 +39,7 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
  * components there are. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
-/* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). */
+/* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). NULL: without a twin. */
 void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start);
 
 /* Puts a step with the ledger as it stands. */

@@ -8,6 +8,7 @@
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/process/crash.h"
@@ -16,8 +17,6 @@
 #include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/twin_places.h"
-#include "firmware/twin/twin_wire.h"
 
 /* How long it sleeps at most before it looks whether a signal came. */
 static const tl_time LOOK = TL_SECOND / 4;
@@ -39,18 +38,16 @@ typedef struct role {
     tl_assembly second; /* of a pair */
     tl_lock_rescue rescue;
     tl_twin_tunings tunings; /* that are still to be taken */
-    tl_recording_tick tick;  /* as it came last, */
-    tl_twin_result result;   /* and what came of it */
-    unsigned char packed[TL_TWIN_PACKED];
-    unsigned unpushed; /* results since the other end was woken, if it slept */
-    bool over;         /* a step has failed: what is still asked for gets no answer */
+    union {
+        tl_recording_tick tick;
+        int32_t word;
+    } received;
+    tl_twin_result result; /* of the tick that came last */
+    unsigned unpushed;     /* results since the other end was woken, if it slept */
+    bool over;             /* a step has failed: what is still asked for gets no answer */
 } role;
 
 /* ---- telling ---- */
-
-static void set_error(role *self, const tl_error *error) {
-    (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error == NULL ? "" : error->text);
-}
 
 /* Waits for room: the other end takes what there is, or is gone, and this process with it. A result is there at once, whatever
  * becomes of this process; the other end is woken for some together, or when this one has nothing to do. */
@@ -71,9 +68,20 @@ static void send_message(role *self, tl_message type, const void *payload) {
 
 /* `error` has no text where it was said on the log. */
 static void send_word(role *self, tl_message type, tl_status status, const tl_error *error) {
-    const tl_twin_word word = {.status = (int32_t)status};
-    set_error(self, error);
+    const int32_t word = (int32_t)status;
+    (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error->text);
     send_message(self, type, &word);
+}
+
+/* The next message of the parent, in self->received. */
+static tl_status receive(role *self, tl_message *type, tl_error *error) {
+    tl_channel_news news = tl_channel_take(&self->channel, type, &self->received);
+    while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
+        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+        news = tl_channel_take(&self->channel, type, &self->received);
+    }
+    *error = self->channel.fault;
+    return error->status;
 }
 
 /* ---- start ---- */
@@ -92,20 +100,11 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
         assembly->config.saving.structure = false;
         assembly->config.saving.sequences = false;
     }
-    if (self->job.without_delays) {
+    if (self->job.tells == TL_TELLS_OUTPUTS) { /* a plant has none */
         tl_config_forget_delays(&assembly->config);
     }
     tl_config_use_lookups(&assembly->config);
     return TL_OK;
-}
-
-/* Not as the configuration has it, but as is to be tried. */
-static void use_other_ways(role *self) {
-    tl_config *config = &self->assembly.config;
-    for (size_t i = 0; i < config->component_count; i++) {
-        const tl_rollback way = (tl_rollback)self->job.rollback[i];
-        config->components[i].rollback = way != TL_ROLLBACK_NONE ? way : config->components[i].rollback;
-    }
 }
 
 static bool has_second(const role *self) {
@@ -118,8 +117,10 @@ static tl_status read_job(role *self, tl_error *error) {
         status = tl_twin_job_read(&self->job_block, &self->job, error);
     }
     status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
-    if (status == TL_OK) {
-        use_other_ways(self);
+    for (size_t i = 0; status == TL_OK && i < self->assembly.config.component_count; i++) { /* as is to be tried */
+        const tl_rollback way = (tl_rollback)self->job.rollback[i];
+        tl_config_component *component = &self->assembly.config.components[i];
+        component->rollback = way != TL_ROLLBACK_NONE ? way : component->rollback;
     }
     return status == TL_OK && has_second(self) ? read_config(self, &self->second, error) : status;
 }
@@ -163,28 +164,23 @@ static void hand_over(int listener) {
     (void)close(listener);
 }
 
-/* An FMU's files are unpacked into the private folder, where it may also write. */
-static tl_confine_settings settings_of(const role *self, const tl_twin_places *places) {
-    return (tl_confine_settings){
-        .read = (const char *const *)places->path,
-        .read_count = places->count,
-        .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL,
-        .file_bytes = self->job.file_bytes,
-        .memory = self->job.memory,
-        .user = self->job.user,
-        .start_socket = TL_TWIN_START_SOCKET,
-        .whole_process = true,
-        .lives_on = self->job.task == TL_TASK_LIVE,
-    };
-}
-
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
     if (!self->job.holds) {
         tl_twin_places_find(&self->assembly, &places);
     }
-    const tl_confine_settings settings = settings_of(self, &places);
+    const tl_confine_settings settings = {
+        .read = (const char *const *)places.path,
+        .read_count = places.count,
+        .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL, /* for what is unpacked, or written */
+        .file_bytes = TL_FMU_ENTRY_BYTES, /* the parent looks at what they write together */
+        .memory = self->job.memory,
+        .user = self->job.user,
+        .start_socket = TL_TWIN_START_SOCKET,
+        .whole_process = true,
+        .lives_on = self->job.task == TL_TASK_LIVE,
+    };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
     if (status == TL_OK && listener >= 0) {
@@ -193,19 +189,14 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     return status;
 }
 
-/* For a live twin: what is possible as long as this is root, if it is. Priorities are the affair of who started it, who asks for the limits of
- * this process. */
-static void permit_real_time(const role *self) {
-    enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
-    tl_process_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
-    tl_process_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
-    tl_process_limits_permit(RLIMIT_NICE, NICE_0);
-}
-
 static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
+    enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
     tl_status status = read_job(self, error);
     if (status == TL_OK && self->job.task == TL_TASK_LIVE) {
-        permit_real_time(self);
+        /* As long as this is root, if it is. Priorities are the affair of who started it, who asks for the limits of this process. */
+        tl_process_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
+        tl_process_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
+        tl_process_limits_permit(RLIMIT_NICE, NICE_0);
     } else if (status == TL_OK) {
         status = open_channel(self, error);
     }
@@ -227,94 +218,66 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
 
 /* ---- the work, in the thread of the FMUs ---- */
 
-static tl_status begin(const role *self, tl_error *error) {
-    switch (self->job.begins) {
-    case TL_BEGINS_NEW:
-        break;
-    case TL_BEGINS_AT:
-        tl_twin_begin_at(self->assembly.twin, self->job.tick);
-        break;
-    case TL_BEGINS_CHECKPOINT:
-        return tl_twin_load(self->assembly.twin, self->job.tick, self->job.checkpoint, self->job.checkpoint_size,
-                            error);
-    }
-    return TL_OK;
-}
-
 static bool is_stopped(const role *self) {
     return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
 }
 
 static tl_status execute(role *self, tl_error *error) {
-    int64_t tick = self->tick.sample.tick;
-    tl_status status = tl_twin_take_tunings(&self->assembly, &self->tunings, tick, &self->rescue, error);
+    int64_t tick = self->received.tick.sample.tick;
+    tl_run_tuning tuning;
+    tl_status status = TL_OK;
+    while (status == TL_OK && tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
+        status = tl_assembly_retune(&self->assembly, &tuning.values, error);
+        if (status == TL_OK) {
+            tl_lock_judge_retune(&self->rescue.judge, &tuning.values);
+        }
+    }
     if (status != TL_OK) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;
     }
-    return tl_twin_execute(&self->assembly, &self->tick, self->job.tells, &self->rescue, &self->result, error);
+    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.tells, &self->rescue, &self->result, error);
 }
 
-/* The tick is in self->packed. */
 static void answer(role *self, bool last) {
-    const tl_config *config = &self->assembly.config;
     tl_error error;
     if (self->over || is_stopped(self)) {
         return;
     }
-    tl_twin_unpack_tick(config, self->packed, &self->tick);
     if (last) {
-        tl_twin_execute_last(&self->assembly, &self->tick, self->job.tells, &self->result);
+        tl_twin_execute_last(&self->assembly, &self->received.tick, self->job.tells, &self->result);
     } else if (execute(self, &error) != TL_OK) {
-        set_error(self, &error);
+        (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error.text);
         self->over = true;
     }
-    tl_twin_pack_result(config, self->job.tells, &self->result, self->packed);
-    send_message(self, TL_MESSAGE_RESULT, self->packed);
+    send_message(self, TL_MESSAGE_RESULT, &self->result);
 }
 
 /* Until it is told to end. */
 static tl_status step_until_end(role *self, tl_error *error) {
-    for (;;) {
-        tl_message type = TL_MESSAGE_END;
-        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
-        if (news == TL_CHANNEL_BROKEN) {
-            *error = self->channel.fault;
-            return error->status;
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
-            return TL_OK;
-        }
-        if (news == TL_CHANNEL_SOMETHING) {
-            answer(self, type == TL_MESSAGE_FINISH);
-        } else {
-            (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
-        }
+    tl_message type = TL_MESSAGE_END;
+    tl_status status = receive(self, &type, error);
+    while (status == TL_OK && type != TL_MESSAGE_END) {
+        answer(self, type == TL_MESSAGE_FINISH);
+        status = receive(self, &type, error);
     }
+    return status;
 }
 
 /* Another process is asked; returns when it has ended. Told to end meanwhile, this one goes on without. */
 static tl_status ask(void *context, tl_error *error) {
     role *self = context;
-    tl_twin_word word;
+    tl_message type = TL_MESSAGE_END;
     send_message(self, TL_MESSAGE_SHOWN, NULL);
-    for (;;) {
-        tl_message type = TL_MESSAGE_END;
-        tl_channel_news news = tl_channel_take(&self->channel, &type, self->packed);
-        if (news == TL_CHANNEL_BROKEN) {
-            *error = self->channel.fault;
-            return error->status;
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_END) {
-            return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
-        }
-        if (news == TL_CHANNEL_SOMETHING && type == TL_MESSAGE_SEEN) {
-            memcpy(&word, self->packed, sizeof word);
-            return word.status == (int32_t)TL_OK ? TL_OK
-                                                 : tl_fail(error, (tl_status)word.status, "%s", self->orders->error);
-        }
-        (void)tl_channel_wait(&self->channel, 1, 0, tl_clock_now(NULL) + LOOK);
+    tl_status status = receive(self, &type, error);
+    if (status != TL_OK) {
+        return status;
     }
+    if (type == TL_MESSAGE_END) {
+        return tl_fail(error, TL_INTERRUPTED, "it was interrupted");
+    }
+    tl_status seen = (tl_status)self->received.word;
+    return seen == TL_OK ? TL_OK : tl_fail(error, seen, "%s", self->orders->error);
 }
 
 static tl_status check(role *self, tl_status built, tl_error *error) {
@@ -338,59 +301,51 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
                                              "the page of the check was cut: an FMU has closed what it is printed to");
 }
 
-/* A difference is no failure, and told in *error. */
-static tl_status compare_pair(role *self, tl_error *error) {
-    bool differs = false;
-    tl_status status =
-        tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, &differs, error);
-    tl_assembly_free(&self->second);
-    return status;
-}
-
-/* A check looks at all FMUs as often as it can (far_look.h). */
-static void look_often(tl_config *config) {
-    config->verify_every = config->verify_every != 0 ? 1 : 0;
-}
-
-/* That one does not come back is no failure, and told in *error. */
-static void try_ways(role *self) {
-    tl_error error = {TL_OK, ""};
-    send_word(self, TL_MESSAGE_BUILT, TL_OK, &error);
-    tl_status status = tl_twin_ways_try(&self->assembly, &self->extra->ways, &error);
-    send_word(self, TL_MESSAGE_ENDED, status, &error);
-    tl_assembly_free(&self->assembly);
+/* What the task asks for of an assembly that was built. That a pair differs, or that one does not come back, is no failure, and told in *error. */
+static tl_status perform(role *self, tl_error *error) {
+    tl_status status = TL_OK;
+    switch (self->job.task) {
+    case TL_TASK_READ:
+        return tl_read_back_answer(&self->assembly, self->read_back.bytes, error);
+    case TL_TASK_PAIR:
+        status = tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, error);
+        tl_assembly_free(&self->second);
+        return status;
+    case TL_TASK_WAYS: /* which builds it itself */
+        return tl_twin_ways_try(&self->assembly, &self->extra->ways, error);
+    default:
+        status = step_until_end(self, error);
+        tl_account_take(self->assembly.twin, &self->extra->ended);
+        return status;
+    }
 }
 
 static void work(void *context) {
     role *self = context;
     tl_error error = {TL_OK, ""};
-    if (self->job.task == TL_TASK_CHECK || self->job.task == TL_TASK_WAYS) {
-        look_often(&self->assembly.config);
+    bool checks = self->job.task == TL_TASK_CHECK;
+    bool tries = self->job.task == TL_TASK_WAYS;
+    if (checks || tries) { /* looks at all FMUs as often as it can (far_look.h) */
+        self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
-    if (self->job.task == TL_TASK_WAYS) {
-        try_ways(self);
-        return;
-    }
-    tl_status status = tl_assembly_build(&self->assembly);
-    if (status == TL_OK) {
-        status = begin(self, &error);
-    }
+    tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
     if (self->assembly.twin != NULL) {
+        if (self->job.checkpoint_size != 0) {
+            status = tl_twin_load(self->assembly.twin, self->job.tick, self->job.checkpoint, self->job.checkpoint_size,
+                                  &error);
+        } else {
+            tl_twin_begin_at(self->assembly.twin, self->job.tick);
+        }
         tl_account_take(self->assembly.twin, &self->extra->built);
         tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->built);
         self->tunings =
             (tl_twin_tunings){.bytes = self->job.tunings, .count = self->job.tunings_size / sizeof(tl_run_tuning)};
     }
     send_word(self, TL_MESSAGE_BUILT, status, &error);
-    if (self->job.task == TL_TASK_CHECK) {
+    if (checks) {
         status = check(self, status, &error);
-    } else if (self->job.task == TL_TASK_READ) {
-        status = status == TL_OK ? tl_read_back_answer(&self->assembly, self->read_back.bytes, &error) : status;
-    } else if (self->job.task == TL_TASK_PAIR) {
-        status = status == TL_OK ? compare_pair(self, &error) : status;
     } else if (status == TL_OK) {
-        status = step_until_end(self, &error);
-        tl_account_take(self->assembly.twin, &self->extra->ended);
+        status = perform(self, &error);
     }
     send_word(self, TL_MESSAGE_ENDED, status, &error);
     tl_assembly_free(&self->assembly);

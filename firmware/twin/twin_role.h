@@ -4,7 +4,7 @@
  *          It builds the twin, and answers each tick with a result, prints the page of a check, or lives beside a plant. It has no file of the
  *          user's, no terminal and no socket; what it says goes through pipes and blocks of shared memory.
  * Order:   log, parent, title; signals; job; files; confinement; then it says that it is ready, or lives.
- * Live:    the room that does it is above this one, so it is handed in. It has no channel; its blocks have the numbers that twin_wire.h says. An FMU
+ * Live:    the room that does it is above this one, so it is handed in. It has no channel; its blocks have the numbers that are said below. An FMU
  *          that reaches for another process is refused that, and the twin goes on, as the plant's data do. The process may lock its memory, and
  *          who has started it may give it the configured priority, though it has no capability.
  * Thread:  main waits; the FMUs have theirs (fmu_thread.h).
@@ -12,12 +12,18 @@
 #ifndef TL_FIRMWARE_TWIN_TWIN_ROLE_H
 #define TL_FIRMWARE_TWIN_TWIN_ROLE_H
 
+#include <stdint.h>
 #include <stdio.h>
 
+#include "firmware/process/channel.h"
 #include "firmware/process/confine.h"
+#include "firmware/process/fmu_call.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_step.h"
+#include "firmware/twin/twin_trial.h"
+#include "master/twin/account.h"
 
 /* Prints what a check tells of an assembly, which was built if `status` is TL_OK, and says on the log what is wrong with it. Returns the status
  * of the whole. `host` as in tl_read_back_take(). */
@@ -36,5 +42,60 @@ typedef struct tl_twin_role_tasks {
 
 /* In the process of that role: to its end; the exit code. */
 int tl_twin_role_run(const tl_twin_role_tasks *tasks);
+
+/* ---- What crosses between the two ends of a twin in a process of its own: sizes of messages, what lies in the block beside them, descriptors.
+ *
+ * Purpose: what twin_role.c (the end with the FMUs), twin_process.c and twin_child.c (the end with everything else) must mean the
+ *          same by; the blocks of a live twin are its own room's.
+ */
+
+/* Descriptors of the process with the FMUs. The first three, the job and the start socket are those of every such process. */
+enum {
+    TL_TWIN_OUTPUT = 1,        /* what is logged and printed: 1 and 2 */
+    TL_TWIN_PAGE = 3,          /* the page of a check */
+    TL_TWIN_JOB = 4,           /* twin_job.h */
+    TL_TWIN_PARENTS_BLOCK = 5, /* read here */
+    TL_TWIN_OWN_BLOCK = 6,     /* written here */
+    TL_TWIN_START_SOCKET = 7,  /* for the descriptor that tells of refused calls; closed before an FMU is loaded */
+    TL_TWIN_READ_BACK = 8      /* written by this and others of its kind (read_back.h) */
+};
+
+/* In the block of the process with the FMUs, beside its messages. The two accounts are apart: told to end early it writes the last one while its parent
+ * still reads the first. */
+typedef struct tl_twin_extra {
+    tl_fmu_calls calls;        /* the call that is under way */
+    tl_account built;          /* as of TL_MESSAGE_BUILT */
+    tl_account ended;          /* as of TL_MESSAGE_ENDED */
+    tl_twin_check check;       /* of a check, */
+    tl_twin_pair_account pair; /* of a pair, */
+    tl_twin_ways ways;         /* and of a check and of what tries ways */
+    char error
+        [TL_ERROR_TEXT]; /* of the message that tells of a failure: BUILT, RESULT or ENDED; also of how a pair differs, or one does not come back */
+} tl_twin_extra;
+
+/* In the block of the parent, beside its messages. */
+typedef struct tl_twin_orders {
+    uint32_t
+        stop; /* 1: compute nothing more of what was asked for. A signal says nothing: FMUs can send one to themselves */
+    char error[TL_ERROR_TEXT]; /* of TL_MESSAGE_SEEN */
+} tl_twin_orders;
+
+/* For a channel of this configuration. */
+static inline tl_channel_settings tl_twin_wire(const tl_config *config, tl_twin_tells tells) {
+    return (tl_channel_settings){
+        .sizes.bytes =
+            {
+                [TL_MESSAGE_TICK] = sizeof(tl_recording_tick),
+                [TL_MESSAGE_FINISH] = sizeof(tl_recording_tick),
+                /* A tl_status. Why it failed is in the block; "": it was said on the log. */
+                [TL_MESSAGE_SEEN] = sizeof(int32_t),
+                [TL_MESSAGE_READY] = sizeof(tl_confine_facts),
+                [TL_MESSAGE_BUILT] = sizeof(int32_t),
+                [TL_MESSAGE_RESULT] = (uint32_t)tl_twin_result_size(config, tells),
+                [TL_MESSAGE_ENDED] = sizeof(int32_t),
+            },
+        .extra = {[TL_PARENT] = sizeof(tl_twin_orders), [TL_CHILD] = sizeof(tl_twin_extra)},
+    };
+}
 
 #endif

@@ -19,62 +19,11 @@
 enum { GUARD_TICKS = 16 };
 static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
-static void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size,
-                                     char text[TL_TWIN_NO_WAY_BACK_TEXT]);
-
-/* ---- packed ---- */
-
-/* Besides the signals of its sample. */
-static const tl_packed_part TICK_PARTS[] = {
-    {offsetof(tl_recording_tick, sample), offsetof(tl_sample, values), TL_PACKED_ONE},
-    {offsetof(tl_recording_tick, executions),
-     offsetof(tl_recording_tick, followed) + sizeof(bool) - offsetof(tl_recording_tick, executions), TL_PACKED_ONE},
-    {offsetof(tl_recording_tick, u), sizeof(double), TL_PACKED_ADJUST},
-    {0},
-};
-
-static const size_t RESULT_HEAD = offsetof(tl_twin_result, record);
-
-size_t tl_twin_packed_tick_size(const tl_config *config) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    return tl_packed_size(TICK_PARTS, &shape) + tl_packed_size(tl_packed_signals, &shape);
-}
-
-void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, unsigned char *bytes) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    (void)tl_pack(tl_packed_signals, &shape, &tick->sample, tl_pack(TICK_PARTS, &shape, tick, bytes));
-}
-
-void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    (void)tl_unpack(tl_packed_signals, &shape, tl_unpack(TICK_PARTS, &shape, bytes, tick), &tick->sample);
-}
-
-static size_t besides_size(const tl_config *config, tl_twin_tells tells) {
-    return tells == TL_TELLS_COUNTS    ? (config->component_count + 1) * sizeof(tl_recorder_component)
-           : tells == TL_TELLS_OUTPUTS ? config->emulated_count * sizeof(double)
-                                       : 0;
-}
-
-size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    return RESULT_HEAD + tl_packed_size(tl_packed_record, &shape) + besides_size(config, tells);
-}
-
-void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_twin_result *result,
-                         unsigned char *bytes) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    memcpy(bytes, result, RESULT_HEAD);
-    bytes = tl_pack(tl_packed_record, &shape, &result->record, bytes + RESULT_HEAD);
-    memcpy(bytes, &result->besides, besides_size(config, tells));
-}
-
-void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
-                           tl_twin_result *result) {
-    const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    memcpy(result, bytes, RESULT_HEAD);
-    bytes = tl_unpack(tl_packed_record, &shape, bytes + RESULT_HEAD, &result->record);
-    memcpy(&result->besides, bytes, besides_size(config, tells));
+size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
+    return offsetof(tl_twin_result, besides) + (tells == TL_TELLS_COUNTS
+                                                    ? (config->component_count + 1) * sizeof(tl_recorder_component)
+                                                : tells == TL_TELLS_OUTPUTS ? config->emulated_count * sizeof(double)
+                                                                            : 0);
 }
 
 static bool is_sound_record(const tl_record *record, const tl_config *config, int64_t tick, int64_t least) {
@@ -96,13 +45,6 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
         budget.executions = tick->executions;
     }
     return budget;
-}
-
-/* The FMUs begin anew if they did so in the recording; that the rescue has wanted it at the tick before is known already. */
-static void bring_back(const tl_assembly *assembly, const tl_recording_tick *tick) {
-    if (tick->resets) {
-        tl_twin_reset(assembly->twin);
-    }
 }
 
 /* As the run did: led along, made up, or searched. */
@@ -145,19 +87,6 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
     return is_due;
 }
 
-tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
-                               tl_error *error) {
-    tl_run_tuning tuning;
-    tl_status status = TL_OK;
-    while (status == TL_OK && tl_twin_tunings_next(tunings, tick, &tuning)) {
-        status = tl_assembly_retune(assembly, &tuning.values, error);
-        if (status == TL_OK) {
-            tl_lock_judge_retune(&rescue->judge, &tuning.values);
-        }
-    }
-    return status;
-}
-
 /* Whether the FMUs still come back to where they were. */
 static tl_status look(const tl_assembly *assembly, tl_error *error) {
     tl_twin_look_news news;
@@ -168,23 +97,35 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
     return status;
 }
 
-/* Once a process. */
+/* Once a process: why it runs free from this step on. */
 static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
     static bool told;
-    bool is_free = result->ready == 1 && (result->record.flags & TL_FLAG_NO_WAY_BACK) != 0;
-    char text[TL_TWIN_NO_WAY_BACK_TEXT];
-    if (is_free && !told) {
-        tl_twin_tell_no_way_back(assembly->twin, result->record.step, assembly->config.step, text);
-        tl_log(TL_LOG_WARNING, "%s", text);
+    if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_WAY_BACK) == 0) {
+        return;
     }
-    told = told || is_free;
+    told = true;
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
+    tl_twin_ledger entry = {.name = ""};
+    for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
+        entry = tl_twin_get_ledger(assembly->twin, i);
+    }
+    const char *why = entry.replay.differs   ? "did not do again what it had done"
+                      : entry.replay.is_over ? "was tried on more ways than there is room for"
+                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
+    tl_log(TL_LOG_WARNING,
+           "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again until then",
+           tl_seconds(tl_time_of_step(0, assembly->config.step, result->record.step)), name, why,
+           (unsigned long long)entry.replay.steps);
 }
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
     bool ready = false;
-    bring_back(assembly, tick);
+    if (tick->resets) { /* as in the recording; that the rescue has wanted it at the tick before is known already */
+        tl_twin_reset(assembly->twin);
+    }
     if (!tick->followed) {
         tl_lock_rescue_sample(rescue, &tick->sample);
     }
@@ -287,22 +228,4 @@ bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news)
     news->component = finding.component;
     write_sentence(&finding, news);
     return news->found;
-}
-
-/* A sentence: why it runs free from `step` on, of T_S = `size`. */
-static void tl_twin_tell_no_way_back(const tl_twin *twin, int64_t step, tl_time size,
-                                     char text[TL_TWIN_NO_WAY_BACK_TEXT]) {
-    tl_twin_facts facts = tl_twin_get_facts(twin);
-    const char *name = facts.runs_free != NULL ? facts.runs_free : "an FMU";
-    tl_twin_ledger entry = {.name = ""};
-    for (size_t i = 0; i < facts.components && strcmp(entry.name, name) != 0; i++) {
-        entry = tl_twin_get_ledger(twin, i);
-    }
-    const char *why = entry.replay.differs   ? "did not do again what it had done"
-                      : entry.replay.is_over ? "was tried on more ways than there is room for"
-                                             : "is rolled back by replay, for so many steps only (\"replay_steps\")";
-    (void)snprintf(text, TL_TWIN_NO_WAY_BACK_TEXT,
-                   "from t = %.6g s on the twin runs free, with nominal u: %.40s %s; it was given %llu steps again "
-                   "until then",
-                   tl_seconds(tl_time_of_step(0, size, step)), name, why, (unsigned long long)entry.replay.steps);
 }

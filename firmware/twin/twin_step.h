@@ -44,19 +44,8 @@ typedef struct tl_twin_result {
     } besides; /* as far as there are some */
 } tl_twin_result;
 
-/* ---- packed, as they cross between processes; `bytes` may lie anywhere. What is unpacked is not checked. */
-
-/* Bytes that a packed tick or result takes at most. */
-enum { TL_TWIN_PACKED = 8192 };
-
-size_t tl_twin_packed_tick_size(const tl_config *config);
-size_t tl_twin_packed_result_size(const tl_config *config, tl_twin_tells tells);
-void tl_twin_pack_tick(const tl_config *config, const tl_recording_tick *tick, unsigned char *bytes);
-void tl_twin_unpack_tick(const tl_config *config, const unsigned char *bytes, tl_recording_tick *tick);
-void tl_twin_pack_result(const tl_config *config, tl_twin_tells tells, const tl_twin_result *result,
-                         unsigned char *bytes);
-void tl_twin_unpack_result(const tl_config *config, tl_twin_tells tells, const unsigned char *bytes,
-                           tl_twin_result *result);
+/* Bytes of a result, of which the rest of `besides` is left out. */
+size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
 
 /* Whether what another process says of this tick can be one: outcomes and qualities that exist, a step that is not before `least`, nor after the
  * tick. Numbers are not judged. */
@@ -71,10 +60,6 @@ typedef struct tl_twin_tunings {
 
 /* The next one that is in force from this tick on. False: there is none. */
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
-
-/* Before the tick is executed: what is in force from it on. Errors: those of tl_twin_retune(). */
-tl_status tl_twin_take_tunings(tl_assembly *assembly, tl_twin_tunings *tunings, int64_t tick, tl_lock_rescue *rescue,
-                               tl_error *error);
 
 /* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
  * the recording. `rescue` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
@@ -107,7 +92,5 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
 
 /* The newest finding of a run that has ended. False: there is none. */
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
-
-enum { TL_TWIN_NO_WAY_BACK_TEXT = 320 };
 
 #endif

@@ -2,46 +2,50 @@
  *
  * usage: bench_replay CONFIG RECORDING
  *
- * The same loop, feed and twin as the program's; only the process of the FMUs is missing. Prints how many steps it made.
+ * It executes, judges and sums up the same ticks by the same functions. Prints how many steps it made.
  */
 #include <inttypes.h>
 #include <stdio.h>
 
 #include "firmware/base/os.h"
-#include "firmware/twin/replay.h"
+#include "firmware/report/summary.h"
+#include "firmware/twin/twin_step.h"
 #include "tests/support/read_assembly.h"
 
-static int run(tl_assembly *assembly, const char *recording) {
+static int run(tl_assembly *assembly, const char *path) {
     static tl_account account;
     static tl_lock_judge judge;
-    static tl_journal journal;
-    static tl_watch watch;
-    tl_replay replay = {.config = &assembly->config, .account = &account, .watch = &watch, .judge = &judge};
-    tl_summary summary;
+    static tl_lock_rescue rescue;
+    static tl_recording_tick tick;
+    static tl_twin_result result;
+    const tl_config *config = &assembly->config;
+    tl_recording *recording = NULL;
+    tl_summary summary = {.wall_s = 0.0};
     tl_error error;
+    bool end = false;
     tl_account_take(assembly->twin, &account);
-    tl_lock_judge_init(&judge, &assembly->config, &account);
-    tl_journal_init(&journal, NULL);
-    tl_watch_init(&watch, &assembly->config, &journal);
-    tl_status status = tl_recording_open(recording, &assembly->config, &replay.recording, &error);
-    if (status == TL_OK) {
-        const tl_twin_feed_settings settings = {.config = &assembly->config,
-                                                .account = &account,
-                                                .recording = replay.recording,
-                                                .assembly = assembly,
-                                                .tells = TL_TELLS_RECORDS};
-        status = tl_twin_feed_open(&settings, &replay.feed, &error);
-    }
-    if (status == TL_OK) {
-        status = tl_replay_run(&replay, &summary, &error);
+    tl_lock_judge_init(&judge, config, &account);
+    tl_lock_rescue_init(&rescue, config, &account);
+    tl_status status = tl_recording_open(path, config, &recording, &error);
+    while (status == TL_OK && !end) {
+        status = tl_recording_next(recording, &tick, &end, &error);
+        if (status != TL_OK || end) {
+            break;
+        }
+        status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &rescue, &result, &error);
+        tl_summary_sample(&summary, config, &tick.sample);
+        tl_lock_judge_sample(&judge, &tick.sample);
+        if (result.ready != 0) {
+            tl_summary_add(&summary, config, &result.record);
+            (void)tl_lock_judge_step(&judge, &result.record);
+        }
     }
     if (status != TL_OK) {
         (void)fprintf(stderr, "bench_replay: %s\n", error.text);
         return tl_exit_code(status);
     }
     (void)printf("%" PRIu64 "\n", summary.figures.steps);
-    tl_twin_feed_close(replay.feed);
-    tl_recording_close(replay.recording);
+    tl_recording_close(recording);
     return 0;
 }
 

@@ -49,7 +49,7 @@ OWNERS = {
                   "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/voice.c",
                   "firmware/plant/plant_reader.c", "firmware/process/crash.c",
                   "firmware/rollback/fmu_heap.c", "firmware/store/database_file.c", "firmware/store/recorder.c",
-                  "firmware/twin/twin_output.c", "firmware/twin/twin_warden.c"),
+                  "firmware/twin/twin_process.c"),
 }
 
 MADE = "description.h"  # of an FMU, from its modelDescription.xml

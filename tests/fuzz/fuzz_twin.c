@@ -16,7 +16,7 @@
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
-enum { CANARY = 0x5A, MOST_TICKS = 64, MOST_CHANGES = 16 };
+enum { MOST_TICKS = 64, MOST_CHANGES = 16 };
 
 static const char configuration[] =
     "{\"twinlock\": 1, \"name\": \"fuzz\", \"step_s\": 0.01,"
@@ -44,14 +44,12 @@ static void change(unsigned char *bytes, size_t size) {
     }
 }
 
-static void pack_honest(const tl_config *config, tl_twin_tells tells, int64_t tick, unsigned char *bytes) {
-    static tl_twin_result honest;
-    memset(&honest, 0, sizeof honest);
-    honest.tick = tick;
-    honest.ready = 1;
-    honest.record.step = tick;
-    honest.record.outcome = TL_OPTIMISED;
-    tl_twin_pack_result(config, tells, &honest, bytes);
+static void make_honest(int64_t tick, tl_twin_result *honest) {
+    memset(honest, 0, sizeof *honest);
+    honest->tick = tick;
+    honest->ready = 1;
+    honest->record.step = tick;
+    honest->record.outcome = TL_OPTIMISED;
 }
 
 static void make_honest_account(const tl_config *config) {
@@ -69,12 +67,6 @@ static void make_honest_account(const tl_config *config) {
 
 /* ---- what is done with it ---- */
 
-static void expect_untouched(const void *bytes, size_t from, size_t to) {
-    for (size_t i = from; i < to; i++) {
-        tl_fuzz_hold(((const unsigned char *)bytes)[i] == CANARY);
-    }
-}
-
 static void use(const tl_config *config, const tl_record *record, FILE *table) {
     tl_fuzz_hold(record->step >= least && tl_outcome_name(record->outcome) != NULL &&
                  tl_stop_name(record->stop) != NULL);
@@ -85,17 +77,8 @@ static void use(const tl_config *config, const tl_record *record, FILE *table) {
 
 static void take_result(const tl_config *config, tl_twin_tells tells, int64_t tick, FILE *table) {
     static tl_twin_result result;
-    size_t size = tl_twin_packed_result_size(config, tells);
-    unsigned char *bytes = malloc(size); /* of just that size, so that what is read beyond is seen */
-    tl_fuzz_hold(bytes != NULL);
-    pack_honest(config, tells, tick, bytes);
-    change(bytes, size);
-    memset(&result, CANARY, sizeof result);
-    tl_twin_unpack_result(config, tells, bytes, &result);
-    free(bytes);
-    expect_untouched(result.record.y, config->match_count * sizeof(double), sizeof result.record.y);
-    expect_untouched(result.record.u, config->adjust_count * sizeof(double), sizeof result.record.u);
-    expect_untouched(result.record.y_hat_quality, config->match_count, sizeof result.record.y_hat_quality);
+    make_honest(tick, &result);
+    change((unsigned char *)&result, tl_twin_result_size(config, tells));
     if (tl_twin_result_is_sound(&result, config, tick, least) && result.ready != 0) {
         use(config, &result.record, table);
     }

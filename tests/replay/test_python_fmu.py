@@ -285,7 +285,7 @@ def resident_peak(document):
 
 def test_states_do_not_pile_up():
     """PythonFMU makes a new state where it is to reuse one, and loses the old one; twinlock gives each back first. A state
-    of 200 variables has some 10 kB."""
+    of 200 variables has some 10 kB: 900 steps would leave 9 MB. The rings of ticks and results take 2 MB until they are full."""
     if SANITIZER:
         raise Skip("a sanitizer keeps memory that was freed")
     variables = "for i in range(200): self.register_variable(Real('x' + str(i), getter=lambda: 1.0))\n        "
@@ -293,7 +293,7 @@ def test_states_do_not_pile_up():
     fmu = export("slave", "--handle-state", source=source)
     short, long = (resident_peak(alone(fmu, merge(TUNED, {"duration_s": duration}))) for duration in (1, 10))
     print(f"    {short} kB after 100 steps, {long} kB after {STEPS}")
-    expect(long - short < STEPS, f"memory has grown by {long - short} kB")
+    expect(long - short < 4 * STEPS, f"memory has grown by {long - short} kB")
 
 
 def test_without_states_it_is_led_back_by_replay():

@@ -10,14 +10,11 @@ static inline tl_status tl_test_record(const tl_assembly *assembly, const char *
                                        tl_recorder **recorder, tl_error *error) {
     static tl_account account;
     static tl_twin_record record;
-    const tl_twin_recorder_settings settings = {.config = &assembly->config,
-                                                .account = &account,
-                                                .verb = verb,
-                                                .path = path,
-                                                .wait_when_full = true,
-                                                .record = &record};
+    tl_twin_recorder_describe(&assembly->config, path, &record);
+    record.settings.verb = verb;
+    record.settings.wait_when_full = true;
     tl_account_take(assembly->twin, &account);
-    return tl_twin_recorder_open(&settings, recorder, error);
+    return tl_twin_recorder_open(&assembly->config, &account, &record, recorder, error);
 }
 
 /* A step with the ledger as it stands. */

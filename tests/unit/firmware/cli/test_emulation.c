@@ -8,15 +8,16 @@
 
 #include "firmware/cli/emulation.h"
 #include "tests/support/config_text.h"
-#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
+#include "tests/support/start_twin.h"
 
 #define MOTOR TL_SOURCE_DIR "/config/motor"
 
 enum { ROWS = 1600 };
 
 static tl_scratch scratch;
-static tl_assembly assembly;
+static tl_config model_config;
+static tl_twin_child *child;
 static tl_config config;
 static tl_emulation *emulation;
 static tl_emulation_row rows[ROWS];
@@ -29,9 +30,16 @@ void setUp(void) {
     error = (tl_error){TL_OK, ""};
 }
 
-void tearDown(void) {
+static void close_model(void) {
     tl_emulation_close(emulation);
-    tl_assembly_free(&assembly);
+    tl_twin_child_close(child);
+    tl_config_free(&model_config);
+    emulation = NULL;
+    child = NULL;
+}
+
+void tearDown(void) {
+    close_model();
     tl_config_free(&config);
     tl_scratch_empty(&scratch);
 }
@@ -104,10 +112,14 @@ static void test_no_recording(void) {
 /* ---- from FMUs ---- */
 
 /* Opens config/motor/plant.json with a part of its text replaced. */
-static tl_status emulate(const char *driving, uint64_t seed) {
+static tl_status emulate(const char *path, const char *driving, uint64_t seed) {
     static tl_account account;
-    const tl_twin_feed_settings model = {.config = &assembly.config, .account = &account, .assembly = &assembly};
-    tl_account_take(assembly.twin, &account);
+    tl_report report = {0};
+    expect_ok(tl_config_read(path, &model_config, &report));
+    tl_config_forget_delays(&model_config);
+    tl_config_use_lookups(&model_config);
+    child = tl_test_start_twin(&model_config, TL_TELLS_OUTPUTS, &account);
+    const tl_twin_feed_settings model = {.config = &model_config, .account = &account, .child = child};
     return tl_emulation_open_model(&model, driving, seed, &emulation, &error);
 }
 
@@ -124,11 +136,8 @@ static void open_model(const char *old, const char *new, uint64_t seed) {
         free(changed);
     }
     free(text);
-    tl_emulation_close(emulation);
-    tl_assembly_free(&assembly);
-    emulation = NULL;
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(path, &assembly));
-    expect_ok(emulate(MOTOR "/brake.csv", seed));
+    close_model();
+    expect_ok(emulate(path, MOTOR "/brake.csv", seed));
 }
 
 static void test_message_times(void) {
@@ -227,13 +236,14 @@ static void test_signals_that_are_passed_on(void) {
 }
 
 static void test_a_plant_without_what_drives_it(void) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(MOTOR "/plant.json", &assembly));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, emulate("/nowhere/x.csv", 1));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, emulate(MOTOR "/plant.json", "/nowhere/x.csv", 1));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "/nowhere/x.csv"));
     TEST_ASSERT_NULL(emulation);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    (void)argc;
+    tl_test_be_twin(argv);
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_emulation");
     UNITY_BEGIN();
     RUN_TEST(test_rows_of_a_recording);

@@ -13,6 +13,7 @@
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
+#include "tests/support/start_twin.h"
 
 enum { TICKS = 1200 };
 
@@ -150,20 +151,18 @@ static void run_again(void) {
     tl_replay replay = {.config = &assembly.config, .account = &account, .watch = &watch, .judge = &judge};
     tl_summary summary;
     open_run(again_path);
-    tl_account_take(assembly.twin, &account);
+    tl_twin_child *child = tl_test_start_twin(&assembly.config, TL_TELLS_COUNTS, &account);
     tl_lock_judge_init(&judge, &assembly.config, &account);
     tl_journal_init(&journal, NULL);
     tl_watch_init(&watch, &assembly.config, &journal);
     expect_ok(tl_recording_open(live_path, &assembly.config, &replay.recording, &error));
-    const tl_twin_feed_settings settings = {.config = &assembly.config,
-                                            .account = &account,
-                                            .recording = replay.recording,
-                                            .assembly = &assembly,
-                                            .tells = TL_TELLS_COUNTS};
+    const tl_twin_feed_settings settings = {
+        .config = &assembly.config, .account = &account, .recording = replay.recording, .child = child};
     expect_ok(tl_twin_feed_open(&settings, &replay.feed, &error));
     replay.recorder = recorder;
     tl_status status = tl_replay_run(&replay, &summary, &error);
     tl_twin_feed_close(replay.feed);
+    tl_twin_child_close(child);
     tl_recording_close(replay.recording);
     expect_ok(status);
     close_run();
@@ -288,7 +287,9 @@ static void test_variables_that_are_held(void) {
     TEST_ASSERT_GREATER_THAN_INT64(0, seen[HELD]);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    (void)argc;
+    tl_test_be_twin(argv);
     UNITY_BEGIN();
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_replay");
     RUN_TEST(test_every_solver);

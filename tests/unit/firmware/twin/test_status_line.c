@@ -1,9 +1,9 @@
 /* The line that a terminal and `reload --state` show of a run. */
-#include "firmware/twin/status_line.h"
-
 #include <string.h>
 
 #include <unity.h>
+
+#include "firmware/twin/cycle.h"
 
 static tl_plan_adjust adjust[2];
 static tl_plan_match match[2];

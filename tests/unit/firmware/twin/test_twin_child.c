@@ -14,7 +14,7 @@
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/twin_child.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
@@ -48,7 +48,7 @@ static void send_message(tl_message type, const void *payload) {
 }
 
 static void send_word(tl_message type, int32_t status, const char *error) {
-    const tl_twin_word word = {.status = status};
+    const int32_t word = status;
     (void)snprintf(extra->error, sizeof extra->error, "%s", error);
     send_message(type, &word);
 }
@@ -68,13 +68,11 @@ static void send_built(void) {
     send_word(TL_MESSAGE_BUILT, TL_OK, "");
 }
 
-static void send_result(const tl_config *config, int64_t tick, int32_t status, const char *error) {
+static void send_result(int64_t tick, int32_t status, const char *error) {
     static tl_twin_result result;
-    unsigned char packed[TL_TWIN_PACKED];
     result = (tl_twin_result){.tick = tick, .status = status, .ready = 0};
     (void)snprintf(extra->error, sizeof extra->error, "%s", error);
-    tl_twin_pack_result(config, TL_TELLS_RECORDS, &result, packed);
-    send_message(TL_MESSAGE_RESULT, packed);
+    send_message(TL_MESSAGE_RESULT, &result);
 }
 
 /* Until the other end has taken all that was sent. */
@@ -92,7 +90,7 @@ static void sleep_for_ever(void) {
 }
 
 /* What is said before the twin is built. */
-static bool lie_early(const char *lie, const tl_config *config) {
+static bool lie_early(const char *lie) {
     if (strcmp(lie, "ends at once") == 0) {
         _exit(0);
     }
@@ -101,7 +99,7 @@ static bool lie_early(const char *lie, const tl_config *config) {
     }
     send_ready();
     if (strcmp(lie, "a result before it is built") == 0) {
-        send_result(config, 0, TL_OK, "");
+        send_result(0, TL_OK, "");
     } else if (strcmp(lie, "ready twice") == 0) {
         send_ready();
     } else if (strcmp(lie, "fails and says nothing") == 0) {
@@ -141,18 +139,18 @@ static bool lie_early(const char *lie, const tl_config *config) {
 }
 
 /* And what after it. */
-static void lie_late(const char *lie, const tl_config *config) {
+static void lie_late(const char *lie) {
     send_built();
     if (strcmp(lie, "built twice") == 0) {
         send_built();
     } else if (strcmp(lie, "a result of another tick") == 0) {
-        send_result(config, 1, TL_OK, "");
+        send_result(1, TL_OK, "");
     } else if (strcmp(lie, "interrupted at a tick") == 0) {
-        send_result(config, 0, TL_INTERRUPTED, "");
+        send_result(0, TL_INTERRUPTED, "");
     } else if (strcmp(lie, "a step fails with escapes") == 0) {
-        send_result(config, 0, TL_FMU_FAILED, "in \033]0;title\007 motor");
+        send_result(0, TL_FMU_FAILED, "in \033]0;title\007 motor");
     } else if (strcmp(lie, "a step fails silently") == 0) {
-        send_result(config, 0, TL_FMU_FAILED, "");
+        send_result(0, TL_FMU_FAILED, "");
     } else if (strcmp(lie, "a result that is too short") == 0) {
         send_any(TL_MESSAGE_RESULT, 1, extra);
     } else if (strcmp(lie, "a tick") == 0) {
@@ -210,8 +208,8 @@ static void be_liar(const char *lie) {
     own = blocks[TL_CHILD].bytes;
     others = blocks[TL_PARENT].bytes;
     extra = tl_channel_extra(&wire, TL_CHILD, own);
-    if (!lie_early(lie, &config)) {
-        lie_late(lie, &config);
+    if (!lie_early(lie)) {
+        lie_late(lie);
     }
     sleep_for_ever();
 }
@@ -316,7 +314,7 @@ static void test_it_is_given_ticks_and_ends(void) {
 static void test_it_is_stopped_with_ticks_under_way(void) {
     bool stopped = false;
     start_honest();
-    for (int64_t i = 0; i < TL_TWIN_CHILD_DEPTH; i++) {
+    for (int64_t i = 0; i < TL_CHANNEL_DEPTH; i++) {
         give(i, false);
     }
     tl_twin_child_push(child);
@@ -324,9 +322,9 @@ static void test_it_is_stopped_with_ticks_under_way(void) {
         take(i, 100);
     }
     tl_twin_child_stop(child);
-    give(TL_TWIN_CHILD_DEPTH, false); /* is passed over */
+    give(TL_CHANNEL_DEPTH, false); /* is passed over */
     for (int64_t i = 10; !stopped; i++) {
-        TEST_ASSERT_LESS_OR_EQUAL_INT64(TL_TWIN_CHILD_DEPTH, i);
+        TEST_ASSERT_LESS_OR_EQUAL_INT64(TL_CHANNEL_DEPTH, i);
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_child_take(child, i, 1, &result, &stopped, &error));
     }
     end_honest();
@@ -369,23 +367,23 @@ static void test_a_check_with_a_negative_time(void) {
 }
 
 static void test_a_pair(void) {
-    tl_twin_pair_outcome pair;
+    tl_twin_outcome pair;
     order.task = TL_TASK_PAIR;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &pair, &error), error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, pair.status);
     TEST_ASSERT_EQUAL_STRING("", pair.text);
     TEST_ASSERT_FALSE(pair.has_ended);
-    TEST_ASSERT_GREATER_THAN_UINT32(0, pair.account.steps);
-    TEST_ASSERT_EQUAL_UINT32(1, pair.account.has_second);
+    TEST_ASSERT_GREATER_THAN_UINT32(0, pair.pair.steps);
+    TEST_ASSERT_EQUAL_UINT32(1, pair.pair.has_second);
 }
 
 static void test_ways(void) {
-    tl_twin_ways_outcome tried;
+    tl_twin_outcome tried;
     order.task = TL_TASK_WAYS;
     order.rollback[1] = TL_ROLLBACK_REPLAY;
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, start(0), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
     TEST_ASSERT_EQUAL_INT(TL_OK, tried.status);
     TEST_ASSERT_EQUAL_STRING("", tried.text);
     TEST_ASSERT_FALSE(tried.has_ended);
@@ -611,10 +609,10 @@ static void test_what_it_prints(void) {
 }
 
 static void test_ways_that_are_none(void) {
-    tl_twin_ways_outcome tried;
+    tl_twin_outcome tried;
     order.task = TL_TASK_WAYS;
     start_liar("ways that are none", 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_try_ways(child, &tried, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &tried, &error), error.text);
     TEST_ASSERT_EQUAL_STRING("", error.text);
     TEST_ASSERT_TRUE(tried.has_ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, tried.status);
@@ -625,15 +623,15 @@ static void test_ways_that_are_none(void) {
 }
 
 static void test_a_pair_that_is_none(void) {
-    tl_twin_pair_outcome pair;
+    tl_twin_outcome pair;
     order.task = TL_TASK_PAIR;
     start_liar("a pair that is none", 0, TL_OK);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_compare(child, &pair, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_child_finish(child, &pair, &error), error.text);
     TEST_ASSERT_TRUE(pair.has_ended);
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, pair.status);
-    TEST_ASSERT_EQUAL_UINT32(TL_PAIR_STEPS, pair.account.steps);
-    TEST_ASSERT_LESS_THAN_UINT64(TL_PAIR_NAME, strlen(pair.account.component));
-    TEST_ASSERT_NULL(strchr(pair.account.component, '\033'));
+    TEST_ASSERT_EQUAL_UINT32(TL_PAIR_STEPS, pair.pair.steps);
+    TEST_ASSERT_LESS_THAN_UINT64(TL_PAIR_NAME, strlen(pair.pair.component));
+    TEST_ASSERT_NULL(strchr(pair.pair.component, '\033'));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(pair.text, "exit code 3"), pair.text);
 }
 

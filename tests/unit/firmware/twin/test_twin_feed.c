@@ -1,4 +1,4 @@
-/* The feed, with a twin in this process: which ticks come, in which order, and where it ends. */
+/* The feed of a twin: which ticks come, in which order, and where it ends. */
 #include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,8 +9,8 @@
 
 #include "firmware/twin/twin_feed.h"
 #include "tests/support/config_text.h"
-#include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
+#include "tests/support/start_twin.h"
 
 #define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 
@@ -19,7 +19,8 @@ enum { ROWS = 700, SOME = 20, ROW = 12 /* bytes */ };
 static tl_scratch scratch;
 static char config_path[PATH_MAX];
 static char recording_path[PATH_MAX];
-static tl_assembly assembly;
+static tl_config config;
+static tl_twin_child *child;
 static tl_account account;
 static tl_recording *recording;
 static tl_twin_feed *feed;
@@ -31,16 +32,16 @@ void setUp(void) {
     (void)snprintf(config_path, sizeof config_path, "%s", tl_scratch_path(&scratch, "config.json"));
     (void)snprintf(recording_path, sizeof recording_path, "%s", tl_scratch_path(&scratch, "recording.csv"));
     error = (tl_error){TL_OK, ""};
-    assembly = (tl_assembly){0};
 }
 
 static void close_all(void) {
     tl_twin_feed_close(feed);
     tl_recording_close(recording);
-    tl_assembly_free(&assembly);
+    tl_twin_child_close(child);
+    tl_config_free(&config);
     feed = NULL;
     recording = NULL;
-    assembly = (tl_assembly){0};
+    child = NULL;
 }
 
 void tearDown(void) {
@@ -80,16 +81,13 @@ static void write_config(const char *horizon, const char *duration) {
 }
 
 static void open_feed(bool plant, bool paced) {
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_load_assembly(config_path, &assembly));
-    tl_account_take(assembly.twin, &account);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recording_open(recording_path, &assembly.config, &recording, &error),
-                                  error.text);
-    const tl_twin_feed_settings settings = {.config = &assembly.config,
-                                            .account = &account,
-                                            .recording = recording,
-                                            .assembly = &assembly,
-                                            .plant = plant,
-                                            .paced = paced};
+    tl_report report = {0};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(config_path, &config, &report));
+    tl_config_use_lookups(&config);
+    child = tl_test_start_twin(&config, TL_TELLS_RECORDS, &account);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_recording_open(recording_path, &config, &recording, &error), error.text);
+    const tl_twin_feed_settings settings = {
+        .config = &config, .account = &account, .recording = recording, .child = child, .plant = plant, .paced = paced};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_open(&settings, &feed, &error));
 }
 
@@ -184,7 +182,7 @@ static void test_the_duration_ends_it(void) {
         "\"prediction\": 1, \"measurements\": \"hold\"", "\"prediction\": 1, \"measurements\": \"ahead\""};
     for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
         open_with(modes[i], "\"duration_s\": 2,", ROWS);
-        int64_t last = tl_twin_feed_last_tick(&assembly.config, &account);
+        int64_t last = tl_twin_feed_last_tick(&config, &account);
         TEST_ASSERT_EQUAL_INT64(200 + account.lead, last);
         tally found = take_all();
         TEST_ASSERT_EQUAL_INT64(last + 1, found.steps);
@@ -200,7 +198,7 @@ static void test_a_duration_beyond_the_recording(void) {
 
 static void test_without_a_duration(void) {
     open_with("\"prediction\": 1, \"measurements\": \"lag\"", "", SOME);
-    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_twin_feed_last_tick(&assembly.config, &account));
+    TEST_ASSERT_EQUAL_INT64(INT64_MAX, tl_twin_feed_last_tick(&config, &account));
 }
 
 /* ---- short recordings ---- */
@@ -254,7 +252,9 @@ static void test_looking_takes_nothing(void) {
 
 static void test_stopped_it_gives_no_more(void) {
     bool end = false;
-    open_with("\"prediction\": 1, \"measurements\": \"lag\"", "", ROWS);
+    write_recording(ROWS);
+    write_config("\"prediction\": 1, \"measurements\": \"lag\"", "");
+    open_feed(false, true);
     for (int i = 0; i < SOME; i++) {
         TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_feed_next(feed, &fed, &end, &error));
     }
@@ -271,7 +271,9 @@ static void test_stopped_before_it_begins(void) {
     expect_tally(take_all(), 0, 0, 0);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    (void)argc;
+    tl_test_be_twin(argv);
     tl_scratch_make(&scratch, TL_BINARY_DIR, "feed");
     UNITY_BEGIN();
     RUN_TEST(test_lag);

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_places.h"
+#include "firmware/twin/assembly.h"
 #include "tests/support/scratch.h"
 
 enum { MANY = 2 * TL_TWIN_PLACES + 44 };
@@ -18,12 +18,14 @@ enum { VARIABLES = sizeof variables / sizeof variables[0], LISTS = 3 };
 static tl_scratch scratch;
 static char root[PATH_MAX]; /* of all that the tests make, without links */
 static tl_config_component component;
+static tl_assembly_file found;
 static tl_assembly assembly;
 static tl_twin_places places;
 
 void setUp(void) {
     component = (tl_config_component){.name = "motor"};
-    assembly = (tl_assembly){.config = {.directory = root, .components = &component, .component_count = 1}};
+    assembly =
+        (tl_assembly){.config = {.directory = root, .components = &component, .component_count = 1}, .files = &found};
     for (size_t i = 0; i < VARIABLES; i++) {
         TEST_ASSERT_EQUAL_INT(0, unsetenv(variables[i]));
     }
@@ -132,8 +134,8 @@ static void test_libraries(void) {
     char *libraries[] = {with_others, NULL, alone};
     (void)snprintf(with_others, sizeof with_others, "%s", in_root("lib/libvendor.so"));
     (void)snprintf(alone, sizeof alone, "%s", in_root("plugins/vendor.so"));
-    assembly.libraries = libraries;
-    assembly.library_count = 3;
+    found.libraries = libraries;
+    component.library_count = 3;
     expect_places((const char *const[]){in_root("lib"), alone, NULL});
 }
 
@@ -190,13 +192,12 @@ static void test_never_everything(void) {
     component.read_count = sizeof reads / sizeof reads[0];
     component.set = set;
     component.set_count = sizeof set / sizeof set[0];
-    assembly.libraries = libraries;
-    assembly.library_count = 2;
+    found.libraries = libraries;
+    component.library_count = 2;
     for (size_t i = 0; i < LISTS; i++) {
         TEST_ASSERT_EQUAL_INT(0, setenv(variables[i], "/:/..://", 1));
     }
     expect_places((const char *const[]){NULL});
-    assembly.libraries = NULL;
 }
 
 /* What is named twice is one place. */

@@ -18,10 +18,11 @@
 #include <unity.h>
 
 #include "firmware/base/os.h"
+#include "firmware/process/bounds.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/twin/twin_process.h"
-#include "firmware/twin/twin_wire.h"
+#include "firmware/twin/twin_role.h"
 #include "tests/support/confined.h"
 #include "tests/support/scratch.h"
 #include "tests/support/stderr_capture.h"
@@ -188,7 +189,7 @@ void tearDown(void) {
 
 static void start(void) {
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_process_start(&settings, &process, &error), error.text);
-    TEST_ASSERT_GREATER_THAN_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_GREATER_THAN_INT(0, tl_twin_process_role(process)->pid);
 }
 
 static void start_and_see_it_live(void) {
@@ -207,7 +208,7 @@ static void expect_end(int code, int number) {
     TEST_ASSERT_TRUE(role->has_ended);
     TEST_ASSERT_EQUAL_INT(number, role->signal);
     TEST_ASSERT_EQUAL_INT(code, role->code);
-    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_role(process)->pid);
 }
 
 static bool is_emulated(void) {
@@ -394,7 +395,7 @@ static void test_what_it_is_refused_is_told_once(void) {
 
 /* A supervisor looks at calls itself. */
 static void test_a_call_that_lasts_is_the_supervisors(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("hang");
     settings.call_limit = TL_SECOND / 20;
     start_and_see_it_live();
@@ -405,7 +406,7 @@ static void test_a_call_that_lasts_is_the_supervisors(void) {
 }
 
 static void test_a_call_that_lasts_is_given_up(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("hang");
     settings.call_limit = TL_SECOND / 20;
     settings.passes_signals = true;
@@ -443,7 +444,7 @@ static void dig(void) {
 }
 
 static void test_a_bound_is_kept(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("wait");
     start_and_see_it_live();
     dig();
@@ -454,21 +455,21 @@ static void test_a_bound_is_kept(void) {
 
 static void wait_until_dead(void) {
     siginfo_t info;
-    TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)tl_twin_process_id(process), &info, WEXITED | WNOWAIT));
+    TEST_ASSERT_EQUAL_INT(0, waitid(P_PID, (id_t)tl_twin_process_role(process)->pid, &info, WEXITED | WNOWAIT));
     TEST_ASSERT_EQUAL_INT(DONE, info.si_status);
 }
 
 /* Another thread reaps it. Its number may be anybody's then. */
 static void test_a_dead_one_is_let_go(void) {
-    char text[TL_TWIN_WARDEN_TEXT];
+    char text[TL_TWIN_KILLED_TEXT];
     act("print");
     TEST_ASSERT_TRUE(tl_stderr_capture_begin());
     start();
-    pid_t number = tl_twin_process_id(process);
+    pid_t number = tl_twin_process_role(process)->pid;
     wait_until_dead();
     tl_twin_process_let_go(process);
     tl_stderr_expect("fmu: printed\n");
-    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_id(process));
+    TEST_ASSERT_EQUAL_INT(0, tl_twin_process_role(process)->pid);
     TEST_ASSERT_EQUAL_INT(-1, tl_twin_process_role(process)->code);
     dig(); /* for which it would be killed */
     sleep_for(TL_SECOND / 4);

@@ -6,7 +6,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_ways.h"
+#include "firmware/twin/twin_trial.h"
 #include "tests/support/config_text.h"
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
@@ -86,9 +86,12 @@ static void test_nothing_is_led_back(void) {
 
 static void test_names_in_sentences(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(LOCK, &assembly));
-    TEST_ASSERT_EQUAL_STRING("motor", tl_assembly_component_of(&assembly, "motor: fmi2DoStep failed"));
-    TEST_ASSERT_NULL(tl_assembly_component_of(&assembly, "motor.omega is not the same"));
-    TEST_ASSERT_NULL(tl_assembly_component_of(&assembly, "moto"));
+    char component[TL_ASSEMBLY_NAME] = "";
+    tl_assembly_find_component(&assembly, "motor.omega is not the same", component);
+    tl_assembly_find_component(&assembly, "moto", component);
+    TEST_ASSERT_EQUAL_STRING("", component);
+    tl_assembly_find_component(&assembly, "motor: fmi2DoStep failed", component);
+    TEST_ASSERT_EQUAL_STRING("motor", component);
 }
 
 int main(void) {

@@ -1,0 +1,259 @@
+/* What `check` tries of a twin: see twin_trial.h. */
+#include "firmware/twin/twin_trial.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/os.h"
+#include "firmware/twin/far_look.h"
+#include "master/twin/twin_timing.h"
+
+static void name_component(char to[TL_ASSEMBLY_NAME], const char *component) {
+    (void)snprintf(to, TL_ASSEMBLY_NAME, "%s", component);
+}
+
+/* ---- a pair ---- */
+
+/* A twin on its way. */
+typedef struct walker {
+    const tl_assembly *assembly;
+    tl_sample sample;
+    double nominal[TL_MAX_ADJUST]; /* of what is adjusted */
+    int64_t steps;
+} walker;
+
+/* Without any reading. */
+static void begin(walker *self, const tl_assembly *assembly) {
+    *self = (walker){.assembly = assembly};
+    memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
+}
+
+/* A tick in which u is nominal, or moved. */
+static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *error) {
+    const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
+    const tl_assembly *assembly = self->assembly;
+    double u[TL_MAX_ADJUST] = {0.0};
+    tl_record record;
+    if (!is_free) {
+        tl_far_look_excite(assembly, self->nominal, self->steps, u);
+    }
+    tl_status status = is_free ? tl_twin_step(assembly->twin, &self->sample, &budget, &record, ready, error)
+                               : tl_twin_follow(assembly->twin, &self->sample,
+                                                assembly->config.adjust_count != 0 ? u : NULL, &record, ready, error);
+    if (is_free && status == TL_OK && *ready) {
+        memcpy(self->nominal, record.u_hat, sizeof self->nominal);
+    }
+    self->sample.tick++;
+    return status;
+}
+
+/* The next one; the first ones take as many ticks as a twin waits for its measurements. */
+static tl_status step(walker *self, tl_error *error) {
+    bool is_free = self->steps == 0 || self->assembly->config.event.start.signal != NULL;
+    int64_t last = self->sample.tick + (int64_t)tl_twin_get_facts(self->assembly->twin).lead + 1;
+    bool ready = false;
+    tl_status status = TL_OK;
+    while (status == TL_OK && !ready && self->sample.tick <= last) {
+        status = step_once(self, is_free, &ready, error);
+    }
+    self->steps++;
+    return status == TL_OK && !ready ? tl_fail(error, TL_FMU_FAILED, "no step was made") : status;
+}
+
+/* ---- values ---- */
+
+/* FNV-1a, of a value's bytes. */
+static uint64_t mark_of(uint64_t mark, double value) {
+    unsigned char bytes[sizeof value];
+    memcpy(bytes, &value, sizeof value);
+    for (size_t i = 0; i < sizeof bytes; i++) {
+        mark = (mark ^ bytes[i]) * 1099511628211U;
+    }
+    return mark;
+}
+
+/* One for each of tl_twin_value_count(), 0 for those that no FMU gives. */
+static uint64_t read_values(const tl_twin *twin, double *values) {
+    uint64_t mark = 14695981039346656037U;
+    for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
+        tl_twin_value value = {.value = 0.0};
+        (void)tl_twin_get_value(twin, i, &value);
+        values[i] = value.value;
+        mark = mark_of(mark, value.value);
+    }
+    return mark;
+}
+
+/* The first value that is another one. */
+static bool find_difference(const tl_twin *twin, const double *first, const double *second, int64_t number,
+                            tl_twin_pair_account *account, tl_error *error) {
+    for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
+        tl_twin_value value;
+        if (tl_twin_get_value(twin, i, &value) && memcmp(&first[i], &second[i], sizeof *first) != 0) {
+            name_component(account->component, value.component);
+            (void)tl_fail(error, TL_OK, "in step %lld its %s is %.9g, and %.9g in a second instance", (long long)number,
+                          value.variable, first[i], second[i]);
+            return true;
+        }
+    }
+    return false;
+}
+
+/* ---- both ---- */
+
+/* As many steps as there are in the time for it. An FMU may refuse one for a reason of its own, such as its end: then these are all. */
+static void lead_first(const tl_assembly *first, double *values, size_t width, tl_twin_pair_account *account) {
+    tl_time begun = tl_clock_now(NULL);
+    tl_error error;
+    walker walk;
+    begin(&walk, first);
+    while (account->steps < TL_PAIR_STEPS &&
+           (account->steps < TL_PAIR_LEAST || tl_clock_now(NULL) - begun < TL_PAIR_LONGEST) &&
+           step(&walk, &error) == TL_OK) {
+        account->marks[account->steps] = read_values(first->twin, values + account->steps * width);
+        account->steps++;
+    }
+}
+
+/* Behind the values of all steps there is room for those of one. */
+static tl_status lead_second(const tl_assembly *second, double *values, size_t width, tl_twin_pair_account *account,
+                             bool *differs, tl_error *error) {
+    double *own = values + TL_PAIR_STEPS * width;
+    walker walk;
+    tl_status status = TL_OK;
+    begin(&walk, second);
+    for (uint32_t i = 0; i < account->steps && status == TL_OK && !*differs; i++) {
+        status = step(&walk, error);
+        if (status == TL_OK && read_values(second->twin, own) != account->marks[i]) {
+            *differs = find_difference(second->twin, values + i * width, own, i, account, error);
+        }
+    }
+    return status;
+}
+
+tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
+                               tl_error *error) {
+    bool differs = false;
+    size_t width = tl_twin_value_count(first->twin);
+    double *values = calloc(width * (TL_PAIR_STEPS + 1) + 1, sizeof *values);
+    if (values == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    lead_first(first, values, width, account);
+    tl_status status = TL_OK;
+    if (!alone && account->steps > 0) {
+        __atomic_store_n(&account->has_second, 1, __ATOMIC_RELEASE);
+        status = tl_assembly_build_quietly(second, account->component, error);
+        if (status == TL_OK) {
+            status = lead_second(second, values, width, account, &differs, error);
+            tl_assembly_find_component(second, error->text, account->component);
+        }
+    }
+    if (status == TL_OK && !differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
+        *error = (tl_error){TL_OK, ""};
+    }
+    free(values);
+    return status;
+}
+
+/* ---- ways ---- */
+
+/* Steps before the far look, besides those of the proof. */
+enum { FIRST_STEPS = 10 };
+
+/* Of the timing of one component. */
+static const tl_time LONGEST = TL_SECOND / 10;
+
+static const tl_fmu *find_fmu(const tl_assembly *assembly, size_t component) {
+    for (size_t i = 0; i < assembly->fmu_count; i++) {
+        if (assembly->components != NULL && assembly->components[component].model == &assembly->fmus[i].model) {
+            return &assembly->fmus[i];
+        }
+    }
+    return NULL;
+}
+
+void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    ways->cannot_return = facts.cannot_return ? 1 : 0;
+    if (facts.astray != NULL) {
+        name_component(ways->component, facts.astray);
+    }
+    for (size_t i = 0; i < assembly->config.component_count && (facts.returns || facts.cannot_return); i++) {
+        const tl_fmu *fmu = find_fmu(assembly, i);
+        if (fmu != NULL) {
+            ways->of[i] = (tl_twin_way){.rollback = (uint32_t)tl_fmu_rollback(fmu),
+                                        .is_given_again = tl_fmu_is_given_again(fmu) ? 1 : 0};
+        }
+    }
+}
+
+/* ---- ways that are tried ---- */
+
+/* Without any reading, so that u is nominal. */
+static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error *error) {
+    int64_t last = (int64_t)tl_twin_get_facts(assembly->twin).lead + FIRST_STEPS;
+    walker walk;
+    bool ready = false;
+    tl_status status = TL_OK;
+    begin(&walk, assembly);
+    while (status == TL_OK && walk.sample.tick < last) {
+        status = step_once(&walk, true, &ready, error);
+    }
+    *tick = walk.sample.tick;
+    return status;
+}
+
+/* True: all came back there, too. */
+static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
+    tl_far_look look;
+    tl_far_look_take(assembly, tick, &look);
+    bool is_exact = !look.news.found || look.news.mended;
+    if (!is_exact) {
+        name_component(ways->component, look.news.component);
+        (void)tl_fail(error, TL_FMU_FAILED, "%s", look.news.text);
+    }
+    return is_exact;
+}
+
+/* What replay takes depends on how far it has come. */
+static void measure(const tl_assembly *assembly, size_t component, tl_twin_way *way) {
+    tl_twin_timing timing;
+    if (way->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
+        return;
+    }
+    tl_twin_time_component(assembly->twin, component, tl_clock_now, NULL, LONGEST, &timing);
+    if (timing.rounds != 0) {
+        way->is_measured = 1;
+        way->save = timing.save.median;
+        way->restore = timing.restore.median;
+        way->bytes = tl_twin_get_ledger(assembly->twin, component).state_size;
+    }
+}
+
+tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *error) {
+    int64_t tick = 0;
+    tl_status status = tl_assembly_build_quietly(assembly, ways->component, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    status = begin_ways(assembly, &tick, error);
+    tl_twin_ways_note(assembly, ways);
+    if (status != TL_OK) {
+        /* That a step cannot be made says nothing about ways back. */
+        if (ways->cannot_return != 0 && ways->component[0] == '\0') {
+            tl_assembly_find_component(assembly, error->text, ways->component);
+        }
+        return status;
+    }
+    *error = (tl_error){TL_OK, ""};
+    if (!look_far(assembly, tick, ways, error)) {
+        return TL_OK;
+    }
+    tl_twin_ways_note(assembly, ways); /* what was mended there is led back in another way */
+    for (size_t i = 0; i < assembly->config.component_count; i++) {
+        measure(assembly, i, &ways->of[i]);
+    }
+    return TL_OK;
+}
