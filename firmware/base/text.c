@@ -377,8 +377,10 @@ void tl_show_table_add(tl_show_table *table, const char *format, ...) {
     if (table->count == table->room) {
         size_t room = table->room == 0 ? 64 : table->room * 2;
         char **cells = realloc(table->cells, room * sizeof *cells);
-        table->cells = cells != NULL ? cells : table->cells;
-        table->room = cells != NULL ? room : table->room;
+        if (cells != NULL) {
+            table->cells = cells;
+            table->room = room;
+        }
     }
     char *cell = table->count < table->room ? strdup(clean) : NULL;
     table->failed = table->failed || cell == NULL;

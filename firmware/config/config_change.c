@@ -21,8 +21,10 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
     if (allowed->count == allowed->room) {
         size_t room = allowed->room == 0 ? 16 : 2 * allowed->room;
         struct tl_allowed_name *names = realloc(allowed->names, room * sizeof *names);
-        allowed->names = names != NULL ? names : allowed->names;
-        allowed->room = names != NULL ? room : allowed->room;
+        if (names != NULL) {
+            allowed->names = names;
+            allowed->room = room;
+        }
     }
     char *copy = allowed->count < allowed->room ? strndup(text, length) : NULL;
     if (copy == NULL) {

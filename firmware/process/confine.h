@@ -50,10 +50,10 @@ typedef struct tl_confine_settings {
     bool names;                   /* and it looks up names of hosts */
     const uint16_t *ports;        /* that TCP may connect to, with Landlock 4 and later; without: any */
     size_t port_count;
-    bool keeps_files; /* see above, */
-    bool may_answer;  /* and this */
-    bool lives_on;    /* who reaches for another process is refused that, as all else; else his process is ended */
-    int landlock;     /* private: its version that is in use; 0: none */
+    bool keeps_files;    /* see above, */
+    bool may_answer;     /* and this */
+    bool lives_on;       /* who reaches for another process is refused that, as all else; else his process is ended */
+    int landlock;        /* private: its version that is in use; 0: none */
     int landlock_newest; /* for tests, to play an older kernel: at most this version; -1: none; 0: what the kernel has */
 } tl_confine_settings;
 

@@ -116,13 +116,13 @@ static const char *const writable[] = {"/dev/null"};
 
 /* ---- rules ---- */
 
-typedef struct rules {
+typedef struct landlock_rules {
     int set;
     bool failed; /* with errno; nothing is added any more */
-} rules;
+} landlock_rules;
 
 /* The place, which the caller closes. What is missing, or out of reach, needs no rule, and is -1. */
-static int allow_open(rules *list, const char *path, uint64_t rights) {
+static int allow_open(landlock_rules *list, const char *path, uint64_t rights) {
     struct stat what = {.st_mode = 0};
     int place = open(path, O_PATH | O_CLOEXEC);
     if (place < 0) {
@@ -136,7 +136,7 @@ static int allow_open(rules *list, const char *path, uint64_t rights) {
     return place;
 }
 
-static void allow(rules *list, const char *path, uint64_t rights) {
+static void allow(landlock_rules *list, const char *path, uint64_t rights) {
     int place = allow_open(list, path, rights);
     int cause = errno;
     if (place >= 0) {
@@ -145,7 +145,7 @@ static void allow(rules *list, const char *path, uint64_t rights) {
     errno = cause;
 }
 
-static void allow_all(rules *list, const char *const *paths, size_t count, uint64_t rights) {
+static void allow_all(landlock_rules *list, const char *const *paths, size_t count, uint64_t rights) {
     for (size_t i = 0; i < count && !list->failed; i++) {
         allow(list, paths[i], rights);
     }
@@ -159,7 +159,7 @@ static bool is_setting(const char *name) {
     return is;
 }
 
-static void allow_settings(rules *list, uint64_t rights) {
+static void allow_settings(landlock_rules *list, uint64_t rights) {
     char path[PLACE];
     DIR *folder = opendir("/etc");
     const struct dirent *entry = NULL;
@@ -174,7 +174,7 @@ static void allow_settings(rules *list, uint64_t rights) {
     }
 }
 
-static void allow_places(rules *list, const tl_confine_settings *places, uint64_t all) {
+static void allow_places(landlock_rules *list, const tl_confine_settings *places, uint64_t all) {
     const uint64_t look = all & LOOK;
     const uint64_t change = all & (LOOK | CHANGE);
     allow_all(list, readable, COUNT(readable), look);
@@ -188,7 +188,7 @@ static void allow_places(rules *list, const tl_confine_settings *places, uint64_
     allow_all(list, &places->folder, places->folder != NULL ? 1 : 0, change);
 }
 
-static void allow_ports(rules *list, const tl_confine_settings *places) {
+static void allow_ports(landlock_rules *list, const tl_confine_settings *places) {
     for (size_t i = 0; i < places->port_count && !list->failed; i++) {
         const port_rule rule = {.rights = CONNECT_TCP_PORT, .port = places->ports[i]};
         list->failed = syscall(SYS_landlock_add_rule, list->set, RULE_TCP_PORT, &rule, 0) != 0;
@@ -213,7 +213,7 @@ static int make_rules(int version) {
 }
 
 tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error) {
-    rules list = {.set = make_rules(settings->landlock)};
+    landlock_rules list = {.set = make_rules(settings->landlock)};
     list.failed = list.set < 0;
     if (!list.failed) {
         allow_places(&list, settings, known(settings->landlock));

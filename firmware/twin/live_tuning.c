@@ -8,8 +8,8 @@
 #include <sys/mman.h>
 
 #include "firmware/base/identity.h"
-#include "master/base/text.h"
 #include "firmware/base/text.h"
+#include "master/base/text.h"
 
 enum { PAGE = 4096 };
 

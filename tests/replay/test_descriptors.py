@@ -43,11 +43,11 @@ def expect_try_again_until_done(args, most_descriptors):
 
 
 def test_check():
-    expect_try_again_until_done(["check", config_path("motor/free.json")], 30)
+    expect_try_again_until_done(["check", config_path("motor/free.json")], 50)
 
 
 def test_replay():
-    expect_try_again_until_done(["replay", config_path("motor/free.json")], 30)
+    expect_try_again_until_done(["replay", config_path("motor/free.json")], 50)
 
 
 main()
