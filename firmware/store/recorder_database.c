@@ -344,8 +344,8 @@ static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *tic
 
 static int change_all(tl_recorder_database *database, statement first, statement last, int64_t run, int64_t value) {
     int code = SQLITE_OK;
-    for (int which = first; which <= (int)last && code == SQLITE_OK; which++) {
-        code = change(database, (statement)which, run, value);
+    for (statement which = first; which <= last && code == SQLITE_OK; which++) {
+        code = change(database, which, run, value);
     }
     return code;
 }
