@@ -39,7 +39,7 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
 
 /* ---- By which way each component of a twin is led back, and what that costs: as a process with FMUs tells it to the one that has started it.
  *
- * Purpose: for `check`. Of a twin that it has looked at it notes the ways; and in a process of its own it tries others (other_way.h): proof at the start and far look are those of
+ * Purpose: for `check`. Of a twin that it has looked at it notes the ways; and in a process of its own it tries others (check_trials.h): proof at the start and far look are those of
  *          a check, then it is measured what a save and a restore take.
  * Account: in memory that another process reads while this one may crash, hang or lie.
  * Thread:  that of the FMUs. The twin is of no other use afterwards.
@@ -51,7 +51,7 @@ typedef struct tl_twin_way {
     uint32_t is_measured;    /* 1: what follows is */
     int64_t save;            /* ns, median */
     int64_t restore;
-    uint64_t bytes; /* of a state; by forking: that its process has for itself, about. 0: not known */
+    uint64_t bytes; /* of a state; 0: not known */
 } tl_twin_way;
 
 typedef struct tl_twin_ways {

@@ -55,7 +55,7 @@ BROKEN = [
      "know each other in a circle"),
     ("layers", "firmware/plant/p.c", '#include "master/solve/s.h"\n', "firmware/plant may not know"),
     ("layers", "firmware/attic/a.c", "int tl_a;\n", "no folder of the plan"),
-    ("size", "firmware/plant/p.c", "int tl_a;\n", "expected 800 to 10100"),
+    ("size", "firmware/plant/p.c", "int tl_a;\n", "expected 800 to 9000"),
     ("size", "firmware/plant/p.c", "int tl_a;\n", "lines of code, expected 0 within 3%"),
     ("layers", "firmware/plant/p.c", "#include <pthread.h>\n", "<pthread.h> belongs to"),
     ("layers", "firmware/plant/p.c", "#include <sqlite3.h>\n", "<sqlite3.h> belongs to"),
