@@ -142,8 +142,9 @@ static void look_up_as_output(const tl_config *config, tl_config_signal *signal)
 
 /* What stands at a path of the file. */
 static tl_config_object object_at(const tl_config_object *root, const char *where) {
-    tl_config_object place = {.reader = root->reader, .json = tl_json_nearest(root->json, where)};
-    (void)snprintf(place.path, sizeof place.path, "%s", where);
+    const char *path = where != NULL ? where : ""; /* if memory was out */
+    tl_config_object place = {.reader = root->reader, .json = tl_json_nearest(root->json, path)};
+    (void)snprintf(place.path, sizeof place.path, "%s", path);
     return place;
 }
 

@@ -1,6 +1,7 @@
 /* Places of twins beside each other in a run: see live_places.h. */
 #include "firmware/live/live_places.h"
 
+#include <errno.h>
 #include <libgen.h>
 #include <limits.h>
 #include <stddef.h>
@@ -161,6 +162,7 @@ enum { DOMAIN_PORT = 53, COMMON = sizeof common / sizeof common[0] };
 typedef struct places {
     char **path;
     size_t count;
+    bool failed; /* memory was out */
 } places;
 
 static void free_places(places *list) {
@@ -170,13 +172,18 @@ static void free_places(places *list) {
     free(list->path);
 }
 
-/* False: it is not there, or memory is out; then it is out of reach. */
+/* False: it is not there. */
 static bool add(places *list, const char *path) {
     char *found = realpath(path, NULL);
-    char **grown = found == NULL ? NULL : realloc(list->path, (list->count + 1) * sizeof *grown);
+    list->failed = list->failed || (found == NULL && errno == ENOMEM);
+    if (found == NULL) {
+        return list->failed;
+    }
+    char **grown = realloc(list->path, (list->count + 1) * sizeof *grown);
     if (grown == NULL) {
+        list->failed = true;
         free(found);
-        return false;
+        return true;
     }
     list->path = grown;
     list->path[list->count++] = found;
@@ -219,7 +226,9 @@ static tl_status confine(tl_confine_settings settings, places *read, places *wri
     settings.start_socket = -1;
     settings.whole_process = true;
     settings.lives_on = true;
-    tl_status status = tl_confine(&settings, &facts, NULL, error);
+    tl_status status = read->failed || write->failed
+                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the places of a process")
+                           : tl_confine(&settings, &facts, NULL, error);
     free_places(read);
     free_places(write);
     return status;

@@ -53,6 +53,7 @@ typedef struct live_twin {
     const tl_config *config;
     const tl_confine_facts *facts;
     tl_live_job job;
+    bool was_plant_open;
     tl_block blocks[TL_LIVE_BLOCKS]; /* that it has of the run */
     tl_block *past;                  /* what the recorder has found (past.h), which is copied before it is looked at */
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
@@ -183,9 +184,10 @@ static void keep(void *context, const char *why) {
 
 /* ---- the cycle ---- */
 
-/* io has opened all sources. */
-static bool is_plant_open(const live_twin *self) {
-    return tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
+/* io has opened all sources, once: one that is begun again later opens them again. */
+static bool is_plant_open(live_twin *self) {
+    self->was_plant_open = self->was_plant_open || tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
+    return self->was_plant_open;
 }
 
 /* The supervisor changes the scheduling of the FMUs' thread when it is asked; here the main thread waits for it. */

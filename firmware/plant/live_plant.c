@@ -13,6 +13,7 @@ struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
     tl_plant_readers *readers;
+    tl_mailbox mailboxes[TL_MAX_SIGNALS]; /* the readers' */
 };
 
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
@@ -113,9 +114,10 @@ static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
     return (kinds & tl_driver_bit(config->sources[source].driver)) != 0;
 }
 
-static void mend_mailboxes(const tl_live_plant_settings *settings) {
+static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *settings) {
     const tl_config *config = settings->config;
     for (size_t i = 0; i < config->signal_count; i++) {
+        plant->mailboxes[i] = settings->mailboxes[i];
         if (is_of(config, config->signals[i].source, settings->kinds)) {
             tl_mailbox_mend(&settings->mailboxes[i]);
         }
@@ -138,7 +140,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
             return status;
         }
     }
-    return tl_plant_readers_start(plant->sources, plant->source_count, settings->mailboxes, settings->on_link,
+    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, settings->on_link,
                                   settings->context, &plant->readers, error);
 }
 
@@ -151,7 +153,7 @@ tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_pla
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    mend_mailboxes(settings);
+    take_mailboxes(opened, settings);
     status = open_all(opened, settings, error);
     if (status != TL_OK) {
         opened->readers = NULL;

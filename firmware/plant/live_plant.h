@@ -24,8 +24,8 @@ enum { TL_LIVE_PLANT_ALL = INT_MAX };
 typedef struct tl_live_plant_settings {
     const tl_config *config;
     unsigned kinds; /* which sources are opened; other processes open the others */
-    const tl_mailbox
-        *mailboxes;       /* one for each signal, which outlive the plant; those of `kinds` have no other writer */
+    const tl_mailbox *
+        mailboxes; /* one for each signal, copied; their memory outlives the plant, and those of `kinds` have no other writer */
     tl_heartbeats *beats; /* each source beats there; NULL: nobody listens */
     void (*on_link)(void *context, const char *source, bool up, const char *text);
     void *context;

@@ -40,9 +40,7 @@ typedef struct csv_line {
 } csv_line;
 
 /* Texts come from FMUs and devices too: none breaks a line, or commands the terminal. */
-static void put_text(FILE *file, const char *text) {
-    bool quoted = strpbrk(text, ",\"") != NULL;
-    (void)fputs(quoted ? "\"" : "", file);
+static void put_characters(FILE *file, const char *text) {
     while (*text != '\0') {
         bool is_control = false;
         size_t length = tl_show_character(text, &is_control);
@@ -54,14 +52,24 @@ static void put_text(FILE *file, const char *text) {
         }
         text += length;
     }
+}
+
+/* `what` follows `text` in the same field. */
+static void put_field(FILE *file, const char *text, const char *what) {
+    bool quoted = strpbrk(text, ",\"") != NULL;
+    (void)fputs(quoted ? "\"" : "", file);
+    put_characters(file, text);
+    put_characters(file, what);
     (void)fputs(quoted ? "\"" : "", file);
 }
 
+static void put_text(FILE *file, const char *text) {
+    put_field(file, text, "");
+}
+
 void tl_show_csv_name(FILE *file, const char *name, const char *what) {
-    char text[512];
-    (void)snprintf(text, sizeof text, "%s%s", name, what);
     (void)fputc(',', file);
-    put_text(file, text);
+    put_field(file, name, what);
 }
 
 /* Empty for NaN: what was not finite. */

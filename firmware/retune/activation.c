@@ -1131,6 +1131,8 @@ void tl_activation_look(tl_activation *activation) {
     }
     if (came != RUNNING) {
         run_steps(activation, came);
+    } else if (row != &rows[activation->row]) {
+        return; /* the poll has chosen another step */
     } else if (row->late != NULL && activation->waited > row->limit) {
         run_steps(activation, row->step == TL_CONTROL_SHADOW ? make_no_room(activation, row->late)
                                                              : give_up(activation, row->late));

@@ -662,13 +662,14 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
                        versions->folder);
     }
     const tl_version version = version_of(versions, news);
+    path_of(versions, version.hash, path);
+    bool is_new = access(path, F_OK) != 0; /* else it may belong to a record that cannot be read */
     tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
     if (status == TL_OK) {
         status = write_record(versions, &version, error);
     }
     if (status != TL_OK) {
-        if (tl_versions_of_hash(versions, version.hash) == NULL) {
-            path_of(versions, version.hash, path);
+        if (is_new && tl_versions_of_hash(versions, version.hash) == NULL) {
             (void)unlink(path);
         }
         return status;

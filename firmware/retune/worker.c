@@ -38,7 +38,9 @@ static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *e
     if (file == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     }
-    (void)fwrite(job, sizeof *job, 1, file);
+    tl_worker_job plain = *job;
+    memset(plain.text, 0, sizeof plain.text); /* the worker has no use for addresses of this process */
+    (void)fwrite(&plain, sizeof plain, 1, file);
     for (size_t i = 0; i < TL_WORKER_TEXTS; i++) {
         const char *text = job->text[i] == NULL ? "" : job->text[i];
         (void)fwrite(text, 1, strlen(text) + 1, file);

@@ -123,7 +123,8 @@ bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen
         return false;
     }
     (void)snprintf(host, sizeof host, "%.*s", (int)length - (is_ipv6 ? 2 : 0), text + (is_ipv6 ? 1 : 0));
-    if (getaddrinfo(host, colon + 1, &hints, &found) != 0) {
+    struct in_addr ipv4; /* getaddrinfo() takes "0", "127.1" and octal numbers, too */
+    if ((!is_ipv6 && inet_pton(AF_INET, host, &ipv4) != 1) || getaddrinfo(host, colon + 1, &hints, &found) != 0) {
         return false;
     }
     memcpy(socket, found->ai_addr, found->ai_addrlen);

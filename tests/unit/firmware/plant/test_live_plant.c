@@ -123,12 +123,13 @@ static tl_status try_to_open(void) {
         TEST_ASSERT_NOT_NULL(mail);
         tl_plant_mail_open(&shape, mail, input.mailboxes);
     }
-    const tl_live_plant_settings settings = {.config = config,
-                                             .kinds = TL_LIVE_PLANT_ALL,
-                                             .mailboxes = input.mailboxes,
-                                             .on_link = on_link,
-                                             .context = links};
-    return tl_live_plant_open(&settings, &plant, &error);
+    tl_mailbox mailboxes[TL_MAX_SIGNALS]; /* which the plant copies */
+    memcpy(mailboxes, input.mailboxes, sizeof mailboxes);
+    const tl_live_plant_settings settings = {
+        .config = config, .kinds = TL_LIVE_PLANT_ALL, .mailboxes = mailboxes, .on_link = on_link, .context = links};
+    tl_status status = tl_live_plant_open(&settings, &plant, &error);
+    memset(mailboxes, 0xff, sizeof mailboxes);
+    return status;
 }
 
 static void open_plant(void) {
