@@ -70,7 +70,9 @@ static tl_status safe_path(const unpacking *work, const char *name, char path[TL
     size_t end = 0;
     int depth = 0;
     (void)snprintf(copy, sizeof copy, "%s", name);
-    bool is_folder = strchr("/\\", copy[strlen(copy) - 1]) != NULL;
+    const char *last = copy + strlen(copy) - 1;
+    last -= *last == '.' && last != copy ? 1 : 0; /* "a/." is the folder a */
+    bool is_folder = strchr("/\\", *last) != NULL;
     for (const char *part = strtok_r(copy, "/\\", &rest); part != NULL; part = strtok_r(NULL, "/\\", &rest)) {
         size_t length = strlen(part);
         if (strcmp(part, ".") == 0) {

@@ -153,11 +153,12 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
         return fail_beginning(recording, run, error);
     }
     beginning->checkpoint = checkpoint;
-    return checkpoint->whole ? TL_OK
-                             : tl_fail(error, TL_BAD_DATA,
-                                       "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
-                                       "replayed",
-                                       recording->path, run->run);
+    return checkpoint->whole && checkpoint->size != 0
+               ? TL_OK
+               : tl_fail(error, TL_BAD_DATA,
+                         "%s: the checkpoint that run %" PRId64 " began with is damaged: it cannot be "
+                         "replayed",
+                         recording->path, run->run);
 }
 
 /* Where the twin has to stand before the first tick. */

@@ -465,7 +465,8 @@ static fmi2Status take_memory(tl_fmu_replay *replay) {
     size_t integers = in->integer_count > in->boolean_count ? in->integer_count : in->boolean_count;
     size_t size = in->real_count * sizeof(fmi2Real);
     size = size > integers * sizeof(fmi2Integer) ? size : aligned(integers * sizeof(fmi2Integer));
-    replay->place = calloc(count_ports(replay->outputs) + 1, sizeof *replay->place);
+    size_t values = count_ports(replay->outputs) > count_ports(in) ? count_ports(replay->outputs) : count_ports(in);
+    replay->place = calloc(values + 1, sizeof *replay->place);
     if (replay->place == NULL ||
         tl_fmu_history_open(&replay->history, replay->most, calls_of_step(replay), size, &error) != TL_OK) {
         tl_fmu_replay_end(replay);
@@ -557,6 +558,10 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
     }
     tl_fmu_prologue_kind kind = (tl_fmu_prologue_kind)call->kind;
     const port_group known = group_of(replay, kind);
+    if (known.is_set) { /* a copy, since an FMU may write there */
+        memcpy(replay->place, values, bytes_of_values(kind, known.count));
+        values = replay->place;
+    }
     const played made = {kind, known.count, values, known.references, replay->place};
     fmi2Status status = call_again(&made, replay->functions, replay->instance);
     if (status <= fmi2Warning && !known.is_set) {

@@ -84,8 +84,11 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
 static bool settle(read_answer *given, const tl_error *end, tl_read_back_component *found) {
     const read_stage reached = (read_stage)given->stage;
     if (reached == STAGE_DONE) {
-        *found = given->found;
+        *found = given->found; /* which the FMU of that process may have overwritten */
         found->text[sizeof found->text - 1] = '\0';
+        if (found->finding != TL_READ_BACK_IS_EXACT && found->finding != TL_READ_BACK_IS_OTHER) {
+            found->finding = TL_READ_BACK_IS_REFUSED;
+        }
     } else {
         found->finding = reached == STAGE_BEGUN ? TL_READ_BACK_ENDS : TL_READ_BACK_UNKNOWN;
         (void)snprintf(found->text, sizeof found->text, "%s", end->text);

@@ -146,6 +146,7 @@ static void test_other_look_ups_than_the_run(void) {
 static void test_a_mail_of_another_size(void) {
     edit("10.0.0.9\"", "10.0.0.8\", \"period_s\": 0.001");
     give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    give_rest();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take());
 }
 
