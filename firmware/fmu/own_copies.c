@@ -1,11 +1,11 @@
 /* Copies of an FMU's libraries: names are changed in ELF files, so that each component has variables of its own: see own_copies.h. */
 #include "firmware/fmu/own_copies.h"
 
+#include <dirent.h>
 #include <dlfcn.h>
 #include <elf.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <fts.h>
 #include <limits.h>
 #include <link.h>
 #include <stdio.h>
@@ -472,6 +472,8 @@ typedef struct own_library {
 /* One FMU. */
 typedef struct making {
     const char *folder;
+    char **folders; /* the FMU's, then those in it */
+    size_t folder_count;
     const char *label;
     tl_error *error;
     own_library *libraries; /* the binary first */
@@ -578,32 +580,68 @@ static tl_status add_library(making *work, const char *path) {
     return status;
 }
 
-/* All of the folder, wherever they are: an FMU may have some among its resources. Links are not followed. */
+static tl_status add_folder(making *work, const char *path) {
+    char **grown = grow(work->folders, work->folder_count, sizeof *grown);
+    if (grown == NULL) {
+        return fail_memory(work);
+    }
+    work->folders = grown;
+    grown[work->folder_count] = strdup(path);
+    if (grown[work->folder_count] == NULL) {
+        return fail_memory(work);
+    }
+    work->folder_count++;
+    return TL_OK;
+}
+
+/* A folder is for later. Links are not followed. */
+static tl_status add_entry(making *work, const char *folder, const char *name) {
+    char path[PATH_MAX];
+    struct stat about;
+    if (strcmp(name, ".") == 0 || strcmp(name, "..") == 0) {
+        return TL_OK;
+    }
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) {
+        return fail_system(work, folder, "found", ENAMETOOLONG);
+    }
+    if (lstat(path, &about) != 0) {
+        return fail_system(work, path, "found", errno);
+    }
+    if (S_ISDIR(about.st_mode)) {
+        return add_folder(work, path);
+    }
+    bool is_other = strstr(name, ".so") != NULL && strcmp(path, work->libraries[0].path) != 0;
+    return is_other && S_ISREG(about.st_mode) ? add_library(work, path) : TL_OK;
+}
+
+static tl_status look_into(making *work, const char *folder) {
+    DIR *entries = opendir(folder);
+    if (entries == NULL) {
+        return fail_system(work, folder, "found", errno);
+    }
+    tl_status status = TL_OK;
+    errno = 0;
+    for (const struct dirent *entry = readdir(entries); entry != NULL && status == TL_OK;) {
+        status = add_entry(work, folder, entry->d_name);
+        errno = 0;
+        entry = readdir(entries);
+    }
+    int code = errno;
+    (void)closedir(entries);
+    return status == TL_OK && code != 0 ? fail_system(work, folder, "found", code) : status;
+}
+
+/* All of the folder, wherever they are: an FMU may have some among its resources. */
 static tl_status find_libraries(making *work, const char *binary) {
-    char root[PATH_MAX];
-    char *const roots[] = {root, NULL};
-    (void)snprintf(root, sizeof root, "%s", work->folder);
     tl_status status = add_library(work, binary);
     if (status != TL_OK || work->library_count == 0) {
         return status;
     }
-    FTS *walk = fts_open(roots, FTS_PHYSICAL | FTS_NOCHDIR, NULL);
-    if (walk == NULL) {
-        return fail_system(work, work->folder, "found", errno);
+    status = add_folder(work, work->folder);
+    for (size_t i = 0; i < work->folder_count && status == TL_OK; i++) {
+        status = look_into(work, work->folders[i]);
     }
-    for (const FTSENT *entry = fts_read(walk); entry != NULL && status == TL_OK;) {
-        if (entry->fts_info == FTS_DNR || entry->fts_info == FTS_ERR || entry->fts_info == FTS_NS) {
-            status = fail_system(work, entry->fts_path, "found", entry->fts_errno);
-        } else if (entry->fts_info == FTS_F && strstr(entry->fts_name, ".so") != NULL &&
-                   strcmp(entry->fts_path, binary) != 0) {
-            status = add_library(work, entry->fts_path);
-        }
-        errno = 0;
-        entry = fts_read(walk);
-    }
-    int code = errno;
-    (void)fts_close(walk);
-    return status == TL_OK && code != 0 ? fail_system(work, work->folder, "found", code) : status;
+    return status;
 }
 
 static const own_library *library_called(const making *work, const char *name) {
@@ -838,7 +876,11 @@ tl_status tl_own_copies_make(const char *folder, const char *binary, const char 
     for (size_t i = 0; i < work.library_count; i++) {
         forget_library(&work.libraries[i]);
     }
+    for (size_t i = 0; i < work.folder_count; i++) {
+        free(work.folders[i]);
+    }
     free(work.libraries);
+    free(work.folders);
     free(work.renames);
     if (status == TL_OK && !remember(folder)) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
