@@ -400,15 +400,15 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     }
     /* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
     tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
-                     (!read.has_step || read.outcome == TL_FOLLOWED);
+                     (!read.has_step || read.step.outcome == TL_FOLLOWED);
     memcpy(tick->u, read.u, sizeof tick->u);
-    tick->made_up = repeat && read.outcome == TL_MADE_UP;
-    tick->resets = repeat && (read.flags & TL_FLAG_RESET) != 0;
-    bool without_nominal = (read.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
-    tick->cut_short = repeat && (read.stop == TL_STOP_TIME || without_nominal);
-    tick->evaluations = tick->cut_short ? read.evaluations : 0;
-    tick->executions = tick->cut_short ? read.executions : 0;
-    tick->without_nominal = tick->cut_short && (without_nominal || read.evaluations == 0);
+    tick->made_up = repeat && read.step.outcome == TL_MADE_UP;
+    tick->resets = repeat && (read.step.flags & TL_FLAG_RESET) != 0;
+    bool without_nominal = (read.step.flags & TL_FLAG_WITHOUT_NOMINAL) != 0;
+    tick->cut_short = repeat && (read.step.stop == TL_STOP_TIME || without_nominal);
+    tick->evaluations = tick->cut_short ? (uint32_t)read.step.evaluations : 0;
+    tick->executions = tick->cut_short ? (uint64_t)read.step.executions : 0;
+    tick->without_nominal = tick->cut_short && (without_nominal || read.step.evaluations == 0);
     return TL_OK;
 }
 

@@ -63,10 +63,6 @@ void tl_history_diagnose(tl_history *history, tl_error *error) {
     }
 }
 
-sqlite3 *tl_history_database(tl_history *history) {
-    return history->database;
-}
-
 static tl_status fail_memory(tl_error *error) {
     return tl_fail(error, TL_TRY_AGAIN, "out of memory while reading the database");
 }
@@ -161,14 +157,6 @@ static const char *read_text(table_row *row, size_t most) {
     return "";
 }
 
-static const char *read_text_or_null(table_row *row, size_t most) {
-    if (is_null(row)) {
-        row->column++;
-        return NULL;
-    }
-    return read_text(row, most);
-}
-
 /* NULL if there are none. */
 static const unsigned char *read_bytes(table_row *row, size_t *size) {
     int column = row->column++;
@@ -184,20 +172,19 @@ int64_t tl_history_last_possible(const tl_history_run *run) {
     return TL_ROW_LARGEST / run->step;
 }
 
-/* A copy of the next column's text, which outlives the row. NULL: memory is out, and the row is not right. */
-static const char *copy_text(tl_history *history, table_row *row, const char *text) {
-    const char *copy = tl_arena_text(&history->arena, text);
-    row->right = row->right && copy != NULL;
-    return copy;
-}
-
+/* A copy of the next column's text, which outlives the row. "": memory is out, and the row is not right. */
 static const char *take_text(tl_history *history, table_row *row, size_t most) {
-    return copy_text(history, row, read_text(row, most));
+    const char *copy = tl_arena_text(&history->arena, read_text(row, most));
+    row->right = row->right && copy != NULL;
+    return copy != NULL ? copy : "";
 }
 
 static const char *take_text_or_null(tl_history *history, table_row *row, size_t most) {
-    const char *text = read_text_or_null(row, most);
-    return text == NULL ? NULL : copy_text(history, row, text);
+    if (is_null(row)) {
+        row->column++;
+        return NULL;
+    }
+    return take_text(history, row, most);
 }
 
 static const char *take_utc_or_null(tl_history *history, table_row *row) {
@@ -313,7 +300,7 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     run->start = take_integer_or(row, -TL_ROW_LARGEST, TL_ROW_LARGEST, 0);
     run->resumption.run = take_integer_or(row, 0, TL_ROW_LARGEST, 0);
     run->resumption.tick = take_integer_or(row, 0, tl_history_last_possible(run), 0);
-    const char *from = read_text_or_null(row, NAME_MOST);
+    const char *from = take_text_or_null(history, row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
     row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
                  strcmp(measurements, tl_measurements_name(run->measurements)) == 0 &&
@@ -691,14 +678,17 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
     return status;
 }
 
-/* The rows of one statement, which begins behind the key. */
+/* The next rows, of one statement, which begins behind the key. */
 static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_error *error) {
     sqlite3_stmt *statement = key->history->rows[table];
     int code = SQLITE_ROW;
     tl_status status = TL_OK;
     *count = 0;
+    (void)sqlite3_bind_int64(statement, 1, key->run->run);
     (void)sqlite3_bind_int64(statement, 2, key->number);
     (void)sqlite3_bind_int64(statement, 3, key->signal);
+    (void)sqlite3_bind_int64(statement, 4, key->last);
+    (void)sqlite3_bind_int(statement, 5, ROWS_AT_ONCE);
     while (status == TL_OK && (code = sqlite3_step(statement)) == SQLITE_ROW) {
         table_row row = row_of(statement);
         int64_t number = sqlite3_column_int64(statement, 0);
@@ -715,37 +705,20 @@ static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_
     return status;
 }
 
-static tl_status give_table(row_key *key, tl_history_table table, const int64_t range[2], size_t signals,
-                            tl_error *error) {
-    sqlite3_stmt **kept = &key->history->rows[table];
-    key->number = range[0] - 1;
-    key->last = range[1];
-    key->signal = INT64_MAX;
-    key->signals = (int64_t)signals;
-    int count = ROWS_AT_ONCE;
-    tl_status status = keep_statement(key->history, tables[table].rows, kept, error);
-    if (status != TL_OK) {
-        return status;
-    }
-    (void)sqlite3_bind_int64(*kept, 1, key->run->run);
-    (void)sqlite3_bind_int64(*kept, 4, key->last);
-    (void)sqlite3_bind_int(*kept, 5, ROWS_AT_ONCE);
-    while (status == TL_OK && count == ROWS_AT_ONCE) {
-        status = give_some(key, table, &count, error);
-    }
-    return status;
-}
-
 tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const int64_t range[2],
                           const tl_history_visitor *visitor, tl_error *error) {
-    row_key key = {.history = history, .run = run, .visitor = visitor};
     const bool wanted[TABLES] = {visitor->sample != NULL, visitor->step != NULL, visitor->output != NULL,
                                  visitor->adjustment != NULL};
     const size_t signals[TABLES] = {visitor->signals[TL_HISTORY_PLANT], 1, visitor->signals[TL_HISTORY_MATCH],
                                     visitor->signals[TL_HISTORY_ADJUST]};
     tl_status status = TL_OK;
     for (int table = 0; table < TABLES && status == TL_OK; table++) {
-        status = wanted[table] ? give_table(&key, (tl_history_table)table, range, signals[table], error) : TL_OK;
+        row_key key = {history, run, visitor, range[0] - 1, range[1], INT64_MAX, (int64_t)signals[table]};
+        int count = wanted[table] ? ROWS_AT_ONCE : 0;
+        status = wanted[table] ? keep_statement(history, tables[table].rows, &history->rows[table], error) : TL_OK;
+        while (status == TL_OK && count == ROWS_AT_ONCE) {
+            status = give_some(&key, (tl_history_table)table, &count, error);
+        }
     }
     return status;
 }
@@ -800,12 +773,7 @@ static void add_step(void *context, const tl_history_step *found) {
     tl_history_tick *tick = find_tick(context, found->step);
     if (tick != NULL) {
         tick->has_step = true;
-        tick->step = found->step;
-        tick->outcome = (tl_outcome)found->outcome;
-        tick->stop = (tl_stop)found->stop;
-        tick->evaluations = (uint32_t)found->evaluations;
-        tick->executions = (uint64_t)found->executions;
-        tick->flags = found->flags;
+        tick->step = *found;
     }
 }
 

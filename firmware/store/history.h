@@ -5,12 +5,10 @@
 #ifndef TL_FIRMWARE_STORE_HISTORY_H
 #define TL_FIRMWARE_STORE_HISTORY_H
 
-#include <sqlite3.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/store/database_sql.h"
 #include "firmware/store/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/status.h"
@@ -116,16 +114,26 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
 /* The last tick or step that a run can have: no time of it is out of range. */
 int64_t tl_history_last_possible(const tl_history_run *run);
 
+/* One step; what tl_record says of it. */
+typedef struct tl_history_step {
+    int64_t step;
+    int64_t outcome; /* tl_outcome */
+    int64_t stop;    /* tl_stop */
+    double objective;
+    double objective_nominal;
+    int64_t evaluations;
+    int64_t executions;
+    tl_time used;
+    int64_t predicted;
+    uint32_t flags;
+    uint32_t held;
+} tl_history_step;
+
 /* One tick, and the step that was computed at it: tick − lead. */
 typedef struct tl_history_tick {
-    tl_sample sample;   /* stamps count from t_start; signals that the run does not have: no link */
-    bool has_step;      /* false for the first ticks, and where the record of the step was lost */
-    int64_t step;       /* with has_step, as all that follow */
-    tl_outcome outcome; /* TL_MADE_UP: the run missed this tick */
-    tl_stop stop;       /* TL_STOP_TIME: there was time for no more than these evaluations */
-    uint32_t evaluations;
-    uint64_t executions;
-    uint32_t flags;          /* tl_flag */
+    tl_sample sample;        /* stamps count from t_start; signals that the run does not have: no link */
+    bool has_step;           /* false for the first ticks, and where the record of the step was lost */
+    tl_history_step step;    /* with has_step. Its codes have names here. TL_MADE_UP: the run missed this tick */
     double u[TL_MAX_ADJUST]; /* of the adjusted variables, */
     size_t adjusted;         /* of which so many have one */
 } tl_history_tick;
@@ -148,9 +156,6 @@ void tl_history_ticks_end(tl_history_ticks *ticks);
  * while a plant waits. NULL is allowed. */
 void tl_history_diagnose(tl_history *history, tl_error *error);
 
-/* Its connection, for tests. SELECT only. */
-sqlite3 *tl_history_database(tl_history *history);
-
 /* ---- The rows of one run as they were recorded, handed out one by one.
  *
  * Purpose: a table may have a hundred million rows. They are read in short transactions, so that a slow reader (a pager)
@@ -170,21 +175,6 @@ typedef struct tl_history_sample {
     int64_t quality; /* tl_quality */
     tl_time stamp;   /* ns, of the run's clock; TL_TIME_NEVER: there never was a reading */
 } tl_history_sample;
-
-/* One step; what tl_record says of it. */
-typedef struct tl_history_step {
-    int64_t step;
-    int64_t outcome; /* tl_outcome */
-    int64_t stop;    /* tl_stop */
-    double objective;
-    double objective_nominal;
-    int64_t evaluations;
-    int64_t executions;
-    tl_time used;
-    int64_t predicted;
-    uint32_t flags;
-    uint32_t held;
-} tl_history_step;
 
 /* One matched output after one step. */
 typedef struct tl_history_output {

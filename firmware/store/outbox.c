@@ -135,9 +135,7 @@ static bool put_waiting_start(tl_outbox *outbox) {
         return false;
     }
     tl_recorder_pen pen = pen_of(outbox);
-    tl_recorder_entry_pack_start(&pen, &control->start.resumption, outbox->id,
-                                 control->start.holds ? NULL : &control->start.account, control->start.fmus,
-                                 &control->start.configured);
+    tl_recorder_entry_pack_start(&pen, &control->start, outbox->id);
     publish_entry(outbox, &pen);
     control->start_waits = false;
     return true;
@@ -163,15 +161,26 @@ static bool is_kept(const tl_outbox *outbox, uint64_t end, uint64_t position) {
     return reach > slack && since <= reach - slack;
 }
 
+static void store_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words: there is room for them on both sides */
+        size_t word = 0;
+        memcpy(&word, from + at, sizeof word);
+        __atomic_store_n((size_t *)(void *)(to + at), word, __ATOMIC_RELAXED);
+    }
+}
+
+static void load_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words are there */
+        size_t word = __atomic_load_n((const size_t *)(const void *)(from + at), __ATOMIC_RELAXED);
+        memcpy(to + at, &word, size - at < sizeof word ? size - at : sizeof word);
+    }
+}
+
 /* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
 static bool look_at_mark(const tl_outbox_place *place, uint64_t *number, uint64_t *digest, tl_outbox_mark *mark) {
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
     *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        words[i] = __atomic_load_n(&place->mark[i], __ATOMIC_RELAXED);
-    }
-    memcpy(mark, words, sizeof *mark);
+    load_bytes((unsigned char *)mark, (const unsigned char *)place->mark, sizeof *mark);
     return *number != 0 && *number < TL_OUTBOX_NUMBERS &&
            (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
 }
@@ -256,15 +265,19 @@ bool tl_outbox_has_room_for_tuning(const tl_outbox *outbox) {
                                                                  2 * tl_recorder_entry_size(shape, TL_ENTRY_STEP));
 }
 
-bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning) {
+static bool put_part(tl_outbox *outbox, tl_recorder_kind kind, const void *part, size_t size) {
     tl_recorder_pen pen;
-    bool found = find_room(outbox, TL_ENTRY_TUNING, &pen);
-    outbox->tuning = *tuning;
+    bool found = find_room(outbox, kind, &pen);
     if (found) {
-        tl_recorder_entry_pack_tuning(&pen, tuning);
+        tl_recorder_entry_pack_part(&pen, kind, part, size);
         publish_entry(outbox, &pen);
     }
     return found;
+}
+
+bool tl_outbox_put_tuning(tl_outbox *outbox, const tl_run_tuning *tuning) {
+    outbox->tuning = *tuning;
+    return put_part(outbox, TL_ENTRY_TUNING, tuning, sizeof *tuning);
 }
 
 const tl_run_tuning *tl_outbox_tuning(const tl_outbox *outbox) {
@@ -276,13 +289,9 @@ const tl_resumption *tl_outbox_beginning(const tl_outbox *outbox) {
 }
 
 bool tl_outbox_put_end(tl_outbox *outbox, const char *reason) {
-    tl_recorder_pen pen;
-    bool found = find_room(outbox, TL_ENTRY_END, &pen);
-    if (found) {
-        tl_recorder_entry_pack_end(&pen, reason);
-        publish_entry(outbox, &pen);
-    }
-    return found;
+    char text[TL_RECORDER_REASON];
+    copy_text(text, sizeof text, reason);
+    return put_part(outbox, TL_ENTRY_END, text, sizeof text);
 }
 
 bool tl_outbox_wait_for_room(tl_outbox *outbox, tl_time until) {
@@ -360,8 +369,8 @@ uint64_t tl_outbox_digest(uint64_t number, const tl_outbox_mark *mark, const uns
     return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
 }
 
-static unsigned char *bytes_of_place(const tl_outbox *outbox, uint64_t place) {
-    return outbox->checkpoints + place * round_up(outbox->settings.checkpoint_bytes, PAGE);
+static unsigned char *bytes_of_place(const tl_outbox *outbox, unsigned place) {
+    return (unsigned char *)outbox->control + tl_outbox_place_at(&outbox->settings, place);
 }
 
 /* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
@@ -391,14 +400,6 @@ unsigned char *tl_outbox_checkpoint_room(tl_outbox *outbox, size_t *capacity) {
     return outbox->reserved == 0 ? NULL : bytes_of_place(outbox, TL_OUTBOX_PLACES);
 }
 
-static void store_bytes(unsigned char *to, const unsigned char *from, size_t size) {
-    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* a place has whole pages */
-        size_t word = 0;
-        memcpy(&word, from + at, sizeof word);
-        __atomic_store_n((size_t *)(void *)(to + at), word, __ATOMIC_RELAXED);
-    }
-}
-
 void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
     uint64_t number = outbox->number + 1;
     const unsigned char *room = bytes_of_place(outbox, TL_OUTBOX_PLACES);
@@ -411,14 +412,10 @@ void tl_outbox_put_checkpoint(tl_outbox *outbox, int64_t tick, size_t size) {
                            .behind = outbox->written + waiting,
                            .beginning = outbox->beginning,
                            .tuning = outbox->tuning};
-    uint64_t words[TL_OUTBOX_MARK_WORDS] = {0};
     assert(size <= outbox->reserved);
-    memcpy(words, &mark, sizeof mark);
     __atomic_store_n(&place->number, 0, __ATOMIC_RELAXED);
-    for (size_t i = 0; i < TL_OUTBOX_MARK_WORDS; i++) {
-        __atomic_store_n(&place->mark[i], words[i], __ATOMIC_RELAXED);
-    }
-    store_bytes(bytes_of_place(outbox, number % TL_OUTBOX_PLACES), room, size);
+    store_bytes((unsigned char *)place->mark, (const unsigned char *)&mark, sizeof mark);
+    store_bytes(bytes_of_place(outbox, (unsigned)(number % TL_OUTBOX_PLACES)), room, size);
     __atomic_store_n(&place->digest, tl_outbox_digest(number, &mark, room), __ATOMIC_RELAXED);
     __atomic_store_n(&place->number, number, __ATOMIC_RELEASE);
     outbox->number = number;
@@ -579,11 +576,8 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
     assert((uintptr_t)memory % TL_OUTBOX_LINE == 0);
     assert((ring & (ring - 1)) == 0 && (ring == 0 || ring > 2 * tl_recorder_entry_largest(&settings->shape)));
     (void)ring;
-    *outbox = (tl_outbox){.settings = *settings,
-                          .control = memory,
-                          .ring = bytes + tl_outbox_ring_at(),
-                          .checkpoints = bytes + tl_outbox_place_at(settings, 0),
-                          .taken = taken};
+    *outbox =
+        (tl_outbox){.settings = *settings, .control = memory, .ring = bytes + tl_outbox_ring_at(), .taken = taken};
     touch_pages(bytes, tl_outbox_place_at(settings, 0));
     outbox->control->start_waits = false;
     follow_numbers(outbox);
@@ -595,11 +589,8 @@ void tl_outbox_open(const tl_outbox_settings *settings, void *memory, const tl_o
 /* ---- The reader's side of an outbox. The header says how much it believes. What is looked at is copied first: see recorder_entry.c. */
 
 void tl_outbox_reader_open(const tl_outbox_settings *settings, const void *memory, tl_outbox_reader *reader) {
-    const unsigned char *bytes = memory;
-    *reader = (tl_outbox_reader){.settings = *settings,
-                                 .control = memory,
-                                 .ring = bytes + tl_outbox_ring_at(),
-                                 .checkpoints = bytes + tl_outbox_place_at(settings, 0)};
+    *reader = (tl_outbox_reader){
+        .settings = *settings, .control = memory, .ring = (const unsigned char *)memory + tl_outbox_ring_at()};
 }
 
 static bool refuse(tl_outbox_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
@@ -674,13 +665,6 @@ bool tl_outbox_reader_event(tl_outbox_reader *reader, uint64_t number, tl_record
     return true;
 }
 
-static void load_bytes(unsigned char *to, const unsigned char *from, size_t size) {
-    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* a place has whole pages */
-        size_t word = __atomic_load_n((const size_t *)(const void *)(from + at), __ATOMIC_RELAXED);
-        memcpy(to + at, &word, size - at < sizeof word ? size - at : sizeof word);
-    }
-}
-
 /* One that may be taken, as far as its place tells. */
 typedef struct offer {
     unsigned place;
@@ -698,10 +682,13 @@ static offer look(const tl_outbox_reader *reader, unsigned place, uint64_t taken
     return found;
 }
 
-/* False: it is not whole, or was overwritten meanwhile. */
+/* False: there is none, it is not whole, or it was overwritten meanwhile. */
 static bool copy(const tl_outbox_reader *reader, const offer *offered, unsigned char *bytes) {
-    size_t stride = tl_outbox_place_at(&reader->settings, 1) - tl_outbox_place_at(&reader->settings, 0);
-    load_bytes(bytes, reader->checkpoints + offered->place * stride, (size_t)offered->mark.size);
+    const unsigned char *there = (const unsigned char *)reader->control;
+    if (offered->number == 0 || reader->is_ring_broken) {
+        return false;
+    }
+    load_bytes(bytes, there + tl_outbox_place_at(&reader->settings, offered->place), (size_t)offered->mark.size);
     return tl_outbox_digest(offered->number, &offered->mark, bytes) == offered->digest;
 }
 
@@ -711,15 +698,14 @@ bool tl_outbox_reader_checkpoint(tl_outbox_reader *reader, uint64_t taken, uint6
     offer second = look(reader, 1, taken, position);
     const offer *newer = second.number > first.number ? &second : &first;
     const offer *older = newer == &first ? &second : &first;
-    bool taken_one = false;
-    for (const offer *offered = older; offered != NULL && !taken_one && !reader->is_ring_broken;
-         offered = offered == older ? newer : NULL) {
-        taken_one = offered->number != 0 && copy(reader, offered, bytes);
-        *size = (size_t)offered->mark.size;
-        *tick = offered->mark.tick;
-        *number = offered->number;
+    const offer *offered = copy(reader, older, bytes) ? older : copy(reader, newer, bytes) ? newer : NULL;
+    if (offered == NULL) {
+        return false;
     }
-    return taken_one;
+    *size = (size_t)offered->mark.size;
+    *tick = offered->mark.tick;
+    *number = offered->number;
+    return true;
 }
 
 uint64_t tl_outbox_reader_lost(const tl_outbox_reader *reader) {

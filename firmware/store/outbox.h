@@ -75,22 +75,11 @@ typedef struct tl_outbox_taken {
     uint64_t checkpoint; /* number of the newest one; 0: none */
 } tl_outbox_taken;
 
-/* A run begins. */
-typedef struct tl_outbox_start {
-    bool holds;                /* safe hold: samples and events only */
-    tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
-    tl_account account;        /* of the twin; nothing if it holds */
-    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
-    tl_run_tuning
-        configured; /* what it was built with: see tl_outbox_name_configuration(). Its hash "": nobody has named it */
-} tl_outbox_start;
-
 /* Private; placed by the caller. */
 typedef struct tl_outbox {
     tl_outbox_settings settings;
     struct tl_outbox_control *control;
     unsigned char *ring;
-    unsigned char *checkpoints;
     const tl_outbox_taken *taken; /* NULL: nobody reads */
     uint64_t written;             /* end of what was put, */
     uint64_t published;           /* and of what is in the ring: between them is a sample that waits, */
@@ -258,7 +247,6 @@ typedef struct tl_outbox_reader {
     tl_outbox_settings settings;
     const struct tl_outbox_control *control;
     const unsigned char *ring;
-    const unsigned char *checkpoints;
     bool is_left; /* its writer is no more */
     bool is_ring_broken;
     bool are_events_broken;

@@ -190,17 +190,15 @@ static void put_digest(tl_recorder_pen *pen) {
     put(pen, &digest, sizeof digest);
 }
 
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
-                                  const tl_account *account, const char fmus[TL_SHA256_TEXT],
-                                  const tl_run_tuning *configured) {
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_outbox_start *start, uint64_t id) {
     put_kind(pen, TL_ENTRY_START);
-    put_byte(pen, account == NULL);
-    put(pen, beginning, sizeof *beginning);
+    put_byte(pen, start->holds);
+    put(pen, &start->resumption, sizeof start->resumption);
     put(pen, &id, sizeof id);
-    if (account != NULL) {
-        put(pen, account, sizeof *account);
-        put(pen, fmus, TL_SHA256_TEXT);
-        put(pen, configured, sizeof *configured);
+    if (!start->holds) {
+        put(pen, &start->account, sizeof start->account);
+        put(pen, start->fmus, sizeof start->fmus);
+        put(pen, &start->configured, sizeof start->configured);
     }
     put_digest(pen);
 }
@@ -238,17 +236,9 @@ void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *
     put_digest(pen);
 }
 
-void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning) {
-    put_kind(pen, TL_ENTRY_TUNING);
-    put(pen, tuning, sizeof *tuning);
-    put_digest(pen);
-}
-
-void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason) {
-    char text[TL_RECORDER_REASON] = "";
-    memcpy(text, reason, strnlen(reason, sizeof text - 1));
-    put_kind(pen, TL_ENTRY_END);
-    put(pen, text, sizeof text);
+void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, const void *part, size_t size) {
+    put_kind(pen, kind);
+    put(pen, part, size);
     put_digest(pen);
 }
 
@@ -296,25 +286,27 @@ static const char *get_tuning(look *at, tl_run_tuning *tuning) {
 }
 
 static const char *get_start(look *at, tl_recorder_entry *entry) {
+    tl_outbox_start *start = &entry->start;
     uint8_t holds = 0;
-    if (!get(at, &holds, 1) || !get(at, &entry->beginning, sizeof entry->beginning) ||
+    memset(start, 0, sizeof *start);
+    if (!get(at, &holds, 1) || !get(at, &start->resumption, sizeof start->resumption) ||
         !get(at, &entry->id, sizeof entry->id)) {
         return CUT;
     }
-    if (holds > 1 || (unsigned)entry->beginning.from > (unsigned)TL_RESUMED_INPUTS) {
+    if (holds > 1 || (unsigned)start->resumption.from > (unsigned)TL_RESUMED_INPUTS) {
         return UNKNOWN;
     }
-    entry->holds = holds == 1;
-    if (entry->holds) {
+    start->holds = holds == 1;
+    if (start->holds) {
         return NULL;
     }
-    if (!get(at, &entry->account, sizeof entry->account) || !get(at, entry->fmus, sizeof entry->fmus)) {
+    if (!get(at, &start->account, sizeof start->account) || !get(at, start->fmus, sizeof start->fmus)) {
         return CUT;
     }
-    if (!tl_identity_is_sound(entry->fmus)) {
+    if (!tl_identity_is_sound(start->fmus)) {
         return "a digest of FMUs that is none";
     }
-    return tl_account_is_sound(&entry->account) ? get_tuning(at, &entry->tuning) : "an account that is none";
+    return tl_account_is_sound(&start->account) ? get_tuning(at, &start->configured) : "an account that is none";
 }
 
 static const char *get_sample(look *at, const tl_recorder_shape *shape, uint64_t *id, tl_sample *sample) {

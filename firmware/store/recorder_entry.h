@@ -72,17 +72,23 @@ typedef enum tl_recorder_kind {
     TL_ENTRY_TUNING /* before the sample of its tick */
 } tl_recorder_kind;
 
+/* A run begins. */
+typedef struct tl_outbox_start {
+    bool holds;                /* safe hold: samples and events only */
+    tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
+    tl_account account;        /* of the twin; nothing if it holds */
+    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
+    tl_run_tuning configured;  /* what it was built with: tl_outbox_name_configuration(). Hash "": not named */
+} tl_outbox_start;
+
 /* Some 20 KB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    uint64_t id;               /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
-    tl_resumption beginning;   /* TL_ENTRY_START */
-    bool holds;                /* and whether there is no twin, */
-    tl_account account;        /* or what it is; sound, */
-    char fmus[TL_SHA256_TEXT]; /* and which FMUs it has: tl_identity_is_sound(), */
-    tl_run_tuning tuning;      /* and what it was built with; TL_ENTRY_TUNING. Its values are not judged */
-    tl_sample sample;          /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;          /* TL_ENTRY_STEP */
+    uint64_t id;           /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
+    tl_outbox_start start; /* TL_ENTRY_START. The account is sound, and so are digests: tl_identity_is_sound() */
+    tl_run_tuning tuning;  /* TL_ENTRY_TUNING. Its values are not judged, nor are those in `start` */
+    tl_sample sample;      /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;      /* TL_ENTRY_STEP */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
@@ -103,15 +109,14 @@ typedef struct tl_recorder_pen {
 } tl_recorder_pen;
 
 /* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_resumption *beginning, uint64_t id,
-                                  const tl_account *account, /* NULL: it holds */
-                                  const char fmus[TL_SHA256_TEXT], const tl_run_tuning *configured);
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_outbox_start *start, uint64_t id);
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start, uint64_t id);
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,
                                  const tl_recorder_component *ledger);
-void tl_recorder_entry_pack_tuning(tl_recorder_pen *pen, const tl_run_tuning *tuning);
-void tl_recorder_entry_pack_end(tl_recorder_pen *pen, const char *reason);
+
+/* TL_ENTRY_TUNING or TL_ENTRY_END, which have one part. */
+void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, const void *part, size_t size);
 
 /* A stamp relative to `start`, as in an entry. */
 tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp);

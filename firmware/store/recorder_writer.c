@@ -67,10 +67,6 @@ static const tl_recorder_mark *mark_of(const tl_recorder_writer *writer) {
     return tl_recorder_state_mark(writer->state);
 }
 
-static tl_recorder_database *database_of(const tl_recorder_writer *writer) {
-    return writer->file.database;
-}
-
 static tl_outbox_reader *ring_of(tl_recorder_writer *writer) {
     return &writer->sources[writer->settings.ring].reader;
 }
@@ -271,11 +267,11 @@ static size_t count_configurations(const tl_recorder_writer *writer) {
 
 static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
     tl_recorder_mark *next = &writer->next;
-    int code = tl_recorder_database_begin(database_of(writer), next->run, bytes + count_configurations(writer));
+    int code = tl_recorder_database_begin(writer->file.database, next->run, bytes + count_configurations(writer));
     if (code == SQLITE_OK && next->run == 0) {
-        code = tl_recorder_database_begin_run(database_of(writer), &next->start, !next->is_untimed, &next->run);
+        code = tl_recorder_database_begin_run(writer->file.database, &next->start, !next->is_untimed, &next->run);
     } else if (code == SQLITE_OK && writer->file.goes_on && !next->has_ended) {
-        code = tl_recorder_database_go_on(database_of(writer));
+        code = tl_recorder_database_go_on(writer->file.database);
     }
     return code;
 }
@@ -287,7 +283,8 @@ static int commit(tl_recorder_writer *writer) {
     (void)snprintf(next->path, sizeof next->path, "%s", tl_recorder_file_path(&writer->file));
     next->identity = tl_database_identify(&writer->file.file);
     tl_recorder_state_try(writer->state, next);
-    return tl_recorder_database_commit(database_of(writer), &next->totals, writer->ends ? writer->entry.reason : NULL);
+    return tl_recorder_database_commit(writer->file.database, &next->totals,
+                                       writer->ends ? writer->entry.reason : NULL);
 }
 
 static int end_batch(tl_recorder_writer *writer, int code) {
@@ -333,23 +330,13 @@ static bool is_beginning(tl_recorder_writer *writer, uint64_t end, uint64_t *pos
     return *position != end && take_entry(writer, position, end) && writer->entry.kind == TL_ENTRY_START;
 }
 
-static tl_outbox_start start_of(const tl_recorder_writer *writer) {
-    tl_outbox_start start = {.holds = writer->entry.holds, .resumption = writer->entry.beginning};
-    if (!start.holds) {
-        start.account = writer->entry.account;
-        memcpy(start.fmus, writer->entry.fmus, sizeof start.fmus);
-        start.configured = writer->entry.tuning;
-    }
-    if (start.resumption.run < 0) {
-        start.resumption.run = writer->next.run; /* the one before */
-    }
-    return start;
-}
-
 /* The entry begins a run, whatever became of the one before. */
 static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     tl_recorder_mark *next = &writer->next;
-    next->start = start_of(writer);
+    next->start = writer->entry.start;
+    if (next->start.resumption.run < 0) {
+        next->start.resumption.run = next->run; /* the one before */
+    }
     next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
     next->run = 0;
     next->has_ended = false;
@@ -410,7 +397,7 @@ static int write_own_events(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     int code = SQLITE_OK;
     for (; next->said < state->own_said && code == SQLITE_OK; next->said++) {
-        code = tl_recorder_database_event(database_of(writer), &state->own[next->said % TL_WRITER_OWN_EVENTS]);
+        code = tl_recorder_database_event(writer->file.database, &state->own[next->said % TL_WRITER_OWN_EVENTS]);
         next->totals.events++;
         next->own++;
     }
@@ -428,7 +415,7 @@ static int write_events(tl_recorder_writer *writer, size_t most) {
         if (from == writer->settings.outbox_count) {
             break;
         }
-        code = skip ? SQLITE_OK : tl_recorder_database_event(database_of(writer), &event);
+        code = skip ? SQLITE_OK : tl_recorder_database_event(writer->file.database, &event);
         next->totals.events += skip ? 0 : 1;
         next->written += skip ? 0 : 1;
         next->taken[from].events++;
@@ -453,7 +440,7 @@ static int write_part(tl_recorder_writer *writer, bool *written) {
     bool impossible = writer->next.has_ended || is_of_the_future;
     int code = SQLITE_OK;
     if (!impossible) {
-        code = tl_recorder_database_entry(database_of(writer), &writer->entry, &impossible);
+        code = tl_recorder_database_entry(writer->file.database, &writer->entry, &impossible);
     }
     *written = !impossible;
     if (impossible) {
@@ -466,7 +453,7 @@ static int write_part(tl_recorder_writer *writer, bool *written) {
 
 /* The run's beginning is in another file, and with it what was taken before this tick. */
 static int begin_at(tl_recorder_writer *writer, int64_t tick) {
-    tl_recorder_database *database = database_of(writer);
+    tl_recorder_database *database = writer->file.database;
     int code = tl_recorder_database_begin_at(database, tick);
     bool impossible = false;
     if (code == SQLITE_OK && writer->next.tuning.hash[0] != '\0' && writer->next.tuning.tick < tick) {
@@ -585,7 +572,7 @@ static int write_missing(tl_recorder_writer *writer, int64_t end, size_t limit) 
 
 /* The first tick of the run that will be another's, if the entry begins one. */
 static int64_t tick_of_other(const tl_recorder_writer *writer) {
-    const tl_resumption *other = &writer->entry.beginning;
+    const tl_resumption *other = &writer->entry.start.resumption;
     tl_time past = 0;
     tl_time first = 0;
     bool fits = !__builtin_mul_overflow(first_tick(other), writer->record.step, &past) &&
@@ -677,7 +664,7 @@ static bool has_more(tl_recorder_writer *writer, uint64_t end) {
 /* The run is known: its transaction, if there is anything for one. */
 static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t before = mark_of(writer)->number;
-    size_t limit = tl_recorder_database_batch(database_of(writer));
+    size_t limit = tl_recorder_database_batch(writer->file.database);
     uint64_t left = end - taken_of(writer)->ring;
     size_t bytes = left < limit ? (size_t)left : limit;
     size_t events = count_events(writer, end, limit / EVENT_BYTES);
@@ -711,7 +698,7 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     if (!has_early && is_beginning(writer, end, &position)) { /* else there are events of the run before */
         int64_t rest = tick_of_other(writer);
         if (count_missing(writer, rest) > 0) { /* of the run before: in a transaction of its own */
-            size_t limit = tl_recorder_database_batch(database_of(writer));
+            size_t limit = tl_recorder_database_batch(writer->file.database);
             int code = begin_transaction(writer, bytes_of_missing(writer, rest, limit));
             code = end_batch(writer, code == SQLITE_OK ? write_missing(writer, rest, limit) : code);
             *more = code == SQLITE_OK;
@@ -743,7 +730,7 @@ static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
     taken_of(writer)->checkpoint = number;
     int code = begin_transaction(writer, size);
     if (code == SQLITE_OK) {
-        code = tl_recorder_database_checkpoint(database_of(writer), tick, writer->checkpoint, size);
+        code = tl_recorder_database_checkpoint(writer->file.database, tick, writer->checkpoint, size);
     }
     return end_batch(writer, code);
 }
@@ -874,9 +861,9 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
             tl_heart_beat(writer->settings.heart);
             continue;
         }
-        unsigned before = tl_recorder_database_writings_back(database_of(writer));
+        unsigned before = tl_recorder_database_writings_back(writer->file.database);
         int code = write_all(writer);
-        if (tl_recorder_database_writings_back(database_of(writer)) != before) {
+        if (tl_recorder_database_writings_back(writer->file.database) != before) {
             tl_database_file_note(&writer->file.file);
         }
         again = code != SQLITE_OK && mends++ < MENDS && tl_recorder_file_mend(&writer->file, code);

@@ -189,7 +189,7 @@ static tl_status add_recorded(tl_past_ticks *ticks, const tl_history_tick *tick,
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for what an earlier run has recorded");
     }
     if (tick->has_step && tick->adjusted == ticks->shape.adjust) {
-        tl_past_ticks_set_step(ticks, tick->sample.tick, tick->u, (tick->flags & TL_FLAG_RESET) != 0);
+        tl_past_ticks_set_step(ticks, tick->sample.tick, tick->u, (tick->step.flags & TL_FLAG_RESET) != 0);
     }
     return TL_OK;
 }

@@ -148,8 +148,8 @@ static void take_entry(tl_past_outbox *self, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
         choose(self);
-        begin_stretch(self, &entry->beginning, &entry->tuning);
-        self->newest.holds = entry->holds;
+        begin_stretch(self, &entry->start.resumption, &entry->start.configured);
+        self->newest.holds = entry->start.holds;
         break;
     case TL_ENTRY_SAMPLE:
         take_sample(self, &entry->sample);
@@ -348,7 +348,7 @@ static bool is_anything_left(tl_past_outbox *self) {
     bool holds = false;
     bool is_left = tl_outbox_checkpoint_left(self->outbox, 0, &self->left);
     while (!is_left && tl_outbox_entry_left(self->outbox, &position, &self->entry)) {
-        holds = self->entry.kind == TL_ENTRY_START ? self->entry.holds : holds;
+        holds = self->entry.kind == TL_ENTRY_START ? self->entry.start.holds : holds;
         is_left = !holds;
     }
     return is_left;

@@ -103,7 +103,8 @@ static void make_checkpoint(unsigned what) {
     mark.position = outbox.control->head - tl_fuzz_take_word() % (RING + 4096);
     mark.behind = mark.position;
     mark.beginning.from = (tl_resumed_from)(what % 6);
-    place->digest = mark.size > CHECKPOINT ? what : tl_outbox_digest(number, &mark, outbox.checkpoints);
+    const unsigned char *bytes = (const unsigned char *)outbox.control + tl_outbox_place_at(&outbox.settings, 0);
+    place->digest = mark.size > CHECKPOINT ? what : tl_outbox_digest(number, &mark, bytes);
     memcpy(place->mark, &mark, sizeof mark);
     place->number = number;
 }
@@ -147,8 +148,8 @@ static bool is_text(const char *text, size_t size) {
 static void check_entry(void) {
     switch (entry.kind) {
     case TL_ENTRY_START:
-        tl_fuzz_hold((unsigned)entry.beginning.from <= TL_RESUMED_INPUTS);
-        tl_fuzz_hold(entry.holds || tl_account_is_sound(&entry.account));
+        tl_fuzz_hold((unsigned)entry.start.resumption.from <= TL_RESUMED_INPUTS);
+        tl_fuzz_hold(entry.start.holds || tl_account_is_sound(&entry.start.account));
         break;
     case TL_ENTRY_SAMPLE:
         tl_fuzz_hold(entry.sample.quality[0] <= TL_OUTLIER && entry.sample.quality[1] <= TL_OUTLIER);

@@ -197,8 +197,8 @@ static void expect_sample(const tl_course *course, const tl_sample *found) {
 static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
     switch (entry->kind) {
     case TL_ENTRY_START:
-        TEST_ASSERT_EQUAL_UINT32(course->account.components, entry->account.components);
-        course->begun = entry->beginning;
+        TEST_ASSERT_EQUAL_UINT32(course->account.components, entry->start.account.components);
+        course->begun = entry->start.resumption;
         break;
     case TL_ENTRY_SAMPLE:
         expect_sample(course, &entry->sample);

@@ -157,10 +157,10 @@ static void a_run_comes_out_as_it_was_put(void) {
     }
     TEST_ASSERT_TRUE(tl_outbox_put_end(&outbox, "SIGTERM"));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
-    TEST_ASSERT_FALSE(entry.holds);
-    expect_beginning(&start.resumption, &entry.beginning);
-    TEST_ASSERT_EQUAL_MEMORY(&start.account, &entry.account, sizeof start.account);
-    TEST_ASSERT_EQUAL_STRING(fmus, entry.fmus);
+    TEST_ASSERT_FALSE(entry.start.holds);
+    expect_beginning(&start.resumption, &entry.start.resumption);
+    TEST_ASSERT_EQUAL_MEMORY(&start.account, &entry.start.account, sizeof start.account);
+    TEST_ASSERT_EQUAL_STRING(fmus, entry.start.fmus);
     for (int64_t tick = 0; tick < 10; tick++) {
         take_both(tick);
     }
@@ -201,7 +201,7 @@ static void tunings_come_out_in_their_place(void) {
     TEST_ASSERT_TRUE(put_both(5));
     TEST_ASSERT_EQUAL_MEMORY(&taken_one, tl_outbox_tuning(&outbox), sizeof taken_one);
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
-    expect_tuning(1);
+    TEST_ASSERT_EQUAL_MEMORY(&configured, &entry.start.configured, sizeof configured);
     take_both(4);
     TEST_ASSERT_TRUE(take(TL_ENTRY_TUNING));
     expect_tuning(5);
@@ -231,7 +231,7 @@ static void a_full_ring_has_no_room_for_a_tuning(void) {
 static void a_run_that_holds_has_no_account(void) {
     TEST_ASSERT_TRUE(tl_outbox_put_start(&outbox, &start));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
-    TEST_ASSERT_TRUE(entry.holds);
+    TEST_ASSERT_TRUE(entry.start.holds);
     TEST_ASSERT_EQUAL_UINT64(tl_recorder_entry_size_of_start(true), taken.ring);
 }
 
@@ -367,7 +367,7 @@ static void a_beginning_without_room_goes_first(void) {
     }
     TEST_ASSERT_TRUE(put_both(2));
     TEST_ASSERT_TRUE(take(TL_ENTRY_START));
-    TEST_ASSERT_EQUAL_INT64(77, entry.beginning.start);
+    TEST_ASSERT_EQUAL_INT64(77, entry.start.resumption.start);
     TEST_ASSERT_TRUE(take(TL_ENTRY_SAMPLE));
     check_sample(2, 77);
     TEST_ASSERT_TRUE(take(TL_ENTRY_STEP));

@@ -106,8 +106,8 @@ static bool follows(const tl_recorder_entry *found, progress *at) {
     switch (found->kind) {
     case TL_ENTRY_START:
         at->starts++;
-        return found->beginning.tick == at->sample + 1 && found->beginning.run == -1 &&
-               (found->holds || found->account.lead == (uint32_t)at->sample + 1);
+        return found->start.resumption.tick == at->sample + 1 && found->start.resumption.run == -1 &&
+               (found->start.holds || found->start.account.lead == (uint32_t)at->sample + 1);
     case TL_ENTRY_SAMPLE:
         at->sample++;
         tl_made_sample(at->sample, &sample);

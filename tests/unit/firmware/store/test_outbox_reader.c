@@ -322,7 +322,8 @@ static void control_characters_of_events(void) {
 static void make_place(uint64_t number, const tl_outbox_mark *mark) {
     tl_outbox_place *place = &outbox.control->places[number % TL_OUTBOX_PLACES];
     memcpy(place->mark, mark, sizeof *mark);
-    place->digest = mark->size > CHECKPOINT ? 0 : tl_outbox_digest(number, mark, outbox.checkpoints);
+    const unsigned char *bytes = (const unsigned char *)outbox.control + tl_outbox_place_at(&outbox.settings, 0);
+    place->digest = mark->size > CHECKPOINT ? 0 : tl_outbox_digest(number, mark, bytes);
     place->number = number;
 }
 

@@ -269,8 +269,8 @@ static void read_steps(const place *self, int64_t number_of_run) {
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_history_ticks_begin(history, run, 0, &ticks, &error));
     while (tl_history_ticks_next(ticks, &read, &over, &error) == TL_OK && !over) {
         if (read.has_step) {
-            TEST_ASSERT_TRUE(read.step >= 0 && read.step < STEPS);
-            steps[read.step] = read;
+            TEST_ASSERT_TRUE(read.step.step >= 0 && read.step.step < STEPS);
+            steps[read.step.step] = read;
         }
     }
     tl_history_ticks_end(ticks);
@@ -299,8 +299,8 @@ static size_t expect_same_step(const tl_twin_result *result) {
         return 0;
     }
     TEST_ASSERT_EQUAL_MEMORY(&wanted->u[0], &result->record.u[0], sizeof wanted->u[0]);
-    TEST_ASSERT_EQUAL_INT(wanted->outcome, result->record.outcome);
-    TEST_ASSERT_EQUAL_UINT64(wanted->executions, result->record.executions);
+    TEST_ASSERT_EQUAL_INT(wanted->step.outcome, result->record.outcome);
+    TEST_ASSERT_EQUAL_UINT64(wanted->step.executions, result->record.executions);
     return 1;
 }
 
