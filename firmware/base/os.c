@@ -199,9 +199,7 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
     return status;
 }
 
-/* So that the name survives a power cut, as the content does. Not every file system can, and then nothing is wrong with the
- * file. */
-static void keep_name(const char *path) {
+void tl_keep_name(const char *path) {
     char folder[PATH_MAX];
     (void)snprintf(folder, sizeof folder, "%s", path);
     int opened = open(dirname(folder), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
@@ -230,7 +228,7 @@ tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
         (void)unlink(new_file->name);
         return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be put in place: %s", new_file->path, strerror(cause));
     }
-    keep_name(new_file->path);
+    tl_keep_name(new_file->path);
     return TL_OK;
 }
 

@@ -100,6 +100,9 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
 /* Gives it its name; content and name survive a power cut from here on. TL_TRY_AGAIN where not everything could be written; it is discarded then. */
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
 
+/* Synchronises the folder of this path, so that a name in it survives a power cut. Not every file system can; that is no error. */
+void tl_keep_name(const char *path);
+
 /* The same name, or one file by two names: what is made would take the other's place. */
 bool tl_new_file_is(const char *path, const char *other);
 

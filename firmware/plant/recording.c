@@ -15,7 +15,6 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
-#include "firmware/store/recorder_settings.h"
 #include "master/base/status.h"
 
 struct tl_recording {

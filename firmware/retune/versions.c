@@ -411,15 +411,6 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
 
 /* ---- opening ---- */
 
-/* So that the folder itself survives a power cut. Not every file system can. */
-static void keep_folder(const char *path) {
-    int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder >= 0) {
-        (void)fsync(folder);
-        (void)close(folder);
-    }
-}
-
 static tl_status make_folder(const char *state, tl_versions *versions, tl_error *error) {
     struct stat about;
     int length = snprintf(versions->folder, sizeof versions->folder, "%s/versions", state);
@@ -427,7 +418,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
         return tl_fail(error, TL_BAD_DATA, "the folder of versions, %.100s…: its name is too long", state);
     }
     if (mkdir(versions->folder, 0750) == 0) {
-        keep_folder(state);
+        tl_keep_name(versions->folder);
     } else if (errno != EEXIST) {
         return tl_fail(error, TL_TRY_AGAIN, "the folder of versions, %.300s: cannot be made: %s", versions->folder,
                        strerror(errno));

@@ -4,7 +4,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <libgen.h>
-#include <stdint.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,7 +12,6 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "firmware/store/database_sql.h"
 
 /* ---- The schema: one statement each for tables, indices and views. config/SPEC.md, "Database", says what everything means; keep them together.
  *
@@ -214,25 +213,124 @@ static const char *const schema[] = {
     "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick",
 };
 
-/* The columns of the primary key of each table that is read in its order. */
-static const struct {
-    const char *table;
-    const char *columns;
-} keys[] = {
-    {"configurations", "hash"},
-    {"runs", "run"},
-    {"signals", "run, kind, signal"},
-    {"samples", "run, tick, signal"},
-    {"steps", "run, step"},
-    {"outputs", "run, step, signal"},
-    {"adjustments", "run, step, signal"},
-    {"components", "run, component"},
-    {"beginnings", "run"},
-    {"checkpoints", "run, tick"},
-    {"tunings", "run, tick"},
-    {"events", "event"},
-    {"severities", "code"},
-};
+/* ---- database fault ---- */
+
+static __thread tl_database_fault last;
+
+tl_database_fault tl_database_get_fault(void) {
+    return last;
+}
+
+void tl_database_set_fault(tl_database_fault fault) {
+    last = fault;
+}
+
+tl_database_fault tl_database_fault_of_errno(int number) {
+    switch (number) {
+    case EACCES:
+    case EPERM:
+    case EROFS:
+    case ELOOP:
+        return TL_DATABASE_DENIED;
+    default:
+        return TL_DATABASE_LATER;
+    }
+}
+
+tl_database_fault tl_database_fault_of(int code, int number) {
+    switch (code & 0xFF) {
+    case SQLITE_CORRUPT:
+    case SQLITE_NOTADB:
+        return TL_DATABASE_DAMAGED;
+    case SQLITE_READONLY:
+    case SQLITE_PERM:
+    case SQLITE_AUTH:
+        return TL_DATABASE_DENIED;
+    case SQLITE_CANTOPEN:
+        return tl_database_fault_of_errno(number);
+    case SQLITE_IOERR: /* of a medium that cannot be read any more */
+        return code == SQLITE_IOERR_READ || code == SQLITE_IOERR_CORRUPTFS ? TL_DATABASE_DENIED : TL_DATABASE_LATER;
+    case SQLITE_ERROR: /* not the tables that our statements are about */
+    case SQLITE_MISMATCH:
+    case SQLITE_CONSTRAINT:
+    case SQLITE_SCHEMA:
+    case SQLITE_TOOBIG:
+    case SQLITE_INTERRUPT:
+        return TL_DATABASE_FOREIGN;
+    default:
+        return TL_DATABASE_LATER;
+    }
+}
+
+tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...) {
+    char text[TL_ERROR_TEXT];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    last = fault;
+    return tl_fail(error, status, "%s", text);
+}
+
+/* ---- database sql ---- */
+
+void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
+    char buffer[128];
+    bool known = database != NULL && sqlite3_extended_errcode(database) == code; /* else something came after it */
+    int number = known ? sqlite3_system_errno(database) : 0;
+    int primary = code & 0xFF;
+    bool is_of_system =
+        primary == SQLITE_CANTOPEN || primary == SQLITE_IOERR || primary == SQLITE_FULL || primary == SQLITE_READONLY;
+    const char *message = known ? sqlite3_errmsg(database) : sqlite3_errstr(code);
+    if (code == SQLITE_READONLY_DBMOVED) {
+        (void)snprintf(text, size, "its file was moved or removed while it is written");
+    } else if (primary == SQLITE_INTERRUPT) {
+        (void)snprintf(text, size, "a question about it does not come to an end");
+    } else if (primary == SQLITE_BUSY) {
+        (void)snprintf(text, size, "another program has locked the database, or has been reading it for too long");
+    } else if (number != 0 && is_of_system) {
+        (void)snprintf(text, size, "%s (%s)", message, strerror_r(number, buffer, sizeof buffer));
+    } else {
+        (void)snprintf(text, size, "%s", message);
+    }
+}
+
+tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error) {
+    char text[TL_ERROR_TEXT];
+    const char *path = database == NULL ? NULL : sqlite3_db_filename(database, "main");
+    tl_database_text(database, code, text, sizeof text);
+    tl_database_fault fault = tl_database_fault_of(code, database == NULL ? 0 : sqlite3_system_errno(database));
+    bool is_bad = fault == TL_DATABASE_DAMAGED || fault == TL_DATABASE_FOREIGN;
+    tl_status status = is_bad ? TL_BAD_DATA : TL_TRY_AGAIN;
+    if (database != NULL && is_bad) {
+        (void)tl_database_damaged(database, error, "%s", text);
+    } else {
+        (void)tl_fail(error, status, "%s: %s", path == NULL ? "database" : path, text);
+    }
+    last = fault;
+    return status;
+}
+
+tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error) {
+    int code = sqlite3_exec(database, sql, NULL, NULL, NULL);
+    return code == SQLITE_OK ? TL_OK : tl_database_fail(database, code, error);
+}
+
+tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error) {
+    int code = sqlite3_prepare_v3(database, sql, -1, SQLITE_PREPARE_PERSISTENT, statement, NULL);
+    return code == SQLITE_OK ? TL_OK : tl_database_fail(database, code, error);
+}
+
+tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) {
+    char what[256];
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(what, sizeof what, format, arguments);
+    va_end(arguments);
+    return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                              "%s: is damaged: %s: take an earlier copy of it, or record into a new file",
+                              sqlite3_db_filename(database, "main"), what);
+}
 
 /* ---- database guard ---- */
 
@@ -288,17 +386,18 @@ static void guard_connection(sqlite3 *database) {
 
 /* ---- Damage ------------------------------------------------------------------------------------------------------ */
 
-static bool is_small(sqlite3 *database) {
+int64_t tl_database_size(sqlite3 *database, int which) {
     sqlite3_file *file = NULL;
     sqlite3_int64 size = 0;
-    return sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file) == SQLITE_OK && file != NULL &&
-           file->pMethods != NULL && file->pMethods->xFileSize(file, &size) == SQLITE_OK &&
-           size <= TL_DATABASE_DIAGNOSED;
+    bool is_known = sqlite3_file_control(database, "main", which, &file) == SQLITE_OK && file != NULL &&
+                    file->pMethods != NULL && file->pMethods->xFileSize(file, &size) == SQLITE_OK;
+    return is_known ? size : -1;
 }
 
 void tl_database_diagnose(sqlite3 *database, tl_error *error) {
     sqlite3_stmt *statement = NULL;
-    if (!is_small(database) ||
+    int64_t size = tl_database_size(database, SQLITE_FCNTL_FILE_POINTER);
+    if (size < 0 || size > TL_DATABASE_DIAGNOSED ||
         sqlite3_prepare_v2(database, "PRAGMA quick_check(1)", -1, &statement, NULL) != SQLITE_OK) {
         return;
     }
@@ -313,16 +412,14 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error) {
 
 /* ---- Is the schema ours? ------------------------------------------------------------------------------------------ */
 
-/* The text that a statement gives for a table; "": there is no row. */
-static tl_status ask_text(sqlite3 *database, const char *sql, const char *table, char *text, size_t size,
-                          tl_error *error) {
+/* The text that a statement gives; "": there is no row. */
+static tl_status ask_text(sqlite3 *database, const char *sql, char *text, size_t size, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(database, sql, &statement, error);
     text[0] = '\0';
     if (status != TL_OK) {
         return status;
     }
-    (void)sqlite3_bind_text(statement, 1, table, -1, SQLITE_STATIC);
     int code = sqlite3_step(statement);
     if (code == SQLITE_ROW) {
         const char *found = (const char *)sqlite3_column_text(statement, 0);
@@ -334,39 +431,25 @@ static tl_status ask_text(sqlite3 *database, const char *sql, const char *table,
     return status;
 }
 
-/* Rows come in the order of the key without being sorted, so it must be the one we know. Tables that are not there yet are no damage; they are
- * missed by who needs them. Something else that is only called so, such as a view, is. */
-static tl_status check_key(sqlite3 *database, const char *table, const char *columns, tl_error *error) {
-    static const char sql[] =
-        "SELECT type || ' ' || ifnull((SELECT group_concat(name, ', ') FROM"
-        " (SELECT name FROM pragma_table_xinfo(?1) WHERE pk > 0 ORDER BY pk)), '') FROM sqlite_schema WHERE name = ?1";
-    char found[64];
-    tl_status status = ask_text(database, sql, table, found, sizeof found, error);
-    if (status != TL_OK || found[0] == '\0') {
-        return status;
-    }
-    if (strncmp(found, "table ", 6) != 0) {
-        return tl_database_damaged(database, error, "%s is no table", table);
-    }
-    return strcmp(found + 6, columns) == 0
-               ? TL_OK
-               : tl_database_damaged(database, error, "its table %s has not the key that twinlock gives it", table);
-}
-
-/* Errors: TL_BAD_DATA for what the file would have SQLite run for it, and for tables of ours that are none or have another key. */
+/* TL_BAD_DATA for what the file would have SQLite run for it, and for tables of ours that are none or have another key: rows are read in the
+ * order of the key without being sorted. A table that is missing is no damage here; whoever needs it fails. */
 static tl_status check_schema(sqlite3 *database, tl_error *error) {
-    static const char sql[] = "SELECT iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60)"
-                              " FROM sqlite_schema WHERE type = 'trigger' OR"
-                              " (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)";
+    static const char sql[] =
+        "WITH keys (name, columns) AS (VALUES ('configurations', 'hash'), ('runs', 'run'),"
+        "  ('signals', 'run, kind, signal'), ('samples', 'run, tick, signal'), ('steps', 'run, step'),"
+        "  ('outputs', 'run, step, signal'), ('adjustments', 'run, step, signal'), ('components', 'run, component'),"
+        "  ('beginnings', 'run'), ('checkpoints', 'run, tick'), ('tunings', 'run, tick'), ('events', 'event'),"
+        "  ('severities', 'code'))"
+        " SELECT 'it has the ' || iif(type = 'trigger', type, 'virtual table') || ' \"' || substr(name, 1, 60) ||"
+        "  '\", and twinlock makes none' FROM sqlite_schema WHERE type = 'trigger' OR"
+        "  (type = 'table' AND rootpage IS NOT NULL AND rootpage < 1)"
+        " UNION ALL SELECT iif(type = 'table', 'its table ' || name || ' has not the key that twinlock gives it',"
+        "  name || ' is no table') FROM keys JOIN sqlite_schema USING (name) WHERE type <> 'table' OR columns IS NOT"
+        "  (SELECT group_concat(name, ', ') FROM"
+        "    (SELECT name FROM pragma_table_xinfo(keys.name) WHERE pk > 0 ORDER BY pk))";
     char found[300];
-    tl_status status = ask_text(database, sql, NULL, found, sizeof found, error);
-    if (status == TL_OK && found[0] != '\0') {
-        status = tl_database_damaged(database, error, "it has the %s\", and twinlock makes none", found);
-    }
-    for (size_t i = 0; status == TL_OK && i < sizeof keys / sizeof keys[0]; i++) {
-        status = check_key(database, keys[i].table, keys[i].columns, error);
-    }
-    return status;
+    tl_status status = ask_text(database, sql, found, sizeof found, error);
+    return status == TL_OK && found[0] != '\0' ? tl_database_damaged(database, error, "%s", found) : status;
 }
 
 /* ---- Opening, making and recognising a twinlock database.
@@ -420,14 +503,13 @@ static tl_status judge_header(const unsigned char header[HEADER], int64_t size, 
 
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error) {
     sqlite3_file *file = NULL;
-    sqlite3_int64 size = 0;
     unsigned char header[HEADER] = {0};
-    int code = sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file);
-    if (code != SQLITE_OK || file == NULL || file->pMethods == NULL ||
-        file->pMethods->xFileSize(file, &size) != SQLITE_OK) {
+    int64_t size = tl_database_size(database, SQLITE_FCNTL_FILE_POINTER);
+    if (size < 0) {
         return tl_database_refuse(TL_DATABASE_LATER, error, TL_TRY_AGAIN, "%s: cannot be read", path);
     }
-    code = size == 0 ? SQLITE_OK : file->pMethods->xRead(file, header, HEADER, 0);
+    (void)sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file);
+    int code = size == 0 ? SQLITE_OK : file->pMethods->xRead(file, header, HEADER, 0);
     if (code != SQLITE_OK && code != SQLITE_IOERR_SHORT_READ) { /* what is not there reads as zeros */
         return tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path,
                                   sqlite3_errstr(code));
@@ -534,7 +616,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
         status = tl_database_execute(*database, both, error);
     }
     if (status == TL_OK) {
-        status = ask_text(*database, "PRAGMA user_version", NULL, version, sizeof version, error);
+        status = ask_text(*database, "PRAGMA user_version", version, sizeof version, error);
     }
     if (status == TL_OK) { /* as SQL sees it */
         status = check_version(path, strtoll(version, NULL, 10), error);
@@ -608,34 +690,29 @@ static bool may_be_removed(const char *name, const leftover *kind) {
                                                               memcmp(start, kind->starts[1], kind->length) == 0));
 }
 
-/* The log of a database that was removed would be played into the new one. */
-static tl_status remove_leftovers(const char *path, tl_error *error) {
-    char names[sizeof leftovers / sizeof leftovers[0]][PATH_MAX];
+static void remove_beside(const char *path) {
+    char name[PATH_MAX];
     for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
-        if (snprintf(names[i], PATH_MAX, "%s%s", path, leftovers[i].end) >= PATH_MAX) {
-            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
-        }
-        if (!may_be_removed(names[i], &leftovers[i])) {
-            return tl_database_refuse(
-                TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
-                "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away", path,
-                names[i]);
-        }
+        (void)snprintf(name, sizeof name, "%s%s", path, leftovers[i].end);
+        (void)unlink(name);
     }
-    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
-        (void)unlink(names[i]);
-    }
-    return TL_OK;
 }
 
-static void sync_folder(const char *path) {
-    char copy[PATH_MAX];
-    (void)snprintf(copy, sizeof copy, "%s", path);
-    int folder = open(dirname(copy), O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (folder >= 0) {
-        (void)fsync(folder);
-        (void)close(folder);
+/* The log of a database that was removed would be played into the new one. */
+static tl_status remove_leftovers(const char *path, tl_error *error) {
+    char name[PATH_MAX];
+    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
+        if (snprintf(name, sizeof name, "%s%s", path, leftovers[i].end) >= PATH_MAX) {
+            return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_TRY_AGAIN, "%.200s…: the name is too long", path);
+        }
+        if (!may_be_removed(name, &leftovers[i])) {
+            return tl_database_refuse(
+                TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
+                "%s: cannot be made: %s is there and not SQLite's, which needs that name: move it away", path, name);
+        }
     }
+    remove_beside(path);
+    return TL_OK;
 }
 
 /* An empty file beside `path` that nobody had before; its name goes to `name`. */
@@ -654,15 +731,6 @@ static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *erro
                                       path, strerror(errno));
         }
     }
-}
-
-static void remove_unfinished(const char *name) {
-    char beside[PATH_MAX];
-    for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
-        (void)snprintf(beside, sizeof beside, "%s%s", name, leftovers[i].end);
-        (void)unlink(beside);
-    }
-    (void)unlink(name);
 }
 
 /* Gives what was built its name, unless there is something by now. A file system that cannot do both at once (NFS) can make a
@@ -689,10 +757,11 @@ tl_status tl_database_create(const char *path, tl_error *error) {
                                     path, strerror(errno));
     }
     if (status != TL_OK) {
-        remove_unfinished(name);
+        remove_beside(name);
+        (void)unlink(name);
         return status;
     }
-    sync_folder(path);
+    tl_keep_name(path);
     return TL_OK;
 }
 

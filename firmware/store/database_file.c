@@ -14,18 +14,31 @@
 
 #include "firmware/base/os.h"
 #include "firmware/store/database.h"
-#include "firmware/store/database_sql.h"
 
 /* ---- flock() on a file of our own. Not on the database itself: SQLite has its own locks there. */
 
 static const tl_time PAUSE = TL_SECOND / 20; /* between two tries */
 
-/* Is the file we locked still the one with that name? Its last owner may have removed it meanwhile. */
-static bool is_current(const tl_database_lock *lock) {
-    struct stat opened;
+/* Is the file of this handle the one with that name? If that cannot be told, it is taken to be. */
+static tl_database_whereabouts look_for(int handle, const char *name) {
+    struct stat ours;
     struct stat named;
-    return fstat(lock->file, &opened) == 0 && stat(lock->path, &named) == 0 && opened.st_ino == named.st_ino &&
-           opened.st_dev == named.st_dev;
+    if (handle < 0 || fstat(handle, &ours) != 0) {
+        return TL_DATABASE_IN_PLACE;
+    }
+    bool is_there = stat(name, &named) == 0;
+    if (!is_there && errno != ENOENT && errno != ENOTDIR) {
+        return TL_DATABASE_IN_PLACE; /* as far as we may know: what is open goes on */
+    }
+    if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
+        return TL_DATABASE_IN_PLACE;
+    }
+    return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
+}
+
+/* Its last owner may have removed it after we had opened it. */
+static bool is_current(const tl_database_lock *lock) {
+    return look_for(lock->file, lock->path) == TL_DATABASE_IN_PLACE;
 }
 
 static void say_owner(tl_database_lock *lock) {
@@ -316,23 +329,6 @@ tl_status tl_database_file_open(const char *given, tl_time patience, const tl_da
         tl_database_file_close(file);
     }
     return status;
-}
-
-/* Is the file of this handle the one with that name? */
-static tl_database_whereabouts look_for(int handle, const char *name) {
-    struct stat ours;
-    struct stat named;
-    if (handle < 0 || fstat(handle, &ours) != 0) {
-        return TL_DATABASE_IN_PLACE;
-    }
-    bool is_there = stat(name, &named) == 0;
-    if (!is_there && errno != ENOENT && errno != ENOTDIR) {
-        return TL_DATABASE_IN_PLACE; /* as far as we may know: what is open goes on */
-    }
-    if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
-        return TL_DATABASE_IN_PLACE;
-    }
-    return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
 }
 
 static off_t size_of(const tl_database_file *file) {

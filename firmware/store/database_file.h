@@ -27,7 +27,7 @@ typedef struct tl_database_lock {
 } tl_database_lock;
 
 /* Waits for at most `patience`. TL_TRY_AGAIN if another recorder has it, of this process or another, or if the
- * file cannot be made; TL_BAD_DATA if its name is that of a file which is no lock. Says the fault (database_sql.h). */
+ * file cannot be made; TL_BAD_DATA if its name is that of a file which is no lock. Says the fault (database.h). */
 tl_status tl_database_lock_take(const char *database, tl_time patience, tl_database_lock *lock, tl_error *error);
 
 void tl_database_lock_release(tl_database_lock *lock);
@@ -36,7 +36,7 @@ void tl_database_lock_release(tl_database_lock *lock);
  *
  * Purpose: finds or makes the file, takes the lock, opens it, and says what has become of it since. A damaged file of ours can be put
  *          aside, for whoever may still get something out of it, and another be made at its place, all under the same lock.
- * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database_sql.h).
+ * Errors:  TL_TRY_AGAIN, TL_BAD_DATA, TL_BAD_USAGE as in database.h; each says the fault (database.h).
  * Thread:  one at a time.
  */
 
@@ -143,7 +143,7 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
  *
  * Purpose: a plant is kept in step whether it can be recorded or not; so who records copes with nearly everything that can be wrong
  *          with a file, and only says so. What was never ours is never touched, and nothing is ever deleted.
- * Rules:   by fault (database_sql.h). Damaged: put aside as FILE.damaged-1, -2, … and made anew. Denied, other, foreign: FILE.beside
+ * Rules:   by fault (database.h). Damaged: put aside as FILE.damaged-1, -2, … and made anew. Denied, other, foreign: FILE.beside
  *          is written (if need be FILE.beside-2, …), which is a database like any other. Later, taken: it is waited for; and so is a folder
  *          that denies everything.
  * Thread:  one at a time.

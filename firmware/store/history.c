@@ -10,7 +10,6 @@
 #include "firmware/base/text.h"
 #include "firmware/config/measurements.h"
 #include "firmware/store/database.h"
-#include "firmware/store/database_sql.h"
 #include "master/base/arena.h"
 #include "master/base/text.h"
 

@@ -20,7 +20,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/store/recorder_settings.h"
+#include "firmware/store/recorder_database.h"
 #include "firmware/store/run_types.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"

@@ -1,4 +1,4 @@
-/* The recorder's database: tables, statements, the beginning of a run, its bound: see recorder_database.h. */
+/* The recorder's settings and its database: tables, statements, the beginning of a run, its bound: see recorder_database.h. */
 #include "firmware/store/recorder_database.h"
 
 #include <assert.h>
@@ -11,14 +11,38 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/config/measurements.h"
-#include "firmware/store/database_sql.h"
-#include "firmware/store/outbox.h"
-#include "firmware/store/recorder_settings.h"
+#include "firmware/store/database.h"
 #include "master/base/text.h"
 
 #ifndef TL_VERSION
 #define TL_VERSION "unknown"
 #endif
+
+void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings) {
+    for (size_t i = 0; i < config->signal_count; i++) {
+        const tl_plan_signal *signal = &config->signals[i].plan;
+        (void)snprintf(names->plant_texts[i], TL_RECORDER_NAME, "plant.%s", signal->name);
+        names->plant[i] = (tl_recorder_signal){names->plant_texts[i], signal->unit, NULL, signal->type};
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        names->match[i] = (tl_recorder_signal){config->match[i].variable, "", config->match[i].to, TL_REAL};
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        names->adjust[i] = (tl_recorder_signal){config->adjust[i].variable, "", NULL, TL_REAL};
+    }
+    settings->max_bytes = config->record_max_bytes;
+    settings->commit = config->record_commit;
+    settings->name = config->name;
+    settings->configuration = config->text;
+    settings->step = config->step;
+    settings->measurements = config->measurements;
+    settings->plant = names->plant;
+    settings->match = names->match;
+    settings->adjust = names->adjust;
+    settings->plant_count = config->signal_count;
+    settings->match_count = config->match_count;
+    settings->adjust_count = config->adjust_count;
+}
 
 /* ---- Statements: ?1 is always a run, mostly that of the batch. ---------------------------------------------------- */
 
@@ -26,9 +50,7 @@ typedef enum statement {
     BEGIN,
     COMMIT,
     ROLLBACK,
-    FIND,
-    START,
-    BEGINNING,
+    HAS_TOTALS,
     GO_ON,
     CONFIGURATION,
     TUNING,
@@ -51,7 +73,6 @@ typedef enum statement {
     FLAG_NAME,
     QUALITY_NAME,
     SEVERITY_NAME,
-    NEW_CONFIGURATION,
     NEW_RUN,
     NEW_BEGINNING,
     SIGNAL,
@@ -61,10 +82,9 @@ typedef enum statement {
     PAGE_COUNT,
     FREE_COUNT,
     OLDEST_RUN,
-    FIRST_SAMPLE,
-    FIRST_STEP,
+    FIRST_TICK,
     LAST_SAMPLE,
-    COUNT_SIGNALS,
+    TICKS_AT_ONCE,
     COUNT_EVENTS,
     /* what is removed of a run before tick ?2, */
     OLD_SAMPLES,
@@ -93,10 +113,8 @@ static const char *const sql_of[STATEMENTS] = {
     [BEGIN] = "BEGIN IMMEDIATE",
     [COMMIT] = "COMMIT",
     [ROLLBACK] = "ROLLBACK",
-    [FIND] = "SELECT samples_written, steps_written, events_written, entries_lost, committed FROM runs WHERE run = ?1",
-    [START] = "UPDATE runs SET started = ?2 WHERE run = ?1",
-    [BEGINNING] = "UPDATE beginnings SET start_ns = ?2, resumed_run = ?3, resumed_tick = ?4, resumed_from = ?5"
-                  " WHERE run = ?1",
+    [HAS_TOTALS] = "SELECT 1 FROM runs WHERE run = ?1 AND (samples_written, steps_written, events_written,"
+                   " entries_lost, committed) = (?2, ?3, ?4, ?5, ?6)",
     [GO_ON] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
               " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
     /* One that was not known when a run was begun with it is now. */
@@ -104,10 +122,10 @@ static const char *const sql_of[STATEMENTS] = {
                       " ON CONFLICT (hash) DO UPDATE SET text = excluded.text WHERE text = ''",
     [TUNING] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-    /* As it was said before, by this run or one before it. */
+    /* As it was said before, by this run or one before it; else with nothing but that it was taken now. */
     [TUNING_AGAIN] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
-                     " SELECT ?1, ?2, ?3, at, who, origin, why FROM tunings WHERE configuration = ?3"
-                     " ORDER BY run DESC, tick DESC LIMIT 1",
+                     " SELECT ?1, ?2, ?3, at, who, origin, why FROM (SELECT * FROM tunings WHERE configuration = ?3"
+                     " UNION ALL SELECT -1, -1, ?3, ?4, '', '', '') ORDER BY run DESC, tick DESC LIMIT 1",
     [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?2",
     [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
     /* But the two newest, and what the run began with. */
@@ -135,10 +153,10 @@ static const char *const sql_of[STATEMENTS] = {
     [FLAG_NAME] = "INSERT OR REPLACE INTO flags VALUES (?2, ?3)",
     [QUALITY_NAME] = "INSERT OR REPLACE INTO qualities VALUES (?2, ?3)",
     [SEVERITY_NAME] = "INSERT OR REPLACE INTO severities VALUES (?2, ?3)",
-    [NEW_CONFIGURATION] = "INSERT OR IGNORE INTO configurations (hash, text) VALUES (?2, ?3)",
     [NEW_RUN] = "INSERT INTO runs (verb, name, version, configuration, started, committed, step_ns, prediction,"
-                " measurements, lead) VALUES (?2, ?3, ?4, ?5, ?6, ?6, ?7, ?8, ?9, ?10)",
-    [NEW_BEGINNING] = "INSERT INTO beginnings (run, fmus, boot) VALUES (?1, ?2, ?3)",
+                " measurements, lead) VALUES (?2, ?3, ?4, ?5, ?6, ?7, ?8, ?9, ?10, ?11)",
+    [NEW_BEGINNING] = "INSERT INTO beginnings (run, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from)"
+                      " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
     [SIGNAL] = "INSERT INTO signals (run, kind, signal, name, unit, type, compared_with)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
     [COMPONENT] = "INSERT INTO components (run, component, name) VALUES (?1, ?2, ?3)",
@@ -147,10 +165,12 @@ static const char *const sql_of[STATEMENTS] = {
     [PAGE_COUNT] = "PRAGMA page_count",
     [FREE_COUNT] = "PRAGMA freelist_count",
     [OLDEST_RUN] = "SELECT run FROM runs WHERE run <> ?1 ORDER BY run LIMIT 1",
-    [FIRST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1",
-    [FIRST_STEP] = "SELECT step FROM steps WHERE run = ?1 ORDER BY step LIMIT 1",
+    [FIRST_TICK] =
+        "SELECT min(tick) FROM (SELECT * FROM (SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1)"
+        " UNION ALL SELECT * FROM (SELECT step FROM steps WHERE run = ?1 ORDER BY step LIMIT 1))",
     [LAST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1",
-    [COUNT_SIGNALS] = "SELECT count(*) FROM signals WHERE run = ?1",
+    /* That make about 4096 rows: each has a row per signal, and one of its own. */
+    [TICKS_AT_ONCE] = "SELECT 4096 / (count(*) + 1) + 1 FROM signals WHERE run = ?1",
     [COUNT_EVENTS] = "SELECT count(*) FROM events WHERE run = ?1",
     [OLD_SAMPLES] = "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
     [OLD_OUTPUTS] = "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
@@ -329,16 +349,13 @@ static int count_frames(void *context, sqlite3 *connection, const char *name, in
     return SQLITE_OK;
 }
 
-/* The first tick or step that a run still has, INT64_MAX where there is none; and how many ticks make about ROWS_AT_ONCE rows: each has a
- * row per signal, and one of its own. */
-static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *tick, int64_t *ticks) {
-    int64_t step = 0;
-    int64_t signals = 0;
-    int code = ask(database, FIRST_SAMPLE, run, INT64_MAX, tick);
-    code = code != SQLITE_OK ? code : ask(database, FIRST_STEP, run, INT64_MAX, &step);
-    code = code != SQLITE_OK ? code : ask(database, COUNT_SIGNALS, run, 0, &signals);
-    *tick = step < *tick ? step : *tick;
-    *ticks = ROWS_AT_ONCE / (signals + 1) + 1;
+/* The first tick or step that a run still has, INT64_MAX if there is none; and which tick lies as far behind it as is removed at once. Ticks of a
+ * run that is damaged may be anywhere. */
+static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *first, int64_t *until) {
+    int64_t ticks = 0;
+    int code = ask(database, FIRST_TICK, run, INT64_MAX, first);
+    code = code != SQLITE_OK ? code : ask(database, TICKS_AT_ONCE, run, 1, &ticks);
+    *until = *first < INT64_MAX - ticks ? *first + ticks : INT64_MAX;
     return code;
 }
 
@@ -350,32 +367,26 @@ static int change_all(tl_recorder_database *database, statement first, statement
     return code;
 }
 
-/* Ticks of a run that is damaged may be anywhere. */
-static int64_t tick_after(int64_t first, int64_t ticks) {
-    return first < INT64_MAX - ticks ? first + ticks : INT64_MAX;
-}
-
 static int remove_of_old_run(tl_recorder_database *database, int64_t run) {
     int64_t first = 0;
-    int64_t ticks = 0;
-    int code = find_oldest(database, run, &first, &ticks);
-    if (code != SQLITE_OK || first == INT64_MAX) {
-        return code != SQLITE_OK ? code
-                                 : change_all(database, OLD_EVENTS, UNUSED_CONFIGURATIONS, run, (int64_t)ROWS_AT_ONCE);
+    int64_t until = 0;
+    int code = find_oldest(database, run, &first, &until);
+    if (code != SQLITE_OK) {
+        return code;
     }
-    return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, tick_after(first, ticks));
+    return first == INT64_MAX ? change_all(database, OLD_EVENTS, UNUSED_CONFIGURATIONS, run, (int64_t)ROWS_AT_ONCE)
+                              : change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until);
 }
 
 static int remove_of_this_run(tl_recorder_database *database, bool *removed) {
     int64_t first = 0;
+    int64_t until = 0;
     int64_t last = 0;
-    int64_t ticks = 0;
     int64_t events = 0;
     int64_t run = database->run;
-    int code = find_oldest(database, run, &first, &ticks);
+    int code = find_oldest(database, run, &first, &until);
     code = code != SQLITE_OK ? code : ask(database, LAST_SAMPLE, run, -1, &last);
     if (code == SQLITE_OK && first != INT64_MAX && first < last) {
-        int64_t until = tick_after(first, ticks);
         return change_all(database, OLD_SAMPLES, REMOVED_BEFORE, run, until < last ? until : last);
     }
     code = code != SQLITE_OK ? code : ask(database, COUNT_EVENTS, run, 0, &events);
@@ -408,16 +419,6 @@ static int remove_some(tl_recorder_database *database, bool *removed) {
     }
     tl_recorder_database_rollback(database);
     return code;
-}
-
-static int64_t file_size(const tl_recorder_database *database, int which) {
-    sqlite3_file *file = NULL;
-    sqlite3_int64 size = 0;
-    if (sqlite3_file_control(database->connection, "main", which, &file) != SQLITE_OK || file == NULL ||
-        file->pMethods == NULL || file->pMethods->xFileSize(file, &size) != SQLITE_OK) {
-        return 0;
-    }
-    return size;
 }
 
 static int64_t log_bytes(const tl_recorder_database *database) {
@@ -456,8 +457,9 @@ static int shrink(tl_recorder_database *database, int64_t pages) {
 
 /* A log that a reader keeps from being written back may grow as long as the bound holds. */
 static int check_log(tl_recorder_database *database, int64_t needed) {
-    int64_t on_disk =
-        file_size(database, SQLITE_FCNTL_FILE_POINTER) + file_size(database, SQLITE_FCNTL_JOURNAL_POINTER);
+    int64_t file = tl_database_size(database->connection, SQLITE_FCNTL_FILE_POINTER);
+    int64_t log = tl_database_size(database->connection, SQLITE_FCNTL_JOURNAL_POINTER);
+    int64_t on_disk = (file < 0 ? 0 : file) + (log < 0 ? 0 : log);
     if (log_bytes(database) < 2 * database->log_limit ||
         on_disk + needed * database->page_size <= database->settings->max_bytes) {
         return SQLITE_OK;
@@ -530,21 +532,29 @@ static int write_names(tl_recorder_database *database) {
     return code;
 }
 
+/* The last tick that a run of this step can have. */
+static int64_t last_tick(const tl_recorder_database *database) {
+    return TL_ROW_LARGEST / database->settings->step;
+}
+
 /* With the configuration that the run was built with, whose text may not be known. */
-static int write_run(tl_recorder_database *database, const tl_outbox_start *start) {
+static int write_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed) {
     const tl_recorder_settings *settings = database->settings;
     char own[TL_SHA256_TEXT];
     char now[TL_UTC_TEXT];
+    char started[TL_UTC_TEXT];
     tl_sha256(settings->configuration, strlen(settings->configuration), own);
     const char *hash = start->holds || start->configured.hash[0] == '\0' ? own : start->configured.hash;
-    int code = write_row(database, NEW_CONFIGURATION,
+    int code = write_row(database, CONFIGURATION,
                          (cell[]){cell_text(hash), cell_text(strcmp(hash, own) == 0 ? settings->configuration : "")});
     if (code == SQLITE_OK) {
         tl_utc_text(tl_utc_now(), now);
+        tl_utc_text(start->resumption.started, started);
         const cell row[] = {cell_text(start->holds ? "hold" : settings->verb),
                             cell_text(settings->name),
                             cell_text(TL_VERSION),
                             cell_text(hash),
+                            cell_text(timed ? started : now),
                             cell_text(now),
                             cell_whole(settings->step),
                             cell_whole(start->account.prediction > INT32_MAX ? INT32_MAX : start->account.prediction),
@@ -556,18 +566,29 @@ static int write_run(tl_recorder_database *database, const tl_outbox_start *star
     return code;
 }
 
-/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. */
-static int write_beginning(tl_recorder_database *database, const tl_outbox_start *start) {
+/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. If timed, when the run began,
+ * and what it goes on with. */
+static int write_beginning(tl_recorder_database *database, const tl_outbox_start *start, bool timed) {
     char none[TL_SHA256_TEXT];
     const tl_recorder_settings *settings = database->settings;
+    const tl_resumption *resumption = &start->resumption;
     const char *known = settings->fmus != NULL ? settings->fmus : "";
     const char *fmus = start->fmus[0] != '\0' ? start->fmus : known;
     if (start->holds) {
         tl_identity_files(NULL, 0, none);
         fmus = none;
     }
-    return write_row(database, NEW_BEGINNING,
-                     (cell[]){cell_text(fmus), cell_text(settings->boot != NULL ? settings->boot : "")});
+    cell row[6] = {cell_text(fmus), cell_text(settings->boot != NULL ? settings->boot : "")};
+    if (timed) {
+        row[2] = cell_within(-TL_ROW_LARGEST, resumption->start);
+    }
+    if (timed && resumption->from != TL_RESUMED_NOT) {
+        int64_t last = last_tick(database);
+        row[3] = cell_within(0, resumption->run);
+        row[4] = cell_within(0, resumption->tick < last ? resumption->tick : last);
+        row[5] = cell_text(tl_resumed_from_name(resumption->from));
+    }
+    return write_row(database, NEW_BEGINNING, row);
 }
 
 static int write_signal(tl_recorder_database *database, const char *kind, size_t index,
@@ -604,39 +625,19 @@ static int write_signals(tl_recorder_database *database, const tl_outbox_start *
     return code;
 }
 
-/* The last tick that a run of this step can have. */
-static int64_t last_tick(const tl_recorder_database *database) {
-    return TL_ROW_LARGEST / database->settings->step;
-}
-
-/* When it began, and what it goes on with. */
-static int write_start(tl_recorder_database *database, const tl_resumption *beginning) {
-    char started[TL_UTC_TEXT];
-    tl_utc_text(beginning->started, started);
-    int code = write_row(database, START, (cell[]){cell_text(started)});
-    cell row[4] = {cell_within(-TL_ROW_LARGEST, beginning->start)};
-    if (beginning->from != TL_RESUMED_NOT) {
-        int64_t last = last_tick(database);
-        row[1] = cell_within(0, beginning->run);
-        row[2] = cell_within(0, beginning->tick < last ? beginning->tick : last);
-        row[3] = cell_text(tl_resumed_from_name(beginning->from));
-    }
-    return code == SQLITE_OK ? write_row(database, BEGINNING, row) : code;
-}
-
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
     int code = tl_recorder_database_give_up(database);
     code = code == SQLITE_OK ? write_names(database) : code;
-    code = code == SQLITE_OK ? write_run(database, start) : code;
-    code = code == SQLITE_OK ? write_beginning(database, start) : code;
+    code = code == SQLITE_OK ? write_run(database, start, timed) : code;
+    code = code == SQLITE_OK ? write_beginning(database, start, timed) : code;
     code = code == SQLITE_OK ? write_signals(database, start) : code;
     if (code == SQLITE_OK && known != NULL) {
         code = write_row(database, CONFIGURATION, (cell[]){cell_text(known->hash), cell_text(known->text)});
     }
     *run = database->run;
-    return code == SQLITE_OK && timed ? write_start(database, &start->resumption) : code;
+    return code;
 }
 
 /* ---- A batch ----------------------------------------------------------------------------------------------------- */
@@ -728,45 +729,31 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
     return code;
 }
 
-/* ---- Tunings ---- */
-
-/* With what is known of it; NULL: nothing but that it was taken. */
-static int write_tuning_of(tl_recorder_database *database, const tl_run_tuning *tuning,
-                           const tl_recorder_known *known) {
-    char now[TL_UTC_TEXT];
-    const tl_recorder_known none = {.who = "", .origin = "", .why = ""};
-    known = known != NULL ? known : &none;
-    tl_utc_text(tl_utc_now(), now);
-    return write_row(database, TUNING,
-                     (cell[]){cell_whole(tuning->tick), cell_text(tuning->hash),
-                              cell_text(known->at != NULL ? known->at : now), cell_text(known->who),
-                              cell_text(known->origin), cell_text(known->why)});
-}
-
-/* As it was said before; else with nothing but that it was taken. */
-static int write_tuning_again(tl_recorder_database *database, const tl_run_tuning *tuning) {
-    int code = write_row(database, TUNING_AGAIN, (cell[]){cell_whole(tuning->tick), cell_text(tuning->hash)});
-    bool done = sqlite3_changes(database->connection) > 0;
-    return code != SQLITE_OK || done ? code : write_tuning_of(database, tuning, NULL);
-}
-
 /* A text that nobody has told us is none that a replay could follow. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible) {
     const tl_recorder_known *known = find_known(database, tuning);
+    const cell tick = cell_whole(tuning->tick);
+    const cell hash = cell_text(tuning->hash);
+    char now[TL_UTC_TEXT];
     int64_t is = 1;
     int code = SQLITE_OK;
+    tl_utc_text(tl_utc_now(), now);
     if (known != NULL) {
-        code = write_row(database, CONFIGURATION, (cell[]){cell_text(known->hash), cell_text(known->text)});
+        code = write_row(database, CONFIGURATION, (cell[]){hash, cell_text(known->text)});
     } else {
-        bind_row(database, IS_CONFIGURATION, (cell[]){cell_text(tuning->hash)});
-        code = ask(database, IS_CONFIGURATION, 0, 0, &is);
+        bind_row(database, IS_CONFIGURATION, &hash);
+        code = ask(database, IS_CONFIGURATION, database->run, 0, &is);
     }
     *impossible = is == 0;
     if (code != SQLITE_OK || is == 0) {
         return code;
     }
-    bool is_told = known != NULL && (known->number == 0 || known->number == tuning->number);
-    return is_told ? write_tuning_of(database, tuning, known) : write_tuning_again(database, tuning);
+    if (known == NULL || (known->number != 0 && known->number != tuning->number)) {
+        return write_row(database, TUNING_AGAIN, (cell[]){tick, hash, cell_text(now)});
+    }
+    return write_row(database, TUNING,
+                     (cell[]){tick, hash, cell_text(known->at != NULL ? known->at : now), cell_text(known->who),
+                              cell_text(known->origin), cell_text(known->why)});
 }
 
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible) {
@@ -797,6 +784,20 @@ int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder
                               cell_whole(event->severity), cell_text(event->source), cell_text(event->text)});
 }
 
+static void bind_totals(tl_recorder_database *database, statement which, const tl_recorder_totals *totals) {
+    bind_row(database, which,
+             (cell[]){cell_count(totals->samples), cell_count(totals->steps), cell_count(totals->events),
+                      cell_count(totals->lost), cell_text(totals->committed)});
+}
+
+int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const tl_recorder_totals *totals, bool *has) {
+    int64_t found = 0;
+    bind_totals(database, HAS_TOTALS, totals);
+    int code = ask(database, HAS_TOTALS, run, 0, &found);
+    *has = found != 0;
+    return code;
+}
+
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason) {
     int code = SQLITE_OK;
     for (size_t i = 0; database->has_ledger && i < database->settings->component_count && code == SQLITE_OK; i++) {
@@ -807,9 +808,8 @@ int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorde
         code = write_row(database, LEDGER, row);
     }
     if (code == SQLITE_OK) {
-        code = write_row(database, TOTALS,
-                         (cell[]){cell_count(totals->samples), cell_count(totals->steps), cell_count(totals->events),
-                                  cell_count(totals->lost), cell_text(totals->committed)});
+        bind_totals(database, TOTALS, totals);
+        code = run_statement(database->statements[TOTALS]);
     }
     if (code == SQLITE_OK && reason != NULL) {
         code = write_row(database, END, (cell[]){cell_text(reason)});
@@ -828,26 +828,6 @@ unsigned tl_recorder_database_writings_back(const tl_recorder_database *database
 }
 
 /* ---- Opening ----------------------------------------------------------------------------------------------------- */
-
-static uint64_t read_count(sqlite3_stmt *row, int column) {
-    int64_t count = sqlite3_column_int64(row, column);
-    return count < 0 ? 0 : (uint64_t)count;
-}
-
-int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool *found, tl_recorder_totals *totals) {
-    sqlite3_stmt *row = database->statements[FIND];
-    (void)sqlite3_bind_int64(row, 1, run);
-    int code = sqlite3_step(row);
-    *found = code == SQLITE_ROW;
-    if (code == SQLITE_ROW) {
-        const char *committed = (const char *)sqlite3_column_text(row, 4);
-        *totals =
-            (tl_recorder_totals){read_count(row, 0), read_count(row, 1), read_count(row, 2), read_count(row, 3), ""};
-        (void)snprintf(totals->committed, sizeof totals->committed, "%s", committed == NULL ? "" : committed);
-    }
-    (void)sqlite3_reset(row);
-    return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
-}
 
 int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
                               tl_recorder_database **database) {

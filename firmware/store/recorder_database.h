@@ -1,6 +1,7 @@
-/* The recorder's database: tables, statements, the beginning of a run.
+/* What a recorder is made with (the file, the run's facts, how patient it is), and its database: tables, statements, the beginning of a run.
  *
- * Thread:  the recorder's.
+ * Owner:   all texts and arrays of the settings are the caller's, and outlive the recorder.
+ * Thread:  the settings are plain data; the rest is the recorder's.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_DATABASE_H
 #define TL_FIRMWARE_STORE_RECORDER_DATABASE_H
@@ -11,8 +12,44 @@
 #include <stdint.h>
 
 #include "firmware/base/text.h"
+#include "firmware/config/config.h"
+#include "firmware/store/database_file.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_settings.h"
+#include "master/plan/plan.h"
+
+typedef struct tl_recorder_settings {
+    const char *path;
+    tl_database_insistence insistence; /* at the opening; once it is open, whatever happens is coped with */
+    int64_t max_bytes;                 /* 0: no bound; else at least 1,000,000 */
+    tl_time commit;                    /* ns between commits, > 0, default 0.5 s */
+    const char *verb;                  /* "run", "hold", "replay" */
+    const char *name;                  /* of the configuration */
+    const char *configuration;         /* its text, */
+    const tl_recorder_known *known;    /* and others: they may change between two writes */
+    size_t known_count;
+    const char *fmus;   /* SHA-256 over those of the FMUs, */
+    const char *boot;   /* of the system, */
+    const char *format; /* and of the bytes of checkpoints; each may be NULL */
+    tl_time step;       /* T_S */
+    tl_measurements measurements;
+    const tl_recorder_signal *plant, *match, *adjust;
+    size_t plant_count, match_count, adjust_count;
+    size_t component_count;    /* in the ledger */
+    const tl_account *account; /* of a twin whose run begins when the recorder is opened: needed only then */
+    bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
+    tl_time patience;          /* ns, with a disk that refuses: of close, and of a put that waits for room; 0: 2 s */
+} tl_recorder_settings;
+
+/* Names as the recorder makes them of a configuration. */
+typedef struct tl_recorder_names {
+    char plant_texts[TL_MAX_SIGNALS][TL_RECORDER_NAME];
+    tl_recorder_signal plant[TL_MAX_SIGNALS];
+    tl_recorder_signal match[TL_MAX_MATCH]; /* without units and types, which the FMUs tell */
+    tl_recorder_signal adjust[TL_MAX_ADJUST];
+} tl_recorder_names;
+
+/* Sets all that a configuration says: bound, interval, name, text, step, measurements, signals. Lives as long as both. */
+void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings);
 
 typedef struct tl_recorder_database tl_recorder_database;
 
@@ -35,8 +72,8 @@ void tl_recorder_database_close(tl_recorder_database *database);
 /* Bytes of ring that a batch should not exceed by more than one entry. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
-/* The totals of a run; `found` is false if the file has no such run. */
-int tl_recorder_database_find(tl_recorder_database *database, int64_t run, bool *found, tl_recorder_totals *totals);
+/* Whether the file has this run, and that has these totals. */
+int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const tl_recorder_totals *totals, bool *has);
 
 /* ---- a batch, of one run ---- */
 

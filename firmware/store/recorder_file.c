@@ -8,7 +8,7 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "firmware/store/database_sql.h"
+#include "firmware/store/database.h"
 
 static const tl_time PATIENCE = 2 * TL_SECOND; /* for what keeps a file from being opened, if that is an error */
 static const tl_time PATIENCE_RUNNING = TL_SECOND / 10; /* for other programs, while entries wait */
@@ -74,14 +74,11 @@ static bool is_same(const tl_recorder_totals *totals, const tl_recorder_totals *
 
 /* Is the run in this file as the mark says? */
 static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *there) {
-    tl_recorder_totals totals = {.lost = 0};
     *there = false;
     if (mark->run == 0 || strcmp(mark->path, file->file.path) != 0) {
         return SQLITE_OK;
     }
-    int code = tl_recorder_database_find(file->database, mark->run, there, &totals);
-    *there = *there && is_same(&totals, &mark->totals);
-    return code;
+    return tl_recorder_database_has(file->database, mark->run, &mark->totals, there);
 }
 
 /* What went with a file is lost; how many, its fate says. */

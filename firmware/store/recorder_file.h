@@ -16,7 +16,6 @@
 #include "firmware/base/log.h"
 #include "firmware/store/database_file.h"
 #include "firmware/store/recorder_database.h"
-#include "firmware/store/recorder_settings.h"
 #include "firmware/store/recorder_state.h"
 #include "master/base/simtime.h"
 #include "master/base/status.h"

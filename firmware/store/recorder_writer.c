@@ -19,7 +19,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/store/database_sql.h"
+#include "firmware/store/database.h"
 #include "firmware/store/recorder_entry.h"
 #include "firmware/store/recorder_file.h"
 

@@ -27,7 +27,7 @@
 
 #include "firmware/process/heartbeat.h"
 #include "firmware/store/outbox.h"
-#include "firmware/store/recorder_settings.h"
+#include "firmware/store/recorder_database.h"
 #include "firmware/store/recorder_state.h"
 #include "master/base/signal.h"
 #include "master/base/simtime.h"

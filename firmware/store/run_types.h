@@ -13,6 +13,8 @@
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"
 
+enum { TL_RECORDER_NAME = 80 }; /* bytes of "plant." and a name of at most 63 characters */
+
 /* One name with its unit. */
 typedef struct tl_recorder_signal {
     const char *name; /* "motor.omega", "plant.omega" */

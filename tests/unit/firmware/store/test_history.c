@@ -10,7 +10,6 @@
 
 #include "firmware/base/text.h"
 #include "firmware/store/database.h"
-#include "firmware/store/database_sql.h"
 #include "firmware/store/history.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/kept_file.h"
