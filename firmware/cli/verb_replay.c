@@ -73,7 +73,6 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
         record->verb = "replay";
         record->known = tunings.known;
         record->known_count = tunings.count;
-        record->wait_when_full = true;
         status = tl_twin_recorder_open(config, &self->account, &self->record, &replay->recorder, error);
     }
     tl_journal_init(&self->journal, replay->recorder);

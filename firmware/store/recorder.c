@@ -1,6 +1,6 @@
-/* The recorder: an outbox on the side of the cycle, a thread with a writer on the side of the disk.
+/* The recorder: an outbox on the side of the producer, a thread with a writer on the side of the disk.
  *
- * The one lock is between the thread, close, and a producer that chose to wait (wait_when_full); without that the producer never takes it. */
+ * The thread checks every PAUSE whether a commit is due or the ring is half full. So it shares no lock with the producer. */
 #include "firmware/store/recorder.h"
 
 #include <pthread.h>
@@ -8,7 +8,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
 #include "firmware/base/os.h"
 #include "firmware/process/crash.h"
@@ -17,9 +16,8 @@
 
 enum { STACK = 512 * 1024, PAGE = 4096 };
 
-static const tl_time PATIENCE = 2 * TL_SECOND;     /* where the settings do not say it */
-static const tl_time WAKE = TL_SECOND;             /* the thread looks at least this often how full the ring is */
-static const tl_time ROOM_PAUSE = TL_SECOND / 100; /* a producer that waits looks so often whether it is of any use */
+static const tl_time PATIENCE = 2 * TL_SECOND; /* where the settings do not say it */
+static const tl_time PAUSE = TL_SECOND / 200;  /* between two looks: of the thread, and of a put that waits */
 
 struct tl_recorder {
     tl_recorder_settings settings;
@@ -28,38 +26,22 @@ struct tl_recorder {
     tl_outbox outbox;
     tl_recorder_writer_state state;
     tl_outbox_start start;
-
-    /* between threads, by the lock */
-    pthread_mutex_t lock;
-    pthread_cond_t wake;
-    bool stop;
-    bool hurry;
-
-    /* the thread's; after the join, close's */
+    bool stop; /* atomic */
     pthread_t thread;
-    tl_recorder_writer *writer;
+    tl_recorder_writer *writer; /* the thread's; after the join, close's */
 };
 
 /* ---- Producer ---------------------------------------------------------------------------------------------------- */
 
-/* One of the lock's flags is to be seen by the thread at once. */
-static void wake_up(tl_recorder *recorder, bool *flag) {
-    (void)pthread_mutex_lock(&recorder->lock);
-    *flag = true;
-    (void)pthread_cond_signal(&recorder->wake);
-    (void)pthread_mutex_unlock(&recorder->lock);
-}
-
 /* Until there is room, or the disk has refused for too long. */
 static void wait_for_room(tl_recorder *recorder) {
-    while (recorder->settings.wait_when_full && !tl_outbox_wait_for_room(&recorder->outbox, 0)) {
+    while (!tl_outbox_wait_for_room(&recorder->outbox, 0)) {
         tl_time now = tl_clock_now(NULL);
         tl_time since = tl_recorder_state_get(&recorder->state).refused_since;
         if (since != 0 && now - since >= recorder->patience) {
             return;
         }
-        wake_up(recorder, &recorder->hurry);
-        (void)tl_outbox_wait_for_room(&recorder->outbox, now + ROOM_PAUSE);
+        (void)tl_outbox_wait_for_room(&recorder->outbox, now + PAUSE);
     }
 }
 
@@ -91,37 +73,17 @@ tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder) {
 
 /* ---- The thread -------------------------------------------------------------------------------------------------- */
 
-static bool is_refused(const tl_recorder *recorder) {
-    return tl_recorder_state_get(&recorder->state).refused_since != 0;
-}
-
-/* Sleeps until `due`, at most WAKE; shorter if it is to stop: false; or if a producer waits for room: *hurry. */
-static bool sleep_until(tl_recorder *recorder, tl_time due, bool *hurry) {
-    tl_time look = tl_clock_now(NULL) + WAKE;
-    tl_time time = due < look ? due : look;
-    const struct timespec until = {.tv_sec = (time_t)(time / TL_SECOND), .tv_nsec = (long)(time % TL_SECOND)};
-    (void)pthread_mutex_lock(&recorder->lock);
-    while (!recorder->stop && !(recorder->hurry && !is_refused(recorder)) && tl_clock_now(NULL) < time) {
-        (void)pthread_cond_timedwait(&recorder->wake, &recorder->lock, &until);
-    }
-    bool stop = recorder->stop;
-    *hurry = recorder->hurry && !is_refused(recorder);
-    recorder->hurry = false;
-    (void)pthread_mutex_unlock(&recorder->lock);
-    *hurry = *hurry || tl_recorder_writer_is_pressed(recorder->writer);
-    return !stop;
-}
-
 static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
     tl_locale_use();
     tl_time due = tl_clock_now(NULL) + recorder->settings.commit;
     tl_crash_enter(TL_CRASH_OURS);
-    bool hurry = false;
-    while (sleep_until(recorder, due, &hurry)) {
-        if (tl_clock_now(NULL) >= due || (hurry && !is_refused(recorder))) {
+    while (!__atomic_load_n(&recorder->stop, __ATOMIC_ACQUIRE)) {
+        if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(recorder->writer)) {
             tl_recorder_writer_write(recorder->writer);
             due = tl_clock_now(NULL) + recorder->settings.commit;
+        } else {
+            tl_clock_sleep_until(tl_clock_now(NULL) + PAUSE);
         }
     }
     return NULL;
@@ -129,19 +91,7 @@ static void *run_writer(void *argument) {
 
 /* ---- Open and close ---------------------------------------------------------------------------------------------- */
 
-/* On the clock that nobody sets. Nothing of it can fail with these attributes on Linux. */
-static void make_lock(tl_recorder *recorder) {
-    pthread_condattr_t attributes;
-    (void)pthread_condattr_init(&attributes);
-    (void)pthread_condattr_setclock(&attributes, CLOCK_MONOTONIC);
-    (void)pthread_cond_init(&recorder->wake, &attributes);
-    (void)pthread_condattr_destroy(&attributes);
-    (void)pthread_mutex_init(&recorder->lock, NULL);
-}
-
 static void destroy(tl_recorder *recorder) {
-    (void)pthread_mutex_destroy(&recorder->lock);
-    (void)pthread_cond_destroy(&recorder->wake);
     free(recorder->memory);
     free(recorder);
 }
@@ -185,7 +135,6 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
-    make_lock(opened);
     opened->settings = *settings;
     tl_status status = start(opened, error);
     if (status != TL_OK) {
@@ -200,7 +149,7 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
 static void put_end(tl_recorder *recorder, const char *reason, tl_time until) {
     while (!tl_outbox_wait_for_room(&recorder->outbox, 0) && tl_clock_now(NULL) < until) {
         tl_recorder_writer_write(recorder->writer);
-        (void)tl_outbox_wait_for_room(&recorder->outbox, tl_clock_now(NULL) + ROOM_PAUSE);
+        (void)tl_outbox_wait_for_room(&recorder->outbox, tl_clock_now(NULL) + PAUSE);
     }
     if (tl_outbox_wait_for_room(&recorder->outbox, 0)) {
         (void)tl_outbox_put_end(&recorder->outbox, reason);
@@ -212,7 +161,7 @@ tl_status tl_recorder_close(tl_recorder *recorder, const char *reason, tl_record
         return TL_OK;
     }
     tl_time until = tl_clock_now(NULL) + recorder->patience;
-    wake_up(recorder, &recorder->stop);
+    __atomic_store_n(&recorder->stop, true, __ATOMIC_RELEASE);
     (void)pthread_join(recorder->thread, NULL);
     put_end(recorder, reason, until);
     tl_time left = until - tl_clock_now(NULL);

@@ -1,15 +1,15 @@
-/* The recorder: everything a run saw, did and decided, into SQLite, without ever making the cycle wait.
+/* The recorder of a replay: writes everything a run saw, did and decided into SQLite.
  *
- * Purpose: for who computes and records in one process: an outbox (outbox.h) in its memory, and a thread that runs a writer
- *          (recorder_writer.h) every `commit` interval. Schema: config/SPEC.md, "Database".
+ * Purpose: for a process that both computes and records: an outbox (outbox.h) in its memory, and a thread that runs a writer
+ *          (recorder_writer.h) every `commit` interval, or earlier if the ring is half full. Schema: config/SPEC.md, "Database".
  * Loss:    synchronous=FULL: what is committed survives a power cut. A power cut and a kill lose what was not yet
  *          committed: at most the last `commit` interval, while the disk keeps up.
  * Bound:   `max_bytes`, database and write-ahead log together: the oldest runs go first, then the oldest ticks of the
  *          running one.
  * Faults:  a full disk or a locked database is said once, in the log and as an event; entries are kept while the
- *          outbox has room (30 s of steps, or 16 MiB), then counted as lost; writing is tried again every `commit`
- *          interval. That it works again, and what was lost, is an event too. A file that shows damage, is removed or is moved away
- *          is made anew. The cycle does not notice.
+ *          outbox has room (30 s of steps, or 16 MiB), then a put waits, then they are counted as lost; writing is tried again every
+ *          `commit` interval. That it works again, and what was lost, is an event too. A file that shows damage, is removed or is moved away
+ *          is made anew.
  * Writers: one per database, by a lock file beside it; any number of readers.
  * Thread:  put_* from one producer thread; event() and counts from any thread; open and close
  *          from one, close when nobody uses the recorder any more. The recorder's own thread runs at ordinary priority.
@@ -40,8 +40,9 @@ typedef struct tl_recorder_counts {
  * database of ours; nothing of it is changed). The account is copied; all other texts and arrays outlive the recorder. */
 tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **recorder, tl_error *error);
 
-/* Producer. Stamps count from t_start. Wait-free unless wait_when_full. `ledger` has an entry for each of settings.components, as of this step: so
- * that what is committed of both belongs together, whatever comes next. */
+/* Producer. Stamps count from t_start. Waits for room if the ring is full, but not if the disk has refused for settings.patience:
+ * then the entry is lost. `ledger` has an entry for each of settings.components, as of this step: so that what is committed of both belongs
+ * together, whatever comes next. */
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample);
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger);
 

@@ -36,7 +36,6 @@ typedef struct tl_recorder_settings {
     size_t plant_count, match_count, adjust_count;
     size_t component_count;    /* in the ledger */
     const tl_account *account; /* of a twin whose run begins when the recorder is opened: needed only then */
-    bool wait_when_full; /* replay: put waits instead of losing, but not once the disk has refused for `patience` */
     tl_time patience;          /* ns, with a disk that refuses: of close, and of a put that waits for room; 0: 2 s */
 } tl_recorder_settings;
 

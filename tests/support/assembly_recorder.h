@@ -12,7 +12,6 @@ static inline tl_status tl_test_record(const tl_assembly *assembly, const char *
     static tl_twin_record record;
     tl_twin_recorder_describe(&assembly->config, path, &record);
     record.settings.verb = verb;
-    record.settings.wait_when_full = true;
     tl_account_take(assembly->twin, &account);
     return tl_twin_recorder_open(&assembly->config, &account, &record, recorder, error);
 }

@@ -438,7 +438,7 @@ static void test_json(void) {
 
 /* Numbers that are missing are null, not NaN. */
 static void test_json_of_an_empty_run(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(path);
     tl_recorder *recorder = NULL;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_close(recorder, "SIGINT", NULL, &error));
@@ -725,9 +725,8 @@ static void test_nonsense_is_damage(void) {
 }
 
 static void test_a_run_that_is_being_written(void) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(path);
     tl_recorder *recorder = NULL;
-    settings.wait_when_full = true;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_recorder_open(&settings, &recorder, &error));
     int codes = 0;
     for (int i = 0; i < 20; i++) {

@@ -331,11 +331,10 @@ static void test_an_outlier_is_read(void) {
 
 /* Read while it is written, by another connection: no gap, no tick twice, and in the end all of them. */
 static void test_reading_while_it_is_written(void) {
-    tl_recorder_settings settings = tl_made_settings(bench.path);
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_history_tick tick;
     bool end = false;
     int64_t next = 0;
-    settings.wait_when_full = true;
     tl_bench_open(&bench, &settings);
     open_history();
     begin_ticks(0);

@@ -42,9 +42,8 @@ static void expect_ok(tl_status status) {
 }
 
 static void record_run(int64_t ticks) {
-    tl_recorder_settings settings = tl_made_settings(path);
+    const tl_recorder_settings settings = tl_made_settings(path);
     tl_recorder *recorder = NULL;
-    settings.wait_when_full = true;
     expect_ok(tl_recorder_open(&settings, &recorder, &error));
     for (int64_t i = 0; i < 5; i++) {
         char text[32];

@@ -29,7 +29,6 @@ void tearDown(void) {
 static tl_recorder_settings bounded(int64_t max_bytes) {
     tl_recorder_settings settings = tl_made_settings(bench.path);
     settings.max_bytes = max_bytes;
-    settings.wait_when_full = true;
     return settings;
 }
 
@@ -195,9 +194,8 @@ static void test_events_alone(void) {
 
 /* A reader that does not let go keeps the log from being written back: the bound holds, the recorder waits and says why. */
 static void test_a_reader_that_does_not_let_go(void) {
-    tl_recorder_settings settings = bounded(1000000);
+    const tl_recorder_settings settings = bounded(1000000);
     sqlite3 *reader = NULL;
-    settings.wait_when_full = false;
     tl_bench_open(&bench, &settings);
     tl_made_put(bench.recorder, 0, 10);
     usleep(100000);

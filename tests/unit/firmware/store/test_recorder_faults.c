@@ -196,7 +196,7 @@ static void test_what_a_long_fault_costs_is_counted(void) {
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
     double began = seconds();
     tl_made_put(bench.recorder, 100, TICKS - 100); /* 4 MB into a ring of 1 MiB */
-    TEST_ASSERT_TRUE(seconds() - began < 5.0);
+    TEST_ASSERT_TRUE(seconds() - began < 20.0);    /* 2 s of patience */
     wait_for_refusals(before + 2);
     uint64_t lost = tl_recorder_get_counts(bench.recorder).lost;
     TEST_ASSERT_GREATER_THAN_UINT64(1000, lost);
@@ -321,8 +321,7 @@ static void test_a_slow_disk_does_not_slow_the_cycle(void) {
 }
 
 static void test_a_replay_waits_for_a_slow_disk(void) {
-    tl_recorder_settings settings = tl_made_settings(bench.path);
-    settings.wait_when_full = true;
+    const tl_recorder_settings settings = tl_made_settings(bench.path);
     tl_bench_open(&bench, &settings);
     tl_faulty_vfs_slow(200000);
     tl_made_put(bench.recorder, 0, 20000);
@@ -336,7 +335,6 @@ static void test_a_replay_waits_for_a_slow_disk(void) {
 /* But not for ever for one that refuses. */
 static void test_a_replay_does_not_hang_on_a_full_disk(void) {
     tl_recorder_settings settings = tl_made_settings(bench.path);
-    settings.wait_when_full = true;
     settings.patience = HURRY;
     tl_bench_open(&bench, &settings);
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
@@ -427,7 +425,6 @@ static uint32_t random_below(uint64_t *state, uint32_t limit) {
 /* The process that is killed: writes for ever, with a bound so that retention is met too. */
 static int write_for_ever(const char *where) {
     tl_recorder_settings settings = tl_made_settings(where);
-    settings.wait_when_full = true;
     settings.commit = TL_SECOND / 500;
     settings.max_bytes = 4000000;
     tl_log_set_level(TL_LOG_ERROR);
@@ -535,7 +532,6 @@ static void test_a_power_cut_loses_nothing_that_was_committed(void) {
         tl_recorder_settings settings = tl_made_settings(bench.path);
         settings.max_bytes = i % 2 == 0 ? 2000000 : 0; /* a log that is written back all the time, and never */
         settings.commit = TL_SECOND / 200;
-        settings.wait_when_full = true;
         settings.patience = HURRY;
         tl_faulty_vfs_arm_power_cut();
         tl_bench_open(&bench, &settings);
