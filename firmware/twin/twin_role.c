@@ -325,7 +325,7 @@ static void work(void *context) {
     tl_error error = {TL_OK, ""};
     bool checks = self->job.task == TL_TASK_CHECK;
     bool tries = self->job.task == TL_TASK_WAYS;
-    if (checks || tries) { /* looks at all FMUs as often as it can (far_look.h) */
+    if (checks || tries) { /* looks at all FMUs as often as it can (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
