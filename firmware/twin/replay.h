@@ -14,7 +14,7 @@
 #include "firmware/report/trajectory.h"
 #include "firmware/store/recorder.h"
 #include "firmware/twin/journal.h"
-#include "firmware/twin/twin_feed.h"
+#include "firmware/twin/twin_child.h"
 #include "firmware/twin/watch.h"
 #include "master/twin/account.h"
 
