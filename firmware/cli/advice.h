@@ -11,8 +11,8 @@
 
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/far_look.h"
 #include "firmware/twin/read_back.h"
+#include "firmware/twin/twin_trial.h"
 
 /* ---- The prognosis: what a step will cost, before anything runs.
  *

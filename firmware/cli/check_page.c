@@ -18,8 +18,8 @@
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/far_look.h"
 #include "firmware/twin/twin_process.h"
+#include "firmware/twin/twin_trial.h"
 #include "master/twin/twin_timing.h"
 
 /* ---- The delays of a configuration, for people: chains, modes, densities as a line of text.

@@ -10,7 +10,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/twin/twin_feed.h"
+#include "firmware/twin/twin_child.h"
 #include "master/base/status.h"
 
 /* ---- Seeded noise: the same numbers on every machine.

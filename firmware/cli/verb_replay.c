@@ -28,6 +28,7 @@ typedef struct replayer {
     tl_lock_judge judge;
     tl_twin_record record;
     tl_summary summary;
+    tl_replay_report report;
     char path[PATH_MAX]; /* of the recording */
 } replayer;
 
@@ -77,8 +78,9 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     }
     tl_journal_init(&self->journal, replay->recorder);
     if (status == TL_OK && options->report != NULL) {
-        status = tl_replay_report_open(config, &self->account, options->report, self->path, &self->journal,
-                                       &replay->report, error);
+        status = tl_replay_report_open(&self->report, config, &self->account, options->report, self->path,
+                                       &self->journal, error);
+        replay->page = self->report.page;
     }
     if (status == TL_OK && options->trajectory != NULL) {
         status = tl_trajectory_open(options->trajectory, self->job->output, config, &replay->trajectory, error);
@@ -99,7 +101,7 @@ static tl_status first_of(tl_status status, tl_status later_status, const tl_err
     return status;
 }
 
-static tl_status close_outputs(const replayer *self, tl_status status, tl_error *error) {
+static tl_status close_outputs(replayer *self, tl_status status, tl_error *error) {
     const tl_verb_job *job = self->job;
     const tl_replay *replay = &self->replay;
     tl_error later;
@@ -114,7 +116,7 @@ static tl_status close_outputs(const replayer *self, tl_status status, tl_error 
         tl_status closed = tl_recorder_close(replay->recorder, reason, NULL, &later);
         status = first_of(status, closed, &later, error);
     }
-    tl_replay_report_close(replay->report);
+    tl_replay_report_close(&self->report);
     return status;
 }
 
@@ -127,7 +129,7 @@ static void warn(void *context, const char *text) {
 }
 
 /* Of a run that came to its end, or was interrupted. */
-static tl_status tell(const replayer *self, tl_status status, tl_error *error) {
+static tl_status tell(replayer *self, tl_status status, tl_error *error) {
     tl_recorder *recorder = self->replay.recorder;
     tl_twin_look_news news;
     tl_error later;
@@ -137,9 +139,9 @@ static tl_status tell(const replayer *self, tl_status status, tl_error *error) {
     if (tl_twin_look_at_account(&self->account, &news) && recorder != NULL) { /* on the log it is already */
         tl_recorder_event(recorder, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", news.text);
     }
-    if (self->replay.report != NULL) {
+    if (self->report.page != NULL) {
         const char *ended = status == TL_OK ? "end of recording" : error->text;
-        tl_status kept = tl_replay_report_keep(self->replay.report, &self->summary, ended, &later);
+        tl_status kept = tl_replay_report_keep(&self->report, &self->summary, ended, &later);
         status = first_of(status, kept, &later, error);
     }
     return status;

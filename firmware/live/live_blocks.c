@@ -8,7 +8,7 @@
 #include "firmware/config/problems.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/twin/checkpointer.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 
 /* ---- jobs ---- */
 

@@ -115,7 +115,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 /* ---- Recorded samples for a shadow: the side of the recorder, which alone reads the database of a run.
  *
  * Purpose: the shadow says in its pulse from which tick on it wants samples; the recorder finds them, and puts them into the past block of its place
- *          (past_history.h).
+ *          (past.h).
  * Trust:   none in the shadow: it gets what is recorded, and at most what the block has room for.
  * Thread:  the recorder's. What is pointed to must stay.
  */

@@ -21,7 +21,6 @@
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/past.h"
-#include "firmware/twin/past_outbox.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal, and for its priority. */

@@ -14,7 +14,7 @@
 
 #include "firmware/process/confine.h"
 #include "firmware/twin/assembly.h"
-#include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_role.h"
 
 /* For tl_twin_role_tasks: what its process does once it is confined. An exit code, which was announced. */
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);

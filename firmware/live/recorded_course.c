@@ -6,7 +6,7 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 
 /* That is computed in one go. */
 static const tl_time PIECE = TL_SECOND / 50;

@@ -27,7 +27,7 @@ typedef struct tl_recorded_course {
     tl_heart *heart;      /* of the caller */
     tl_time start;        /* t_start of the run, */
     const tl_config *run; /* and its configuration: what is recorded is of its signals */
-    /* An image of samples (past_history.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
+    /* An image of samples (past.h) from this tick on, below 0 from a minute before the newest on; it stays until the next call. 0: there is
      * none (any more). */
     size_t (*fetch)(void *context, int64_t from, const void **image);
     /* Told now and then: counts, and by match. */

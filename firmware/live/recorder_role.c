@@ -16,7 +16,7 @@
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/store/recorder_writer.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */
@@ -161,7 +161,6 @@ static void open_history(recorder *self) {
     const tl_past_history_settings settings = {
         .config = &self->given.config,
         .path = tl_recorder_writer_path(self->writer),
-        .before = INT64_MAX,
         .fmus = self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus,
         .boot = self->record.boot,
         .components = self->given.config.component_count + 1,
@@ -174,17 +173,16 @@ static void open_history(recorder *self) {
 /* The next older one, into its block. */
 static void answer(recorder *self, tl_live_wish wish) {
     tl_live_past_answer *given = &self->own->answer[self->given.job.place];
-    size_t size = 0;
     memset(given->words, 0, sizeof given->words);
     if ((uint32_t)wish == 1) {
         tl_past_history_close(self->history);
         open_history(self);
     }
-    bool found = tl_past_history_next(self->history, &size) && size <= TL_LIVE_PAST_BYTES;
-    if (found) {
-        tl_past_history_write(self->history, self->past->bytes);
+    const tl_past *found = tl_past_history_next(self->history);
+    given->size = found != NULL && tl_past_size(found) <= TL_LIVE_PAST_BYTES ? tl_past_size(found) : 0;
+    if (given->size != 0) {
+        tl_past_write(found, self->past->bytes);
     }
-    given->size = found ? size : 0;
     given->ended = tl_past_history_ended(self->history);
     self->answered = wish;
     __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <sys/socket.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -160,4 +161,71 @@ void tl_block_close(tl_block *block) {
     if (block->size > 0) {
         drop(block);
     }
+}
+
+/* ---- a packet with a descriptor ---- */
+
+/* Descriptors that one packet may bring, at most: what finds no room here would not be closed by every emulator. */
+enum { DESCRIPTORS = 253 };
+
+typedef union room_for_descriptors {
+    struct cmsghdr header; /* for its alignment */
+    char bytes[CMSG_SPACE(DESCRIPTORS * sizeof(int))];
+} room_for_descriptors;
+
+bool tl_packet_send(int socket, const void *bytes, size_t size, int descriptor) {
+    const union {
+        const void *ours;
+        void *for_kernel; /* which only reads it */
+    } what = {.ours = bytes};
+    room_for_descriptors room = {.header = {0}};
+    struct iovec part = {.iov_base = what.for_kernel, .iov_len = size};
+    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
+    if (descriptor >= 0) {
+        message.msg_control = room.bytes;
+        message.msg_controllen = CMSG_SPACE(sizeof descriptor);
+        struct cmsghdr *header = CMSG_FIRSTHDR(&message);
+        header->cmsg_level = SOL_SOCKET;
+        header->cmsg_type = SCM_RIGHTS;
+        header->cmsg_len = CMSG_LEN(sizeof descriptor);
+        memcpy(CMSG_DATA(header), &descriptor, sizeof descriptor);
+    }
+    ssize_t sent = -1;
+    do {
+        sent = sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
+    } while (sent < 0 && errno == EINTR);
+    return sent == (ssize_t)size;
+}
+
+static void close_descriptor(int *descriptor) {
+    if (*descriptor >= 0) {
+        (void)close(*descriptor);
+    }
+    *descriptor = -1;
+}
+
+ssize_t tl_packet_take(int socket, void *bytes, size_t size, int *descriptor) {
+    room_for_descriptors room = {.header = {0}};
+    struct iovec part = {.iov_base = bytes, .iov_len = size};
+    struct msghdr message = {
+        .msg_iov = &part, .msg_iovlen = 1, .msg_control = room.bytes, .msg_controllen = sizeof room.bytes};
+    size_t count = 0;
+    *descriptor = -1;
+    ssize_t got = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
+    struct cmsghdr *header = got >= 0 ? CMSG_FIRSTHDR(&message) : NULL;
+    for (; header != NULL; header = CMSG_NXTHDR(&message, header)) {
+        bool brings = header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS;
+        size_t here = brings ? (header->cmsg_len - CMSG_LEN(0)) / sizeof(int) : 0;
+        for (size_t i = 0; i < here; i++) {
+            close_descriptor(descriptor);
+            memcpy(descriptor, CMSG_DATA(header) + i * sizeof(int), sizeof *descriptor);
+        }
+        count += here;
+    }
+    if (got >= 0 && (count > 1 || (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) != 0)) {
+        close_descriptor(descriptor);
+        errno = EBADMSG;
+        return -1;
+    }
+    return got;
 }

@@ -14,6 +14,7 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <sys/types.h>
 
 #include "master/base/status.h"
 
@@ -55,5 +56,14 @@ void tl_block_forget(tl_block *block, size_t offset, size_t size);
 
 /* Unmaps, and closes the descriptor. A zeroed block is allowed. */
 void tl_block_close(tl_block *block);
+
+/* ---- A packet with a descriptor, over a socket between two processes. Thread: any. ---- */
+
+/* Sends a packet, and with it a copy of `descriptor` (-1: none). Does not wait. False: errno says why. */
+bool tl_packet_send(int socket, const void *bytes, size_t size, int descriptor);
+
+/* Takes a packet of at most `size` bytes without waiting, and the descriptor that came with it (-1: none), closed on exec. Returns the number of bytes; 0: the other end is
+ * closed; -1: errno says why. EBADMSG: the packet was longer, or brought several descriptors, which are closed. */
+ssize_t tl_packet_take(int socket, void *bytes, size_t size, int *descriptor);
 
 #endif

@@ -82,47 +82,13 @@ tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, 
 
 /* ---- control packet ---- */
 
-/* Descriptors that one packet may bring, at most: what finds no room here would not be closed by every emulator. */
-enum { DESCRIPTORS = 253 };
-
-typedef union room_for_descriptors {
-    struct cmsghdr header; /* for its alignment */
-    char bytes[CMSG_SPACE(DESCRIPTORS * sizeof(int))];
-} room_for_descriptors;
-
-/* ---- sending ---- */
-
-static bool send_packet(int socket, const void *bytes, size_t size, int descriptor) {
-    const union {
-        const void *ours;
-        void *for_kernel; /* which only reads it */
-    } what = {.ours = bytes};
-    room_for_descriptors room = {.header = {0}};
-    struct iovec part = {.iov_base = what.for_kernel, .iov_len = size};
-    struct msghdr message = {.msg_iov = &part, .msg_iovlen = 1};
-    if (descriptor >= 0) {
-        message.msg_control = room.bytes;
-        message.msg_controllen = CMSG_SPACE(sizeof descriptor);
-        struct cmsghdr *header = CMSG_FIRSTHDR(&message);
-        header->cmsg_level = SOL_SOCKET;
-        header->cmsg_type = SCM_RIGHTS;
-        header->cmsg_len = CMSG_LEN(sizeof descriptor);
-        memcpy(CMSG_DATA(header), &descriptor, sizeof descriptor);
-    }
-    ssize_t sent = -1;
-    do {
-        sent = sendmsg(socket, &message, MSG_DONTWAIT | MSG_NOSIGNAL);
-    } while (sent < 0 && errno == EINTR);
-    return sent == (ssize_t)size;
-}
-
 bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length) {
     tl_block block = {.descriptor = -1};
     if (text != NULL && tl_block_make_of("twinlock configuration", text, length, &block, NULL) != TL_OK) {
         errno = ENOMEM;
         return false;
     }
-    bool is_sent = send_packet(socket, bytes, size, block.descriptor);
+    bool is_sent = tl_packet_send(socket, bytes, size, block.descriptor);
     int code = errno;
     tl_block_close(&block);
     errno = code;
@@ -130,22 +96,6 @@ bool tl_control_packet_send(int socket, const void *bytes, size_t size, const ch
 }
 
 /* ---- taking ---- */
-
-/* How many of `found` there are. */
-static size_t find_descriptors(struct msghdr *message, int found[DESCRIPTORS]) {
-    size_t count = 0;
-    for (struct cmsghdr *header = CMSG_FIRSTHDR(message); header != NULL; header = CMSG_NXTHDR(message, header)) {
-        if (header->cmsg_level != SOL_SOCKET || header->cmsg_type != SCM_RIGHTS) {
-            continue;
-        }
-        size_t bytes = header->cmsg_len - CMSG_LEN(0);
-        size_t here = bytes / sizeof(int);
-        here = here < DESCRIPTORS - count ? here : DESCRIPTORS - count;
-        memcpy(&found[count], CMSG_DATA(header), here * sizeof(int));
-        count += here;
-    }
-    return count;
-}
 
 /* From memory only: any other file could be slow to read, or end the reader. */
 static bool copy_text(int descriptor, char *text, size_t *length) {
@@ -162,24 +112,17 @@ static bool copy_text(int descriptor, char *text, size_t *length) {
 
 /* Takes what is there: ASKED is a packet of exactly `size` bytes. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
 static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
-    room_for_descriptors room = {.header = {0}};
-    struct iovec part = {.iov_base = bytes, .iov_len = size};
-    struct msghdr message = {
-        .msg_iov = &part, .msg_iovlen = 1, .msg_control = room.bytes, .msg_controllen = sizeof room.bytes};
-    int found[DESCRIPTORS];
+    int found = -1;
     *length = 0;
-    ssize_t got = recvmsg(socket, &message, MSG_DONTWAIT | MSG_CMSG_CLOEXEC);
-    if (got < 0) {
+    ssize_t got = tl_packet_take(socket, bytes, size, &found);
+    if (got < 0 && errno != EBADMSG) {
         bool is_later = errno == EAGAIN || errno == EINTR;
         return is_later ? TL_CONTROL_NOTHING : TL_CONTROL_GONE;
     }
-    size_t count = find_descriptors(&message, found);
-    bool is_whole = got == (ssize_t)size && (message.msg_flags & (MSG_TRUNC | MSG_CTRUNC)) == 0;
-    if (count != 0) {
-        is_whole = is_whole && count == 1 && text != NULL && copy_text(found[0], text, length);
-    }
-    for (size_t i = 0; i < count; i++) {
-        (void)close(found[i]);
+    bool is_whole = got == (ssize_t)size;
+    if (found >= 0) {
+        is_whole = is_whole && text != NULL && copy_text(found, text, length);
+        (void)close(found);
     }
     return got == 0 ? TL_CONTROL_GONE : is_whole ? TL_CONTROL_ASKED : TL_CONTROL_GARBAGE;
 }

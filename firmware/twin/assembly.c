@@ -314,6 +314,14 @@ void tl_assembly_find_component(const tl_assembly *assembly, const char *sentenc
     }
 }
 
+void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size) {
+    size_t length = strlen(name);
+    bool is_named = strncmp(sentence, name, length) == 0 && (sentence[length] == ':' || sentence[length] == ' ');
+    sentence += is_named ? length + 1 : 0;
+    sentence += strspn(sentence, " ");
+    (void)snprintf(text, size, "%.*s", (int)strcspn(sentence, ";"), sentence);
+}
+
 tl_status tl_assembly_retune(tl_assembly *assembly, const tl_tuning *tuning, tl_error *error) {
     tl_status status = tl_twin_retune(assembly->twin, tuning, error);
     if (status == TL_OK) {

@@ -53,6 +53,9 @@ tl_status tl_assembly_build_quietly(tl_assembly *assembly, char component[TL_ASS
 /* Writes the component's name with which a sentence begins, before a colon, as those about a call that has failed do, if there is one. */
 void tl_assembly_find_component(const tl_assembly *assembly, const char *sentence, char component[TL_ASSEMBLY_NAME]);
 
+/* Copies a sentence without the component's name at its beginning and without the advice behind a semicolon. */
+void tl_assembly_quote(const char *sentence, const char *name, char *text, size_t size);
+
 /* For a process that gives up its rights between the two: finds the FMUs and the libraries, and opens the FMUs. What cannot be is told by the
  * building. Errors: TL_TRY_AGAIN. */
 tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error);

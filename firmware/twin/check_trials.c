@@ -4,6 +4,30 @@
 #include <stdio.h>
 #include <string.h>
 
+/* ---- one trial ---- */
+
+/* Starts a process with a task of its own. If it cannot be started, the outcome is TL_TRY_AGAIN. Errors: TL_INTERRUPTED. */
+static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_job *job, unsigned twins,
+                          tl_twin_outcome *outcome, tl_error *error) {
+    tl_twin_job task = *job;
+    tl_twin_child_settings own = *settings;
+    tl_twin_child *child = NULL;
+    task.reads_back = false;
+    own.job = &task;
+    own.page = NULL;
+    own.memory_limit *= twins;
+    tl_status status = tl_twin_child_start(&own, &child, error);
+    if (status == TL_OK) {
+        status = tl_twin_child_finish(child, outcome, error);
+    } else if (status != TL_INTERRUPTED) {
+        *outcome = (tl_twin_outcome){.status = TL_TRY_AGAIN};
+        (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
+        status = TL_OK;
+    }
+    tl_twin_child_close(child);
+    return status;
+}
+
 /* ---- other ways ---- */
 
 #define NO_COMPONENT SIZE_MAX
@@ -22,25 +46,6 @@ static bool is_changed(const way_search *self, size_t component) {
     return self->job.rollback[component] != (unsigned char)TL_ROLLBACK_NONE;
 }
 
-/* ---- one trial ---- */
-
-static tl_status try_ways(const way_search *self, tl_twin_outcome *outcome, tl_error *error) {
-    tl_twin_child_settings own = *self->settings;
-    tl_twin_child *child = NULL;
-    own.job = &self->job;
-    own.page = NULL;
-    tl_status status = tl_twin_child_start(&own, &child, error);
-    if (status == TL_OK) {
-        status = tl_twin_child_finish(child, outcome, error);
-    } else if (status != TL_INTERRUPTED) {
-        *outcome = (tl_twin_outcome){.status = status};
-        (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
-        status = TL_OK;
-    }
-    tl_twin_child_close(child);
-    return status;
-}
-
 /* The component that failed. If the process ended before it had the name: the only one that was changed, if it is one. */
 static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
     size_t only = NO_COMPONENT;
@@ -55,22 +60,12 @@ static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried)
     return tried->has_ended && changed == 1 ? only : NO_COMPONENT;
 }
 
-/* Copies a message without the component's name and without the advice behind the semicolon. */
-static void quote(const way_search *self, size_t component, const char *said, char text[TL_ERROR_TEXT]) {
-    const char *name = self->settings->config->components[component].name;
-    size_t length = strlen(name);
-    bool is_named = strncmp(said, name, length) == 0 && (said[length] == ':' || said[length] == ' ');
-    said += is_named ? length + 1 : 0;
-    said += strspn(said, " ");
-    (void)snprintf(text, TL_ERROR_TEXT, "%.*s", (int)strcspn(said, ";"), said);
-}
-
 /* No component can be blamed for the failure. */
 static void give_up(const way_search *self, const char *why) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
             self->found[i].kind = TL_OTHER_WAY_UNKNOWN;
-            quote(self, i, why, self->found[i].text);
+            tl_assembly_quote(why, self->settings->config->components[i].name, self->found[i].text, TL_ERROR_TEXT);
         }
     }
 }
@@ -103,7 +98,6 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
     tl_twin_outcome now = {.ways = *checked};
     tl_status status = TL_OK;
     self.job.task = TL_TASK_WAYS;
-    self.job.reads_back = false;
     for (size_t i = 0; i < count_of(&self); i++) {
         found[i] = (tl_other_way){.replay_steps = settings->config->components[i].replay_steps};
     }
@@ -118,7 +112,7 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
             found[culprit].kind = TL_OTHER_WAY_NONE;
             return TL_OK;
         }
-        status = try_ways(&self, &now, error);
+        status = try_task(settings, &self.job, 1, &now, error);
         failed = status == TL_OK && (now.status != TL_OK || now.text[0] != '\0');
     }
     if (status == TL_OK) {
@@ -184,29 +178,12 @@ void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) 
 
 /* ---- pairs ---- */
 
-/* Of a process that cannot be started the outcome says that there is no place for it. */
 static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl_twin_outcome *outcome,
                           tl_error *error) {
     tl_twin_job job = *settings->job;
-    tl_twin_child_settings own = *settings;
-    tl_twin_child *child = NULL;
     job.task = TL_TASK_PAIR;
     job.alone = alone;
-    job.reads_back = false;
-    own.job = &job;
-    own.page = NULL;
-    own.memory_limit *= 2;
-    tl_status status = tl_twin_child_start(&own, &child, error);
-    if (status == TL_TRY_AGAIN) {
-        *outcome = (tl_twin_outcome){.status = status};
-        (void)snprintf(outcome->text, sizeof outcome->text, "%s", error->text);
-        return TL_OK;
-    }
-    if (status == TL_OK) {
-        status = tl_twin_child_finish(child, outcome, error);
-    }
-    tl_twin_child_close(child);
-    return status;
+    return try_task(settings, &job, 2, outcome, error);
 }
 
 /* Both twins have stepped, and differ. */
@@ -214,7 +191,7 @@ static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twi
                             tl_pair_verdict *verdict, tl_error *error) {
     tl_twin_outcome again;
     tl_status status = try_pair(settings, true, &again, error);
-    if (status == TL_OK) {
+    if (status == TL_OK && again.status != TL_TRY_AGAIN) {
         const tl_twin_pair_account *first = &pair->pair;
         uint32_t steps = first->steps < again.pair.steps ? first->steps : again.pair.steps;
         bool is_steady = again.status == TL_OK && steps > 0 &&

@@ -113,7 +113,8 @@ static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, t
     memcpy(tick->u, u, shape->adjust * sizeof(double));
 }
 
-bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes) {
+/* Numbers are finite, times below TL_PAST_FAR, qualities exist. */
+static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *bytes) {
     tl_past_tick tick;
     bool sound = bytes[0] <= HAS_RESET;
     unpack(shape, bytes, &tick);
@@ -126,17 +127,6 @@ bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *
         sound = isfinite(tick.u[i]);
     }
     return sound;
-}
-
-void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start,
-                         tl_past_tick *tick) {
-    memset(tick, 0, sizeof *tick);
-    memset(tick->sample.quality, TL_NO_LINK, sizeof tick->sample.quality);
-    unpack(shape, bytes, tick);
-    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        bool never = i >= shape->plant || tick->sample.stamps[i] == TL_TIME_NEVER;
-        tick->sample.stamps[i] = never ? TL_TIME_NEVER : tick->sample.stamps[i] + start;
-    }
 }
 
 /* ---- a row of ticks ---- */
@@ -222,25 +212,23 @@ int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first) {
 /* ---- which signals ---- */
 
 /* Name by name. */
-static void add_name(char digest[TL_SHA256_TEXT], const char *name) {
+static void add_name(char digest[TL_SHA256_TEXT], const char *prefix, const char *name) {
     char text[TL_SHA256_TEXT + 512];
-    int length = snprintf(text, sizeof text, "%s %s", digest, name);
+    int length = snprintf(text, sizeof text, "%s %s%s", digest, prefix, name);
     tl_sha256(text, (size_t)length < sizeof text ? (size_t)length : sizeof text - 1, digest);
 }
 
 void tl_past_identify_recorded(const tl_recorder_signal *signals, size_t count, char digest[TL_SHA256_TEXT]) {
     memset(digest, 0, TL_SHA256_TEXT);
     for (size_t i = 0; i < count; i++) {
-        add_name(digest, signals[i].name);
+        add_name(digest, "", signals[i].name);
     }
 }
 
 void tl_past_identify(const tl_config *config, char digest[TL_SHA256_TEXT]) {
-    char name[512];
     memset(digest, 0, TL_SHA256_TEXT);
     for (size_t i = 0; i < config->signal_count; i++) {
-        (void)snprintf(name, sizeof name, "plant.%s", config->signals[i].plan.name);
-        add_name(digest, name);
+        add_name(digest, "plant.", config->signals[i].plan.name);
     }
 }
 
@@ -253,24 +241,13 @@ static const tl_time READING = 300 * TL_SECOND;
 #define FIRST_YEAR (INT64_C(-62167219200000))
 #define LAST_YEAR (INT64_C(253402300799999))
 
-/* Everything of an image that has one size; the checkpoint is behind it, then the tunings, then the ticks. */
-typedef struct past_head {
-    char magic[8]; /* its last character changes with the layout */
-    uint64_t size; /* of the image */
-    int64_t run, first, last;
-    tl_time step, start;
-    int64_t started;
-    uint64_t checkpoint_size;
-    uint64_t tunings;
-    uint64_t signals, adjusts;
-    uint64_t from;
-    char of[72]; /* which signals, and zeros */
-} past_head;
+/* An image: these, its size, the plain fields of the past, then the checkpoint, the tunings and the ticks. The last character changes with the layout. */
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '6'};
 
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '5'};
+enum { PLAIN_AT = sizeof MAGIC + sizeof(uint64_t), HEAD = PLAIN_AT + TL_PAST_PLAIN };
 
 size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
-    return sizeof(past_head) + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
+    return HEAD + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
 }
 
 size_t tl_past_size(const tl_past *past) {
@@ -289,38 +266,22 @@ size_t tl_past_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t firs
     return to - from;
 }
 
+/* Returns where the next piece goes. */
+static unsigned char *put(unsigned char *place, const void *piece, size_t size) {
+    if (size != 0) {
+        memcpy(place, piece, size);
+    }
+    return place + size;
+}
+
 void tl_past_write(const tl_past *past, void *image) {
-    unsigned char *place = image;
-    size_t ticks = (size_t)(past->last - past->first + 1);
-    past_head own = {
-        .size = tl_past_size(past),
-        .run = past->run,
-        .first = past->first,
-        .last = past->last,
-        .step = past->step,
-        .start = past->start,
-        .started = past->started,
-        .checkpoint_size = past->checkpoint_size,
-        .tunings = past->tuning_count,
-        .signals = past->shape.plant,
-        .adjusts = past->shape.adjust,
-        .from = (uint64_t)past->from,
-    };
-    memcpy(own.magic, MAGIC, sizeof MAGIC);
-    memcpy(own.of, past->signals, sizeof past->signals);
-    memcpy(place, &own, sizeof own);
-    place += sizeof own;
-    if (past->checkpoint_size != 0) {
-        memcpy(place, past->checkpoint, past->checkpoint_size);
-        place += past->checkpoint_size;
-    }
-    if (past->tuning_count != 0) {
-        memcpy(place, past->tunings, past->tuning_count * sizeof(tl_run_tuning));
-        place += past->tuning_count * sizeof(tl_run_tuning);
-    }
-    if (ticks != 0) {
-        memcpy(place, past->ticks, ticks * tl_past_tick_bytes(&past->shape));
-    }
+    const uint64_t size = tl_past_size(past);
+    unsigned char *place = put(image, MAGIC, sizeof MAGIC);
+    place = put(place, &size, sizeof size);
+    place = put(place, past, TL_PAST_PLAIN);
+    place = put(place, past->checkpoint, past->checkpoint_size);
+    place = put(place, past->tunings, past->tuning_count * sizeof(tl_run_tuning));
+    (void)put(place, past->ticks, (size_t)(past->last - past->first + 1) * tl_past_tick_bytes(&past->shape));
 }
 
 /* ---- reading ---- */
@@ -334,45 +295,40 @@ static bool is_within(int64_t value, int64_t least, int64_t most) {
 }
 
 /* Where the twin begins, and with what. */
-static bool is_origin(const past_head *found) {
-    bool is_of_samples = found->from == TL_RESUMED_NOT && found->tunings == 0 && found->last >= found->first;
+static bool is_origin(const tl_past *found) {
+    bool is_of_samples = found->from == TL_RESUMED_NOT && found->tuning_count == 0 && found->last >= found->first;
     bool is_known =
         found->from == TL_RESUMED_CHECKPOINT || found->from == TL_RESUMED_START || found->from == TL_RESUMED_INPUTS;
     return (is_of_samples || (is_known && (found->from == TL_RESUMED_START) == (found->first == 0))) &&
            (found->from == TL_RESUMED_CHECKPOINT) == (found->checkpoint_size > 0);
 }
 
-static tl_recorder_shape shape_of(const past_head *found, const tl_config *config) {
+static tl_status check_head(const unsigned char *image, size_t size, const tl_past *found, const tl_config *config,
+                            tl_error *error) {
+    char digest[TL_SHA256_TEXT];
+    uint64_t told = 0;
     const tl_recorder_shape samples = {.plant = config->signal_count};
-    return found->from == TL_RESUMED_NOT ? samples : tl_recorder_shape_of(config);
-}
-
-static tl_status check_head(const past_head *found, size_t size, const tl_config *config, tl_error *error) {
-    char digest[sizeof found->of] = "";
-    const tl_recorder_shape shape = shape_of(found, config);
+    const tl_recorder_shape shape = found->from == TL_RESUMED_NOT ? samples : tl_recorder_shape_of(config);
     const int64_t last_possible = TL_PAST_FAR / config->step;
+    memcpy(&told, image + sizeof MAGIC, sizeof told);
     tl_past_identify(config, digest);
-    if (found->signals != shape.plant || found->adjusts != shape.adjust || found->step != config->step ||
-        memcmp(found->of, digest, sizeof digest) != 0) {
+    if (memcmp(&found->shape, &shape, sizeof shape) != 0 || found->step != config->step ||
+        memcmp(found->signals, digest, sizeof digest) != 0) {
         return fail_damaged(error, "it has not the signals of this configuration");
     }
     bool is_sound =
-        memcmp(found->magic, MAGIC, sizeof MAGIC) == 0 && found->size == size &&
-        is_within(found->first, 0, last_possible) && is_within(found->last, found->first - 1, last_possible) &&
-        found->last - found->first < TL_PAST_TICKS && found->checkpoint_size <= size &&
-        found->tunings <= TL_PAST_TUNINGS && is_origin(found) &&
+        memcmp(image, MAGIC, sizeof MAGIC) == 0 && told == size && is_within(found->first, 0, last_possible) &&
+        is_within(found->last, found->first - 1, last_possible) && found->last - found->first < TL_PAST_TICKS &&
+        found->checkpoint_size <= size && found->tuning_count <= TL_PAST_TUNINGS && is_origin(found) &&
         is_within(found->run, TL_PAST_UNNUMBERED, TL_PAST_FAR) && is_within(found->start, -TL_PAST_FAR, TL_PAST_FAR) &&
-        is_within(found->started, FIRST_YEAR, LAST_YEAR);
-    size_t ticks = is_sound ? (size_t)(found->last - found->first + 1) : 0;
-    is_sound =
-        is_sound && tl_past_image_bytes(&shape, ticks, (size_t)found->checkpoint_size, (size_t)found->tunings) == size;
+        is_within(found->started, FIRST_YEAR, LAST_YEAR) && tl_past_size(found) == size;
     return is_sound ? TL_OK : fail_damaged(error, "its head");
 }
 
 static tl_status check_ticks(const tl_past *past, tl_error *error) {
     size_t count = (size_t)(past->last - past->first + 1);
     for (size_t i = 0; i < count; i++) {
-        if (!tl_past_tick_is_sound(&past->shape, past->ticks + i * tl_past_tick_bytes(&past->shape))) {
+        if (!is_sound_tick(&past->shape, past->ticks + i * tl_past_tick_bytes(&past->shape))) {
             return tl_fail(error, TL_BAD_DATA, "what is left of an earlier run is damaged: its tick %" PRId64,
                            past->first + (int64_t)i);
         }
@@ -395,47 +351,35 @@ static tl_status check_tunings(const tl_past *past, tl_error *error) {
     return TL_OK;
 }
 
-static tl_past past_of(const past_head *found, const unsigned char *behind, tl_time now) {
-    tl_past past = {
-        .from = (tl_resumed_from)found->from,
-        .run = found->run,
-        .first = found->first,
-        .last = found->last,
-        .step = found->step,
-        .start = found->start,
-        .started = found->started,
-        .gap = now - tl_time_of_step(found->start, found->step, found->last),
-        .checkpoint_tick = found->first - 1,
-        .checkpoint_size = (size_t)found->checkpoint_size,
-        .shape = {.plant = (size_t)found->signals, .adjust = (size_t)found->adjusts},
-        .tunings = behind + found->checkpoint_size,
-        .tuning_count = (size_t)found->tunings,
-        .ticks = behind + found->checkpoint_size + found->tunings * sizeof(tl_run_tuning),
-    };
-    past.gap = past.gap < 0 ? 0 : past.gap;
-    memcpy(past.signals, found->of, sizeof past.signals);
-    if (past.checkpoint_size != 0) {
-        past.checkpoint = behind;
-        past.age = tl_time_of_step(0, past.step, past.last - past.checkpoint_tick);
+/* What is not in an image, or lies behind its head. */
+static void complete(tl_past *past, const unsigned char *behind, tl_time now) {
+    tl_time gap = now - tl_time_of_step(past->start, past->step, past->last);
+    past->gap = gap < 0 ? 0 : gap;
+    past->checkpoint_tick = past->first - 1;
+    if (past->checkpoint_size != 0) {
+        past->checkpoint = behind;
+        past->age = tl_time_of_step(0, past->step, past->last - past->checkpoint_tick);
     }
-    return past;
+    past->tunings = behind + past->checkpoint_size;
+    past->ticks = past->tunings + past->tuning_count * sizeof(tl_run_tuning);
 }
 
 /* Zeroed if it is none. */
 static tl_status read_image(const void *image, size_t size, const tl_config *config, tl_time now, tl_past *past,
                             tl_error *error) {
-    past_head found;
-    *past = (tl_past){.from = TL_RESUMED_NOT};
-    if (size < sizeof found || size > TL_PAST_MOST) {
+    const unsigned char *bytes = image;
+    tl_past found = {.from = TL_RESUMED_NOT};
+    *past = found;
+    if (size < HEAD || size > TL_PAST_MOST) {
         return fail_damaged(error, "its size");
     }
-    memcpy(&found, image, sizeof found);
-    tl_status status = check_head(&found, size, config, error);
+    memcpy(&found, bytes + PLAIN_AT, TL_PAST_PLAIN);
+    tl_status status = check_head(bytes, size, &found, config, error);
     if (status == TL_OK) {
-        tl_past read = past_of(&found, (const unsigned char *)image + sizeof found, now);
-        status = check_tunings(&read, error);
-        status = status == TL_OK ? check_ticks(&read, error) : status;
-        *past = status == TL_OK ? read : *past;
+        complete(&found, bytes + HEAD, now);
+        status = check_tunings(&found, error);
+        status = status == TL_OK ? check_ticks(&found, error) : status;
+        *past = status == TL_OK ? found : *past;
     }
     return status;
 }
@@ -468,7 +412,13 @@ bool tl_past_tick_at(const tl_past *past, int64_t tick, tl_past_tick *out) {
         return false;
     }
     size_t index = (size_t)(tick - past->first);
-    tl_past_tick_unpack(&past->shape, past->ticks + index * tl_past_tick_bytes(&past->shape), past->start, out);
+    memset(out, 0, sizeof *out);
+    memset(out->sample.quality, TL_NO_LINK, sizeof out->sample.quality);
+    unpack(&past->shape, past->ticks + index * tl_past_tick_bytes(&past->shape), out);
+    for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
+        bool never = i >= past->shape.plant || out->sample.stamps[i] == TL_TIME_NEVER;
+        out->sample.stamps[i] = never ? TL_TIME_NEVER : out->sample.stamps[i] + past->start;
+    }
     out->sample.tick = tick;
     out->sample.instant = tl_time_of_step(past->start, past->step, tick);
     return true;
@@ -516,10 +466,6 @@ static tl_status begin(const follower *self, tl_past_outcome *outcome, tl_error 
 
 /* ---- what is recorded ---- */
 
-static void wait_for_room(const follower *self) {
-    (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
-}
-
 /* With the checkpoint that the run begins with. */
 static void begin_run(const follower *self, const tl_resumption *resumption) {
     const tl_past *past = self->past;
@@ -528,7 +474,7 @@ static void begin_run(const follower *self, const tl_resumption *resumption) {
     size_t capacity = 0;
     tl_account_take(self->settings->assembly->twin, &start.account);
     if (!tl_outbox_put_start(outbox, &start)) {
-        wait_for_room(self); /* for its room too: it goes in before the first sample */
+        (void)tl_outbox_wait_for_room(outbox, self->until); /* for its room too: it goes in before the first sample */
     }
     if (past->checkpoint != NULL && tl_outbox_reserve_checkpoint(outbox, past->checkpoint_size)) {
         memcpy(tl_outbox_checkpoint_room(outbox, &capacity), past->checkpoint, past->checkpoint_size);
@@ -538,7 +484,7 @@ static void begin_run(const follower *self, const tl_resumption *resumption) {
 
 static void put_tuning(follower *self) {
     if (self->has_tuning) {
-        wait_for_room(self);
+        (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
         (void)tl_outbox_put_tuning(self->settings->outbox, &self->tuning);
         self->has_tuning = false;
     }
@@ -546,7 +492,7 @@ static void put_tuning(follower *self) {
 
 static void put_sample(follower *self, const tl_sample *sample) {
     put_tuning(self);
-    wait_for_room(self);
+    (void)tl_outbox_wait_for_room(self->settings->outbox, self->until);
     (void)tl_outbox_put_sample(self->settings->outbox, sample); /* what is lost is counted there */
 }
 
@@ -607,15 +553,6 @@ static tl_status follow_tick(follower *self, const tl_past_tick *tick, tl_summar
     return status;
 }
 
-static tl_status follow(follower *self, tl_summary *summary, tl_error *error) {
-    tl_past_tick tick;
-    tl_status status = TL_OK;
-    for (int64_t number = self->past->first; status == TL_OK && tl_past_tick_at(self->past, number, &tick); number++) {
-        status = follow_tick(self, &tick, summary, error);
-    }
-    return status;
-}
-
 static void tell_all(const follower *self, tl_time took) {
     const tl_past *past = self->past;
     char from[64];
@@ -635,11 +572,15 @@ static void tell_all(const follower *self, tl_time took) {
 /* From where the twin stands now. A failure leaves a new twin, and a run that is of no use. */
 static tl_status go_on(follower *self, tl_summary *summary, tl_past_outcome *outcome, tl_error *error) {
     const tl_past *past = self->past;
+    tl_past_tick tick;
+    tl_status status = TL_OK;
     tl_time begun = tl_clock_now(NULL);
     summary->resumption = (tl_resumption){
         .from = past->from, .run = past->run, .tick = past->last + 1, .start = past->start, .started = past->started};
     begin_run(self, &summary->resumption);
-    tl_status status = follow(self, summary, error);
+    for (int64_t number = past->first; status == TL_OK && tl_past_tick_at(past, number, &tick); number++) {
+        status = follow_tick(self, &tick, summary, error);
+    }
     if (status == TL_OK) {
         take_tunings(self, past->last + 1); /* where there was no tick to be followed */
         put_tuning(self);

@@ -53,7 +53,7 @@ int64_t tl_past_most_followed(tl_time execution, size_t components);
  * Purpose: in an image, and for the maker of one. A tick of two signals takes a thirtieth of what a tl_past_tick takes.
  * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), the signals (recorder_entry.h) with stamps
  *          relative to t_start, u; private to program and machine. It may lie anywhere.
- * Trust:   tl_past_tick_is_sound() judges packed bytes; the others believe them.
+ * Trust:   tl_past_read() checks packed bytes; tl_past_tick_at() trusts them.
  * Owner:   the memory of a row is its own until tl_past_ticks_free().
  */
 
@@ -68,12 +68,6 @@ typedef struct tl_past_tick {
 } tl_past_tick;
 
 size_t tl_past_tick_bytes(const tl_recorder_shape *shape);
-
-/* Numbers are finite, times below TL_PAST_FAR, qualities exist. */
-bool tl_past_tick_is_sound(const tl_recorder_shape *shape, const unsigned char *bytes);
-
-/* `start` is added to the stamps; tick and instant are set to 0. */
-void tl_past_tick_unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_time start, tl_past_tick *tick);
 
 /* ---- a row of them, for who makes one ---- */
 
@@ -108,8 +102,8 @@ int64_t tl_past_ticks_last(const tl_past_ticks *ticks, int64_t first);
 /* ---- A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
  *
  * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
- *          the new twin is led along the samples and the u of that run (past.h). Who looks for them, in a database
- *          (past_history.h) or in what a dead process has left (past_outbox.h), may be another process than the twin's.
+ *          the new twin is led along the samples and the u of that run. Who looks for them, in a database
+ *          or in what a dead process has left, may be another process than the twin's.
  * Image:   a past as bytes without pointers, at most TL_PAST_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
  *          and machine only.
  * Samples: the image of a run that is under way, for a twin that begins beside it: ticks without u, with which nothing else comes (from = TL_RESUMED_NOT).
@@ -132,24 +126,28 @@ enum {
 #define TL_PAST_UNNUMBERED ((int64_t)-1)
 
 typedef struct tl_past {
-    tl_resumed_from from;            /* TL_RESUMED_NOT: samples only */
-    int64_t run;                     /* that is gone on with */
-    int64_t first, last;             /* ticks to be followed; none if last is first − 1 */
-    tl_time step;                    /* T_S, ns */
-    tl_time start;                   /* its t_start on CLOCK_MONOTONIC, */
-    int64_t started;                 /* and UTC, ms */
+    /* plain: in the image as it is here, without padding */
+    int64_t run;         /* that is gone on with */
+    int64_t first, last; /* ticks to be followed; none if last is first − 1 */
+    tl_time step;        /* T_S, ns */
+    tl_time start;       /* its t_start on CLOCK_MONOTONIC, */
+    int64_t started;     /* and UTC, ms */
+    size_t checkpoint_size, tuning_count;
+    tl_recorder_shape shape;
+    tl_resumed_from from;         /* TL_RESUMED_NOT: samples only */
+    char signals[TL_SHA256_TEXT]; /* which the signals of the plant are: tl_past_identify() */
+    /* not in the image, or behind its head */
     tl_time gap;                     /* ns for which nobody ran, when the past was read */
     tl_time age;                     /* ns, of the checkpoint when the run ended */
     int64_t checkpoint_tick;         /* first − 1 */
     const unsigned char *checkpoint; /* NULL: none */
-    size_t checkpoint_size;
     const unsigned char *
         tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
-    size_t tuning_count;
-    tl_recorder_shape shape;
-    char signals[TL_SHA256_TEXT]; /* which the signals of the plant are: tl_past_identify() */
-    const unsigned char *ticks;   /* packed */
+    const unsigned char *ticks; /* packed */
 } tl_past;
+
+/* Bytes of the plain fields. */
+enum { TL_PAST_PLAIN = offsetof(tl_past, signals) + TL_SHA256_TEXT };
 
 /* What is worth being said, as events of the source "resume". `text` lives during the call. */
 typedef void tl_past_tell(void *context, tl_severity severity, const char *text);
@@ -210,5 +208,79 @@ typedef struct tl_past_follow_settings {
  * Errors: TL_FMU_FATAL, or what building the twin anew has met. */
 tl_status tl_past_follow(const tl_past_follow_settings *settings, const tl_past *past, tl_summary *summary,
                          tl_past_outcome *outcome, tl_error *error);
+
+/* ---- Pasts out of an outbox: what a dead process has left for its successor.
+ *
+ * Purpose: the twin's outbox outlives it (outbox.h). Its successor goes on from the newest checkpoint in it and the entries since, or from
+ *          the older one; at last from the entries alone. That needs no file, and loses no tick that was computed.
+ * When:    as the rule says. A run that was ended before it had got any further than that which it went on with is passed over, if
+ *          what is left reaches back to the one before. It is the same boot, so t_start stands as it is. That configuration and FMUs are
+ *          those of the predecessor is the affair of who starts both.
+ * Trust:   none in what is left: whoever died may have written anything before. What comes of it is checked as any image.
+ * Owner:   pasts are copies, so that the outbox may be written while one is followed. Looking for the next one must come before that.
+ * Thread:  that of the outbox's writer.
+ */
+
+typedef struct tl_past_outbox tl_past_outbox;
+
+/* Both must outlive it. NULL: no run is left in it, nobody wants one (`record.resume_s` is 0), or memory is out. */
+tl_past_outbox *tl_past_outbox_open(const tl_outbox *outbox, const tl_assembly *assembly, tl_past_tell *tell,
+                                    void *context);
+
+/* NULL is allowed. */
+void tl_past_outbox_close(tl_past_outbox *left);
+
+/* The newest past, then ever older ones, as long as nothing was put into the outbox; `past` lives until the next call. False: there is none
+ * (any more), and why was told. NULL is allowed. */
+bool tl_past_outbox_next(tl_past_outbox *left, tl_past *past);
+
+/* ---- Pasts out of a database: the box's memory.
+ *
+ * Purpose: finds the newest run that can be gone on with, if it had the same configuration and FMUs, and from where: its
+ *          newest checkpoint first, then older ones, at last its inputs without any. After a reboot UTC says how long ago it was. If there is
+ *          none, what is told says why the twin begins anew.
+ * Twin:    none: what must be known of it is given, so that a process without FMUs can look.
+ * Trust:   none in the database (history.h).
+ * Owner:   settings are copied, what they point to is not.
+ * Thread:  one at a time.
+ */
+
+typedef struct tl_past_history tl_past_history;
+
+typedef struct tl_past_history_settings {
+    const tl_config *config; /* whose second look-ups are signals */
+    const char *path;        /* of the database */
+    const char *fmus;        /* which FMUs these are (tl_twin_recorder_identify()), */
+    const char *boot;        /* and which boot (tl_identity_boot()) */
+    size_t components;       /* of the twin, the plant included */
+    tl_past_tell *tell;
+    void *context; /* of tell */
+} tl_past_history_settings;
+
+/* Opens the database. NULL: it cannot be read, which was told and keeps no twin from running; or `record.resume_s` is 0. */
+tl_past_history *tl_past_history_open(const tl_past_history_settings *settings);
+
+/* NULL is allowed. */
+void tl_past_history_close(tl_past_history *history);
+
+/* The newest past, then ever older ones; it lives until the next call. NULL: there is none (any more), and if that is worth saying it
+ * was told. NULL is allowed. */
+const tl_past *tl_past_history_next(tl_past_history *history);
+
+/* If the newest run is not gone on with (another configuration, for example): when its last tick was, on the clock of now. 0: not known. NULL is allowed. */
+tl_time tl_past_history_ended(const tl_past_history *history);
+
+/* ---- Recorded samples of the run that is under way, for a twin that begins beside it: a shadow has minutes behind it before it is compared.
+ *
+ * Run:     the newest one of this boot that is being written; of ticks before it begins, those of the run that it goes on with, which has the same t_start.
+ */
+
+/* From where the newest are given, if nobody says from which tick on. */
+#define TL_PAST_SAMPLES_BEFORE (60 * TL_SECOND)
+
+/* Into `image`, which has `room` bytes: samples from tick `from` on, up to a hole, for tl_past_read_samples(); below 0: from a minute before the newest on. `boot` is
+ * tl_identity_boot(). *size is 0 if there are none. Errors: those of history.h. */
+tl_status tl_past_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room, size_t *size,
+                               tl_error *error);
 
 #endif

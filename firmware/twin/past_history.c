@@ -1,5 +1,5 @@
-/* Pasts out of a database: see past_history.h. */
-#include "firmware/twin/past_history.h"
+/* Pasts out of a database: see past.h. */
+#include "firmware/twin/past.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -9,8 +9,6 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/store/history.h"
-#include "firmware/twin/past.h"
 
 enum {
     CHECKPOINTS_MOST = 8,              /* that are looked at; a run keeps three */
@@ -57,7 +55,7 @@ static tl_status last_tick(tl_past_history *self, const tl_history_run *run, int
     return status;
 }
 
-/* The newest run before ours that got anywhere. One that was ended before it had a step of its own has nothing that the run before it has not. */
+/* The newest run that got anywhere. One that was ended before it had a step of its own has nothing that the run before it has not. */
 static tl_status find_run(tl_past_history *self, tl_error *error) {
     const tl_history_run *runs = NULL;
     size_t count = 0;
@@ -65,7 +63,7 @@ static tl_status find_run(tl_past_history *self, tl_error *error) {
     tl_status status = tl_history_runs(self->history, &runs, &count, error);
     for (size_t i = count; status == TL_OK && i-- > 0 && self->run == NULL && fruitless < TL_PAST_FRUITLESS;) {
         int64_t own = runs[i].resumption.from == TL_RESUMED_NOT ? 0 : runs[i].resumption.tick;
-        if (runs[i].run >= self->settings.before || strcmp(runs[i].verb, "run") != 0) {
+        if (strcmp(runs[i].verb, "run") != 0) {
             continue;
         }
         status = last_tick(self, &runs[i], &self->last, error);
@@ -96,30 +94,26 @@ static bool is_same(tl_past_history *self) {
 
 /* ---- when it was ---- */
 
-/* How long ago the last tick was by UTC. t_start was kept to the ms, unless the clock was set while the run ran: then the last
- * commit counts, which was soon after the last tick. */
-static bool find_gap_by_utc(const tl_past_history *self, tl_time *gap) {
+/* For how long nobody ran. False: that cannot be told. After a reboot by UTC: t_start was kept to the ms, unless the clock was set while the run ran: then
+ * the last commit counts, which was soon after the last tick. */
+static bool find_gap(tl_past_history *self, tl_time now) {
     static const tl_time ms = TL_SECOND / 1000;
+    const tl_history_run *run = self->run;
     int64_t started = 0;
     int64_t committed = 0;
-    if (!tl_utc_parse(self->run->started, &started) || !tl_utc_parse(self->run->committed, &committed)) {
+    if (strcmp(self->settings.boot, run->boot) == 0) {
+        self->gap = now - tl_time_of_step(run->start, run->step, self->last);
+        return run->has_start;
+    }
+    if (!tl_utc_parse(run->started, &started) || !tl_utc_parse(run->committed, &committed)) {
         return false;
     }
-    int64_t last = started + tl_time_of_step(0, self->run->step, self->last) / ms;
+    int64_t last = started + tl_time_of_step(0, run->step, self->last) / ms;
     bool set = committed < last - CLOCKS_APART / ms || committed > last + CLOCKS_APART / ms;
     int64_t since = tl_utc_now() - (set ? committed : last);
     bool fits = since > -INT64_MAX / ms && since < INT64_MAX / ms;
-    *gap = fits ? since * ms : -INT64_MAX;
+    self->gap = fits ? since * ms : -INT64_MAX;
     return true;
-}
-
-/* For how long nobody ran. False: that cannot be told. */
-static bool find_gap(tl_past_history *self, tl_time now) {
-    if (strcmp(self->settings.boot, self->run->boot) == 0) {
-        self->gap = now - tl_time_of_step(self->run->start, self->run->step, self->last);
-        return self->run->has_start;
-    }
-    return find_gap_by_utc(self, &self->gap);
 }
 
 /* Whether there is a run to go on with; if not, `why` may say why. */
@@ -291,35 +285,27 @@ static tl_status search(tl_past_history *self, bool *found, tl_error *error) {
     return status;
 }
 
-bool tl_past_history_next(tl_past_history *history, size_t *size) {
+const tl_past *tl_past_history_next(tl_past_history *history) {
     tl_error error;
     bool found = false;
-    *size = 0;
     if (history == NULL) {
-        return false;
+        return NULL;
     }
     const tl_past_history_settings *settings = &history->settings;
-    tl_status status = search(history, &found, &error);
-    if (status != TL_OK) {
+    if (search(history, &found, &error) != TL_OK) {
         history->stage = OVER;
         tl_past_say(settings->tell, settings->context, TL_EVENT_WARNING, "begins anew: %.200s", error.text);
-        return false;
+        return NULL;
     }
-    if (found) {
-        *size = tl_past_size(&history->found);
-    } else if (history->why[0] != '\0') {
+    if (!found && history->why[0] != '\0') {
         tl_past_say(settings->tell, settings->context, TL_EVENT_INFO, "begins anew: %s", history->why);
         history->why[0] = '\0';
     }
-    return found;
+    return found ? &history->found : NULL;
 }
 
 tl_time tl_past_history_ended(const tl_past_history *history) {
     return history == NULL ? 0 : history->ended;
-}
-
-void tl_past_history_write(const tl_past_history *history, void *image) {
-    tl_past_write(&history->found, image);
 }
 
 tl_past_history *tl_past_history_open(const tl_past_history_settings *settings) {

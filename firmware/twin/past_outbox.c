@@ -1,8 +1,8 @@
-/* Pasts out of an outbox: see past_outbox.h.
+/* Pasts out of an outbox: see past.h.
  *
  * The entries since a checkpoint are walked through once. They may be of several runs, since a successor that dies has begun one of its own:
  * each is a stretch, and the newest of them that got anywhere is gone on with. */
-#include "firmware/twin/past_outbox.h"
+#include "firmware/twin/past.h"
 
 #include <math.h>
 #include <stdio.h>

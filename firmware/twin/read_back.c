@@ -29,14 +29,6 @@ static unsigned char *bytes_of(read_block *block) {
 
 /* ---- the process that reads ---- */
 
-/* In which words it failed, without the component's name and what is only of use with a log. */
-static void quote(const char *error, const char *name, char *text, size_t size) {
-    size_t length = strlen(name);
-    const char *said =
-        strncmp(error, name, length) == 0 && strncmp(error + length, ": ", 2) == 0 ? error + length + 2 : error;
-    (void)snprintf(text, size, "%.*s", (int)strcspn(said, ";"), said);
-}
-
 /* `is_here`: of the control, in the process that has told. */
 static void judge(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
     char words[TL_ERROR_TEXT];
@@ -48,7 +40,7 @@ static void judge(const tl_read_back *read, const char *name, bool is_here, tl_r
                        is_here ? "if it is led back and steps again" : "in the other process");
     } else if (read->outcome == TL_READ_BACK_REFUSED) {
         found->finding = is_here ? TL_READ_BACK_NOR_HERE : TL_READ_BACK_IS_REFUSED;
-        quote(read->error.text, name, words, sizeof words);
+        tl_assembly_quote(read->error.text, name, words, sizeof words);
         (void)snprintf(found->text, sizeof found->text, "%s%.400s",
                        is_here ? "led back, it fails in a step that it had done: " : "", words);
     }
@@ -132,7 +124,7 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
         if (is_told) {
             judge(&here[i], assembly->config.components[i].name, true, found);
         } else {
-            quote(error.text, "", found->text, sizeof found->text);
+            tl_assembly_quote(error.text, "", found->text, sizeof found->text);
         }
         block->of[i].stage = is_told && here[i].outcome == TL_READ_BACK_EXACT ? STAGE_WANTED : STAGE_LEFT_OUT;
     }

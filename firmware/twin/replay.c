@@ -2,91 +2,64 @@
 #include "firmware/twin/replay.h"
 
 #include <inttypes.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/config/measurements.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/report/html_report.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* ---- replay report ---- */
 
-struct tl_replay_report {
-    const tl_account *account;
-    tl_new_file file;
-    tl_html_report *report;
-    char begun[TL_UTC_TEXT];
-    tl_recorder_signal match[TL_MAX_MATCH];
-    tl_recorder_signal adjust[TL_MAX_ADJUST];
-    double tolerance[TL_MAX_MATCH];
-};
-
 static void hear(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_replay_report *report = context;
     const tl_history_event event = {"", tick >= 0, tick, tl_severity_name(severity), source, text};
-    tl_html_report_add_event(report->report, &event);
+    tl_html_report_add_event(context, &event);
 }
 
-tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
-                                const char *recording, tl_journal *journal, tl_replay_report **report,
-                                tl_error *error) {
-    tl_replay_report *made = calloc(1, sizeof *made);
-    if (made == NULL) {
-        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for a report");
-    }
-    made->account = account;
-    tl_twin_recorder_signals(config, account, made->match, made->adjust);
+tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *config, const tl_account *account,
+                                const char *path, const char *recording, tl_journal *journal, tl_error *error) {
+    report->account = account;
+    tl_twin_recorder_signals(config, account, report->match, report->adjust);
     for (size_t i = 0; i < config->match_count; i++) {
-        made->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
+        report->tolerance[i] = tl_html_tolerance(&config->match[i], config->synchronise);
     }
-    tl_utc_text(tl_utc_now(), made->begun);
+    tl_utc_text(tl_utc_now(), report->begun);
     const tl_html_settings settings = {
         .name = config->name,
         .source = recording,
-        .begun = made->begun,
+        .begun = report->begun,
         .version = TL_VERSION,
         .solver = account->algorithm,
         .fallback = account->fallback,
         .measurements = tl_measurements_name(config->measurements),
         .step = config->step,
         .prediction = account->prediction,
-        .match = made->match,
-        .adjust = made->adjust,
+        .match = report->match,
+        .adjust = report->adjust,
         .match_count = config->match_count,
         .adjust_count = config->adjust_count,
-        .tolerance = made->tolerance,
+        .tolerance = report->tolerance,
     };
-    tl_status status = tl_html_report_create(&settings, &made->report, error);
+    tl_status status = tl_new_file_open(path, &report->file, error);
+    status = status == TL_OK ? tl_html_report_create(&settings, &report->page, error) : status;
     if (status == TL_OK) {
-        status = tl_new_file_open(path, &made->file, error);
+        tl_journal_listen(journal, hear, report->page);
     }
-    if (status != TL_OK) {
-        tl_replay_report_close(made);
-        return status;
-    }
-    tl_journal_listen(journal, hear, made);
-    *report = made;
-    return TL_OK;
+    return status;
 }
 
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
                                 tl_error *error) {
     tl_run_figures figures = summary->figures;
     tl_run_figures_take_account(&figures, report->account);
-    tl_html_report_write(report->report, &figures, ended, report->file.file);
+    tl_html_report_write(report->page, &figures, ended, report->file.file);
     return tl_new_file_keep(&report->file, error);
 }
 
 void tl_replay_report_close(tl_replay_report *report) {
-    if (report != NULL) {
-        tl_new_file_discard(&report->file);
-        tl_html_report_destroy(report->report);
-        free(report);
-    }
+    tl_new_file_discard(&report->file);
+    tl_html_report_destroy(report->page);
 }
 
 /* ---- replay ---- */
@@ -107,8 +80,8 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     if (replay->trajectory != NULL) {
         tl_trajectory_add(replay->trajectory, config, record);
     }
-    if (replay->report != NULL) {
-        tl_html_report_add_record(replay->report->report, record);
+    if (replay->page != NULL) {
+        tl_html_report_add_record(replay->page, record);
     }
 }
 

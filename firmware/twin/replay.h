@@ -8,13 +8,16 @@
 #include <stdbool.h>
 #include <stdio.h>
 
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/recording.h"
+#include "firmware/report/html_report.h"
 #include "firmware/report/summary.h"
 #include "firmware/report/trajectory.h"
 #include "firmware/store/recorder.h"
 #include "firmware/twin/journal.h"
-#include "firmware/twin/twin_feed.h"
+#include "firmware/twin/twin_child.h"
 #include "firmware/twin/watch.h"
 #include "master/twin/account.h"
 
@@ -24,18 +27,27 @@
  * Thread:  one thread.
  */
 
-typedef struct tl_replay_report tl_replay_report;
+/* Fields are private but for `page`. A zeroed one is none. */
+typedef struct tl_replay_report {
+    tl_html_report *page; /* NULL: there is none */
+    const tl_account *account;
+    tl_new_file file;
+    char begun[TL_UTC_TEXT];
+    tl_recorder_signal match[TL_MAX_MATCH];
+    tl_recorder_signal adjust[TL_MAX_ADJUST];
+    double tolerance[TL_MAX_MATCH];
+} tl_replay_report;
 
-/* Begins the file (os.h), so that a place that cannot be written is known before the run. Configuration, account and
- * the name of the recording must outlive the report, and it what the journal is told, of which each event is one of the report. */
-tl_status tl_replay_report_open(const tl_config *config, const tl_account *account, const char *path,
-                                const char *recording, tl_journal *journal, tl_replay_report **report, tl_error *error);
+/* Begins the file (os.h), so that a place that cannot be written is known before the run. The report is zeroed. Configuration, account and
+ * the name of the recording must outlive it, and it what the journal is told, of which each event is one of the report. */
+tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *config, const tl_account *account,
+                                const char *path, const char *recording, tl_journal *journal, tl_error *error);
 
 /* Writes the page, with the account as it stands now, and gives it its name. `ended`: why, in words. */
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
                                 tl_error *error);
 
-/* Ends it; what was not kept is gone. NULL is allowed. */
+/* Ends it; what was not kept is gone. */
 void tl_replay_report_close(tl_replay_report *report);
 
 /* ---- A replay: a recording through the twin, as fast as it can or in real time.
@@ -52,8 +64,8 @@ typedef struct tl_replay {
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* tells events as a live run's does */
     tl_lock_judge *judge;
-    FILE *trajectory;         /* NULL: none */
-    tl_replay_report *report; /* NULL: none */
+    FILE *trajectory;     /* NULL: none */
+    tl_html_report *page; /* NULL: none */
     bool realtime;
 } tl_replay;
 

@@ -50,10 +50,9 @@ struct tl_twin_child {
 /* ---- how it ended ---- */
 
 /* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
-static void copy_text(char *text, const char *told, size_t size) {
-    char copy[TL_ERROR_TEXT];
-    memcpy(copy, told, size);
-    (void)tl_clean_text(copy, strnlen(copy, size - 1), text, size);
+static void copy_text(char text[TL_ERROR_TEXT], const char *told) {
+    memcpy(text, told, TL_ERROR_TEXT);
+    tl_clean_field(text, TL_ERROR_TEXT);
 }
 
 static void describe_place(const tl_twin_child *child, char *text, size_t size) {
@@ -112,7 +111,7 @@ static void take_word(tl_twin_child *child, tl_message type) {
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
     child->last_status = is_possible ? (tl_status)told : TL_FMU_FAILED;
     child->last_error.status = child->last_status;
-    copy_text(child->last_error.text, child->extra->error, TL_ERROR_TEXT);
+    copy_text(child->last_error.text, child->extra->error);
     child->has_ended = type == TL_MESSAGE_ENDED;
 }
 
@@ -487,7 +486,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
     }
     child->least_step = result->ready != 0 ? result->record.step + 1 : child->least_step;
     if (result->status != (int32_t)TL_OK) {
-        copy_text(error->text, child->extra->error, TL_ERROR_TEXT);
+        copy_text(error->text, child->extra->error);
         error->status = (tl_status)result->status;
         if (error->text[0] == '\0') {
             return tl_fail(error, error->status, "a step failed, and the process of the FMUs does not say why");

@@ -1,5 +1,5 @@
-/* The feed: see twin_feed.h. */
-#include "firmware/twin/twin_feed.h"
+/* The feed: see twin_child.h. */
+#include "firmware/twin/twin_child.h"
 
 #include <stdlib.h>
 

@@ -249,26 +249,6 @@ static void pass_signal_on(tl_twin_process *self) {
     }
 }
 
-/* What the process has sent: the descriptor that tells of refused calls; -1: the kernel has none, or nothing is refused. */
-static int receive_listener(int socket) {
-    char byte = 0;
-    struct iovec content = {.iov_base = &byte, .iov_len = 1};
-    union {
-        struct cmsghdr aligned;
-        char bytes[CMSG_SPACE(sizeof(int))];
-    } control = {.bytes = {0}};
-    struct msghdr message = {
-        .msg_iov = &content, .msg_iovlen = 1, .msg_control = control.bytes, .msg_controllen = sizeof control};
-    int listener = -1;
-    ssize_t length = recvmsg(socket, &message, MSG_CMSG_CLOEXEC | MSG_DONTWAIT);
-    const struct cmsghdr *header = length > 0 ? CMSG_FIRSTHDR(&message) : NULL;
-    if (header != NULL && header->cmsg_level == SOL_SOCKET && header->cmsg_type == SCM_RIGHTS &&
-        header->cmsg_len == CMSG_LEN(sizeof listener)) {
-        memcpy(&listener, CMSG_DATA(header), sizeof listener);
-    }
-    return listener;
-}
-
 /* Who asks waits for it, so nothing else is done before. Others look at what was said before, with the lock. */
 static void answer_refusals(tl_twin_process *self) {
     tl_refusal refusal;
@@ -299,7 +279,8 @@ static void *watch(void *context) {
             return NULL;
         }
         if (watched[STARTS].revents != 0) {
-            self->ends[LISTENER] = receive_listener(self->ends[START]);
+            char byte = 0; /* and the listener; none: the kernel has none, or nothing is refused */
+            (void)tl_packet_take(self->ends[START], &byte, sizeof byte, &self->ends[LISTENER]);
             close_end(self, START);
         }
         answer_refusals(self);
@@ -351,14 +332,6 @@ static bool is_open_to_others(const char *folder) {
         }
     }
     return true;
-}
-
-static tl_status make_job(tl_twin_process *process, tl_error *error) {
-    tl_twin_job job = *process->settings.job;
-    job.folder = process->folder.path;
-    job.memory = process->settings.memory_limit;
-    job.user = process->user;
-    return tl_twin_job_make(&job, &process->job, error);
 }
 
 /* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
@@ -527,8 +500,12 @@ static bool start_thread(tl_twin_process *process, pthread_t *thread, void *(*ru
 static tl_status start(tl_twin_process *process, tl_error *error) {
     const tl_twin_fmus *fmus = &process->settings.fmus;
     tl_status status = make_folder(process, error);
+    tl_twin_job job = *process->settings.job;
+    job.folder = process->folder.path;
+    job.memory = process->settings.memory_limit;
+    job.user = process->user;
     if (status == TL_OK) {
-        status = make_job(process, error);
+        status = tl_twin_job_make(&job, &process->job, error);
     }
     if (status == TL_OK) {
         status = open_ends(process, error);

@@ -27,7 +27,6 @@
 #include "firmware/process/fmu_call.h"
 #include "firmware/process/refusal.h"
 #include "firmware/process/role.h"
-#include "firmware/twin/twin_job.h"
 #include "firmware/twin/twin_role.h"
 
 enum {

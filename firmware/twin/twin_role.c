@@ -1,9 +1,9 @@
 /* The process with the FMUs: see twin_role.h. */
 #include "firmware/twin/twin_role.h"
 
+#include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
-#include <sys/socket.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
@@ -17,6 +17,69 @@
 #include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
+
+/* ---- the job ---- */
+
+/* In this order; the texts with the zero at their end. */
+enum { PATH, TEXT, FOLDER, CHECKPOINT, TUNINGS, LIVE, PIECES };
+
+/* What lies in the block: this, then the pieces one behind the other. Pointers and sizes in `job` mean nothing there. */
+typedef struct packed {
+    tl_twin_job job;
+    size_t sizes[PIECES];
+} packed;
+
+tl_status tl_twin_job_make(const tl_twin_job *job, tl_block *block, tl_error *error) {
+    const void *const pieces[PIECES] = {job->path, job->text, job->folder, job->checkpoint, job->tunings, job->live};
+    const packed head = {.job = *job,
+                         .sizes = {strlen(job->path) + 1, strlen(job->text) + 1, strlen(job->folder) + 1,
+                                   job->checkpoint_size, job->tunings_size, job->live_size}};
+    size_t size = sizeof head;
+    for (size_t i = 0; i < PIECES; i++) {
+        size += head.sizes[i];
+    }
+    unsigned char *bytes = calloc(1, size);
+    if (bytes == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of the process with the FMUs");
+    }
+    memcpy(bytes, &head, sizeof head);
+    unsigned char *place = bytes + sizeof head;
+    for (size_t i = 0; i < PIECES; i++) {
+        if (head.sizes[i] > 0) {
+            memcpy(place, pieces[i], head.sizes[i]);
+        }
+        place += head.sizes[i];
+    }
+    tl_status status = tl_block_make_of("twinlock-job", bytes, size, block, error);
+    free(bytes);
+    return status;
+}
+
+tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *error) {
+    packed head = {.sizes = {0}};
+    const unsigned char *pieces[PIECES];
+    size_t size = sizeof head;
+    if (block->size >= sizeof head) {
+        memcpy(&head, block->bytes, sizeof head);
+    }
+    for (size_t i = 0; i < PIECES; i++) {
+        pieces[i] = (const unsigned char *)block->bytes + size;
+        size += head.sizes[i];
+    }
+    if (size != block->size) {
+        return tl_fail(error, TL_BAD_DATA, "the job has %zu bytes, expected %zu", block->size, size);
+    }
+    *job = head.job;
+    job->path = (const char *)pieces[PATH];
+    job->text = (const char *)pieces[TEXT];
+    job->folder = (const char *)pieces[FOLDER];
+    job->checkpoint = pieces[CHECKPOINT];
+    job->tunings = pieces[TUNINGS];
+    job->live = pieces[LIVE];
+    return TL_OK;
+}
+
+/* ---- the role ---- */
 
 /* How long it sleeps at most before it looks whether a signal came. */
 static const tl_time LOOK = TL_SECOND / 4;
@@ -145,25 +208,6 @@ static tl_status open_channel(role *self, tl_error *error) {
     return status;
 }
 
-/* Hands over the descriptor by which the parent hears of refused calls. */
-static void hand_over(int listener) {
-    char byte = 0;
-    struct iovec content = {.iov_base = &byte, .iov_len = 1};
-    union {
-        struct cmsghdr aligned;
-        char bytes[CMSG_SPACE(sizeof(int))];
-    } control = {.bytes = {0}};
-    struct msghdr message = {
-        .msg_iov = &content, .msg_iovlen = 1, .msg_control = &control, .msg_controllen = sizeof control};
-    struct cmsghdr *header = CMSG_FIRSTHDR(&message);
-    header->cmsg_level = SOL_SOCKET;
-    header->cmsg_type = SCM_RIGHTS;
-    header->cmsg_len = CMSG_LEN(sizeof listener);
-    memcpy(CMSG_DATA(header), &listener, sizeof listener);
-    (void)sendmsg(TL_TWIN_START_SOCKET, &message, 0);
-    (void)close(listener);
-}
-
 static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *error) {
     int listener = -1;
     tl_twin_places places = {.count = 0};
@@ -183,8 +227,10 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
-    if (status == TL_OK && listener >= 0) {
-        hand_over(listener);
+    if (status == TL_OK && listener >= 0) { /* by it the parent hears of refused calls */
+        const char byte = 0;
+        (void)tl_packet_send(TL_TWIN_START_SOCKET, &byte, sizeof byte, listener);
+        (void)close(listener);
     }
     return status;
 }
@@ -325,7 +371,7 @@ static void work(void *context) {
     tl_error error = {TL_OK, ""};
     bool checks = self->job.task == TL_TASK_CHECK;
     bool tries = self->job.task == TL_TASK_WAYS;
-    if (checks || tries) { /* looks at all FMUs as often as it can (far_look.h) */
+    if (checks || tries) { /* looks at all FMUs as often as it can (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);

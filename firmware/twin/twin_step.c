@@ -26,13 +26,10 @@ size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells) {
                                                                             : 0);
 }
 
-static bool is_sound_record(const tl_record *record, const tl_config *config, int64_t tick, int64_t least) {
-    return record->step >= least && record->step <= tick && tl_packed_record_is_sound(record, config->match_count);
-}
-
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least) {
     return result->tick == tick && result->status >= TL_OK && result->status <= TL_TRY_AGAIN && result->ready <= 1 &&
-           (result->ready == 0 || is_sound_record(&result->record, config, tick, least));
+           (result->ready == 0 || (result->record.step >= least && result->record.step <= tick &&
+                                   tl_packed_record_is_sound(&result->record, config->match_count)));
 }
 
 /* As configured, but without a clock; if time cut the run's search short, exactly what it had time for. A plant searches nothing. */
@@ -157,7 +154,7 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
 /* ---- twin verify ---- */
 
 /* How far apart, as it is judged. */
-static void write_size(const tl_twin_finding *finding, char *text, size_t size) {
+static void write_size(const tl_account_finding *finding, char *text, size_t size) {
     const char *unit = finding->unit;
     bool has_unit = unit[0] != '\0' && strcmp(unit, "1") != 0;
     (void)snprintf(text, size, "%.9g%s%.12s, and then %.9g", finding->committed, has_unit ? " " : "",
@@ -168,14 +165,14 @@ static void write_size(const tl_twin_finding *finding, char *text, size_t size) 
     }
 }
 
-static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *news) {
+static void write_sentence(const tl_account_finding *finding, tl_twin_look_news *news) {
     static const char *const outcomes[TL_MENDED] = {
         [TL_MENDED_NOT] = "what is committed may be wrong from now on",
         [TL_MENDED_BY_MEMORY] = "it is rolled back by its memory from now on",
         [TL_MENDED_BY_STATES] = "it is rolled back by its own states from now on",
     };
     const char *then = outcomes[finding->mended];
-    if (finding->variable == NULL) {
+    if (finding->variable[0] == '\0') {
         (void)snprintf(
             news->text, sizeof news->text,
             "%.24s does not come back to where it was: led back, it fails in step %lld, which it had done; %s",
@@ -184,7 +181,7 @@ static void write_sentence(const tl_twin_finding *finding, tl_twin_look_news *ne
     }
     char apart[100];
     write_size(finding, apart, sizeof apart);
-    const char *why = tl_twin_cause_text(finding->cause);
+    const char *why = tl_twin_cause_text((tl_restore_cause)finding->cause);
     bool is_known = why[0] != '\0';
     (void)snprintf(news->text, sizeof news->text,
                    "%.24s does not come back to where it was: %.24s was %s %u step%s after it was led back%s%s%s; %s",
@@ -202,30 +199,17 @@ tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl
     }
     tl_status status = tl_twin_verify(twin, &left, &finding, &news->found, error);
     if (news->found) {
-        news->mended = finding.mended != TL_MENDED_NOT;
-        news->component = finding.component;
-        write_sentence(&finding, news);
+        tl_account account;
+        tl_account_take(twin, &account);
+        (void)tl_twin_look_at_account(&account, news);
     }
     return status;
 }
 
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news) {
-    const tl_account_finding *last = &account->finding;
-    const tl_twin_finding finding = {
-        .component = last->component,
-        .variable = last->variable[0] != '\0' ? last->variable : NULL,
-        .unit = last->unit,
-        .step = last->step,
-        .after = last->after,
-        .committed = last->committed,
-        .again = last->again,
-        .tolerances = last->tolerances,
-        .cause = (tl_restore_cause)last->cause,
-        .mended = (tl_twin_mended)last->mended,
-    };
     news->found = account->differed != 0;
-    news->mended = finding.mended != TL_MENDED_NOT;
-    news->component = finding.component;
-    write_sentence(&finding, news);
+    news->mended = account->finding.mended != TL_MENDED_NOT;
+    (void)snprintf(news->component, sizeof news->component, "%.63s", account->finding.component);
+    write_sentence(&account->finding, news);
     return news->found;
 }

@@ -80,9 +80,9 @@ enum { TL_TWIN_FINDING_TEXT = 400 };
 
 /* What was found. */
 typedef struct tl_twin_look_news {
-    bool found;                      /* false: nothing, and the rest means nothing */
-    bool mended;                     /* it is no harm any more */
-    const char *component;           /* of the twin's, or of the account's */
+    bool found;  /* false: nothing, and the rest means nothing */
+    bool mended; /* it is no harm any more */
+    char component[TL_ASSEMBLY_NAME];
     char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
 } tl_twin_look_news;
 

@@ -1,19 +1,22 @@
 /* What `check` tries of a twin: see twin_trial.h. */
 #include "firmware/twin/twin_trial.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/os.h"
-#include "firmware/twin/far_look.h"
 #include "master/twin/twin_timing.h"
 
 static void name_component(char to[TL_ASSEMBLY_NAME], const char *component) {
     (void)snprintf(to, TL_ASSEMBLY_NAME, "%s", component);
 }
 
-/* ---- a pair ---- */
+/* ---- steps ---- */
+
+/* Steps for which inputs stay: longer than a look at one component, so that a change of theirs falls now into one and now between two. */
+enum { STAY = 7 };
 
 /* A twin on its way. */
 typedef struct walker {
@@ -29,14 +32,25 @@ static void begin(walker *self, const tl_assembly *assembly) {
     memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
 }
 
+/* Up and down by the first step of its search, each variable at another pace; what is Boolean, off and on. */
+static double excited(const tl_twin_adjusted *adjusted, double nominal, int64_t step, size_t variable) {
+    int64_t turn = step / (STAY + (int64_t)variable) % 3;
+    if (!adjusted->is_real) {
+        return turn == 1 ? 1.0 - nominal : nominal;
+    }
+    double value = nominal + (double)(turn - 1) * adjusted->step;
+    return fmin(fmax(value, adjusted->lower), adjusted->upper);
+}
+
 /* A tick in which u is nominal, or moved. */
 static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *error) {
     const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
     const tl_assembly *assembly = self->assembly;
     double u[TL_MAX_ADJUST] = {0.0};
     tl_record record;
-    if (!is_free) {
-        tl_far_look_excite(assembly, self->nominal, self->steps, u);
+    for (size_t v = 0; v < assembly->config.adjust_count && !is_free; v++) {
+        const tl_twin_adjusted adjusted = tl_twin_get_adjusted(assembly->twin, v);
+        u[v] = excited(&adjusted, self->nominal[v], self->steps, v);
     }
     tl_status status = is_free ? tl_twin_step(assembly->twin, &self->sample, &budget, &record, ready, error)
                                : tl_twin_follow(assembly->twin, &self->sample,
@@ -47,6 +61,43 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
     self->sample.tick++;
     return status;
 }
+
+/* ---- a far look ---- */
+
+/* True: there is more to be seen. */
+static bool look_once(const tl_assembly *assembly, tl_far_look *look) {
+    tl_twin_look_news news = {.found = false};
+    look->status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, &look->error);
+    look->news = news.found ? news : look->news;
+    return look->status == TL_OK && (!news.found || news.mended);
+}
+
+void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look) {
+    walker walk;
+    bool ready = false;
+    *look = (tl_far_look){.first = tick, .status = TL_OK};
+    if (assembly->config.verify_every == 0 || assembly->config.adjust_count == 0 ||
+        assembly->config.event.start.signal != NULL) {
+        return;
+    }
+    tl_time begun = tl_clock_now(NULL);
+    begin(&walk, assembly);
+    walk.sample.tick = tick;
+    look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, for lack of readings */
+    if (look->status == TL_OK && !ready) {
+        look->status = tl_fail(&look->error, TL_FMU_FAILED, "no step was made");
+    }
+    bool goes_on = look->status == TL_OK;
+    while (goes_on && walk.steps < TL_FAR_STEPS && tl_clock_now(NULL) - begun < TL_FAR_LONGEST) {
+        look->status = step_once(&walk, false, &ready, &look->error);
+        walk.steps += look->status == TL_OK ? 1 : 0;
+        goes_on = look->status == TL_OK && look_once(assembly, look);
+    }
+    look->steps = walk.steps;
+    look->times = tl_twin_get_facts(assembly->twin).verified;
+}
+
+/* ---- a pair ---- */
 
 /* The next one; the first ones take as many ticks as a twin waits for its measurements. */
 static tl_status step(walker *self, tl_error *error) {

@@ -1,4 +1,4 @@
-/* What `check` tries of a twin in processes of its own: a second twin beside it, and other ways of leading components back.
+/* What `check` tries of a twin: a look far from the start, and in processes of its own a second twin beside it and other ways of leading components back.
  *
  * Thread:  that of the FMUs.
  */
@@ -9,12 +9,37 @@
 
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
+#include "firmware/twin/twin_step.h"
+
+/* ---- A look far from the start: whether the FMUs of a twin come back to where they were, after so many steps, and with inputs that move.
+ *
+ * Purpose: the proof before the first step sees FMUs at one place, and what some of them forget is of no weight there. A check has time to look further: it goes on with steps of which
+ *          the adjusted variables go up and down, or on and off, and after as many of them as it can it asks whether the FMUs come back (tl_twin_look()).
+ * Not:     for a twin that adjusts nothing, or has an event horizon: it looks at nothing.
+ * Thread:  that of the FMUs. The twin is of no other use afterwards.
+ */
+
+enum { TL_FAR_STEPS = 1000 };
+
+#define TL_FAR_LONGEST (TL_SECOND / 2)
+
+typedef struct tl_far_look {
+    int64_t first;  /* the tick with which it began */
+    int64_t steps;  /* that it took; it ends with the first finding that is not mended, or with an FMU that fails: */
+    uint64_t times; /* FMUs were led back and compared */
+    tl_twin_look_news news; /* the last finding */
+    tl_status status;       /* TL_FMU_FAILED: of what it was given, which says nothing about the rollback */
+    tl_error error;
+} tl_far_look;
+
+/* `tick` is the next one of a twin that has begun, none of whose signals has a reading. */
+void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look);
 
 /* ---- Two twins of one configuration in one process: whether the same inputs lead to the same values, and whether one is disturbed by the other.
  *
  * Purpose: for `check`, in a process of its own. The first twin makes some steps; then the second one is built beside it, with FMUs that have libraries of their own, as every
  *          component's are (own_copies.h), and makes the same steps. Each value that an FMU gives must be the same to the bit.
- * Inputs:  the plant's initial values; what is adjusted moves as in far_look.h, but with an event horizon, where it stays.
+ * Inputs:  the plant's initial values; what is adjusted moves as in a far look, but with an event horizon, where it stays.
  * Account: in memory that another process reads while this one may crash, hang or lie.
  * Memory:  the values of the first twin, while both are compared.
  * Thread:  that of the FMUs.

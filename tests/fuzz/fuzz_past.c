@@ -20,11 +20,13 @@ static const char configuration[] =
     " \"synchronise\": {\"adjust\": {\"motor.d\": {\"nominal\": 0.0031, \"step\": 0.12}},\n"
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
-/* Where the words of its head are. */
-enum { SIZE = 8, LAST = 32, STEP = 40, START = 48, SIGNALS = 104, HEAD = 176 };
+/* Where its size and the plain fields of the past are. */
+enum { SIZE = 8, PLAIN = 16, HEAD = PLAIN + TL_PAST_PLAIN };
+enum { LAST = PLAIN + offsetof(tl_past, last), STEP = PLAIN + offsetof(tl_past, step) };
+enum { START = PLAIN + offsetof(tl_past, start), SIGNALS = PLAIN + offsetof(tl_past, signals) };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
-    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '5'};
+    static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '6'};
     const uint64_t bytes = size;
     int64_t last = 0;
     int64_t step = 0;

@@ -24,12 +24,12 @@ def tuning(tick):
 
 
 def image(origin, first, count, checkpoint, taken=b""):
-    adjusts = 0 if origin == 0 else 1  # of samples: none
+    matches, adjusts, components = (0, 0, 0) if origin == 0 else (1, 1, 2)  # of samples: none
     ticks = b"".join(tick(first + i, (NO_STEP, STEPPED, BEGAN_ANEW)[i * adjusts], adjusts) for i in range(count))
-    size = 176 + len(taken) + len(checkpoint) + len(ticks)
+    size = 181 + len(taken) + len(checkpoint) + len(ticks)
     last = first + count - 1
-    head = struct.pack("=8s12q72x", b"twlkpst5", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
-                       len(checkpoint), len(taken) // 888, 2, adjusts, origin)
+    head = struct.pack("=8s7q6QI65x", b"twlkpst6", size, 7, first, last, STEP, NOW - last * STEP, 1_700_000_000_000,
+                       len(checkpoint), len(taken) // 888, 2, matches, adjusts, components, origin)
     return RIGHT + head + checkpoint + taken + ticks
 
 

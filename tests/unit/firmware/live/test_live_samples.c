@@ -4,7 +4,7 @@
 #include <unity.h>
 
 #include "firmware/live/live_blocks.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"
 

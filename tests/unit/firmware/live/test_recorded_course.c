@@ -8,7 +8,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/live/recorded_course.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/follower.h"
 #include "tests/support/scratch.h"

@@ -14,7 +14,6 @@
 #include "firmware/plant/recording.h"
 #include "firmware/report/show.h"
 #include "firmware/twin/past.h"
-#include "firmware/twin/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/random_numbers.h"
@@ -153,15 +152,14 @@ static void tell(void *context, tl_severity severity, const char *text) {
     tl_outbox_event(&box.outbox, -1, severity, "resume", text);
 }
 
-/* One past, of `size` bytes. */
-static tl_past_outcome try_past(const tl_past_history *history, size_t size, tl_summary *summary) {
+static tl_past_outcome try_past(const tl_past *found, tl_summary *summary) {
     const tl_past_follow_settings following = {.assembly = &assembly, .outbox = &box.outbox, .tell = tell};
     tl_past past;
     tl_past_outcome outcome = TL_PAST_FAILED;
-    void *image = malloc(size);
+    void *image = malloc(tl_past_size(found));
     TEST_ASSERT_NOT_NULL(image);
-    tl_past_history_write(history, image);
-    expect_ok(tl_past_read(image, size, &assembly.config, tl_clock_now(NULL), &past, &error));
+    tl_past_write(found, image);
+    expect_ok(tl_past_read(image, tl_past_size(found), &assembly.config, tl_clock_now(NULL), &past, &error));
     expect_ok(tl_past_follow(&following, &past, summary, &outcome, &error));
     free(image);
     if (outcome == TL_PAST_FAILED) {
@@ -172,7 +170,6 @@ static tl_past_outcome try_past(const tl_past_history *history, size_t size, tl_
 
 /* As a twin and its recorder do it. */
 static void restart(tl_summary *summary) {
-    size_t size = 0;
     tl_past_outcome outcome = TL_PAST_REFUSED;
     *summary = (tl_summary){0};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&assembly));
@@ -180,15 +177,15 @@ static void restart(tl_summary *summary) {
     const tl_past_history_settings settings = {
         .config = &assembly.config,
         .path = tl_recorder_writer_path(box.writer),
-        .before = INT64_MAX,
         .fmus = recorded.fmus,
         .boot = recorded.boot,
         .components = tl_twin_get_facts(assembly.twin).components,
         .tell = tell,
     };
     tl_past_history *history = tl_past_history_open(&settings);
-    while (outcome == TL_PAST_REFUSED && tl_past_history_next(history, &size)) {
-        outcome = try_past(history, size, summary);
+    const tl_past *found = NULL;
+    while (outcome == TL_PAST_REFUSED && (found = tl_past_history_next(history)) != NULL) {
+        outcome = try_past(found, summary);
     }
     tl_past_history_close(history);
     if (outcome != TL_PAST_FOLLOWED) {

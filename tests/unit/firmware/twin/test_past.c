@@ -11,7 +11,7 @@
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 
-enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = 176 };
+enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = 16 + TL_PAST_PLAIN };
 
 static const tl_time NOW = 5000 * TL_SECOND;
 
@@ -275,57 +275,62 @@ static void test_another_configuration(void) {
 }
 
 typedef struct damage {
-    size_t word; /* of the head, which is made of words of eight bytes */
+    size_t at; /* in the image */
+    size_t size;
     uint64_t value;
     const char *words;
 } damage;
 
-enum { MAGIC, SIZE, RUN, FIRST, LAST, STEP, START, STARTED, CHECKPOINT_SIZE, TUNINGS, SIGNALS, ADJUSTS, FROM, NAMES };
+#define MAGIC 0, 8
+#define SIZE 8, 8
+#define FIELD(name) 16 + offsetof(tl_past, name), sizeof((tl_past *)NULL)->name
 
 static void test_a_damaged_head(void) {
     static const damage damages[] = {
         {MAGIC, 0, "its head"},
         {SIZE, 0, "its head"},
         {SIZE, UINT64_MAX, "its head"},
-        {RUN, (uint64_t)-2, "its head"},
-        {RUN, INT64_MAX, "its head"},
-        {FIRST, (uint64_t)-1, "its head"},
-        {FIRST, 0, "its head"},
-        {FIRST, 1042, "its head"},
-        {FIRST, INT64_MAX, "its head"},
-        {FIRST, (uint64_t)INT64_MIN, "its head"},
-        {LAST, INT64_MAX, "its head"},
-        {LAST, (uint64_t)INT64_MIN, "its head"},
-        {LAST, 1001 + TL_PAST_TICKS, "its head"},
-        {LAST, 1000 + TL_PAST_TICKS, "its head"},
-        {STEP, 0, "signals"},
-        {START, INT64_MAX, "its head"},
-        {START, (uint64_t)INT64_MIN, "its head"},
-        {START, 0, "not of just now"},
-        {START, 6000 * (uint64_t)TL_SECOND, "not of just now"},
-        {STARTED, INT64_MAX, "its head"},
-        {STARTED, (uint64_t)INT64_MIN, "its head"},
-        {CHECKPOINT_SIZE, 0, "its head"},
-        {CHECKPOINT_SIZE, CHECKPOINT + 1, "its head"},
-        {CHECKPOINT_SIZE, UINT64_MAX - 50, "its head"},
-        {TUNINGS, 0, "its head"},
-        {TUNINGS, 3, "its head"},
-        {TUNINGS, TL_PAST_TUNINGS + 1, "its head"},
-        {TUNINGS, UINT64_MAX, "its head"},
-        {SIGNALS, 0, "signals"},
-        {SIGNALS, UINT64_MAX, "signals"},
-        {ADJUSTS, 9, "signals"},
-        {NAMES, 0, "signals"},
-        {NAMES + 8, 'x', "signals"},
-        {FROM, TL_RESUMED_NOT, "signals"}, /* which has no u */
-        {FROM, TL_RESUMED_START, "its head"},
-        {FROM, TL_RESUMED_INPUTS, "its head"},
-        {FROM, 4, "its head"},
-        {FROM, UINT64_C(0x100000001), "its head"},
+        {FIELD(run), (uint64_t)-2, "its head"},
+        {FIELD(run), INT64_MAX, "its head"},
+        {FIELD(first), (uint64_t)-1, "its head"},
+        {FIELD(first), 0, "its head"},
+        {FIELD(first), 1042, "its head"},
+        {FIELD(first), INT64_MAX, "its head"},
+        {FIELD(first), (uint64_t)INT64_MIN, "its head"},
+        {FIELD(last), INT64_MAX, "its head"},
+        {FIELD(last), (uint64_t)INT64_MIN, "its head"},
+        {FIELD(last), 1001 + TL_PAST_TICKS, "its head"},
+        {FIELD(last), 1000 + TL_PAST_TICKS, "its head"},
+        {FIELD(step), 0, "signals"},
+        {FIELD(start), INT64_MAX, "its head"},
+        {FIELD(start), (uint64_t)INT64_MIN, "its head"},
+        {FIELD(start), 0, "not of just now"},
+        {FIELD(start), 6000 * (uint64_t)TL_SECOND, "not of just now"},
+        {FIELD(started), INT64_MAX, "its head"},
+        {FIELD(started), (uint64_t)INT64_MIN, "its head"},
+        {FIELD(checkpoint_size), 0, "its head"},
+        {FIELD(checkpoint_size), CHECKPOINT + 1, "its head"},
+        {FIELD(checkpoint_size), UINT64_MAX - 50, "its head"},
+        {FIELD(tuning_count), 0, "its head"},
+        {FIELD(tuning_count), 3, "its head"},
+        {FIELD(tuning_count), TL_PAST_TUNINGS + 1, "its head"},
+        {FIELD(tuning_count), UINT64_MAX, "its head"},
+        {FIELD(shape.plant), 0, "signals"},
+        {FIELD(shape.plant), UINT64_MAX, "signals"},
+        {FIELD(shape.match), 9, "signals"},
+        {FIELD(shape.adjust), 9, "signals"},
+        {FIELD(shape.components), 9, "signals"},
+        {FIELD(signals[0]), 0, "signals"},
+        {FIELD(signals[64]), 'x', "signals"},
+        {FIELD(from), TL_RESUMED_NOT, "signals"}, /* which has no u */
+        {FIELD(from), TL_RESUMED_START, "its head"},
+        {FIELD(from), TL_RESUMED_INPUTS, "its head"},
+        {FIELD(from), 4, "its head"},
+        {FIELD(from), UINT32_MAX, "its head"},
     };
     for (size_t i = 0; i < sizeof damages / sizeof damages[0]; i++) {
         write();
-        memcpy(image + damages[i].word * 8, &damages[i].value, 8);
+        memcpy(image + damages[i].at, &damages[i].value, damages[i].size);
         expect_refused(damages[i].words);
     }
 }

@@ -10,7 +10,6 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/twin/past.h"
-#include "firmware/twin/past_history.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"
 #include "tests/support/kept_file.h"
@@ -113,7 +112,7 @@ static void hear(void *context, tl_severity severity, const char *text) {
     (void)snprintf(told[told_count++], TL_PAST_TEXT, "%s", text);
 }
 
-static void open_history(int64_t before) {
+static void open_history(void) {
     static char fmus[TL_SHA256_TEXT];
     static char boot[TL_IDENTITY_TEXT];
     tl_twin_recorder_identify(&course.assembly.config, fmus);
@@ -121,7 +120,6 @@ static void open_history(int64_t before) {
     const tl_past_history_settings settings = {
         .config = &course.assembly.config,
         .path = path,
-        .before = before,
         .fmus = fmus,
         .boot = boot,
         .components = course.account.components,
@@ -132,17 +130,17 @@ static void open_history(int64_t before) {
 }
 
 static bool next(void) {
-    size_t size = 0;
     free(image);
     image = NULL;
-    if (!tl_past_history_next(history, &size)) {
-        TEST_ASSERT_EQUAL_size_t(0, size);
+    const tl_past *found = tl_past_history_next(history);
+    if (found == NULL) {
         return false;
     }
+    size_t size = tl_past_size(found);
     TEST_ASSERT_LESS_OR_EQUAL_size_t(TL_PAST_MOST, size);
     image = malloc(size);
     TEST_ASSERT_NOT_NULL(image);
-    tl_past_history_write(history, image);
+    tl_past_write(found, image);
     expect_ok(tl_past_read(image, size, &course.assembly.config, tl_clock_now(NULL), &past, &error));
     return true;
 }
@@ -187,7 +185,7 @@ static void test_the_newest_checkpoint_in_every_mode(void) {
     static const tl_measurements modes[] = {TL_LAG, TL_HOLD, TL_AHEAD};
     for (size_t i = 0; i < sizeof modes / sizeof modes[0]; i++) {
         make(modes[i]);
-        open_history(INT64_MAX);
+        open_history();
         TEST_ASSERT_TRUE(next());
         expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
         TEST_ASSERT_EQUAL_INT64(modes[i] == TL_AHEAD ? KILLED - 1 : KILLED, past.last);
@@ -205,7 +203,7 @@ static void test_the_newest_checkpoint_in_every_mode(void) {
 static void test_the_start(void) {
     make(TL_LAG);
     tl_sql_execute(path, "DELETE FROM checkpoints");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_INT64(KILLED, past.last);
@@ -221,7 +219,7 @@ static void test_a_last_sample_without_its_step(void) {
     make(TL_LAG);
     tl_sql_execute(path, "INSERT INTO samples SELECT run, tick + 1, signal, value, quality, stamp_ns FROM samples WHERE"
                          " tick = (SELECT max(tick) FROM samples)");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
     TEST_ASSERT_EQUAL_INT64(KILLED, past.last);
@@ -235,7 +233,7 @@ static void test_a_last_sample_without_its_step(void) {
 
 static void test_ever_older(void) {
     make(TL_LAG);
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
     TEST_ASSERT_TRUE(next());
@@ -251,7 +249,7 @@ static void test_ever_older(void) {
 static void test_a_checkpoint_that_is_refused(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE checkpoints SET tick = 110 WHERE tick = 100");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, 111);
     follow(TL_PAST_REFUSED);
@@ -266,7 +264,7 @@ static void test_checkpoints_of_no_use(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(100) WHERE tick = 100;"
                          "UPDATE checkpoints SET format = 'twinlock 0' WHERE tick = 60");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     TEST_ASSERT_EQUAL_size_t(2, told_count);
@@ -278,7 +276,7 @@ static void test_checkpoints_of_no_use(void) {
     tl_sql_execute(path, "UPDATE checkpoints SET bytes = zeroblob(0), sha256 ="
                          " 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'");
     told_count = 0;
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_START, 0);
     expect_told(2, TL_EVENT_WARNING, "another version"); /* the older one */
@@ -289,7 +287,7 @@ static void test_checkpoints_of_no_use(void) {
 static void test_inputs_that_an_fmu_cannot_bear(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE samples SET value = 1e308 WHERE signal = 0 AND tick > 110");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     tl_summary summary;
     tl_past_outcome outcome = TL_PAST_FOLLOWED;
@@ -311,7 +309,7 @@ static void expect_none(const char *statements, tl_severity severity, const char
     tl_kept_file_read(&whole, path);
     tl_sql_execute(path, statements);
     told_count = 0;
-    open_history(INT64_MAX);
+    open_history();
     while (next()) {
         TEST_ASSERT_LESS_THAN_size_t_MESSAGE(1, told_count, words);
     }
@@ -349,7 +347,7 @@ static void test_why_there_is_none(void) {
 static void test_when_another_run_ended(void) {
     make(TL_LAG);
     tl_sql_execute(path, "UPDATE runs SET ended_reason = 'another configuration: the run begins anew'");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_EQUAL_INT64(0, tl_past_history_ended(history));
     TEST_ASSERT_FALSE(next());
     const int64_t last = tl_sql_integer(path, "SELECT max(step) + lead FROM steps, runs");
@@ -360,11 +358,12 @@ static void test_when_another_run_ended(void) {
 
 static void test_nothing_to_say(void) {
     make(TL_LAG);
-    open_history(1);
-    TEST_ASSERT_FALSE(next()); /* there is none before run 1 */
+    tl_sql_execute(path, "UPDATE runs SET verb = 'replay'");
+    open_history();
+    TEST_ASSERT_FALSE(next());
     close_history();
     course.assembly.config.record_resume = 0;
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_NULL(history);
     TEST_ASSERT_FALSE(next());
     TEST_ASSERT_EQUAL_size_t(0, told_count);
@@ -377,7 +376,7 @@ static void test_no_database(void) {
     (void)fputs("this is no database, though it is long enough to be taken for one by who looks at sizes only ........",
                 file);
     (void)fclose(file);
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_FALSE(next());
     expect_told(1, TL_EVENT_WARNING, "begins anew: ");
 }
@@ -389,13 +388,13 @@ static void test_runs_that_got_nowhere(void) {
         open_run();
         close_run("SIGKILL");
     }
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_TRUE(next());
     expect_past(TL_RESUMED_CHECKPOINT, NEWER + 1);
     close_history();
     open_run();
     close_run("SIGKILL");
-    open_history(INT64_MAX);
+    open_history();
     TEST_ASSERT_FALSE(next());
     expect_told(1, TL_EVENT_INFO, "begins anew: 3 runs in a row have got nowhere");
 }

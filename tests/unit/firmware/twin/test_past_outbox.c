@@ -13,7 +13,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/twin/past.h"
-#include "firmware/twin/past_outbox.h"
 #include "tests/support/course.h"
 #include "tests/support/random_numbers.h"
 

@@ -5,7 +5,7 @@
 #include <unity.h>
 
 #include "firmware/base/os.h"
-#include "firmware/twin/past_history.h"
+#include "firmware/twin/past.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"

@@ -7,7 +7,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_feed.h"
+#include "firmware/twin/twin_child.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 #include "tests/support/start_twin.h"

@@ -4,7 +4,7 @@
 
 #include <unity.h>
 
-#include "firmware/twin/twin_job.h"
+#include "firmware/twin/twin_role.h"
 
 static const unsigned char checkpoint[] = {1, 7, 2, 255, 9}; /* no zero, which could be a text's end */
 static const unsigned char tunings[] = {8, 1, 77, 6};
