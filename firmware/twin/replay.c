@@ -8,7 +8,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/report/html_report.h"
 #include "firmware/twin/twin_recorder.h"
@@ -51,7 +51,7 @@ tl_status tl_replay_report_open(const tl_config *config, const tl_account *accou
         .version = TL_VERSION,
         .solver = account->algorithm,
         .fallback = account->fallback,
-        .measurements = tl_measurements_name(config->measurements),
+        .measurements = tl_measurements_names[config->measurements],
         .step = config->step,
         .prediction = account->prediction,
         .match = made->match,
