@@ -31,32 +31,24 @@ typedef struct scanner {
 /* ---- characters ---- */
 
 bool tl_text_is_plain(const char *text) {
-    size_t left = strlen(text);
-    while (left > 0) {
-        uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
-        if (length == 0 || !tl_utf8_can_be_shown(code)) {
-            return false;
-        }
-        text += length;
-        left -= length;
+    bool is_control = false;
+    while (*text != '\0' && !is_control) {
+        text += tl_show_character(text, &is_control);
     }
-    return true;
+    return !is_control;
 }
 
 void tl_text_for_people(const char *text, char *copy, size_t size) {
     static const char cut[] = "…";
     enum { SHOWN = 16 }; /* what stands for one character, at most */
-    size_t left = strlen(text);
     size_t used = 0;
     size_t cut_at = 0; /* the last end of a character behind which there is room for that */
-    while (left > 0) {
+    while (*text != '\0') {
         char shown[SHOWN];
-        uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
-        length = length == 0 ? 1 : length;
-        size_t added = code == '\t' ? (size_t)snprintf(shown, sizeof shown, "\\t")
-                                    : tl_clean_text(text, length, shown, sizeof shown);
+        bool is_control = false;
+        size_t length = tl_show_character(text, &is_control);
+        size_t added = *text == '\t' ? (size_t)snprintf(shown, sizeof shown, "\\t")
+                                     : tl_clean_text(text, length, shown, sizeof shown);
         if (used + added >= size) {
             memcpy(copy + cut_at, cut, sizeof cut);
             return;
@@ -65,7 +57,6 @@ void tl_text_for_people(const char *text, char *copy, size_t size) {
         used += added;
         cut_at = used + sizeof cut <= size ? used : cut_at;
         text += length;
-        left -= length;
     }
     copy[used] = '\0';
 }
@@ -468,10 +459,6 @@ static cJSON *add(tl_json_writer *writer, const char *key, cJSON *item) {
         writer->failed = true;
     }
     return added ? item : NULL;
-}
-
-void tl_json_add_null(tl_json_writer *writer, const char *key) {
-    (void)add(writer, key, cJSON_CreateNull());
 }
 
 void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth) {

@@ -98,7 +98,6 @@ typedef struct tl_json_writer {
 /* The outermost object is open. */
 void tl_json_writer_begin(tl_json_writer *writer);
 
-void tl_json_add_null(tl_json_writer *writer, const char *key);
 void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth);
 void tl_json_add_number(tl_json_writer *writer, const char *key, double number);
 void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count);

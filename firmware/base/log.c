@@ -16,7 +16,7 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "master/base/text.h"
+#include "firmware/base/text.h"
 
 /* To the beginning of the line, and what stands there is gone. */
 #define WIPE "\r\x1b[K"
@@ -51,11 +51,7 @@ static bool is_journal(void) {
 static style current_style(void) {
     int found = __atomic_load_n(&known_style, __ATOMIC_RELAXED);
     if (found == STYLE_UNKNOWN) {
-        const char *terminal = getenv("TERM");
-        const char *no_colour = getenv("NO_COLOR");
-        bool has_colour = isatty(STDERR_FILENO) && terminal != NULL && strcmp(terminal, "dumb") != 0 &&
-                          (no_colour == NULL || no_colour[0] == '\0');
-        found = is_journal() ? STYLE_JOURNAL : has_colour ? STYLE_COLOUR : STYLE_PLAIN;
+        found = is_journal() ? STYLE_JOURNAL : tl_show_style_of(stderr).colour ? STYLE_COLOUR : STYLE_PLAIN;
         __atomic_store_n(&known_style, found, __ATOMIC_RELAXED);
     }
     return (style)found;
@@ -72,15 +68,6 @@ int tl_log_level_of(const char *line, const char **text) {
     return has_level ? line[1] - '0' : TL_LOG_FOREIGN;
 }
 
-static const char *level_name(tl_log_level level) {
-    static const char *const names[] = {[TL_LOG_ERROR] = "error",
-                                        [TL_LOG_WARNING] = "warning",
-                                        [TL_LOG_NOTICE] = "notice",
-                                        [TL_LOG_INFO] = "info",
-                                        [TL_LOG_DEBUG] = "debug"};
-    return names[level];
-}
-
 /* Cuts before the first byte of a UTF-8 character that would not be whole. */
 static size_t whole_characters(const char *text, size_t length) {
     while (length > 0 && ((unsigned char)text[length] & 0xC0U) == 0x80U) {
@@ -92,20 +79,16 @@ static size_t whole_characters(const char *text, size_t length) {
 /* Control characters of ASCII become spaces, what else cannot be shown becomes "?". */
 static void make_harmless(char *text) {
     char *end = text;
-    for (size_t left = strlen(text); left > 0;) {
-        uint32_t code = 0;
-        size_t length = tl_utf8_read(text, left, &code);
-        bool stays = length > 0 && tl_utf8_can_be_shown(code);
-        bool is_ascii = length == 1;
-        length = length == 0 ? 1 : length;
-        if (stays) {
+    while (*text != '\0') {
+        bool is_control = false;
+        size_t length = tl_show_character(text, &is_control);
+        if (is_control) {
+            *end++ = (unsigned char)*text < 0x80U ? ' ' : '?';
+        } else {
             memmove(end, text, length);
             end += length;
-        } else {
-            *end++ = is_ascii ? ' ' : '?';
         }
         text += length;
-        left -= length;
     }
     *end = '\0';
 }
@@ -130,14 +113,19 @@ static void format_text(char *text, const char *format, va_list arguments) {
 }
 
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size) {
+    static const char *const names[] = {[TL_LOG_ERROR] = "error",
+                                        [TL_LOG_WARNING] = "warning",
+                                        [TL_LOG_NOTICE] = "notice",
+                                        [TL_LOG_INFO] = "info",
+                                        [TL_LOG_DEBUG] = "debug"};
     style now = current_style();
     const char *colour = level <= TL_LOG_ERROR ? "1;31" : level == TL_LOG_WARNING ? "1;33" : "1";
     if (now == STYLE_JOURNAL) {
         (void)snprintf(prefix, size, "<%d>", (int)level);
     } else if (now == STYLE_COLOUR) {
-        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ", colour, level_name(level));
+        (void)snprintf(prefix, size, "twinlock: \x1b[%sm%s:\x1b[0m ", colour, names[level]);
     } else {
-        (void)snprintf(prefix, size, "twinlock: %s: ", level_name(level));
+        (void)snprintf(prefix, size, "twinlock: %s: ", names[level]);
     }
 }
 
@@ -200,32 +188,33 @@ void tl_log(tl_log_level level, const char *format, ...) {
     errno = saved;
 }
 
-void tl_log_plain(const char *line) {
+static bool write_foreign(const char *prefix, const char *line, int patience) {
     int saved = errno;
-    char whole[sizeof WIPE + TL_LOG_PLAIN + 1];
-    int length = snprintf(whole, sizeof whole, "%s%.*s\n", wipe(), (int)TL_LOG_PLAIN, line);
-    (void)tl_file_bytes_write(STDERR_FILENO, whole, length > 0 ? (size_t)length : 0);
+    char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
+    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
+    bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
     errno = saved;
+    return done;
+}
+
+void tl_log_plain(const char *line) {
+    (void)write_foreign("", line, -1);
 }
 
 bool tl_log_foreign(int level, const char *line, int patience) {
+    char prefix[TL_LOG_PREFIX];
     if (!is_wanted(level)) {
         return true;
     }
-    int saved = errno;
-    char prefix[TL_LOG_PREFIX];
-    char whole[sizeof WIPE + TL_LOG_PREFIX + TL_LOG_PLAIN + 1];
     if (level == TL_LOG_FOREIGN) { /* in a journal a line without a level of its own could begin with one */
         (void)snprintf(prefix, sizeof prefix, "%s", current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ");
     } else {
         tl_log_prefix((tl_log_level)level, prefix, sizeof prefix);
     }
-    int length = snprintf(whole, sizeof whole, "%s%s%.*s\n", wipe(), prefix, (int)TL_LOG_PLAIN, line);
-    bool done = write_patiently(whole, length > 0 ? (size_t)length : 0, patience);
+    bool done = write_foreign(prefix, line, patience);
     if (done) {
         note(level);
     }
-    errno = saved;
     return done;
 }
 

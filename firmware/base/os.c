@@ -55,6 +55,10 @@ size_t tl_heap_used(void) {
     return heap.uordblks + heap.hblkhd;
 }
 
+void *tl_array_grown(void *array, size_t count, size_t size) {
+    return (count & (count - 1)) == 0 ? realloc(array, (count == 0 ? 1 : 2 * count) * size) : array;
+}
+
 /* ---- shortage ---- */
 
 static const int codes[] = {EMFILE, ENFILE, ENOMEM, ENOSPC, EDQUOT};
@@ -164,20 +168,6 @@ static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode
                : tl_fail(error, TL_TRY_AGAIN, "%.300s…: the name is too long", given);
 }
 
-/* A name that nobody had before; −1 where there can be none. */
-static int take_name(const char *path, char name[PATH_MAX]) {
-    for (int i = 0;; i++) {
-        if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) >= PATH_MAX) {
-            errno = ENAMETOOLONG;
-            return -1;
-        }
-        int file = open(name, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0600);
-        if (file >= 0 || errno != EEXIST) {
-            return file;
-        }
-    }
-}
-
 tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *error) {
     mode_t mode = 0;
     *new_file = (tl_new_file){0};
@@ -185,9 +175,11 @@ tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *er
     if (status != TL_OK) {
         return status;
     }
-    int opened = take_name(new_file->path, new_file->name);
+    bool fits = snprintf(new_file->name, PATH_MAX, "%s.new-XXXXXX", new_file->path) < PATH_MAX;
+    int opened = fits ? mkostemp(new_file->name, O_CLOEXEC) : -1;
     if (opened < 0) {
-        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s", path, strerror(errno));
+        return tl_fail(error, TL_TRY_AGAIN, "%.300s: cannot be written: %s", path,
+                       strerror(fits ? errno : ENAMETOOLONG));
     }
     (void)fchmod(opened, mode);
     new_file->file = fdopen(opened, "w");

@@ -51,6 +51,10 @@ void tl_clock_sleep_until(tl_time instant);
 /* Bytes, the allocator's own among them. */
 size_t tl_heap_used(void);
 
+/* Room for one more element behind `count`, each of `size` bytes: the array grows whenever `count` is 0 or a power of two. NULL: memory is out, and
+ * the array stays as it is. */
+void *tl_array_grown(void *array, size_t count, size_t size);
+
 /* ---- Whether something failed only because something ran out: descriptors, memory, space on a disk.
  *
  * Purpose: such a failure says nothing about the file that was to be opened. Another time it may work: TL_TRY_AGAIN, not TL_BAD_DATA,
@@ -81,7 +85,7 @@ bool tl_file_bytes_write(int file, const void *bytes, size_t size);
 
 /* ---- A file that appears whole or not at all.
  *
- * Purpose: it is written as FILE.new- and numbers, and takes its name at the end. What had the name stays until then, and
+ * Purpose: it is written as FILE.new- and six characters, and takes its name at the end. What had the name stays until then, and
  *          stays for good where the command is interrupted or the disk is full.
  * Rules:   those of `--db`: an ordinary file is replaced, a link to one is followed; a device, a FIFO, a folder and a link
  *          that leads nowhere are left as they are. A replaced file's permissions are kept.

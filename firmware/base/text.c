@@ -10,6 +10,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
 #include "master/base/text.h"
 
 /* ---- clean text ---- */
@@ -358,12 +359,7 @@ void tl_show_curve(tl_show_style style, const double *values, size_t count, char
 /* ---- Tables ------------------------------------------------------------------------------------------------------ */
 
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment) {
-    memset(table, 0, sizeof *table);
-    table->style = style;
-    table->columns = strlen(alignment);
-    for (size_t i = 0; i < table->columns && i < TL_SHOW_COLUMNS; i++) {
-        table->right[i] = alignment[i] == 'r';
-    }
+    *table = (tl_show_table){.style = style, .alignment = alignment, .columns = strlen(alignment)};
 }
 
 void tl_show_table_add(tl_show_table *table, const char *format, ...) {
@@ -374,23 +370,13 @@ void tl_show_table_add(tl_show_table *table, const char *format, ...) {
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     tl_show_clean(table->style, text, clean, sizeof clean);
-    if (table->count == table->room) {
-        size_t room = table->room == 0 ? 64 : table->room * 2;
-        char **cells = realloc(table->cells, room * sizeof *cells);
-        if (cells != NULL) {
-            table->cells = cells;
-            table->room = room;
-        }
-    }
-    char *cell = table->count < table->room ? strdup(clean) : NULL;
+    char **cells = tl_array_grown((void *)table->cells, table->count, sizeof *cells);
+    char *cell = cells != NULL ? strdup(clean) : NULL;
+    table->cells = cells != NULL ? cells : table->cells;
     table->failed = table->failed || cell == NULL;
     if (cell != NULL) {
         table->cells[table->count++] = cell;
     }
-}
-
-static void pad(FILE *file, size_t count) {
-    (void)fprintf(file, "%*s", (int)count, "");
 }
 
 /* The header is dim. */
@@ -404,9 +390,9 @@ static void print_row(const tl_show_table *table, size_t row, const size_t *widt
     for (size_t i = 0; i < last; i++) {
         const char *cell = table->cells[row + i];
         size_t blanks = widths[i] - columns_of(cell, strlen(cell));
-        pad(file, 2 + (table->right[i] ? blanks : 0));
-        (void)fputs(cell, file);
-        pad(file, table->right[i] || i + 1 == last ? 0 : blanks);
+        size_t left = table->alignment[i] == 'r' ? blanks : 0;
+        size_t right = i + 1 == last ? 0 : blanks - left;
+        (void)fprintf(file, "  %*s%s%*s", (int)left, "", cell, (int)right, "");
     }
     (void)fputs(dim ? "\x1b[0m\n" : "\n", file);
 }

@@ -99,15 +99,14 @@ enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 /* A table of cells, printed with columns as wide as they need. */
 typedef struct tl_show_table {
     tl_show_style style;
-    size_t columns;
-    bool right[TL_SHOW_COLUMNS]; /* aligned to the right */
+    const char *alignment; /* of its columns */
+    size_t columns;        /* TL_SHOW_COLUMNS at most */
     char **cells;
     size_t count;
-    size_t room;
     bool failed; /* memory is out */
 } tl_show_table;
 
-/* `alignment`: one letter per column, "l" or "r". */
+/* `alignment`: one letter per column, "l" or "r"; it stays. */
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment);
 
 /* The next cell, row by row; the text is cleaned. */

@@ -9,8 +9,8 @@
 
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
+#include "firmware/config/config.h"
 #include "firmware/config/drivers.h"
-#include "firmware/config/measurements.h"
 #include "master/base/estimate.h"
 #include "master/plan/plan.h"
 
@@ -353,7 +353,7 @@ static void check_conditions(advice *given, const tl_config *config) {
 static void warn_of_between(advice *given, const tl_config *config, const char *where) {
     warn(given, where,
          "in mode %s no step waits for the next reading, and the last one stands: \"between\" does nothing",
-         tl_measurements_name(config->measurements));
+         tl_measurements_names[config->measurements]);
 }
 
 /* Only in mode lag a step waits for a next reading. */

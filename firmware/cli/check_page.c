@@ -14,7 +14,6 @@
 #include "firmware/base/text.h"
 #include "firmware/cli/advice.h"
 #include "firmware/config/config.h"
-#include "firmware/config/measurements.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_blocks.h"
 #include "firmware/twin/assembly.h"
@@ -259,7 +258,7 @@ static void print_event(const tl_config *config, const tl_twin_facts *facts, FIL
     (void)fprintf(output,
                   "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
                   "at tick i + %" PRIu32 "\n",
-                  tl_measurements_name(config->measurements), config->measurements == TL_HOLD ? 0 : half, facts->lead);
+                  tl_measurements_names[config->measurements], config->measurements == TL_HOLD ? 0 : half, facts->lead);
 }
 
 static void print_mode(const tl_assembly *assembly, FILE *output) {
@@ -281,7 +280,7 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
                   facts.prediction, config->shape == TL_DYNAMIC ? "dynamic" : "static", facts.unknowns,
                   facts.unknowns == 1 ? "" : "s");
     (void)fprintf(output, "  timing  measurements %s: step i is computed at tick i + %" PRIu32 "\n",
-                  tl_measurements_name(config->measurements), facts.lead);
+                  tl_measurements_names[config->measurements], facts.lead);
 }
 
 /* What a step waits for the next reading of. */
@@ -290,7 +289,7 @@ static void print_wait(const tl_config *config, const char *what, bool inputs, i
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
         bool waits = signal->between != TL_BETWEEN_LAST || (ticks > 0 && tl_condition_is_needed(&signal->condition));
-        any = any || (waits && inputs == tl_config_feeds(config, signal));
+        any = any || (waits && inputs == signal->feeds);
     }
     if (any) {
         (void)fprintf(output, "  between %s: a step waits for the next one, %" PRId32 " tick%s\n", what, ticks,

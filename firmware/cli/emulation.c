@@ -151,12 +151,8 @@ static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_er
 static double read_column(const tl_emulation *emulation, size_t column, size_t *output) {
     const tl_config *config = emulation->config;
     const char *from = config->emulated[column].from;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        if (strncmp(from, "plant.", 6) == 0 && strcmp(from + 6, config->signals[i].plan.name) == 0) {
-            return emulation->tick.sample.values[i];
-        }
-    }
-    return emulation->outputs[(*output)++];
+    size_t signal = tl_config_signal_of(config, from);
+    return signal != SIZE_MAX ? emulation->tick.sample.values[signal] : emulation->outputs[(*output)++];
 }
 
 static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error) {

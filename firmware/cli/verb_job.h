@@ -11,7 +11,6 @@
 
 #include "firmware/cli/options.h"
 #include "firmware/config/config.h"
-#include "firmware/config/problems.h"
 #include "firmware/twin/twin_child.h"
 
 typedef struct tl_verb_job {

@@ -12,6 +12,7 @@
 #include <unistd.h>
 
 #include "firmware/base/identity.h"
+#include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
@@ -73,6 +74,11 @@ static tl_status out_of_memory(tl_report *report) {
     return TL_TRY_AGAIN;
 }
 
+static tl_status too_large(tl_report *report) {
+    tl_report_add(report, TL_BAD_DATA, "", "found more than 256 KiB, expected a configuration of at most that");
+    return TL_BAD_DATA;
+}
+
 /* Takes the memory and what is known before the text is understood. */
 static bool begin(const char *path, const char *text, size_t size, tl_config *config) {
     memset(config, 0, sizeof *config);
@@ -94,8 +100,7 @@ static bool begin(const char *path, const char *text, size_t size, tl_config *co
 tl_status tl_config_read_text(const char *path, const char *text, size_t size, tl_config *config, tl_report *report) {
     if (size > TL_CONFIG_MAX_BYTES) {
         memset(config, 0, sizeof *config);
-        tl_report_add(report, TL_BAD_DATA, "", "found more than 256 KiB, expected a configuration of at most that");
-        return TL_BAD_DATA;
+        return too_large(report);
     }
     if (!begin(path, text, size, config)) {
         tl_config_free(config);
@@ -118,6 +123,9 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
 
 /* The report knows the file's name. */
 static tl_status report_file(const char *path, tl_report *report) {
+    if (errno == EFBIG) {
+        return too_large(report);
+    }
     bool passing = tl_shortage_is(errno) || errno == EIO;
     tl_status status = passing ? TL_TRY_AGAIN : TL_BAD_DATA;
     const char *why = strerror(errno);
@@ -127,22 +135,11 @@ static tl_status report_file(const char *path, tl_report *report) {
 }
 
 tl_status tl_config_read(const char *path, tl_config *config, tl_report *report) {
-    enum { ROOM = TL_CONFIG_MAX_BYTES + 1 }; /* one more than allowed, so that too much is seen */
+    size_t size = 0;
+    char *text = tl_file_text_take(open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY), TL_CONFIG_MAX_BYTES, &size);
     memset(config, 0, sizeof *config);
-    int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY);
-    if (file < 0) {
-        return report_file(path, report);
-    }
-    tl_status status = TL_OK;
-    char *buffer = malloc(ROOM);
-    if (buffer == NULL) {
-        status = out_of_memory(report);
-    } else {
-        ssize_t size = tl_file_bytes_read(file, buffer, ROOM);
-        status = size < 0 ? report_file(path, report) : tl_config_read_text(path, buffer, (size_t)size, config, report);
-    }
-    free(buffer);
-    (void)close(file);
+    tl_status status = text == NULL ? report_file(path, report) : tl_config_read_text(path, text, size, config, report);
+    free(text);
     return status;
 }
 
@@ -186,18 +183,12 @@ bool tl_config_library_path(const tl_config *config, const char *library, char *
     return (size_t)snprintf(path, size, "%s", library) < size;
 }
 
-static bool is_file(const char *path) {
-    struct stat facts;
-    return stat(path, &facts) == 0 && S_ISREG(facts.st_mode);
-}
-
 /* A candidate; replaces `path` only where it is a file. */
 static bool is_file_in(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
     char candidate[4096];
-    if (!join(folder, folder_size, name, candidate, sizeof candidate) || !is_file(candidate)) {
-        return false;
-    }
-    return join(folder, folder_size, name, path, size);
+    struct stat facts;
+    return join(folder, folder_size, name, candidate, sizeof candidate) && stat(candidate, &facts) == 0 &&
+           S_ISREG(facts.st_mode) && join(folder, folder_size, name, path, size);
 }
 
 /* In `folder`, seen from where the running program is: as the build leaves it, or as it is installed. False where the system does not say where. */
@@ -210,11 +201,12 @@ static bool is_beside_program(const char *folder, const char *fmu, char *path, s
 }
 
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size) {
-    if (tl_config_file_path(config, fmu, path, size) && is_file(path)) {
-        return true;
-    }
-    if (fmu[0] == '/') {
-        return false;
+    bool is_absolute = fmu[0] == '/';
+    const char *beside = is_absolute ? "" : config->directory;
+    (void)join(beside, strlen(beside), fmu, path, size); /* what stays if it is nowhere */
+    bool is_found = is_file_in(beside, strlen(beside), fmu, path, size);
+    if (is_found || is_absolute) {
+        return is_found;
     }
     const char *list = getenv("TWINLOCK_FMU_PATH");
     for (const char *folder = list; folder != NULL; folder = folder[0] == ':' ? folder + 1 : NULL) {
@@ -264,16 +256,9 @@ void tl_config_retune(tl_config *config, const tl_tuning *tuning) {
     config->budget_time = tuning->time;
 }
 
-static void hear_nothing(void *context, tl_status status, const char *where, const char *text) {
-    (void)context;
-    (void)status;
-    (void)where;
-    (void)text;
-}
-
 tl_status tl_config_tuning_of(const tl_config *own, const char *text, tl_tuning *tuning, tl_error *error) {
     tl_config config;
-    tl_report report = {.add = hear_nothing};
+    tl_report report = {.add = NULL};
     if (tl_config_read_text(own->path, text, strlen(text), &config, &report) != TL_OK) {
         return tl_fail(error, TL_BAD_DATA, "its text is no configuration");
     }
@@ -288,4 +273,36 @@ bool tl_config_is_unconfined(const tl_config *config) {
         is_unconfined = is_unconfined || config->components[i].unconfined;
     }
     return is_unconfined;
+}
+
+/* ---- problems, told to a person ---- */
+
+size_t tl_problems_take_line(const char **text) {
+    static const char PREFIX[] = "line ";
+    if (strncmp(*text, PREFIX, sizeof PREFIX - 1) != 0) {
+        return 0;
+    }
+    char *end = NULL;
+    unsigned long line = strtoul(*text + sizeof PREFIX - 1, &end, 10);
+    if (strncmp(end, ": ", 2) != 0) {
+        return 0;
+    }
+    *text = end + 2;
+    return line;
+}
+
+static void say(void *context, tl_status status, const char *where, const char *text) {
+    (void)status;
+    const tl_problems *problems = context;
+    size_t line = problems->config == NULL ? tl_problems_take_line(&text) : tl_config_line(problems->config, where);
+    const char *separator = where[0] == '\0' ? "" : ": ";
+    if (line != 0) {
+        tl_log(TL_LOG_ERROR, "%s: line %zu: %s%s%s", problems->file, line, where, separator, text);
+    } else {
+        tl_log(TL_LOG_ERROR, "%s: %s%s%s", problems->file, where, separator, text);
+    }
+}
+
+void tl_problems_init(tl_problems *problems, const char *file) {
+    *problems = (tl_problems){.report = {.add = say, .context = problems}, .file = file};
 }

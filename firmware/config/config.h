@@ -73,12 +73,15 @@ typedef struct tl_config_signal {
     tl_time look_back;  /* a sample takes what was seen so long before its instant: see tl_plant_look (plant_input.h) */
     bool next;          /* there, or next */
     tl_between between; /* what it is where it is looked up between two readings */
-    tl_between as_input;    /* the same as configured: of one that feeds an input */
-    tl_time every;          /* the longest time from one reading to the next, as a rule; ns, 0: not given */
-    tl_condition condition; /* what is done to its readings before it is looked up: where it is matched */
-    size_t of;              /* its own index; of a further look-up: that of the signal it is of */
-    bool is_reading;        /* NAME@reading: shows the readings of another look-up as they come, */
-    size_t shows;           /* of this one */
+    bool feeds;         /* it feeds an input of an FMU, or begins a stroke */
+    bool is_matched;
+    tl_between as_input, as_output; /* `between` as configured: of what feeds an input; of what is matched */
+    tl_condition matched_condition; /* `condition` as configured */
+    tl_time every;                  /* the longest time from one reading to the next, as a rule; ns, 0: not given */
+    tl_condition condition;         /* what is done to its readings before it is looked up: where it is matched */
+    size_t of;                      /* its own index; of a further look-up: that of the signal it is of */
+    bool is_reading;                /* NAME@reading: shows the readings of another look-up as they come, */
+    size_t shows;                   /* of this one */
 } tl_config_signal;
 
 /* `emulate`: what `twinlock plant` serves when it runs FMUs as the true plant. */
@@ -137,7 +140,8 @@ typedef struct tl_config {
     tl_config_source *sources;
     size_t source_count;
     tl_config_signal *signals;
-    size_t signal_count; /* those of the file; once tl_config_use_lookups() was called, further look-ups too */
+    size_t own_count;    /* those of the file, */
+    size_t signal_count; /* and, once tl_config_use_lookups() was called, further look-ups too */
     size_t second_count; /* further look-ups, behind those of the file: first each NAME@match, then each NAME@reading */
     tl_plan_connection *connections;
     size_t connection_count;
@@ -220,8 +224,8 @@ bool tl_config_is_polled(const tl_config *config, const tl_config_signal *signal
  * one may be due, or half of `stale_s` is over, less a poll. 0: each poll is a reading. */
 tl_time tl_config_repeats(const tl_config *config, const tl_config_signal *signal);
 
-/* Whether a signal feeds an input of an FMU, or begins a stroke. */
-bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal);
+/* The index of the signal that "plant.NAME" names; SIZE_MAX: it names none. NULL is allowed. */
+size_t tl_config_signal_of(const tl_config *config, const char *reference);
 
 /* How much later than its own instant what is made of a measurement by its `condition` comes at most, if readings come as often as is said (every_s, else
  * step_s): ns. */
@@ -261,5 +265,29 @@ bool tl_config_file_path(const tl_config *config, const char *file, char *path, 
 /* What to open a library by: a name without a slash stays as it is, for the loader to look up; any other is a file as
  * above. */
 bool tl_config_library_path(const tl_config *config, const char *library, char *path, size_t size);
+
+/* ---- The names of the modes of `synchronise.horizon.measurements`. At which tick a step is computed, the twin says: see tl_twin_facts.lead. */
+
+/* By tl_measurements, then NULL: "lag", "ahead", "hold". */
+extern const char *const tl_measurements_names[];
+
+/* The mode of that name; TL_LAG where there is none. NULL is allowed. */
+tl_measurements tl_measurements_named(const char *name);
+
+/* ---- Problems of a configuration, told to a person: one log line each.
+ *
+ * Purpose: the tl_report that verbs hand down. A line reads "file: line N: JSON path: what was found, what was expected".
+ */
+
+typedef struct tl_problems {
+    tl_report report;
+    const char *file;
+    const tl_config *config; /* NULL while the file is still being read */
+} tl_problems;
+
+void tl_problems_init(tl_problems *problems, const char *file);
+
+/* The line that a problem's text begins with ("line 12: found …"), which is how the reader says it; *text then begins behind it. 0: none. */
+size_t tl_problems_take_line(const char **text);
 
 #endif

@@ -6,6 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/os.h"
 #include "firmware/config/drivers.h"
 #include "master/plan/tuning.h"
 
@@ -18,15 +19,9 @@ struct tl_allowed_name {
 
 static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char *text, size_t length,
                      tl_error *error) {
-    if (allowed->count == allowed->room) {
-        size_t room = allowed->room == 0 ? 16 : 2 * allowed->room;
-        struct tl_allowed_name *names = realloc(allowed->names, room * sizeof *names);
-        if (names != NULL) {
-            allowed->names = names;
-            allowed->room = room;
-        }
-    }
-    char *copy = allowed->count < allowed->room ? strndup(text, length) : NULL;
+    struct tl_allowed_name *names = tl_array_grown(allowed->names, allowed->count, sizeof *names);
+    char *copy = names != NULL ? strndup(text, length) : NULL;
+    allowed->names = names != NULL ? names : allowed->names;
     if (copy == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for names that are allowed");
     }

@@ -77,7 +77,7 @@ struct tl_allowed_name;
 /* Fields are private. */
 typedef struct tl_allowed_names {
     struct tl_allowed_name *names;
-    size_t count, room;
+    size_t count;
 } tl_allowed_names;
 
 /* Those of an administrator's list: lines "file NAME" or "library NAME"; empty ones, and those that begin with #, say nothing. Other than these it is wrong as a whole.

@@ -283,15 +283,13 @@ void tl_config_read_delays(tl_config_object *root, tl_config *config) {
     if (cJSON_IsString(item) && strcmp(item->valuestring, "measure") == 0) {
         *delays = (tl_config_delays){.next = true, .measure = true, .range = longest_range(config->step) / 2};
         find_shifts(root, config->step, delays);
-        config->delays = delays;
-        return;
-    }
-    if (!cJSON_IsObject(item)) {
+    } else if (cJSON_IsObject(item)) {
+        (void)tl_config_entry(root, item, example, &object);
+        read_object(root, &object, config->step, delays);
+        find_shifts(&object, config->step, delays);
+    } else {
         tl_config_wrong(root, "delays", NULL, expected, example);
         return;
     }
-    (void)tl_config_entry(root, item, example, &object);
-    read_object(root, &object, config->step, delays);
-    find_shifts(&object, config->step, delays);
     config->delays = delays;
 }

@@ -22,35 +22,41 @@
 
 #define SECOND "@match"
 
-static bool is_of_plant(const char *reference) {
-    return reference != NULL && strncmp(reference, "plant.", 6) == 0;
-}
+static const char PLANT[] = "plant.";
 
-/* Whether a reference is "plant.NAME" of this signal. */
-static bool leads_to(const char *reference, const tl_config_signal *signal) {
-    return is_of_plant(reference) && strcmp(reference + 6, signal->plan.name) == 0;
-}
-
-/* A command. */
-bool tl_config_feeds(const tl_config *config, const tl_config_signal *signal) {
-    if (leads_to(config->event.start.signal, signal)) {
-        return true;
+size_t tl_config_signal_of(const tl_config *config, const char *reference) {
+    size_t found = SIZE_MAX;
+    for (size_t i = 0; reference != NULL && found == SIZE_MAX && i < config->signal_count; i++) {
+        bool is_it = strncmp(reference, PLANT, strlen(PLANT)) == 0 &&
+                     strcmp(reference + strlen(PLANT), config->signals[i].plan.name) == 0;
+        found = is_it ? i : found;
     }
+    return found;
+}
+
+static void note_input(tl_config *config, const char *reference) {
+    size_t at = tl_config_signal_of(config, reference);
+    if (at != SIZE_MAX) {
+        config->signals[at].feeds = true;
+    }
+}
+
+/* Fills in what each signal is used for. It is looked up once for all matches: the first one that asks for a line, or for a condition, decides. */
+static void note_uses(tl_config *config) {
+    note_input(config, config->event.start.signal);
     for (size_t i = 0; i < config->connection_count; i++) {
-        if (leads_to(config->connections[i].from, signal)) {
-            return true;
-        }
+        note_input(config, config->connections[i].from);
     }
-    return false;
-}
-
-static bool is_matched(const tl_config *config, const tl_config_signal *signal) {
     for (size_t i = 0; i < config->match_count; i++) {
-        if (leads_to(config->match[i].to, signal)) {
-            return true;
+        size_t at = tl_config_signal_of(config, config->match[i].to);
+        if (at != SIZE_MAX) {
+            tl_config_signal *signal = &config->signals[at];
+            bool has_condition = tl_condition_is_needed(&signal->matched_condition);
+            signal->is_matched = true;
+            signal->as_output = signal->as_output != TL_BETWEEN_LAST ? signal->as_output : config->matched_between[i];
+            signal->matched_condition = has_condition ? signal->matched_condition : config->conditions[i];
         }
     }
-    return false;
 }
 
 /* From one message of what is matched to the next, at most. */
@@ -59,7 +65,7 @@ static tl_time longest_wait(const tl_config *config) {
     tl_time longest = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        longest = is_matched(config, signal) && signal->every > longest ? signal->every : longest;
+        longest = signal->is_matched && signal->every > longest ? signal->every : longest;
     }
     tl_time most = TL_CONFIG_LONGEST_SHIFT * config->step;
     longest = longest == 0 ? unknown * config->step : longest;
@@ -107,35 +113,18 @@ static void look_up_as_input(const tl_config *config, tl_config_signal *signal) 
     signal->next = false;
 }
 
-/* What is done to its readings, where it is matched: what the one match asks for that does. */
-static tl_condition find_condition(const tl_config *config, const tl_config_signal *signal) {
-    for (size_t i = 0; i < config->match_count; i++) {
-        if (leads_to(config->match[i].to, signal) && tl_condition_is_needed(&config->conditions[i])) {
-            return config->conditions[i];
-        }
-    }
-    return (tl_condition){0};
-}
-
-/* What it is between two readings, where it is matched. It is looked up once: on a line if any match asks for that. */
-static tl_between matched_between(const tl_config *config, const tl_config_signal *signal) {
-    if (config->measurements != TL_AHEAD && find_condition(config, signal).low_pass > 0) {
-        return TL_BETWEEN_LINE;
-    }
-    for (size_t i = 0; config->measurements == TL_LAG && i < config->match_count; i++) {
-        if (leads_to(config->match[i].to, signal) && config->matched_between[i] != TL_BETWEEN_LAST) {
-            return config->matched_between[i];
-        }
-    }
-    return TL_BETWEEN_LAST;
+/* What it is between two readings, where it is matched. */
+static tl_between output_between(const tl_config *config, const tl_config_signal *signal) {
+    bool is_smooth = config->measurements != TL_AHEAD && signal->matched_condition.low_pass > 0;
+    return is_smooth ? TL_BETWEEN_LINE : config->measurements == TL_LAG ? signal->as_output : TL_BETWEEN_LAST;
 }
 
 static void look_up_as_output(const tl_config *config, tl_config_signal *signal) {
     const tl_config_delays *delays = config->delays;
     signal->look_back = config->output_lookup.look_back;
     signal->next = delays != NULL && (delays->has_output || delays->measure) && delays->next;
-    signal->between = matched_between(config, signal);
-    signal->condition = find_condition(config, signal);
+    signal->between = output_between(config, signal);
+    signal->condition = signal->matched_condition;
 }
 
 /* ---- what waits for a next reading ---- */
@@ -171,7 +160,7 @@ static void check_input(const tl_config_object *root, const tl_config *config, c
     if (signal->as_input == TL_BETWEEN_LAST) {
         return;
     }
-    if (!tl_config_feeds(config, signal)) {
+    if (!signal->feeds) {
         tl_config_wrong(&place, "between", "a signal that feeds no input",
                         "no such key: of a signal that is matched it stands beside its \"to\"", NULL);
         return;
@@ -190,9 +179,9 @@ static tl_time every_of(const tl_config *config, const tl_config_signal *signal)
 }
 
 static tl_time lag_of(const tl_config *config, const tl_config_signal *signal) {
-    const tl_condition condition = find_condition(config, signal);
-    tl_time half = condition.median > 1 ? (tl_time)(condition.median - 1) / 2 : 0;
-    return half * every_of(config, signal) + condition.low_pass;
+    const tl_condition *condition = &signal->matched_condition;
+    tl_time half = condition->median > 1 ? (tl_time)(condition->median - 1) / 2 : 0;
+    return half * every_of(config, signal) + condition->low_pass;
 }
 
 static tl_time wait_of_condition(const tl_config *config, const tl_config_signal *signal) {
@@ -200,47 +189,39 @@ static tl_time wait_of_condition(const tl_config *config, const tl_config_signal
 }
 
 tl_time tl_config_condition_lag(const tl_config *config, size_t match) {
-    tl_time lag = 0;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        lag = leads_to(config->match[match].to, &config->signals[i]) ? lag_of(config, &config->signals[i]) : lag;
-    }
-    return lag;
+    return lag_of(config, &config->signals[tl_config_signal_of(config, config->match[match].to)]);
 }
 
 /* What stands beside a "to", of the signal that it leads to. */
-static void check_condition(const tl_config_object *root, const tl_config *config, size_t index,
+static void check_condition(const tl_config_object *place, const tl_config *config, size_t index,
                             const tl_config_signal *signal) {
-    const tl_config_object place = object_at(root, config->match[index].where);
     const tl_condition *own = &config->conditions[index];
-    const tl_condition first = find_condition(config, signal);
     tl_time longest = TL_CONFIG_LONGEST_SHIFT * config->step;
-    bool has_event = is_of_plant(config->event.start.signal) && is_of_plant(config->event.end.signal) &&
-                     config->event.window > 0 && config->event.longest > 0;
+    bool has_event = tl_config_signal_of(config, config->event.start.signal) != SIZE_MAX &&
+                     tl_config_signal_of(config, config->event.end.signal) != SIZE_MAX && config->event.window > 0 &&
+                     config->event.longest > 0;
     if (has_event && config->match[index].weight > 0) {
-        tl_config_wrong(&place, "condition", "a condition beside horizon.event",
+        tl_config_wrong(place, "condition", "a condition beside horizon.event",
                         "none of both: the instant of the event would be blurred", NULL);
-    } else if (!is_same_condition(own, &first)) {
-        tl_config_wrong(&place, "condition", "another condition than that of an earlier match with the same signal",
+    } else if (!is_same_condition(own, &signal->matched_condition)) {
+        tl_config_wrong(place, "condition", "another condition than that of an earlier match with the same signal",
                         "one for all of them: a reading is conditioned once", NULL);
     } else if (own->low_pass > 0 && signal->plan.type != TL_REAL) {
-        tl_config_wrong(&place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
+        tl_config_wrong(place, "condition", "a low-pass of a signal that is no Real", "\"median\" or \"gate\"", NULL);
     } else if (wait_of_condition(config, signal) > longest) {
-        tl_config_wrong(&place, "condition", "a condition for which a step waits longer than 1000 times step_s",
+        tl_config_wrong(place, "condition", "a condition for which a step waits longer than 1000 times step_s",
                         "a shorter median or low-pass, or a smaller every_s of the signal", NULL);
     }
 }
 
 static void check_matched(const tl_config_object *root, const tl_config *config, size_t index) {
     const tl_config_object place = object_at(root, config->match[index].where);
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_config_signal *signal = &config->signals[i];
-        bool is_its = leads_to(config->match[index].to, signal);
-        if (is_its && config->matched_between[index] != TL_BETWEEN_LAST) {
-            check_wait(root, &place, config, signal);
-        }
-        if (is_its && config->step > 0 && tl_condition_is_needed(&config->conditions[index])) {
-            check_condition(root, config, index, signal);
-        }
+    size_t at = tl_config_signal_of(config, config->match[index].to);
+    if (at != SIZE_MAX && config->matched_between[index] != TL_BETWEEN_LAST) {
+        check_wait(root, &place, config, &config->signals[at]);
+    }
+    if (at != SIZE_MAX && config->step > 0 && tl_condition_is_needed(&config->conditions[index])) {
+        check_condition(&place, config, index, &config->signals[at]);
     }
 }
 
@@ -265,7 +246,7 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
         const tl_config_signal *signal = &config->signals[i];
         tl_between between = input_between(config, signal);
         tl_time own = between == TL_BETWEEN_MEAN ? signal->every + config->step : signal->every;
-        tl_time next = matched_between(config, signal) != TL_BETWEEN_LAST ? every_of(config, signal) : 0;
+        tl_time next = output_between(config, signal) != TL_BETWEEN_LAST ? every_of(config, signal) : 0;
         input_wait = longer(input_wait, between != TL_BETWEEN_LAST ? own : 0);
         output_wait = longer(output_wait, wait_of_condition(config, signal) + next);
         check_input(root, config, signal);
@@ -279,55 +260,46 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
 
 /* ---- look-ups ---- */
 
-/* "plant.NAME@match" or such; NULL where memory is out. */
-static const char *further_name(tl_config_reader *reader, const tl_config_signal *signal, const char *suffix) {
-    size_t size = strlen(signal->plan.name) + strlen(suffix) + sizeof "plant.";
+/* A further look-up of a signal, a copy of the one at `from`, behind the others: "plant.NAME@match" or such; `names`: of each match. NULL: memory is
+ * out. */
+static tl_config_signal *add_look_up(tl_config_reader *reader, tl_config *config, size_t from, const char *suffix,
+                                     const char **names) {
+    tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
+    size_t of = config->signals[from].of;
+    size_t size = sizeof PLANT + strlen(config->signals[of].plan.name) + strlen(suffix);
     char *name = tl_config_take(reader, size, 1);
-    if (name != NULL) {
-        (void)snprintf(name, size, "plant.%s%s", signal->plan.name, suffix);
+    if (name == NULL) {
+        return NULL;
     }
-    return name;
+    (void)snprintf(name, size, "%s%s%s", PLANT, config->signals[of].plan.name, suffix);
+    *signal = config->signals[from];
+    signal->plan.name = name + strlen(PLANT);
+    signal->feeds = false;
+    for (size_t i = 0; i < config->match_count; i++) {
+        names[i] = tl_config_signal_of(config, config->match[i].to) == of ? name : names[i];
+    }
+    config->second_count++;
+    return signal;
 }
 
 static void add_second(tl_config_reader *reader, tl_config *config, size_t first) {
-    tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
-    const char *name = further_name(reader, &config->signals[first], SECOND);
-    if (name == NULL) {
-        return;
+    tl_config_signal *second = add_look_up(reader, config, first, SECOND, config->matched_as);
+    if (second != NULL) {
+        look_up_as_output(config, second);
+        look_up_as_input(config, &config->signals[first]);
     }
-    *signal = config->signals[first];
-    signal->plan.name = name + strlen("plant.");
-    signal->of = first;
-    look_up_as_output(config, signal);
-    look_up_as_input(config, &config->signals[first]);
-    for (size_t i = 0; i < config->match_count; i++) {
-        if (leads_to(config->match[i].to, &config->signals[first])) {
-            config->matched_as[i] = name;
-        }
-    }
-    config->second_count++;
 }
 
 /* Of the look-up of a signal that is matched. */
 static void add_reading(tl_config_reader *reader, tl_config *config, size_t matched) {
-    const tl_config_signal *looked_up = &config->signals[matched];
-    tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
-    const char *name = further_name(reader, &config->signals[looked_up->of], TL_CONFIG_READING);
-    if (name != NULL) {
-        *signal = *looked_up;
-        signal->plan.name = name + strlen("plant.");
-        for (size_t i = 0; i < config->match_count; i++) {
-            if (leads_to(config->match[i].to, &config->signals[looked_up->of])) {
-                config->reading_as[i] = name;
-            }
-        }
+    tl_config_signal *signal = add_look_up(reader, config, matched, TL_CONFIG_READING, config->reading_as);
+    if (signal != NULL) {
         signal->is_reading = true;
         signal->shows = matched;
         signal->look_back = 0;
         signal->next = false;
         signal->between = TL_BETWEEN_LAST;
         signal->condition = (tl_condition){0};
-        config->second_count++;
     }
 }
 
@@ -336,10 +308,9 @@ static void add_readings(tl_config_reader *reader, tl_config *config) {
     size_t count = config->signal_count + config->second_count;
     for (size_t i = 0; i < count; i++) {
         const tl_config_signal *signal = &config->signals[i];
-        bool is_matched_as =
-            i >= config->signal_count || (is_matched(config, signal) && !tl_config_feeds(config, signal));
         bool is_otherwise = signal->between != TL_BETWEEN_LAST || tl_condition_is_needed(&signal->condition);
-        if (is_matched_as && is_otherwise && config->signal_count + config->second_count < TL_MAX_SIGNALS) {
+        if (signal->is_matched && !signal->feeds && is_otherwise &&
+            config->signal_count + config->second_count < TL_MAX_SIGNALS) {
             add_reading(reader, config, i);
         }
     }
@@ -376,6 +347,7 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
         config->signal_count > TL_MAX_SIGNALS) { /* nothing, or too many: reported already */
         return;
     }
+    note_uses(config);
     find_lookups(root, config);
     bool is_as_read = config->input_lookup.ticks == 0 && config->output_lookup.ticks == 0;
     for (size_t i = 0; i < config->match_count; i++) {
@@ -385,13 +357,11 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
         return;
     }
     for (size_t i = 0; i < config->signal_count; i++) {
-        bool matched = is_matched(config, &signals[i]);
-        bool feeding = tl_config_feeds(config, &signals[i]);
-        if (matched && feeding) {
+        if (signals[i].is_matched && signals[i].feeds) {
             add_second(root->reader, config, i);
-        } else if (matched) {
+        } else if (signals[i].is_matched) {
             look_up_as_output(config, &signals[i]);
-        } else if (feeding) {
+        } else if (signals[i].feeds) {
             look_up_as_input(config, &signals[i]);
         }
     }
@@ -400,20 +370,15 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
 }
 
 const char *tl_config_reading_of(const tl_config *config, size_t match) {
-    bool is_as_read = true;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        const tl_config_signal *signal = &config->signals[i];
-        if (leads_to(config->matched_as[match], signal)) {
-            is_as_read = signal->between == TL_BETWEEN_LAST && !tl_condition_is_needed(&signal->condition);
-        }
-    }
+    size_t at = tl_config_signal_of(config, config->matched_as[match]);
+    const tl_config_signal *signal = at != SIZE_MAX ? &config->signals[at] : NULL;
+    bool is_as_read =
+        signal == NULL || (signal->between == TL_BETWEEN_LAST && !tl_condition_is_needed(&signal->condition));
     return config->reading_as[match] != NULL ? config->reading_as[match] : is_as_read ? NULL : "";
 }
 
 void tl_config_use_lookups(tl_config *config) {
-    if (config->signal_count != 0 && config->signals[config->signal_count - 1].of == config->signal_count - 1) {
-        config->signal_count += config->second_count;
-    }
+    config->signal_count = config->own_count + config->second_count;
 }
 
 void tl_config_forget_delays(tl_config *config) {

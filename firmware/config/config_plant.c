@@ -254,4 +254,5 @@ void tl_config_read_signals(tl_config_object *root, tl_config *config) {
     config->signals =
         tl_config_take_entries(root, "plant", &SIGNALS, sizeof *config->signals, &map, &config->signal_count);
     tl_config_each(&map, read_named_signal, config);
+    config->own_count = config->signal_count;
 }

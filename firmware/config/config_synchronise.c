@@ -7,10 +7,20 @@
 #include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 #include "firmware/config/json_document.h"
-#include "firmware/config/measurements.h"
 #include "master/twin/twin.h"
 
 /* ---- `synchronise.horizon`: T_P steps, or a stroke around an event. */
+
+const char *const tl_measurements_names[] = {[TL_LAG] = "lag", [TL_AHEAD] = "ahead", [TL_HOLD] = "hold", NULL};
+
+tl_measurements tl_measurements_named(const char *name) {
+    for (int i = TL_LAG; name != NULL && i <= TL_HOLD; i++) {
+        if (strcmp(name, tl_measurements_names[i]) == 0) {
+            return (tl_measurements)i;
+        }
+    }
+    return TL_LAG;
+}
 
 /* "plant.signal", or "not plant.signal" for the instant at which it becomes false. */
 static void read_edge(tl_config_object *object, const char *key, const char *example, tl_plan_edge *edge) {

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/identity.h"
 #include "firmware/base/json.h"
 #include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
@@ -169,12 +170,11 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
 
 /* As sha256sum prints it. */
 static void read_hash(tl_config_object *entry, tl_config_component *component) {
-    enum { DIGITS = 64 };
     static const char EXAMPLE[] = "\"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08\"";
     const char *text = NULL;
     if (tl_config_get_text(entry, "sha256", TL_CONFIG_OPTIONAL, EXAMPLE, &text)) {
         component->sha256 = text;
-        if (strlen(text) != DIGITS || strspn(text, "0123456789abcdef") != DIGITS) {
+        if (!tl_identity_is_sound(text)) {
             tl_config_wrong(entry, "sha256", NULL, "64 digits of 0 to 9 and a to f, as sha256sum prints them", EXAMPLE);
         }
     }
@@ -188,16 +188,6 @@ typedef struct names_key {
     const char *one; /* and of an element */
     const char *one_example;
 } names_key;
-
-/* One name; NULL if it is wrong. */
-static const char *read_name(const tl_config_reader *reader, const names_key *key, const cJSON *item,
-                             const char *path) {
-    if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
-        return item->valuestring;
-    }
-    tl_config_wrong_item(reader, item, path, NULL, key->one, key->one_example);
-    return NULL;
-}
 
 /* All of them; how many there are. */
 static size_t read_names(tl_config_object *entry, const names_key *key, tl_config_name **names) {
@@ -215,7 +205,11 @@ static size_t read_names(tl_config_object *entry, const names_key *key, tl_confi
         tl_json_member_path(list, entry->path, key->key);
         tl_json_element_path(path, list, i);
         (*names)[i].where = tl_config_keep(entry->reader, path);
-        (*names)[i].name = read_name(entry->reader, key, item, path);
+        if (cJSON_IsString(item) && item->valuestring[0] != '\0' && tl_text_is_plain(item->valuestring)) {
+            (*names)[i].name = item->valuestring;
+        } else {
+            tl_config_wrong_item(entry->reader, item, path, NULL, key->one, key->one_example);
+        }
         i++;
     }
     return count;

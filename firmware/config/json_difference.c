@@ -7,24 +7,10 @@
 #include <string.h>
 
 #include "firmware/base/json.h"
+#include "firmware/base/text.h"
 #include "firmware/config/json_document.h"
 
 /* ---- the documents ---- */
-
-/* So that the first problem of a text becomes an error. */
-typedef struct refusal {
-    const char *called;
-    tl_error *error;
-    bool told;
-} refusal;
-
-static void refuse(void *context, tl_status status, const char *where, const char *text) {
-    refusal *r = context;
-    if (!r->told) {
-        (void)tl_fail(r->error, status, "%s: %s%s%s", r->called, where, where[0] == '\0' ? "" : ": ", text);
-    }
-    r->told = true;
-}
 
 /* As cJSON links its items: the first one's `prev` is the last one. */
 static void link_again(cJSON *object, cJSON **items, size_t count) {
@@ -57,15 +43,16 @@ static bool sort_all_keys(cJSON *root) {
 
 static tl_status read_sorted(const tl_json_source *source, cJSON **root, tl_error *error) {
     tl_arena scratch;
-    refusal said = {source->called, error, false};
-    tl_report report = {.add = refuse, .context = &said};
+    tl_report report = {.add = NULL};
     tl_arena_init(&scratch);
     tl_status status = tl_json_parse(source->text, source->size, &scratch, &report, root);
     tl_arena_release(&scratch);
-    if (status == TL_OK && !sort_all_keys(*root)) {
-        status = tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory to compare it", source->called);
+    if (status == TL_BAD_DATA) {
+        return tl_fail(error, status, "%s: is no JSON, or has a key twice", source->called);
     }
-    return status;
+    return status == TL_OK && sort_all_keys(*root)
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory to compare it", source->called);
 }
 
 /* ---- values ---- */
@@ -292,20 +279,11 @@ tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *af
     return status;
 }
 
-/* So that two numbers that differ look different; cJSON prints some with a digit too few. */
-static void show_number(double number, char *text, size_t size) {
-    (void)snprintf(text, size, "%.15g", number);
-    double read = strtod(text, NULL);
-    if (memcmp(&read, &number, sizeof read) != 0) {
-        (void)snprintf(text, size, "%.17g", number);
-    }
-}
-
 void tl_json_show(const cJSON *item, char *text, size_t size) {
     char number[32] = "";
     char *printed = NULL;
     if (cJSON_IsNumber(item)) {
-        show_number(item->valuedouble, number, sizeof number);
+        tl_show_exact(item->valuedouble, number, sizeof number); /* cJSON prints some with a digit too few */
     } else if (item != NULL) {
         printed = cJSON_PrintUnformatted(item);
     }

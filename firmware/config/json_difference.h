@@ -37,7 +37,7 @@ typedef struct tl_json_source {
 } tl_json_source;
 
 /* Calls `see` for each difference; everything it is given lives during the call only.
- * Errors: TL_BAD_DATA for a text that is no JSON or has a key twice, with its line; TL_TRY_AGAIN where memory is out. In both cases there may have
+ * Errors: TL_BAD_DATA for a text that is no JSON or has a key twice; TL_TRY_AGAIN where memory is out. In both cases there may have
  * been calls, and they mean nothing. */
 tl_status tl_json_compare(const tl_json_source *before, const tl_json_source *after,
                           void (*see)(const tl_json_difference *difference, void *context), void *context,

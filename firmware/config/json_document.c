@@ -104,28 +104,6 @@ const cJSON *tl_json_nearest(const cJSON *root, const char *path) {
     return item;
 }
 
-/* ---- walking ---- */
-
-static size_t index_of(const cJSON *array, const cJSON *element) {
-    size_t index = 0;
-    for (const cJSON *child = array->child; child != element; child = child->next) {
-        index++;
-    }
-    return index;
-}
-
-static void path_of(const tl_json_walk *w, const cJSON *item, char path[TL_JSON_PATH]) {
-    path[0] = '\0';
-    for (size_t i = 0; i < w->depth; i++) {
-        const cJSON *inner = i + 1 < w->depth ? w->around[i + 1] : item;
-        if (cJSON_IsArray(w->around[i])) {
-            tl_json_element_path(path, path, index_of(w->around[i], inner));
-        } else {
-            tl_json_member_path(path, path, inner->string);
-        }
-    }
-}
-
 /* ---- keys that appear twice ---- */
 
 static int by_key_then_place(const void *left, const void *right) {
@@ -148,19 +126,16 @@ cJSON **tl_json_sorted(const cJSON *object, size_t *count) {
     return members;
 }
 
-static void report_duplicate(const char *parent, const cJSON *first, const cJSON *again, tl_report *report) {
-    char path[TL_JSON_PATH];
+static void report_duplicate(const cJSON *first, const cJSON *again, tl_report *report) {
     char key[TL_JSON_SHOWN];
-    tl_json_member_path(path, parent, again->string);
     tl_text_for_people(again->string, key, sizeof key);
-    tl_report_add(report, TL_BAD_DATA, path,
+    tl_report_add(report, TL_BAD_DATA, "",
                   "line %zu: found the key \"%s\" again, expected it once; the first is on line %zu",
                   tl_json_line(again), key, tl_json_line(first));
 }
 
 /* False where memory is out. */
-static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *report) {
-    char path[TL_JSON_PATH] = "";
+static bool check_keys(const cJSON *object, tl_report *report) {
     size_t count = 0;
     size_t first = 0;
     cJSON **keys = tl_json_sorted(object, &count);
@@ -170,12 +145,9 @@ static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *re
     for (size_t i = 1; i < count; i++) {
         if (strcmp(keys[i]->string, keys[first]->string) != 0) {
             first = i;
-            continue;
+        } else {
+            report_duplicate(keys[first], keys[i], report);
         }
-        if (path[0] == '\0') {
-            path_of(w, object, path); /* seldom needed, and not cheap in a long array */
-        }
-        report_duplicate(path, keys[first], keys[i], report);
     }
     free((void *)keys);
     return true;
@@ -184,7 +156,7 @@ static bool check_keys(const tl_json_walk *w, const cJSON *object, tl_report *re
 static bool check_all_keys(cJSON *root, tl_report *report) {
     tl_json_walk w = {.depth = 0};
     for (cJSON *item = root; item != NULL; item = tl_json_walk_next(&w, item)) {
-        if (cJSON_IsObject(item) && !check_keys(&w, item, report)) {
+        if (cJSON_IsObject(item) && !check_keys(item, report)) {
             return false;
         }
     }

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/config/problems.h"
+#include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/past.h"

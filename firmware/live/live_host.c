@@ -6,7 +6,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/text.h"
-#include "firmware/config/problems.h"
+#include "firmware/config/config.h"
 
 /* ---- places ---- */
 

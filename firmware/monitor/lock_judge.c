@@ -58,10 +58,6 @@ void tl_lock_rescue_init(tl_lock_rescue *rescue, const tl_config *config, const 
     tl_lock_judge_init(&rescue->judge, config, account);
 }
 
-void tl_lock_rescue_sample(tl_lock_rescue *rescue, const tl_sample *sample) {
-    tl_lock_judge_sample(&rescue->judge, sample);
-}
-
 /* Once in lock for as long as it takes to learn what is usual, the twin is as good as any. */
 static void forgive(tl_lock_rescue *rescue, const tl_lock_tally *tally) {
     bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_TRACKING;
@@ -80,8 +76,8 @@ bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const 
     rescue->windows = tally->windows;
     rescue->passed++;
     forgive(rescue, tally);
-    bool is_due = tl_lock_judge_is_astray(&rescue->judge) && rescue->passed >= rescue->pause &&
-                  rescue->judge.config->event.start.signal == NULL;
+    bool is_due =
+        rescue->judge.astray && rescue->passed >= rescue->pause && rescue->judge.config->event.start.signal == NULL;
     if (is_due) {
         uint32_t longer = 2 * rescue->pause;
         rescue->pause = longer == 0 ? TL_LOCK_PAUSE_FIRST : longer < TL_LOCK_PAUSE_LAST ? longer : TL_LOCK_PAUSE_LAST;
@@ -131,24 +127,8 @@ enum { PART_STEPS = 2, STROKES = 3, HUNDRED = 100 };
 /* The window as a whole. */
 typedef tl_lock_part window;
 
-/* What it shows, and by what. */
-typedef struct finding {
-    tl_lock_state state;
-    size_t which;  /* degraded: the signal; tracking, or in a cycle: the adjusted variable */
-    int period;    /* of the cycle */
-    bool differed; /* degraded: an FMU, and no signal */
-    bool cycles;   /* lost: u is in a limit cycle */
-    bool ran_away; /* lost: an output has */
-    bool is_far;   /* lost: it is ten tolerances off, and not only out of one */
-    bool at_bound; /* tracking: u is at a bound, and not only unusual */
-} finding;
-
 static bool has_strokes(const tl_config *config) {
     return config->event.start.signal != NULL;
-}
-
-static bool is_by_strokes(const tl_lock_judge *judge) {
-    return has_strokes(judge->config);
 }
 
 static uint32_t steps_of_part(const tl_config *config) {
@@ -170,10 +150,6 @@ void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_
     *judge = (tl_lock_judge){.config = config};
     judge->part_steps = has_strokes(config) ? 1 : steps_of_part(config);
     memcpy(judge->adjust, account->adjust, sizeof judge->adjust);
-}
-
-void tl_lock_judge_measure_by(tl_lock_judge *judge, const tl_lock_yardstick *yardstick) {
-    judge->yardstick = yardstick;
 }
 
 static struct tl_lock_measure measure_of(const tl_config *config, size_t i) {
@@ -271,7 +247,7 @@ static double distance_of_stroke(const tl_lock_judge *judge, const tl_record *re
 
 /* How far it is off. */
 static double see_tolerance(const tl_lock_judge *judge, const tl_record *record, tl_lock_part *part) {
-    double away = is_by_strokes(judge) ? distance_of_stroke(judge, record) : distance(judge, record);
+    double away = has_strokes(judge->config) ? distance_of_stroke(judge, record) : distance(judge, record);
     part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
     part->far += away < FAR_AWAY ? 0 : 1;
     part->worst = away <= part->worst ? part->worst : away;
@@ -411,9 +387,23 @@ static uint32_t count_compared(const tl_lock_part *all) {
     return all->steps - all->free - all->between;
 }
 
-static bool judge_free(const tl_lock_judge *judge, const window *all) {
-    bool inside = judge->judged && judge->tally.state == TL_LOCK_FREE;
-    return count_compared(all) == 0 || is_beyond(share(all->free, all->steps), &FREE, inside);
+static bool is_in(const tl_lock_judge *judge, tl_lock_state state) {
+    return judge->judged && judge->tally.state == state;
+}
+
+static const char *units(const tl_lock_judge *judge) {
+    return has_strokes(judge->config) ? "strokes" : "steps";
+}
+
+/* Each of these writes the cause if it is true. */
+static bool judge_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    double free = share(count_compared(all) == 0 ? all->steps : all->free, all->steps);
+    bool is_free = count_compared(all) == 0 || is_beyond(free, &FREE, is_in(judge, TL_LOCK_FREE));
+    if (is_free) {
+        (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
+                       HUNDRED * free, (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+    }
+    return is_free;
 }
 
 /* The first adjusted variable whose u is in a limit cycle, and its period; false: none is. */
@@ -436,28 +426,54 @@ static bool is_still_astray(const tl_lock_part *newest) {
     return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
 }
 
-static bool judge_lost(tl_lock_judge *judge, const window *all, finding *found) {
-    bool inside = judge->judged && judge->tally.state == TL_LOCK_LOST;
+static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    bool inside = is_in(judge, TL_LOCK_LOST);
     uint32_t compared = count_compared(all);
     double outside = share(all->outside, compared);
     double far = share(all->far, compared);
+    size_t which = 0;
+    int period = 0;
     judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
-    found->cycles =
-        find_cycle(judge, all, &found->which, &found->period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
-    found->is_far = is_beyond(far, &FAR_OUTSIDE, inside);
-    found->ran_away = all->ran_away != 0;
-    return found->ran_away || found->is_far || found->cycles || is_beyond(outside, &OUTSIDE, inside);
+    bool cycles = find_cycle(judge, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
+    if (all->ran_away != 0) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
+                       "the last %u %s",
+                       RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
+    } else if (is_beyond(far, &FAR_OUTSIDE, inside)) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
+                       HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
+                       all->worst);
+    } else if (cycles || is_beyond(outside, &OUTSIDE, inside)) {
+        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
+                       HUNDRED * outside, (unsigned)compared, units(judge),
+                       HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
+    } else {
+        return false;
+    }
+    if (cycles) {
+        size_t length = strlen(cause);
+        const tl_lock_range *u = &all->u[which];
+        (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
+                       judge->config->adjust[which].variable, u->least, u->most, period, units(judge));
+    }
+    return true;
 }
 
-static bool judge_degraded(const tl_lock_judge *judge, const window *all, finding *found) {
-    bool inside = judge->judged && judge->tally.state == TL_LOCK_DEGRADED;
-    found->differed = all->differed != 0;
-    if (found->differed) {
+static bool judge_degraded(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    if (all->differed != 0) {
+        (void)snprintf(cause, TL_LOCK_CAUSE,
+                       "an FMU was found not to come back to where it was, before %u of the last %u steps",
+                       (unsigned)all->differed, (unsigned)all->steps);
         return true;
     }
     for (size_t i = 0; i < judge->config->signal_count; i++) {
-        if (is_beyond(share(all->bad[i], all->samples), &BAD, inside)) {
-            found->which = i;
+        double bad = share(all->bad[i], all->samples);
+        if (is_beyond(bad, &BAD, is_in(judge, TL_LOCK_DEGRADED))) {
+            (void)snprintf(
+                cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
+                judge->config->signals[i].plan.name, HUNDRED * bad, (unsigned)all->samples, HUNDRED * BAD.enter);
             return true;
         }
     }
@@ -473,121 +489,47 @@ static limit unusual(const tl_lock_judge *judge, size_t v) {
     return (limit){BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
 }
 
-static bool is_unusual(const tl_lock_judge *judge, const window *all, size_t v, bool inside) {
-    const limit of = unusual(judge, v);
-    return judge->learned >= TL_LOCK_LEARNS && is_beyond(mean_correction(all, v), &of, inside);
-}
-
-static bool judge_tracking(const tl_lock_judge *judge, const window *all, finding *found) {
-    bool inside = judge->judged && judge->tally.state == TL_LOCK_TRACKING;
+static bool judge_tracking(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    bool inside = is_in(judge, TL_LOCK_TRACKING);
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
-        found->at_bound = is_beyond(share(all->at_bound[v], all->steps), &AT_BOUND, inside);
-        if (is_real(judge, v) && (found->at_bound || is_unusual(judge, all, v, inside))) {
-            found->which = v;
+        const char *variable = judge->config->adjust[v].variable;
+        double at_bound = share(all->at_bound[v], all->steps);
+        double correction = mean_correction(all, v);
+        const limit of = unusual(judge, v);
+        if (is_real(judge, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
+            (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
+                           variable, HUNDRED * at_bound, (unsigned)all->steps, units(judge), HUNDRED * AT_BOUND.enter);
+            return true;
+        }
+        if (is_real(judge, v) && judge->learned >= TL_LOCK_LEARNS && is_beyond(correction, &of, inside)) {
+            (void)snprintf(
+                cause, TL_LOCK_CAUSE,
+                "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)", variable,
+                correction, (unsigned)all->steps, units(judge), judge->usual[v], of.enter);
             return true;
         }
     }
     return false;
 }
 
-static finding judge_window(tl_lock_judge *judge, const window *all) {
-    finding found = {.state = TL_LOCK_LOCKED};
+static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+    uint32_t compared = count_compared(all);
     judge->astray = false;
-    if (judge_free(judge, all)) {
-        found.state = TL_LOCK_FREE;
-    } else if (judge_lost(judge, all, &found)) {
-        found.state = TL_LOCK_LOST;
-    } else if (judge_degraded(judge, all, &found)) {
-        found.state = TL_LOCK_DEGRADED;
-    } else if (judge_tracking(judge, all, &found)) {
-        found.state = TL_LOCK_TRACKING;
+    if (judge_free(judge, all, cause)) {
+        return TL_LOCK_FREE;
     }
-    return found;
-}
-
-/* ---- telling why: of a change only, as this is in the cycle's thread ---- */
-
-static const char *units(const tl_lock_judge *judge) {
-    return is_by_strokes(judge) ? "strokes" : "steps";
-}
-
-static void tell_lost(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = count_compared(all);
-    if (found->ran_away) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
-                       "the last %u %s",
-                       RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
-    } else if (found->is_far) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
-                       HUNDRED * share(all->far, compared), (unsigned)compared, units(judge), FAR_AWAY,
-                       HUNDRED * FAR_OUTSIDE.enter, all->worst);
-    } else {
-        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
-                       HUNDRED * share(all->outside, compared), (unsigned)compared, units(judge),
-                       HUNDRED * (found->cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
+    if (judge_lost(judge, all, cause)) {
+        return TL_LOCK_LOST;
     }
-    if (found->cycles) {
-        size_t length = strlen(cause);
-        const tl_lock_range *u = &all->u[found->which];
-        (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
-                       judge->config->adjust[found->which].variable, u->least, u->most, found->period, units(judge));
+    if (judge_degraded(judge, all, cause)) {
+        return TL_LOCK_DEGRADED;
     }
-}
-
-static void tell_degraded(const tl_lock_judge *judge, const window *all, const finding *found,
-                          char cause[TL_LOCK_CAUSE]) {
-    size_t signal = found->which;
-    if (found->differed) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "an FMU was found not to come back to where it was, before %u of the last %u steps",
-                       (unsigned)all->differed, (unsigned)all->steps);
-        return;
+    if (judge_tracking(judge, all, cause)) {
+        return TL_LOCK_TRACKING;
     }
-    (void)snprintf(cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
-                   judge->config->signals[signal].plan.name, HUNDRED * share(all->bad[signal], all->samples),
-                   (unsigned)all->samples, HUNDRED * BAD.enter);
-}
-
-static void tell_tracking(const tl_lock_judge *judge, const window *all, const finding *found,
-                          char cause[TL_LOCK_CAUSE]) {
-    size_t v = found->which;
-    const char *variable = judge->config->adjust[v].variable;
-    if (found->at_bound) {
-        (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
-                       variable, HUNDRED * share(all->at_bound[v], all->steps), (unsigned)all->steps, units(judge),
-                       HUNDRED * AT_BOUND.enter);
-    } else {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
-                       variable, mean_correction(all, v), (unsigned)all->steps, units(judge), judge->usual[v],
-                       unusual(judge, v).enter);
-    }
-}
-
-static void tell_cause(const tl_lock_judge *judge, const window *all, const finding *found, char cause[TL_LOCK_CAUSE]) {
-    uint32_t compared = count_compared(all);
-    switch (found->state) {
-    case TL_LOCK_FREE:
-        (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                       HUNDRED * share(compared == 0 ? all->steps : all->free, all->steps), (unsigned)all->steps,
-                       units(judge), HUNDRED * FREE.enter);
-        break;
-    case TL_LOCK_LOST:
-        tell_lost(judge, all, found, cause);
-        break;
-    case TL_LOCK_DEGRADED:
-        tell_degraded(judge, all, found, cause);
-        break;
-    case TL_LOCK_TRACKING:
-        tell_tracking(judge, all, found, cause);
-        break;
-    case TL_LOCK_LOCKED:
-        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
-                       HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
-        break;
-    }
+    (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
+                   HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
+    return TL_LOCK_LOCKED;
 }
 
 /* ---- over the run ---- */
@@ -610,11 +552,11 @@ static void learn(tl_lock_judge *judge, const tl_lock_part *part) {
 /* Gives the window its state, and the steps since it was judged last theirs. True: it is another one than before. */
 static bool judge_now(tl_lock_judge *judge) {
     window all;
+    char cause[TL_LOCK_CAUSE];
     tl_lock_state before = judge->tally.state;
     bool first = !judge->judged;
     add_window(judge, &all);
-    const finding found = judge_window(judge, &all);
-    tl_lock_state state = found.state;
+    tl_lock_state state = judge_window(judge, &all, cause);
     judge->tally.steps[state] += judge->pending;
     judge->tally.state = state;
     judge->pending = 0;
@@ -625,12 +567,12 @@ static bool judge_now(tl_lock_judge *judge) {
     judge->tally.changes += first ? 0 : 1;
     judge->tally.losses += state == TL_LOCK_LOST ? 1 : 0;
     judge->change.to = state;
-    tell_cause(judge, &all, &found, judge->change.cause);
+    memcpy(judge->change.cause, cause, sizeof cause);
     return true;
 }
 
 static bool has_window(const tl_lock_judge *judge) {
-    return judge->parts >= (is_by_strokes(judge) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
+    return judge->parts >= (has_strokes(judge->config) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
 }
 
 /* The part at hand is full: true if the state has changed with it. */
@@ -657,7 +599,7 @@ static bool is_stroke(const tl_record *record) {
 
 static bool counts(const tl_lock_judge *judge, const tl_record *record) {
     return judge->config->adjust_count != 0 && record->outcome != TL_FOLLOWED &&
-           (!is_by_strokes(judge) || is_stroke(record));
+           (!has_strokes(judge->config) || is_stroke(record));
 }
 
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record) {
@@ -686,15 +628,6 @@ const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *
     see_corrections(judge, record, part);
     part->steps++;
     return part->steps == judge->part_steps && close_part(judge) ? &judge->change : NULL;
-}
-
-bool tl_lock_judge_is_astray(const tl_lock_judge *judge) {
-    return judge->astray;
-}
-
-tl_bound_turn tl_lock_judge_bound(const tl_lock_judge *judge, size_t adjust, double *share) {
-    *share = judge->stay[adjust].share;
-    return judge->stay[adjust].turn;
 }
 
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally) {

@@ -50,9 +50,12 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
  *          of a window count, and how far off it is. The window is ten parts of 0.1 s each, or of two steps if they are longer; the
  *          state is judged at the end of each part. With an event horizon a step that counts is a stroke whose search has ended.
  * Runaway: one step is enough if an output is further from its measurement than any measurement can resolve, or is no finite number, or a search's J is none.
+ * Astray:  in a quarter of the window and more the twin is ten tolerances off, and in as much of it has gone so far in a single step, which the
+ *          plant has not. No plant that is sampled fast enough does that, and no model of it, unless it is unstable. One that is off and goes its steady way is
+ *          not astray: to begin anew would not make it a better model, and would lose what it has been through.
  * Limits:  each state is left at another limit than it is entered at, so that a twin between two of them does not chatter.
  * Usual:   what Δu is on average while the twin is in lock, learned over TL_LOCK_LEARNS parts before it is held against, and slowly ever after.
- * Yardstick: tolerances and weights are the configuration's. A second judge can use those of another configuration (tl_lock_judge_measure_by()).
+ * Yardstick: tolerances and weights are the configuration's. A second judge can use those of another configuration.
  * Thread:  plain data; one thread at a time.
  */
 
@@ -99,10 +102,11 @@ typedef struct tl_lock_change {
     char cause[TL_LOCK_CAUSE]; /* a sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private. */
+/* Fields are private, but for `yardstick`, `stay` and `astray`. */
 typedef struct tl_lock_judge {
     const tl_config *config;
-    const tl_lock_yardstick *yardstick;      /* NULL: that of the configuration */
+    const tl_lock_yardstick
+        *yardstick; /* NULL: that of the configuration; may be set between two steps, and must stay */
     tl_account_adjust adjust[TL_MAX_ADJUST]; /* kinds, steps and bounds of the adjusted variables */
     uint32_t part_steps;
     uint32_t parts; /* that are complete, TL_LOCK_PARTS at most */
@@ -116,8 +120,8 @@ typedef struct tl_lock_judge {
     tl_bound_stay stay[TL_MAX_ADJUST];            /* of those that are numbers */
     uint32_t learned;                             /* parts */
     bool judged;                                  /* there is a state */
-    bool astray;
-    uint64_t pending; /* steps that are in no state yet */
+    bool astray;                                  /* as judged last */
+    uint64_t pending;                             /* steps that are in no state yet */
     tl_lock_tally tally;
     tl_lock_change change;
 } tl_lock_judge;
@@ -133,9 +137,6 @@ tl_lock_window tl_lock_judge_window(const tl_config *config);
 /* `account` tells kinds, steps and bounds of what is adjusted. Both must stay, but for the account. */
 void tl_lock_judge_init(tl_lock_judge *judge, const tl_config *config, const tl_account *account);
 
-/* From the next step on the judge uses this yardstick, which must stay; NULL: that of the configuration. The window stays as well. */
-void tl_lock_judge_measure_by(tl_lock_judge *judge, const tl_lock_yardstick *yardstick);
-
 /* The twin has taken another tuning, and so has the configuration (tl_config_retune()): from the next step on. What was seen of the window stays. */
 void tl_lock_judge_retune(tl_lock_judge *judge, const tl_tuning *tuning);
 
@@ -145,14 +146,6 @@ void tl_lock_judge_sample(tl_lock_judge *judge, const tl_sample *sample);
 /* A step of the run's own; what it has followed of an earlier one is passed over. One before which the FMUs began anew (TL_FLAG_RESET) begins a
  * window. The state has changed: how, until it changes again. Else NULL. */
 const tl_lock_change *tl_lock_judge_step(tl_lock_judge *judge, const tl_record *record);
-
-/* As judged last: in a quarter of the window and more the twin is ten tolerances off, and in as much of it has gone so far in a single step, which the
- * plant has not. No plant that is sampled fast enough does that, and no model of it, unless it is unstable. One that is off and goes its steady way is
- * not astray: to begin anew would not make it a better model, and would lose what it has been through. */
-bool tl_lock_judge_is_astray(const tl_lock_judge *judge);
-
-/* Whether with the last step this variable has been at a bound for most of the last minute, or is not any more; and the share of that minute. */
-tl_bound_turn tl_lock_judge_bound(const tl_lock_judge *judge, size_t adjust, double *share);
 
 /* So far. A run that ended before its first window was full is judged by what there is of it; so is one in whose last steps an output ran away. */
 void tl_lock_judge_get(const tl_lock_judge *judge, tl_lock_tally *tally);
@@ -180,9 +173,7 @@ typedef struct tl_lock_rescue {
 /* As tl_lock_judge_init(). With an event horizon a twin is never brought back: its steps are not compared. */
 void tl_lock_rescue_init(tl_lock_rescue *rescue, const tl_config *config, const tl_account *account);
 
-void tl_lock_rescue_sample(tl_lock_rescue *rescue, const tl_sample *sample);
-
-/* A step. True: the FMUs shall begin anew before the next one. *change as the judge says, or NULL. */
+/* A step; its sample goes to the judge. True: the FMUs shall begin anew before the next one. *change as the judge says, or NULL. */
 bool tl_lock_rescue_step(tl_lock_rescue *rescue, const tl_record *record, const tl_lock_change **change);
 
 #endif

@@ -193,22 +193,12 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance) {
 
 static const double REPEATED = 1.0 / 3.0; /* more: they are polls of one value, and tell nothing */
 
-/* Of "plant.NAME"; SIZE_MAX: there is none. */
-static size_t find(const tl_config *config, const char *reference) {
-    size_t found = SIZE_MAX;
-    for (size_t i = 0; i < config->signal_count; i++) {
-        bool is_it = strncmp(reference, "plant.", 6) == 0 && strcmp(reference + 6, config->signals[i].plan.name) == 0;
-        found = is_it ? i : found;
-    }
-    return found;
-}
-
 static size_t readings_of(const tl_config *config, size_t match) {
     if (!config->synchronise || !(config->match[match].weight > 0.0) || config->event.start.signal != NULL) {
         return SIZE_MAX;
     }
     const char *name = tl_config_reading_of(config, match);
-    size_t signal = find(config, name != NULL ? name : config->matched_as[match]);
+    size_t signal = tl_config_signal_of(config, name != NULL ? name : config->matched_as[match]);
     return signal != SIZE_MAX && config->signals[signal].plan.type == TL_REAL ? signal : SIZE_MAX;
 }
 

@@ -211,7 +211,7 @@ static void propose_tolerance(const tl_config *config, size_t index, const tl_su
 
 static void propose_input(const tl_config *config, size_t index, const tl_survey_signal *signal,
                           tl_proposal_input *input) {
-    const char *unit = config->signals[index].plan.unit != NULL ? config->signals[index].plan.unit : "";
+    const char *unit = config->signals[index].plan.unit;
     if (has_no_line(config, index, signal, &input->why)) {
         return;
     }
@@ -230,21 +230,12 @@ static void propose_input(const tl_config *config, size_t index, const tl_survey
 
 /* ---- all ---- */
 
-static size_t signal_of(const tl_config *config, const tl_survey *survey, const char *to) {
-    size_t i = 0;
-    const char *name = to + (strncmp(to, "plant.", 6) == 0 ? 6 : 0);
-    while (i + 1 < survey->count && strcmp(config->signals[i].plan.name, name) != 0) {
-        i++;
-    }
-    return i;
-}
-
 void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_proposal *proposal) {
     memset(proposal, 0, sizeof *proposal);
     proposal->match_count = config->match_count;
     for (size_t i = 0; i < config->match_count; i++) {
         tl_proposal_match *match = &proposal->match[i];
-        match->signal = signal_of(config, survey, config->match[i].to);
+        match->signal = tl_config_signal_of(config, config->match[i].to);
         const tl_survey_signal *signal = &survey->signals[match->signal];
         propose_between(config, signal, match);
         propose_condition(config, signal, match);
@@ -254,8 +245,7 @@ void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_propo
     }
     for (size_t i = 0; i < survey->count; i++) {
         tl_proposal_input *input = &proposal->inputs[i];
-        input->is_one = tl_config_feeds(config, &config->signals[i]);
-        if (input->is_one) {
+        if (config->signals[i].feeds) {
             propose_input(config, i, &survey->signals[i], input);
         }
         bool waits = input->between != TL_BETWEEN_LAST;
@@ -270,11 +260,6 @@ enum { INDENT = 2, DEEPER = 4, TEXT = 640 };
 static const char *const BETWEEN[] = {
     [TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", [TL_BETWEEN_MEAN] = "mean"};
 
-/* "1" is no unit that anybody reads. */
-static const char *unit_of(const tl_config_signal *signal) {
-    return strcmp(signal->plan.unit, "1") == 0 ? "" : signal->plan.unit;
-}
-
 /* ---- the page ---- */
 
 static void print(FILE *file, int first, const char *format, ...) TL_PRINTF(3, 4);
@@ -286,14 +271,6 @@ static void print(FILE *file, int first, const char *format, ...) {
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
     tl_wrapped_print(file, text, first, first + INDENT);
-}
-
-static bool is_used(const tl_proposal *proposal, size_t signal) {
-    bool used = proposal->inputs[signal].is_one;
-    for (size_t i = 0; i < proposal->match_count; i++) {
-        used = used || proposal->match[i].signal == signal;
-    }
-    return used;
 }
 
 /* How its readings come. */
@@ -314,7 +291,7 @@ static void print_times(const char *name, const tl_survey_signal *signal, FILE *
 }
 
 static void print_noise(const tl_config_signal *own, const tl_survey_signal *signal, FILE *file) {
-    const char *unit = unit_of(own);
+    const char *unit = tl_show_unit(own->plan.unit);
     if (signal->is_switched) {
         print(file, DEEPER, "it is switched: it has %d values at most", (int)TL_SURVEY_SWITCH);
         return;
@@ -401,7 +378,7 @@ static void add_optional(tl_json_writer *json, const char *key, double value, bo
 static void add_condition(tl_json_writer *json, const tl_condition *condition, bool nulls) {
     if (!tl_condition_is_needed(condition)) {
         if (nulls) {
-            tl_json_add_null(json, "condition");
+            tl_json_add_text(json, "condition", NULL);
         }
         return;
     }
@@ -439,7 +416,7 @@ static void add_proposal(tl_json_writer *json, const tl_config *config, const tl
                          const tl_proposal *proposal, bool nulls) {
     tl_json_open_object(json, "plant");
     for (size_t i = 0; i < survey->count; i++) {
-        bool is_input = proposal->inputs[i].is_one;
+        bool is_input = config->signals[i].feeds;
         if (!is_input && proposal->every[i] == 0) {
             continue;
         }
@@ -466,7 +443,7 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
     (void)fprintf(file, "%s: %s\nrecording %s: %.4g s\n", config->path, config->name, clean,
                   tl_seconds(survey->length));
     for (size_t i = 0; i < survey->count; i++) {
-        if (is_used(proposal, i)) {
+        if (config->signals[i].feeds || config->signals[i].is_matched) {
             print_times(config->signals[i].plan.name, &survey->signals[i], file);
             print_noise(&config->signals[i], &survey->signals[i], file);
         }
@@ -477,7 +454,7 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
     }
     for (size_t i = 0; i < survey->count; i++) {
         const tl_proposal_input *input = &proposal->inputs[i];
-        if (input->is_one) {
+        if (config->signals[i].feeds) {
             (void)fprintf(file, "  input plant.%s\n", config->signals[i].plan.name);
             print(file, DEEPER, "between \"%s\": %s", BETWEEN[input->between], input->why.text);
         }
@@ -529,7 +506,7 @@ static void add_reasons(tl_json_writer *json, const tl_config *config, const tl_
     }
     for (size_t i = 0; i < survey->count; i++) {
         char name[80];
-        if (proposal->inputs[i].is_one) {
+        if (config->signals[i].feeds) {
             (void)snprintf(name, sizeof name, "plant.%s", config->signals[i].plan.name);
             tl_json_open_object(json, name);
             tl_json_add_text(json, "between", proposal->inputs[i].why.text);

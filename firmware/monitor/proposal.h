@@ -39,7 +39,6 @@ typedef struct tl_proposal_match {
 } tl_proposal_match;
 
 typedef struct tl_proposal_input {
-    bool is_one; /* the signal feeds an input */
     tl_between between;
     tl_proposal_reason why;
 } tl_proposal_input;
@@ -47,7 +46,7 @@ typedef struct tl_proposal_input {
 typedef struct tl_proposal {
     size_t match_count;
     tl_proposal_match match[TL_MAX_MATCH];
-    tl_proposal_input inputs[TL_MAX_SIGNALS]; /* by signal */
+    tl_proposal_input inputs[TL_MAX_SIGNALS]; /* by signal: of those that feed one */
     tl_time every[TL_MAX_SIGNALS];            /* by signal: every_s; 0: none is needed */
 } tl_proposal;
 

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "firmware/base/os.h"
 #include "firmware/plant/conditioner.h"
 #include "firmware/process/interrupt.h"
 
@@ -64,8 +65,6 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
 
 /* ---- survey ---- */
 
-enum { FIRST_ROOM = 1024 };
-
 static const double POLLED = 1.0 / 3.0;       /* of the readings repeat the one before */
 static const double WHOLE = 0.05;             /* multiples are off by so little, */
 static const double MOST_STEPS = 1e6;         /* of so many at most, */
@@ -78,7 +77,6 @@ static const double AT_REST = 1.2; /* times its noise, the standard deviation of
 typedef struct listener {
     const tl_config *config;
     tl_survey *survey;
-    size_t room[TL_MAX_SIGNALS];
     tl_time first, last;
     bool any, is_short_of_memory;
 } listener;
@@ -86,23 +84,6 @@ typedef struct listener {
 static bool is_good(const tl_config_signal *signal, const tl_reading *reading) {
     return reading->quality == TL_GOOD && isfinite(reading->value) && reading->value >= signal->minimum &&
            reading->value <= signal->maximum;
-}
-
-/* Room for one more. */
-static bool make_room(listener *self, size_t signal) {
-    tl_survey_signal *heard = &self->survey->signals[signal];
-    if (heard->kept_count < self->room[signal]) {
-        return true;
-    }
-    size_t room = self->room[signal] == 0 ? FIRST_ROOM : 2 * self->room[signal];
-    tl_noise_point *grown = realloc(heard->kept, room * sizeof *grown);
-    if (grown == NULL) {
-        self->is_short_of_memory = true;
-        return false;
-    }
-    heard->kept = grown;
-    self->room[signal] = room;
-    return true;
 }
 
 static void hear(void *context, size_t signal, const tl_reading *reading) {
@@ -117,8 +98,11 @@ static void hear(void *context, size_t signal, const tl_reading *reading) {
         return;
     }
     bool is_later = heard->kept_count == 0 || reading->stamp > heard->kept[heard->kept_count - 1].stamp;
-    if (is_later && make_room(self, signal)) {
-        heard->kept[heard->kept_count++] = (tl_noise_point){.stamp = reading->stamp, .value = reading->value};
+    tl_noise_point *kept = is_later ? tl_array_grown(heard->kept, heard->kept_count, sizeof *kept) : NULL;
+    self->is_short_of_memory = self->is_short_of_memory || (is_later && kept == NULL);
+    if (kept != NULL) {
+        heard->kept = kept;
+        kept[heard->kept_count++] = (tl_noise_point){.stamp = reading->stamp, .value = reading->value};
         self->first = self->any && self->first < reading->stamp ? self->first : reading->stamp;
         self->last = self->any && self->last > reading->stamp ? self->last : reading->stamp;
         self->any = true;
@@ -316,9 +300,7 @@ static size_t most_readings(const tl_survey *survey) {
 
 tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_survey *survey, tl_error *error) {
     listener self = {.config = config, .survey = survey};
-    while (survey->count < config->signal_count && config->signals[survey->count].of == survey->count) {
-        survey->count++;
-    }
+    survey->count = config->own_count;
     tl_status status = hear_all(recording, &self, error);
     if (status != TL_OK) {
         return status;

@@ -45,8 +45,7 @@ struct tl_plant_readers {
     void *context;
     pthread_mutex_t lock;
     pthread_cond_t stopped;
-    bool stop;      /* under the lock */
-    size_t running; /* threads; atomic */
+    bool stop; /* under the lock */
     const tl_plant_source *sources;
     size_t source_count;
     size_t started;   /* threads */
@@ -116,7 +115,6 @@ static void *run(void *context) {
         source->driver->finish(source->io, &sink);
     }
     tl_heart_end(source->heart);
-    (void)__atomic_sub_fetch(&own->readers->running, 1, __ATOMIC_RELEASE);
     return NULL;
 }
 
@@ -177,7 +175,6 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
     int failure = 0;
     while (made->started < count && failure == 0) {
         worker *own = &made->workers[made->started];
-        (void)__atomic_add_fetch(&made->running, 1, __ATOMIC_RELAXED);
         failure = tl_side_thread_start(&own->thread, STACK, run, own);
         made->started += failure == 0 ? 1 : 0;
     }
@@ -187,8 +184,4 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
     }
     *readers = made;
     return TL_OK;
-}
-
-bool tl_plant_readers_finished(const tl_plant_readers *readers) {
-    return __atomic_load_n(&readers->running, __ATOMIC_ACQUIRE) == 0;
 }

@@ -60,9 +60,6 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);
 
-/* true once every source has ended by itself (end of its file, or it can never go on). */
-bool tl_plant_readers_finished(const tl_plant_readers *readers);
-
 void tl_plant_readers_stop(tl_plant_readers *readers);
 
 #endif

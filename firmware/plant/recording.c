@@ -41,8 +41,6 @@ struct tl_recording {
     bool by_recording; /* stamps, and so t_start, are those of the recording that the run replayed */
     tl_recording_beginning beginning;
     tl_recording_tunings tunings;
-    tl_run_tuning *tuning_list;
-    tl_recorder_known *tuning_known;
     bool anew;                      /* signals are looked up anew: */
     tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
 };
@@ -100,10 +98,7 @@ static tl_status check_signals(tl_recording *recording, const tl_history_run *ru
     const char *path = recording->path;
     const tl_recorder_signal *signals = NULL;
     size_t count = 0;
-    size_t own = config->signal_count;
-    while (own > 0 && config->signals[own - 1].of != own - 1) {
-        own--;
-    }
+    const size_t own = config->own_count;
     tl_status status = tl_history_signals(recording->history, run, TL_HISTORY_PLANT, &signals, &count, error);
     if (status != TL_OK) {
         return status;
@@ -193,11 +188,11 @@ static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning 
 
 /* One that was met before need not be read again. */
 static bool copy_earlier(tl_recording *recording, size_t index) {
-    tl_run_tuning *list = recording->tuning_list;
+    tl_run_tuning *list = recording->tunings.list;
     for (size_t i = 0; i < index; i++) {
         if (strcmp(list[i].hash, list[index].hash) == 0) {
             list[index].values = list[i].values;
-            recording->tuning_known[index].text = recording->tuning_known[i].text;
+            recording->tunings.known[index].text = recording->tunings.known[i].text;
             return true;
         }
     }
@@ -206,8 +201,8 @@ static bool copy_earlier(tl_recording *recording, size_t index) {
 
 static tl_status take_tuning(tl_recording *recording, const tl_history_run *run, const tl_history_tuning *found,
                              size_t index, tl_error *error) {
-    tl_run_tuning *tuning = &recording->tuning_list[index];
-    tl_recorder_known *known = &recording->tuning_known[index];
+    tl_run_tuning *tuning = &recording->tunings.list[index];
+    tl_recorder_known *known = &recording->tunings.known[index];
     tl_error why;
     tuning->tick = found->tick;
     (void)snprintf(tuning->hash, sizeof tuning->hash, "%s", found->hash);
@@ -242,16 +237,14 @@ static tl_status find_tunings(tl_recording *recording, const tl_history_run *run
                        "%s: run %" PRId64 " took %zu configurations while it ran: at most %d can be followed",
                        recording->path, run->run, count, (int)TL_RECORDING_TUNINGS);
     }
-    recording->tuning_list = calloc(count, sizeof *recording->tuning_list);
-    recording->tuning_known = calloc(count, sizeof *recording->tuning_known);
-    if (recording->tuning_list == NULL || recording->tuning_known == NULL) {
+    recording->tunings.list = calloc(count, sizeof *recording->tunings.list);
+    recording->tunings.known = calloc(count, sizeof *recording->tunings.known);
+    if (recording->tunings.list == NULL || recording->tunings.known == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
     }
     for (size_t i = 0; status == TL_OK && i < count; i++) {
         status = take_tuning(recording, run, &found[i], i, error);
     }
-    recording->tunings.list = recording->tuning_list;
-    recording->tunings.known = recording->tuning_known;
     recording->tunings.count = count;
     return status;
 }
@@ -280,19 +273,12 @@ static bool looks_back(const tl_config *config) {
     return any;
 }
 
-static void hear_nothing(void *context, tl_status status, const char *where, const char *text) {
-    (void)context;
-    (void)status;
-    (void)where;
-    (void)text;
-}
-
 /* Whether the run may have seen signals at other instants than the configuration does. Its text tells, where it is there and still is a configuration. */
 static bool sees_otherwise(tl_recording *recording, const tl_history_run *run) {
     const char *text = NULL;
     tl_config own;
     tl_error error;
-    tl_report silent = {.add = hear_nothing};
+    tl_report silent = {.add = NULL};
     if (tl_history_text(recording->history, run->configuration_hash, &text, &error) != TL_OK ||
         tl_config_read_text(recording->config->path, text, strlen(text), &own, &silent) != TL_OK) {
         return looks_back(recording->config);
@@ -594,8 +580,8 @@ void tl_recording_close(tl_recording *recording) {
     tl_csv_close(recording->reader);
     tl_history_ticks_end(recording->walk);
     tl_history_close(recording->history);
-    free(recording->tuning_list);
-    free(recording->tuning_known);
+    free(recording->tunings.list);
+    free(recording->tunings.known);
     tl_plant_input_close(&recording->input);
     free(recording->mail);
     free(recording);

@@ -40,9 +40,9 @@ typedef void tl_recording_hear(void *context, size_t signal, const tl_reading *r
 typedef struct tl_recording_tunings {
     size_t recorded; /* how many */
     /* With the run's own configuration they are followed, in the order of their ticks; with another they are not, and there are none: */
-    const tl_run_tuning *list;
-    const tl_recorder_known *known; /* whose configurations these are */
-    size_t count;                   /* of both */
+    tl_run_tuning *list;
+    tl_recorder_known *known; /* whose configurations these are */
+    size_t count;             /* of both */
 } tl_recording_tunings;
 
 /* More are not followed. */

@@ -151,7 +151,7 @@ void tl_figures_json_add_components(tl_json_writer *json, const tl_run_figures *
 
 void tl_figures_json_add_resumption(tl_json_writer *json, const tl_resumption *resumption) {
     if (resumption->from == TL_RESUMED_NOT) {
-        tl_json_add_null(json, "resumed");
+        tl_json_add_text(json, "resumed", NULL);
         return;
     }
     tl_json_open_object(json, "resumed");

@@ -2,7 +2,7 @@
 #include <math.h>
 
 #include "firmware/base/json.h"
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/report/run_figures.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
@@ -24,7 +24,7 @@ static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_add_number(json, "step_s", tl_seconds(run->step));
     tl_json_add_count(json, "prediction", run->prediction);
     tl_json_add_count(json, "lead", run->lead);
-    tl_json_add_text(json, "measurements", tl_measurements_name(run->measurements));
+    tl_json_add_text(json, "measurements", tl_measurements_names[run->measurements]);
     tl_json_add_count(json, "samples", run->samples);
     tl_json_add_count(json, "steps", run->steps);
     tl_json_add_count(json, "events", run->events);
@@ -165,7 +165,7 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
     tl_json_add_number(json, "run", (double)request->run->run);
     add_steps(json, &summary);
     if (tl_lock_tally_total(&summary.lock) == 0) {
-        tl_json_add_null(json, "lock");
+        tl_json_add_text(json, "lock", NULL);
     } else {
         tl_json_open_object(json, "lock");
         tl_figures_json_add_lock(json, &summary.lock);
@@ -174,7 +174,7 @@ static tl_status fill(tl_json_writer *json, const tl_show_request *request, tl_e
     add_matches(json, &summary);
     add_adjusted(json, request, &summary);
     if (summary.figures.ledger_count == 0) {
-        tl_json_add_null(json, "ledger");
+        tl_json_add_text(json, "ledger", NULL);
     } else {
         tl_json_open_object(json, "ledger");
         tl_figures_json_add_components(json, &summary.figures);

@@ -4,7 +4,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
 #include "firmware/store/history.h"
@@ -139,7 +139,7 @@ static void print_steps(const show_page *page) {
     (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %s%u %s%s (%s)\n",
                   (unsigned long long)steps, step, model, strokes ? "at strokes of at most " : "",
                   (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
-                  tl_measurements_name(run->measurements));
+                  tl_measurements_names[run->measurements]);
     if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
         (void)fputc('\n', page->file);
     }

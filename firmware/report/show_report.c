@@ -4,7 +4,6 @@
 
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
-#include "firmware/config/measurements.h"
 #include "firmware/report/html_report.h"
 #include "firmware/report/show.h"
 #include "firmware/report/show_summary.h"
@@ -22,17 +21,10 @@ typedef struct recorded_run {
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
-static void ignore(void *context, tl_status status, const char *where, const char *text) {
-    (void)context;
-    (void)status;
-    (void)where;
-    (void)text;
-}
-
 /* Tolerances, solver and budget are in the configuration alone. A text that this program refuses, of a newer one perhaps,
  * leaves them unknown. */
 static tl_status read_configuration(recorded_run *run, tl_error *error) {
-    tl_report report = {.add = ignore};
+    tl_report report = {.add = NULL};
     const char *text = NULL;
     tl_status status = tl_history_text(run->request->history, run->request->run->configuration_hash, &text, error);
     if (status == TL_OK && tl_config_read_text("configuration", text, strlen(text), &run->config, &report) != TL_OK) {
@@ -77,7 +69,7 @@ static void describe(recorded_run *run) {
         .version = recorded->version,
         .solver = solver_of(run),
         .fallback = run->config.fallback == NULL ? "" : run->config.fallback,
-        .measurements = tl_measurements_name(recorded->measurements),
+        .measurements = tl_measurements_names[recorded->measurements],
         .step = recorded->step,
         .prediction = recorded->prediction,
         .live = live,

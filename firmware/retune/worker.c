@@ -15,7 +15,6 @@
 #include "firmware/base/text.h"
 #include "firmware/config/config.h"
 #include "firmware/config/config_change.h"
-#include "firmware/config/problems.h"
 #include "firmware/monitor/lock_judge.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/confine.h"

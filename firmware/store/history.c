@@ -8,7 +8,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/text.h"
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/store/database.h"
 #include "master/base/arena.h"
 #include "master/base/text.h"
@@ -302,7 +302,7 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     const char *from = take_text_or_null(history, row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
     row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
-                 strcmp(measurements, tl_measurements_name(run->measurements)) == 0 &&
+                 strcmp(measurements, tl_measurements_names[run->measurements]) == 0 &&
                  (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
 

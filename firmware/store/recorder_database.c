@@ -10,7 +10,7 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/store/database.h"
 #include "master/base/text.h"
 
@@ -558,7 +558,7 @@ static int write_run(tl_recorder_database *database, const tl_outbox_start *star
                             cell_text(now),
                             cell_whole(settings->step),
                             cell_whole(start->account.prediction > INT32_MAX ? INT32_MAX : start->account.prediction),
-                            cell_text(tl_measurements_name(settings->measurements)),
+                            cell_text(tl_measurements_names[settings->measurements]),
                             cell_whole(start->account.lead > INT32_MAX ? INT32_MAX : start->account.lead)};
         code = write_row(database, NEW_RUN, row);
         database->run = sqlite3_last_insert_rowid(database->connection);

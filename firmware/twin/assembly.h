@@ -9,7 +9,6 @@
 
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
-#include "firmware/config/problems.h"
 #include "firmware/fmu/fmu_store.h"
 #include "master/base/arena.h"
 #include "master/twin/twin.h"

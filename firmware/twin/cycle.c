@@ -138,7 +138,7 @@ static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
         return;
     }
     cycle->yardstick = found;
-    tl_lock_judge_measure_by(&cycle->second, tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL);
+    cycle->second.yardstick = tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL;
 }
 
 static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
@@ -396,7 +396,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
-    tl_lock_rescue_sample(&cycle->rescue, &sample);
+    tl_lock_judge_sample(&cycle->rescue.judge, &sample);
     tl_lock_judge_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     /* There the step before is complete only now, and comes before the sample. */

@@ -6,7 +6,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/base/output.h"
-#include "firmware/config/measurements.h"
+#include "firmware/config/config.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/twin_recorder.h"
 
@@ -32,7 +32,7 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
         .version = TL_VERSION,
         .solver = account->algorithm,
         .fallback = account->fallback,
-        .measurements = tl_measurements_name(config->measurements),
+        .measurements = tl_measurements_names[config->measurements],
         .step = config->step,
         .prediction = account->prediction,
         .match = report->match,

@@ -124,7 +124,7 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
         tl_twin_reset(assembly->twin);
     }
     if (!tick->followed) {
-        tl_lock_rescue_sample(rescue, &tick->sample);
+        tl_lock_judge_sample(&rescue->judge, &tick->sample);
     }
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
     if (ready && tl_lock_rescue_step(rescue, &result->record, &change) &&

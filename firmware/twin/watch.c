@@ -343,16 +343,16 @@ void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *ch
 
 void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_judge *judge) {
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
-        double share = 0.0;
-        tl_bound_turn bound = tl_lock_judge_bound(judge, v, &share);
+        const tl_bound_stay *stay = &judge->stay[v];
         const char *name = watch->config->adjust[v].variable;
-        if (bound == TL_BOUND_REACHED) {
+        if (stay->turn == TL_BOUND_REACHED) {
             tl_journal_event(watch->journal, tick, TL_EVENT_WARNING, "twin",
                              "%s was at a bound in %.0f %% of the last minute: it may not go as far as the plant asks",
-                             name, 100.0 * share);
-        } else if (bound == TL_BOUND_LEFT) {
+                             name, 100.0 * stay->share);
+        } else if (stay->turn == TL_BOUND_LEFT) {
             tl_journal_event(watch->journal, tick, TL_EVENT_INFO, "twin",
-                             "%s is off its bounds again, but for %.0f %% of the last minute", name, 100.0 * share);
+                             "%s is off its bounds again, but for %.0f %% of the last minute", name,
+                             100.0 * stay->share);
         }
     }
 }

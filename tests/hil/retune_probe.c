@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
-#include "firmware/config/problems.h"
+#include "firmware/config/config.h"
 #include "firmware/live/live_wire.h"
 
 enum { SKIPPED = 77 };

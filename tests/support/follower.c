@@ -25,6 +25,7 @@ void tl_follower_build(tl_follower *follower, double tolerance) {
         .name = "test",
         .step = plan->plan.step,
         .signals = &follower->signal,
+        .own_count = 1,
         .signal_count = 1,
         .adjust = plan->adjust,
         .adjust_count = 1,

@@ -103,7 +103,7 @@ static void test_a_live_source(void) {
     input.limits[0] = (tl_plant_limits){.minimum = -10, .maximum = 10};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open_live(&settings, &source.io, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(&source, 1, input.mailboxes, on_link, NULL, &readers, &error));
-    while (!tl_plant_readers_finished(readers)) {
+    while (__atomic_load_n(&posts, __ATOMIC_ACQUIRE) == 0) {
         const struct timespec pause = {.tv_nsec = 1000000};
         (void)nanosleep(&pause, NULL);
     }

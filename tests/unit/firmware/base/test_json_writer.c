@@ -47,7 +47,7 @@ void tearDown(void) {
 /* ---- what is written ---- */
 
 static void fill_all_kinds(tl_json_writer *json) {
-    tl_json_add_null(json, "nothing");
+    tl_json_add_text(json, "nothing", NULL);
     tl_json_add_truth(json, "truth", true);
     tl_json_open_object(json, "numbers");
     tl_json_add_number(json, "tenth", 0.1);

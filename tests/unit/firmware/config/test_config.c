@@ -433,13 +433,14 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_INT(TL_OK, verdict.status);
     tl_config *config = &verdict.config;
     TEST_ASSERT_EQUAL_size_t(8, config->signal_count);
-    TEST_ASSERT_EQUAL_size_t(1, config->second_count);
+    TEST_ASSERT_EQUAL_size_t(2, config->second_count);
     TEST_ASSERT_EQUAL_STRING("plant.omega@match", config->matched_as[0]);
+    TEST_ASSERT_EQUAL_STRING("plant.omega@reading", config->reading_as[0]);
     TEST_ASSERT_EQUAL_STRING("plant.omega", config->match[0].to);
     TEST_ASSERT_EQUAL_STRING("plant.current", config->matched_as[1]);
     tl_config_use_lookups(config);
     tl_config_use_lookups(config);
-    TEST_ASSERT_EQUAL_size_t(9, config->signal_count);
+    TEST_ASSERT_EQUAL_size_t(10, config->signal_count);
     const tl_config_signal *first = &config->signals[3];
     const tl_config_signal *second = &config->signals[8];
     TEST_ASSERT_EQUAL_STRING("omega@match", second->plan.name);
@@ -449,6 +450,9 @@ static void test_second_look_ups(void) {
     TEST_ASSERT_EQUAL_size_t(2, second->source);
     TEST_ASSERT_EQUAL_INT64(8100000, first->look_back);
     TEST_ASSERT_FALSE(first->next);
+    TEST_ASSERT_EQUAL_UINT32(0, first->condition.median);
+    TEST_ASSERT_EQUAL_UINT32(5, second->condition.median); /* the input is not conditioned, the match is */
+    TEST_ASSERT_EQUAL_size_t(8, config->signals[9].shows);
     TEST_ASSERT_EQUAL_INT64(16100000, second->look_back);
     TEST_ASSERT_TRUE(second->next);
     TEST_ASSERT_EQUAL_INT64(16100000, config->signals[4].look_back); /* current: matched only */

@@ -1039,9 +1039,9 @@ static void test_too_many_look_ups(void) {
 
 static void test_doubled_keys(void) {
     static const tl_test_change changes[] = {
-        {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "step_s",
+        {"\"step_s\": 0.01", "\"step_s\": 0.01, \"step\\u005fs\": 0.02", "",
          "found the key \"step_s\" again, expected it once; the first is on line 4", NULL},
-        {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "plant.torque.unit",
+        {"\"unit\": \"N.m\"", "\"unit\": \"N.m\", \"unit\": \"N.m\"", "",
          "found the key \"unit\" again, expected it once; the first is on line 25", NULL},
     };
     EXPECT_EACH(full, changes);
@@ -1065,7 +1065,7 @@ static void test_everything_at_once(void) {
                                     "2,\n\"max\": 1}},\n\"Name\": \"x\"}";
     tl_test_judge_text(text, strlen(text), &verdict);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);
-    expect_problem("step_s", "line 4: found the key \"step_s\" again");
+    expect_problem("", "line 4: found the key \"step_s\" again");
     expect_problem("twinlock", "line 2: found 2 (number), expected 1");
     expect_problem("name", "line 1: found nothing, expected a text");
     expect_problem("components.motor.fmu", "line 5: found nothing");

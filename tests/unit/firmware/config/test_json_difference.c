@@ -179,9 +179,9 @@ static void test_size(void) {
 
 static void test_what_is_no_json(void) {
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, compare("{", "{}"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the old one: line 1, column 2: "), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the old one: is no JSON"), error.text);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, compare("{}", "{\"a\": 1,\n\"a\": 2, \"b\": 1, \"b\": 2}"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the new one: a: line 2: found the key \"a\" again"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "the new one: is no JSON, or has a key twice"), error.text);
     TEST_ASSERT_EQUAL_size_t(0, count);
 }
 

@@ -142,7 +142,7 @@ static void test_lost_and_found(void) {
     expect_no_change();
     one(OUTSIDE);
     expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
     many(WITHIN, WINDOW + PART);
     expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
     TEST_ASSERT_EQUAL_UINT64(1, tally().losses);
@@ -179,7 +179,7 @@ static void test_a_twin_that_swings_is_lost(void) {
     }
     TEST_ASSERT_EQUAL_INT(1, changes);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_TRUE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_TRUE(judge.astray);
     TEST_ASSERT_EQUAL_STRING(
         "10 % of the last 100 steps are off by 10 tolerances or more (limit 10 %), at worst by 1e+03", told.cause);
 }
@@ -223,7 +223,7 @@ static void test_a_plant_that_jumps(void) {
         one(0);
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
 }
 
 /* Astray at first, and perfect since: the first window that is full says that it was lost, and not that it shall begin anew. */
@@ -233,7 +233,7 @@ static void test_a_twin_that_came_back_by_itself(void) {
     }
     many(WITHIN, WINDOW - 4 * PART);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
 }
 
 /* An output that swings against a measurement that is not good, which is the last good one, says nothing. */
@@ -247,7 +247,7 @@ static void test_what_swings_unmeasured(void) {
         one(WITHIN);
     }
     expect_no_change();
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
 }
 
 /* Far off, and on its steady way: of a model that does not fit. To begin anew would not make it a better one. */
@@ -257,14 +257,14 @@ static void test_a_twin_that_is_elsewhere(void) {
         one(9.9 * i);
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
 }
 
 static void test_numbers_that_are_none(void) {
     lock();
     many((double)INFINITY, 3 * PART);
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
-    TEST_ASSERT_TRUE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_TRUE(judge.astray);
 }
 
 /* What a search makes of a long horizon is another matter: it is the committed steps that are held against the plant. */
@@ -315,16 +315,15 @@ static void test_an_output_that_is_no_number_any_more(void) {
 }
 
 static void test_at_a_bound_for_a_minute(void) {
-    double share = 0.0;
     int reached = 0;
     int left = 0;
     for (int i = 0; i < 20000; i++) {
         record.u[0] = i < 10000 ? 2 : 0.5;
         record.u[1] = 1;
         one(WITHIN);
-        reached += tl_lock_judge_bound(&judge, 0, &share) == TL_BOUND_REACHED ? 1 : 0;
-        left += tl_lock_judge_bound(&judge, 0, &share) == TL_BOUND_LEFT ? 1 : 0;
-        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, tl_lock_judge_bound(&judge, 1, &share));
+        reached += judge.stay[0].turn == TL_BOUND_REACHED ? 1 : 0;
+        left += judge.stay[0].turn == TL_BOUND_LEFT ? 1 : 0;
+        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, judge.stay[1].turn);
     }
     TEST_ASSERT_EQUAL_INT(1, reached);
     TEST_ASSERT_EQUAL_INT(1, left);
@@ -546,11 +545,11 @@ static void test_a_twin_that_begins_anew(void) {
     }
     TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
     changes = 0;
-    TEST_ASSERT_TRUE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_TRUE(judge.astray);
     record.flags = TL_FLAG_RESET;
     one(WITHIN);
     record.flags = 0;
-    TEST_ASSERT_FALSE(tl_lock_judge_is_astray(&judge));
+    TEST_ASSERT_FALSE(judge.astray);
     many(WITHIN, WINDOW - 1);
     expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
     TEST_ASSERT_EQUAL_UINT64(3 * WINDOW, total());
@@ -594,7 +593,7 @@ static void test_another_yardstick(void) {
     tl_lock_judge_init(&judge, &config, &account);
     many(2.0, WINDOW);
     expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
-    tl_lock_judge_measure_by(&judge, &yardstick);
+    judge.yardstick = &yardstick;
     many(2.0, WINDOW / 2);
     expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
     many(0.5, WINDOW + PART);
@@ -607,7 +606,7 @@ static void test_strokes_by_another_yardstick(void) {
     match[0].tolerance = 10 * match[0].tolerance;
     config.event.start.signal = "plant.valve";
     tl_lock_judge_init(&judge, &config, &account);
-    tl_lock_judge_measure_by(&judge, &yardstick);
+    judge.yardstick = &yardstick;
     many(0.09, 3);
     expect_change(TL_LOCK_LOCKED, "100 % of the last 3 strokes are within tolerance");
     many(0.2, 3);
