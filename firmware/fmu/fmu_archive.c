@@ -14,6 +14,7 @@
 #include <zip.h>
 
 #include "firmware/base/os.h"
+#include "firmware/base/text.h"
 
 enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
 
@@ -32,12 +33,7 @@ typedef struct unpacking {
 
 static tl_status refuse(const unpacking *work, const char *name, const char *why) {
     char shown[NAME_SHOWN + 1];
-    (void)snprintf(shown, sizeof shown, "%s", name);
-    for (char *c = shown; *c != '\0'; c++) {
-        if ((unsigned char)*c < ' ' || *c == '\x7f') {
-            *c = '?';
-        }
-    }
+    (void)tl_clean_text(name, strlen(name), shown, sizeof shown);
     return tl_fail(work->error, TL_BAD_DATA, "%s: entry \"%s\" is refused: %s; this FMU is broken or hostile",
                    work->label, shown, why);
 }

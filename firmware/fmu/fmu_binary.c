@@ -254,7 +254,6 @@ typedef struct symbol {
 static const symbol symbols[] = {
     {"fmi2GetTypesPlatform", offsetof(tl_fmi2, get_types_platform), ALWAYS},
     {"fmi2GetVersion", offsetof(tl_fmi2, get_version), ALWAYS},
-    {"fmi2SetDebugLogging", offsetof(tl_fmi2, set_debug_logging), ALWAYS},
     {"fmi2Instantiate", offsetof(tl_fmi2, instantiate), ALWAYS},
     {"fmi2FreeInstance", offsetof(tl_fmi2, free_instance), ALWAYS},
     {"fmi2SetupExperiment", offsetof(tl_fmi2, setup_experiment), ALWAYS},
@@ -277,9 +276,6 @@ static const symbol symbols[] = {
     {"fmi2SerializeFMUstate", offsetof(tl_fmi2, serialize_fmu_state), FOR_SERIALIZING},
     {"fmi2DeSerializeFMUstate", offsetof(tl_fmi2, deserialize_fmu_state), FOR_SERIALIZING},
     {"fmi2DoStep", offsetof(tl_fmi2, do_step), ALWAYS},
-    {"fmi2CancelStep", offsetof(tl_fmi2, cancel_step), ALWAYS},
-    {"fmi2GetStatus", offsetof(tl_fmi2, get_status), ALWAYS},
-    {"fmi2GetBooleanStatus", offsetof(tl_fmi2, get_boolean_status), ALWAYS},
 };
 
 static tl_status resolve(void *handle, const tl_model *model, const char *label, tl_fmi2 *functions, tl_error *error) {

@@ -34,21 +34,12 @@ static fmi2Boolean *booleans_in(const tl_ports *ports, double *values) {
     return integers_in(ports, values) + ports->integer_count; /* the same C type */
 }
 
-static void copy(void *to, const void *from, size_t size) {
-    if (size != 0) {
-        memcpy(to, from, size);
-    }
-}
-
 tl_fmu_given *tl_fmu_given_open(const tl_ports *ports) {
-    size_t bytes = ports->real_count * sizeof(double) + ports->integer_count * sizeof(fmi2Integer) +
-                   ports->boolean_count * sizeof(fmi2Boolean);
+    size_t bytes = tl_ports_size(ports);
     tl_fmu_given *given = malloc(sizeof *given + bytes);
     if (given != NULL) {
         *given = (tl_fmu_given){.ports = ports, .bytes = bytes};
-        copy(given->values, ports->reals, ports->real_count * sizeof(double));
-        copy(integers_in(ports, given->values), ports->integers, ports->integer_count * sizeof(fmi2Integer));
-        copy(booleans_in(ports, given->values), ports->booleans, ports->boolean_count * sizeof(fmi2Boolean));
+        tl_ports_read(ports, (unsigned char *)given->values);
     }
     return given;
 }
@@ -57,11 +48,11 @@ void tl_fmu_given_note(tl_fmu_given *given, tl_fmu_prologue_kind kind, const fmi
                        const void *values) {
     const tl_ports *ports = given->ports;
     if (kind == TL_PROLOGUE_SET_REAL && references == ports->real_references) {
-        copy(given->values, values, ports->real_count * sizeof(double));
+        memcpy(given->values, values, ports->real_count * sizeof(double));
     } else if (kind == TL_PROLOGUE_SET_INTEGER && references == ports->integer_references) {
-        copy(integers_in(ports, given->values), values, ports->integer_count * sizeof(fmi2Integer));
+        memcpy(integers_in(ports, given->values), values, ports->integer_count * sizeof(fmi2Integer));
     } else if (kind == TL_PROLOGUE_SET_BOOLEAN && references == ports->boolean_references) {
-        copy(booleans_in(ports, given->values), values, ports->boolean_count * sizeof(fmi2Boolean));
+        memcpy(booleans_in(ports, given->values), values, ports->boolean_count * sizeof(fmi2Boolean));
     }
 }
 
@@ -75,14 +66,14 @@ tl_fmu_given_state *tl_fmu_given_make_state(const tl_fmu_given *given) {
 }
 
 void tl_fmu_given_keep(const tl_fmu_given *given, tl_fmu_given_state *state) {
-    copy(state->values, given->values, given->bytes);
+    memcpy(state->values, given->values, given->bytes);
 }
 
 fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state *state, const tl_fmi2 *fmi,
                                    fmi2Component instance) {
     const tl_ports *ports = given->ports;
     fmi2Status status = fmi2OK;
-    copy(given->values, state->values, given->bytes);
+    memcpy(given->values, state->values, given->bytes);
     if (ports->real_count != 0) {
         status = fmi->set_real(instance, ports->real_references, ports->real_count, given->values);
     }
@@ -94,100 +85,6 @@ fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state
         status = fmi->set_boolean(instance, ports->boolean_references, ports->boolean_count,
                                   booleans_in(ports, given->values));
     }
-    return status;
-}
-
-/* ---- fmu bytes ---- */
-
-static bool save(tl_fmu_guarded *self, void **copy) {
-    tl_error error;
-    if (tl_fmu_memory_save(&self->guard->memory, copy, &error) != TL_OK) {
-        tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR, error.text);
-        return false;
-    }
-    return true;
-}
-
-/* What states of its own take is no measure of copies. */
-static bool begin(tl_fmu_guarded *self, void **here) {
-    *here = NULL;
-    tl_fmu_memory_pass(&self->guard->memory, true);
-    if (!save(self, here)) {
-        tl_fmu_memory_pass(&self->guard->memory, false);
-        return false;
-    }
-    return true;
-}
-
-/* Where it was, and no state of its own is there that was made since. */
-static void leave(tl_fmu_guarded *self, void *here) {
-    tl_fmu_memory_restore(&self->guard->memory, here);
-    tl_fmu_memory_pass(&self->guard->memory, false);
-    tl_fmu_memory_forget(here);
-}
-
-/* To a copy, and a state of its own there. */
-static fmi2Status visit(tl_fmu_guarded *self, fmi2FMUstate copy, void **here, fmi2FMUstate *state) {
-    *state = NULL;
-    if (!begin(self, here)) {
-        return fmi2Error;
-    }
-    tl_fmu_memory_restore(&self->guard->memory, copy);
-    fmi2Status status = self->guard->by_states.get_fmu_state(self, state);
-    if (status > fmi2Warning) {
-        leave(self, *here);
-    }
-    return status;
-}
-
-static fmi2Status tl_fmu_bytes_size(fmi2Component component, fmi2FMUstate copy, size_t *size) {
-    tl_fmu_guarded *self = component;
-    void *here;
-    fmi2FMUstate state;
-    fmi2Status status = visit(self, copy, &here, &state);
-    if (status <= fmi2Warning) {
-        status = self->guard->by_states.serialized_fmu_state_size(component, state, size);
-        leave(self, here);
-    }
-    return status;
-}
-
-static fmi2Status tl_fmu_bytes_write(fmi2Component component, fmi2FMUstate copy, fmi2Byte bytes[], size_t size) {
-    tl_fmu_guarded *self = component;
-    void *here;
-    fmi2FMUstate state;
-    fmi2Status status = visit(self, copy, &here, &state);
-    if (status <= fmi2Warning) {
-        status = self->guard->by_states.serialize_fmu_state(component, state, bytes, size);
-        leave(self, here);
-    }
-    return status;
-}
-
-/* What it has made of the bytes, once it stands there. */
-static fmi2Status read_state(tl_fmu_guarded *self, const fmi2Byte bytes[], size_t size) {
-    const tl_fmi2 *own = &self->guard->by_states;
-    fmi2FMUstate state = NULL;
-    fmi2Status status = own->deserialize_fmu_state(self, bytes, size, &state);
-    if (status > fmi2Warning) {
-        return status;
-    }
-    status = own->set_fmu_state(self, state);
-    fmi2Status freed = own->free_fmu_state(self, &state);
-    return status > freed ? status : freed;
-}
-
-static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *copy) {
-    tl_fmu_guarded *self = component;
-    void *here;
-    if (!begin(self, &here)) {
-        return fmi2Error;
-    }
-    fmi2Status status = read_state(self, bytes, size);
-    if (status <= fmi2Warning) {
-        status = save(self, copy) ? status : fmi2Error;
-    }
-    leave(self, here);
     return status;
 }
 
@@ -263,6 +160,91 @@ static fmi2Status reserve_memory(fmi2Component component, size_t states) {
 static size_t memory_size(fmi2Component component) {
     const tl_fmu_guarded *self = component;
     return tl_fmu_memory_size(&self->guard->memory);
+}
+
+/* ---- bytes of states that are its memory ---- */
+
+/* What states of its own take is no measure of copies. */
+static bool begin(tl_fmu_guarded *self, void **here) {
+    *here = NULL;
+    tl_fmu_memory_pass(&self->guard->memory, true);
+    bool is_kept = save_memory(self, here) == fmi2OK;
+    if (!is_kept) {
+        tl_fmu_memory_pass(&self->guard->memory, false);
+    }
+    return is_kept;
+}
+
+/* Where it was, and no state of its own is there that was made since. */
+static void leave(tl_fmu_guarded *self, void *here) {
+    tl_fmu_memory_restore(&self->guard->memory, here);
+    tl_fmu_memory_pass(&self->guard->memory, false);
+    tl_fmu_memory_forget(here);
+}
+
+/* To a copy, and a state of its own there. */
+static fmi2Status visit(tl_fmu_guarded *self, fmi2FMUstate copy, void **here, fmi2FMUstate *state) {
+    *state = NULL;
+    if (!begin(self, here)) {
+        return fmi2Error;
+    }
+    tl_fmu_memory_restore(&self->guard->memory, copy);
+    fmi2Status status = self->guard->by_states.get_fmu_state(self, state);
+    if (status > fmi2Warning) {
+        leave(self, *here);
+    }
+    return status;
+}
+
+static fmi2Status tl_fmu_bytes_size(fmi2Component component, fmi2FMUstate copy, size_t *size) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    fmi2FMUstate state;
+    fmi2Status status = visit(self, copy, &here, &state);
+    if (status <= fmi2Warning) {
+        status = self->guard->by_states.serialized_fmu_state_size(component, state, size);
+        leave(self, here);
+    }
+    return status;
+}
+
+static fmi2Status tl_fmu_bytes_write(fmi2Component component, fmi2FMUstate copy, fmi2Byte bytes[], size_t size) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    fmi2FMUstate state;
+    fmi2Status status = visit(self, copy, &here, &state);
+    if (status <= fmi2Warning) {
+        status = self->guard->by_states.serialize_fmu_state(component, state, bytes, size);
+        leave(self, here);
+    }
+    return status;
+}
+
+/* What it has made of the bytes, once it stands there. */
+static fmi2Status read_state(tl_fmu_guarded *self, const fmi2Byte bytes[], size_t size) {
+    const tl_fmi2 *own = &self->guard->by_states;
+    fmi2FMUstate state = NULL;
+    fmi2Status status = own->deserialize_fmu_state(self, bytes, size, &state);
+    if (status > fmi2Warning) {
+        return status;
+    }
+    status = own->set_fmu_state(self, state);
+    fmi2Status freed = own->free_fmu_state(self, &state);
+    return status > freed ? status : freed;
+}
+
+static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte bytes[], size_t size, fmi2FMUstate *copy) {
+    tl_fmu_guarded *self = component;
+    void *here;
+    if (!begin(self, &here)) {
+        return fmi2Error;
+    }
+    fmi2Status status = read_state(self, bytes, size);
+    if (status <= fmi2Warning) {
+        status = save_memory(self, copy);
+    }
+    leave(self, here);
+    return status;
 }
 
 /* ---- states that are positions in what it was given; another instance may still have its own ---- */
@@ -665,15 +647,18 @@ static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const f
     return status;
 }
 
-/* As if it had just been instantiated. */
-static fmi2Status renew(fmi2Component component) {
-    guarded *self = component;
-    const struct begun *begun = &self->begun;
-    if (self->instance != NULL) {
+static void free_own(guarded *self) {
+    if (self->instance != NULL) { /* or it could not be made anew */
         enter(self, TL_FMU_FREE_INSTANCE);
         self->own->free_instance(self->instance);
         (void)leave_slowly(self, fmi2OK);
     }
+}
+
+/* As if it had just been instantiated. */
+static fmi2Status renew(guarded *self) {
+    const struct begun *begun = &self->begun;
+    free_own(self);
     enter(self, TL_FMU_INSTANTIATE);
     self->instance = self->own->instantiate(begun->name, begun->type, begun->guid, begun->resources,
                                             &self->guard->given, begun->visible, begun->logging);
@@ -691,7 +676,7 @@ static fmi2Status lead_to_start(fmi2Component component) {
         }
     }
     self->guard->renews = true;
-    return renew(component);
+    return renew(self);
 }
 
 static bool begin_notes(guarded *self) {
@@ -726,17 +711,11 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
 static void free_instance(fmi2Component component) {
     guarded *self = component;
     guarded **link = &self->guard->instances;
-    if (self->instance != NULL) { /* or it could not be made anew */
-        enter(self, TL_FMU_FREE_INSTANCE);
-        self->own->free_instance(self->instance);
-        (void)leave_slowly(self, fmi2OK);
-    }
-    while (*link != NULL && *link != self) {
+    free_own(self);
+    while (*link != self) {
         link = &(*link)->next;
     }
-    if (*link == self) {
-        *link = self->next;
-    }
+    *link = self->next;
     tl_fmu_ladder_end_notes(self);
     free(self);
 }
@@ -757,10 +736,7 @@ static fmi2Component instantiate(fmi2String name, fmi2Type type, fmi2String guid
     self->locale = uselocale((locale_t)0);
     self->characters = (const unsigned short *const *)__ctype_b_loc();
     self->table = *self->characters;
-    enter(self, TL_FMU_INSTANTIATE);
-    self->instance = guard->own.instantiate(name, type, guid, resources, &guard->given, visible, logging);
-    (void)leave_slowly(self, fmi2OK);
-    if (self->instance == NULL) {
+    if (renew(self) != fmi2OK) {
         free(self);
         return NULL;
     }
@@ -1000,17 +976,6 @@ void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *genera
     tl_fmu_logger_open(&guard->logger, name, generator);
     guard->callbacks = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, guard};
     guard->given = (fmi2CallbackFunctions){tl_fmu_logger_take, calloc, free, NULL, &guard->logger};
-}
-
-tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error) {
-    guard->by_memory = at_once;
-    return tl_fmu_memory_open(folder, &guard->memory, error);
-}
-
-void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once) {
-    guard->may_replay = true;
-    guard->by_replay = at_once;
-    guard->most = most;
 }
 
 void tl_fmu_guard_front(tl_fmu_guard *guard, const tl_fmi2 *own) {

@@ -126,14 +126,8 @@ typedef struct tl_fmu_guarded {
  */
 
 /* Before the FMU is loaded: from now on it may be called. `name` and `generator` are those of its
- * description. */
+ * description. Then the caller opens its memory and sets in which ways it may be rolled back. */
 void tl_fmu_guard_open(tl_fmu_guard *guard, const char *name, const char *generator);
-
-/* After that: it is rolled back by its memory, or can be. `folder` is what it is unpacked to, absolute and without links; it must stay. Errors: TL_TRY_AGAIN. */
-tl_status tl_fmu_guard_use_memory(tl_fmu_guard *guard, const char *folder, bool at_once, tl_error *error);
-
-/* After that: it is led back by replay, or can be, from `most` steps after its beginning at most. */
-void tl_fmu_guard_use_replay(tl_fmu_guard *guard, uint32_t most, bool at_once);
 
 /* Around what calls the FMU without the table: opening its library, asking for its version. */
 void tl_fmu_guard_enter(tl_fmu_guard *guard, tl_fmu_function function);

@@ -2,6 +2,7 @@
 #include "firmware/fmu/fmu_logger.h"
 
 #include <errno.h>
+#include <printf.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,9 +15,8 @@
 
 /* ---- fmu message ---- */
 
-enum { WORD = 8, MESSAGE = 1024, CONVERSION = 32 };
-
-static const char *const UNREADABLE = "(unreadable)";
+/* MOST: of a width or a precision. FLAGS: of a conversion, with its '%'. */
+enum { WORD = 8, MESSAGE = 1024, CONVERSION = 32, MOST = 999, FLAGS = 7 };
 
 /* ---- texts ---- */
 
@@ -39,195 +39,107 @@ __attribute__((no_sanitize("address"))) static size_t fetch(const char *untruste
     return length;
 }
 
-/* The length of what was copied. */
-static size_t copy(const char *untrusted, size_t most, char *text, size_t size) {
-    size_t length = 0;
-    most = size - 1 < most ? size - 1 : most;
-    if (untrusted != NULL && !is_readable((uintptr_t)untrusted)) {
-        length = strlen(UNREADABLE) < most ? strlen(UNREADABLE) : most;
-        memcpy(text, UNREADABLE, length);
-    } else if (untrusted != NULL) {
-        length = fetch(untrusted, most, text);
-    }
-    text[length] = '\0';
-    return length;
-}
-
 void tl_fmu_message_copy(const char *untrusted, char *text, size_t size) {
     int saved = errno;
-    (void)copy(untrusted, SIZE_MAX, text, size);
+    if (untrusted != NULL && !is_readable((uintptr_t)untrusted)) {
+        (void)snprintf(text, size, "(unreadable)");
+    } else {
+        text[untrusted == NULL ? 0 : fetch(untrusted, size - 1, text)] = '\0';
+    }
     errno = saved;
 }
 
 /* ---- formats ---- */
 
-/* One conversion of a format: "%-8.3lf". */
-typedef struct conversion {
-    char text[CONVERSION]; /* as printf takes it, without stars */
-    size_t length;         /* of it in the format */
-    long precision;        /* -1: none */
-    char size[3];          /* "", "hh", "h", "l", "ll", "q", "L", "j", "z", "t" */
-    char kind;             /* 'd'; '\0': none that we know */
-} conversion;
+/* The format is the FMU's and was checked here, by us and not by a compiler. */
+static int (*const print)(char *, size_t, const char *, ...) = snprintf;
 
-/* The format is the FMU's and was checked above, by us and not by a compiler. */
-static int (*const print_one)(char *, size_t, const char *, va_list) = vsnprintf;
-
-/* Digits of a width or a precision, or a star with its argument; absurd ones are cut. Appends to the text. */
-static const char *take_number(const char *c, va_list *arguments, conversion *found, long *number) {
-    long value = 0;
-    if (*c == '*') {
-        value = va_arg(*arguments, int);
-        c++;
-    }
-    for (; *c >= '0' && *c <= '9'; c++) {
-        value = value > MESSAGE ? value : value * 10 + (*c - '0');
-    }
-    value = value > MESSAGE - 1 ? MESSAGE - 1 : value < 1 - MESSAGE ? 1 - MESSAGE : value;
-    size_t used = strlen(found->text);
-    (void)snprintf(found->text + used, sizeof found->text - used, "%ld", value);
-    *number = value;
-    return c;
+/* Appends a width or a precision: digits, or a star with its argument. Absurd ones are cut. Returns what follows it. */
+static const char *take_number(const char *c, va_list *arguments, char text[CONVERSION]) {
+    bool is_star = *c == '*';
+    long value = is_star ? va_arg(*arguments, int) : strtol(c, NULL, 10);
+    value = value > MOST ? MOST : value < -MOST ? -MOST : value;
+    (void)snprintf(text + strlen(text), CONVERSION - strlen(text), "%ld", value);
+    return c + (is_star ? 1 : strspn(c, "0123456789"));
 }
 
-static const char *take_flags(const char *c, conversion *found) {
-    size_t used = 1;
-    for (; *c != '\0' && strchr("-+ #0'", *c) != NULL; c++) {
-        if (strchr(found->text, *c) == NULL) {
-            found->text[used++] = *c;
-        }
-    }
-    return c;
-}
-
-static const char *take_size(const char *c, conversion *found) {
-    static const char *const sizes[] = {"hh", "h", "ll", "l", "q", "L", "j", "z", "t"};
-    for (size_t i = 0; i < sizeof sizes / sizeof sizes[0]; i++) {
-        size_t length = strlen(sizes[i]);
-        if (strncmp(c, sizes[i], length) == 0) {
-            (void)snprintf(found->size, sizeof found->size, "%s", sizes[i]);
-            return c + length;
-        }
-    }
-    return c;
-}
-
-/* At a '%'. */
-static conversion read_conversion(const char *format, va_list *arguments) {
-    conversion found = {.text = "%", .precision = -1};
-    const char *c = take_flags(format + 1, &found);
-    long width = 0;
+/* The conversion at this '%' as printf takes it, without stars. Returns its length in the format; 0: printf has none of that kind. */
+static size_t read_conversion(const char *format, va_list *arguments, char text[CONVERSION]) {
+    size_t flags = strspn(format + 1, "-+ #0'");
+    const char *c = format + 1 + flags;
+    (void)snprintf(text, CONVERSION, "%.*s", flags < FLAGS ? (int)flags + 1 : FLAGS, format);
     if (*c == '*' || (*c >= '1' && *c <= '9')) {
-        c = take_number(c, arguments, &found, &width);
+        c = take_number(c, arguments, text);
     }
     if (*c == '.') {
-        found.text[strlen(found.text)] = '.'; /* the rest of it is zeros */
-        c = take_number(c + 1, arguments, &found, &found.precision);
+        (void)snprintf(text + strlen(text), CONVERSION - strlen(text), ".");
+        c = take_number(c + 1, arguments, text);
     }
-    c = take_size(c, &found);
-    found.kind = *c != '\0' && strchr("diouxXcsSCpaAeEfFgGm%", *c) != NULL ? *c : '\0';
-    found.length = (size_t)(c - format) + (found.kind == '\0' ? 0 : 1);
-    (void)snprintf(found.text + strlen(found.text), sizeof found.text - strlen(found.text), "%s%c", found.size,
-                   found.kind);
-    return found;
-}
-
-/* Passes over the argument that was printed from a copy of the arguments. */
-static void skip(const conversion *found, va_list *arguments) {
-    const char *size = found->size;
-    if (strchr("aAeEfFgG", found->kind) != NULL) {
-        long double value = size[0] == 'L' ? va_arg(*arguments, long double) : (long double)va_arg(*arguments, double);
-        (void)value;
-    } else if (found->kind == 'p') {
-        (void)va_arg(*arguments, void *);
-    } else if (found->kind != 'm' && found->kind != '%') {
-        bool is_wide = strcmp(size, "ll") == 0 || size[0] == 'q' || size[0] == 'j';
-        bool is_long = size[0] == 'l' || size[0] == 'z' || size[0] == 't';
-        long long value = is_wide   ? va_arg(*arguments, long long)
-                          : is_long ? va_arg(*arguments, long)
-                                    : va_arg(*arguments, int);
-        (void)value;
+    size_t size = strspn(c, "hlqLjzt");
+    if (size > 2 || c[size] == '\0' || strchr("diouxXcsSCpaAeEfFgGm%", c[size]) == NULL) {
+        return 0;
     }
+    (void)snprintf(text + strlen(text), CONVERSION - strlen(text), "%.*s", (int)size + 1, c);
+    return (size_t)(c - format) + size + 1;
 }
 
-static int put_value(const conversion *found, va_list *arguments, char *text, size_t size) {
-    va_list copied;
-    va_copy(copied, *arguments);
-    int length = print_one(text, size, found->text, copied);
-    va_end(copied);
-    skip(found, arguments);
-    return length;
-}
-
-/* A text in its field. */
-static int put_text(const conversion *found, va_list *arguments, char *text, size_t size) {
+static int put_one(const char *conversion, va_list *arguments, char *text, size_t size) {
     char value[MESSAGE];
-    const char *untrusted = va_arg(*arguments, const char *);
-    size_t most = found->precision >= 0 ? (size_t)found->precision : SIZE_MAX;
-    if (untrusted == NULL) {
-        return snprintf(text, size, "(null)");
+    const char *untrusted;
+    int type = PA_INT;
+    if (parse_printf_format(conversion, 1, &type) == 0) {
+        return print(text, size, conversion);
     }
-    (void)copy(untrusted, most, value, sizeof value);
-    long width = strtol(found->text + 1 + strspn(found->text + 1, "+ #0'"), NULL, 10);
-    return snprintf(text, size, "%*s", (int)width, value);
-}
-
-static int put_one(const conversion *found, va_list *arguments, char *text, size_t size) {
-    bool is_wide = found->size[0] == 'l' && (found->kind == 's' || found->kind == 'c');
-    if (is_wide || strchr("SC", found->kind) != NULL) {
-        (void)va_arg(*arguments, void *);
-        return snprintf(text, size, "?");
+    bool is_wide = (type & PA_FLAG_LONG_LONG) != 0; /* also a long double */
+    switch (type & ~PA_FLAG_MASK) {
+    case PA_STRING: /* also "%ls" */
+    case PA_WSTRING:
+        untrusted = va_arg(*arguments, const char *);
+        if (strpbrk(conversion, "lqLjztS") != NULL) {
+            return print(text, size, "?");
+        }
+        tl_fmu_message_copy(untrusted, value, sizeof value);
+        return print(text, size, conversion, untrusted != NULL ? value : "(null)");
+    case PA_POINTER:
+        return print(text, size, conversion, va_arg(*arguments, void *));
+    case PA_DOUBLE:
+        if (is_wide) {
+            return print(text, size, conversion, va_arg(*arguments, long double));
+        }
+        return print(text, size, conversion, va_arg(*arguments, double));
+    default:
+        break;
     }
-    return found->kind == 's' ? put_text(found, arguments, text, size) : put_value(found, arguments, text, size);
-}
-
-/* Where a text grows. */
-typedef struct sink {
-    char *text;
-    size_t size;
-    size_t used; /* may pass the size: what is beyond is cut */
-} sink;
-
-static char *end_of(const sink *to) {
-    return to->text + (to->used < to->size ? to->used : to->size - 1);
-}
-
-static size_t room_in(const sink *to) {
-    return to->used < to->size ? to->size - to->used : 1;
-}
-
-static void append(sink *to, const char *from, size_t length) {
-    int printed = snprintf(end_of(to), room_in(to), "%.*s", (int)length, from);
-    to->used += printed < 0 ? 0 : (size_t)printed;
-}
-
-/* From a '%' on; what follows it. */
-static const char *append_conversion(sink *to, const char *format, va_list *arguments) {
-    conversion found = read_conversion(format, arguments);
-    if (found.kind == '\0') {
-        size_t rest = strlen(format);
-        append(to, format, rest);
-        return format + rest;
+    if (is_wide) {
+        return print(text, size, conversion, va_arg(*arguments, long long));
     }
-    int printed = put_one(&found, arguments, end_of(to), room_in(to));
-    to->used += printed < 0 ? 0 : (size_t)printed;
-    return format + found.length;
+    if ((type & PA_FLAG_LONG) != 0) {
+        return print(text, size, conversion, va_arg(*arguments, long));
+    }
+    return print(text, size, conversion, va_arg(*arguments, int));
 }
 
 void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text, size_t size) {
     char format[MESSAGE];
-    sink to = {.text = text, .size = size};
+    char conversion[CONVERSION];
     int saved = errno;
-    (void)copy(untrusted, SIZE_MAX, format, sizeof format);
-    errno = saved; /* %m is about it */
+    size_t used = 0;
+    size_t length = 0;
+    tl_fmu_message_copy(untrusted, format, sizeof format);
     text[0] = '\0';
-    for (const char *c = format; *c != '\0' && to.used < size;) {
-        size_t plain = strcspn(c, "%");
-        append(&to, c, plain);
-        c += plain;
-        if (*c == '%') {
-            c = append_conversion(&to, c, arguments);
+    for (const char *c = format; *c != '\0' && used < size - 1; c += length) {
+        bool is_plain = *c != '%';
+        length = is_plain ? strcspn(c, "%") : read_conversion(c, arguments, conversion);
+        if (length == 0) { /* no conversion: all the rest is plain */
+            length = strlen(c);
+            is_plain = true;
         }
+        errno = saved; /* %m is about it */
+        int printed = is_plain ? print(text + used, size - used, "%.*s", (int)length, c)
+                               : put_one(conversion, arguments, text + used, size - used);
+        used += printed < 0 ? 0 : (size_t)printed;
+        used = used < size ? used : size - 1;
+        text[used] = '\0';
     }
     errno = saved;
 }

@@ -25,7 +25,7 @@
 void tl_fmu_message_copy(const char *untrusted, char *text, size_t size);
 
 /* The message with its arguments put in, cut to what fits. A conversion that printf does not know, and %n, end the formatting: the rest is
- * copied as it is. Wide characters show as "?". */
+ * copied as it is. A wide text shows as "?". */
 void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text, size_t size);
 
 /* ---- The logger that FMUs are given: their messages in the log, limited per second.

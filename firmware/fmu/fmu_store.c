@@ -30,12 +30,7 @@ static const char *file_uri(tl_arena *arena, const char *path) {
     }
     char *end = uri + snprintf(uri, sizeof scheme, "%s", scheme);
     for (const char *c = path; *c != '\0'; c++) {
-        if (strchr(unreserved, *c) != NULL) {
-            *end = *c;
-            end++;
-        } else {
-            end += snprintf(end, 4, "%%%02X", (unsigned)(unsigned char)*c);
-        }
+        end += snprintf(end, 4, strchr(unreserved, *c) != NULL ? "%c" : "%%%02X", (unsigned)(unsigned char)*c);
     }
     return uri;
 }
@@ -85,10 +80,11 @@ static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error)
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
     bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves() && fmu->module[0] == '\0';
     fmu->has_state = (is_auto || wanted == TL_ROLLBACK_STATE) && fmu->model.capabilities.can_get_and_set_state;
-    if (is_auto || wanted == TL_ROLLBACK_REPLAY) {
-        tl_fmu_guard_use_replay(&fmu->guard, TL_REPLAY_STEPS, !fmu->has_state && !by_memory);
-    }
-    return by_memory ? tl_fmu_guard_use_memory(&fmu->guard, fmu->folder.path, !fmu->has_state, error) : TL_OK;
+    fmu->guard.most = TL_REPLAY_STEPS;
+    fmu->guard.may_replay = is_auto || wanted == TL_ROLLBACK_REPLAY;
+    fmu->guard.by_replay = fmu->guard.may_replay && !fmu->has_state && !by_memory;
+    fmu->guard.by_memory = by_memory && !fmu->has_state;
+    return by_memory ? tl_fmu_memory_open(fmu->folder.path, &fmu->guard.memory, error) : TL_OK;
 }
 
 void tl_fmu_set_replay_steps(tl_fmu *fmu, uint32_t steps) {

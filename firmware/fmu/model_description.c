@@ -16,6 +16,7 @@
 #include <unistd.h>
 
 #include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/fmi/model.h"
@@ -157,7 +158,6 @@ typedef enum element {
     DOCUMENT,
     DESCRIPTION,
     CAPABILITIES, /* ModelExchange, CoSimulation */
-    EXPERIMENT,
     UNITS,
     UNIT,
     TYPES,
@@ -194,17 +194,14 @@ static void fail_at(description_parser *parser, unsigned long line, const char *
         return;
     }
     char text[TL_ERROR_TEXT];
+    char clean[TL_ERROR_TEXT]; /* of names: an error is one line */
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    for (char *c = text; *c != '\0'; c++) {
-        if ((unsigned char)*c < ' ') {
-            *c = ' '; /* from names: an error is one line */
-        }
-    }
+    (void)tl_clean_text(text, strlen(text), clean, sizeof clean);
     parser->status =
-        tl_fail(parser->error, TL_BAD_DATA, "%s: modelDescription.xml, line %lu: %s", parser->label, line, text);
+        tl_fail(parser->error, TL_BAD_DATA, "%s: modelDescription.xml, line %lu: %s", parser->label, line, clean);
     (void)XML_StopParser(parser->expat, XML_FALSE);
 }
 
@@ -395,15 +392,14 @@ static bool read_word(description_parser *parser, const xml_tag *tag, const char
     return false;
 }
 
-/* ---- The root, CoSimulation, DefaultExperiment --------------------------------------------------------- */
+/* ---- The root, CoSimulation ---------------------------------------------------------------------------- */
 
 static void begin_description(description_parser *parser, const xml_tag *tag) {
     tl_model *model = parser->model;
-    model->version = mandatory(parser, tag, "fmiVersion");
-    if (parser->status == TL_OK && strcmp(model->version, "2.0") != 0) {
+    const char *version = mandatory(parser, tag, "fmiVersion");
+    if (parser->status == TL_OK && strcmp(version, "2.0") != 0) {
         fail_at(parser, current_line(parser),
-                "this is FMI %.20s, only FMI 2.0 can be run; export the model as FMI 2.0 for Co-Simulation",
-                model->version);
+                "this is FMI %.20s, only FMI 2.0 can be run; export the model as FMI 2.0 for Co-Simulation", version);
         return;
     }
     model->name = mandatory(parser, tag, "modelName");
@@ -438,28 +434,9 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     if (!is_file_name(model->identifier)) {
         fail_value(parser, tag, "modelIdentifier", model->identifier, "the name of a file");
     }
-    const struct {
-        const char *name;
-        bool *value;
-    } flags[] = {{"canHandleVariableCommunicationStepSize", &can->can_handle_variable_step},
-                 {"canBeInstantiatedOnlyOncePerProcess", &can->can_be_instantiated_only_once},
-                 {"canNotUseMemoryManagementFunctions", &can->can_not_use_memory_management},
-                 {"canGetAndSetFMUstate", &can->can_get_and_set_state},
-                 {"canSerializeFMUstate", &can->can_serialize_state},
-                 {"canRunAsynchronuously", &can->can_run_asynchronously}, /* sic, in the standard */
-                 {"needsExecutionTool", &can->needs_execution_tool}};
-    for (size_t i = 0; i < sizeof flags / sizeof flags[0]; i++) {
-        read_boolean(parser, tag, flags[i].name, flags[i].value);
-    }
-}
-
-static void begin_experiment(description_parser *parser, const xml_tag *tag) {
-    double step = 0;
-    read_finite(parser, tag, "stepSize", &step);
-    if (step < 0) {
-        fail_value(parser, tag, "stepSize", attribute(tag, "stepSize"), "a positive number of seconds");
-    }
-    parser->model->default_step = step;
+    read_boolean(parser, tag, "canBeInstantiatedOnlyOncePerProcess", &can->can_be_instantiated_only_once);
+    read_boolean(parser, tag, "canGetAndSetFMUstate", &can->can_get_and_set_state);
+    read_boolean(parser, tag, "canSerializeFMUstate", &can->can_serialize_state);
 }
 
 /* ---- Units --------------------------------------------------------------------------------------------- */
@@ -668,7 +645,6 @@ static const tag_rule *find_rule(element parent, const char *name) {
         {SIMPLE_TYPE, "Boolean", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "String", LEAF, begin_type_of_type},
         {SIMPLE_TYPE, "Enumeration", LEAF, begin_type_of_type},
-        {DESCRIPTION, "DefaultExperiment", EXPERIMENT, begin_experiment},
         {DESCRIPTION, "ModelVariables", VARIABLES, begin_variables},
     };
     for (size_t i = 0; i < sizeof rules / sizeof rules[0]; i++) {
@@ -853,7 +829,7 @@ static tl_status fail_size(const char *label, tl_error *error) {
 
 tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
                                      tl_error *error) {
-    *model = (tl_model){.name = "", .identifier = "", .guid = "", .version = "", .generation_tool = ""};
+    *model = (tl_model){.name = "", .identifier = "", .guid = "", .generation_tool = ""};
     if (size > TL_MODEL_DESCRIPTION_BYTES) {
         return fail_size(label, error);
     }

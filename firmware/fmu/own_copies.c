@@ -340,7 +340,7 @@ typedef struct change {
     tl_elf_file *file;
     const tl_elf_rename *renames;
     size_t count;
-    uint8_t *before; /* all names as they were */
+    tl_elf_file was; /* its names as they were, and nothing else */
     bool failed;
 } change;
 
@@ -358,16 +358,10 @@ static uint8_t *names_of(const change *work) {
     return work->file->bytes + work->file->strings;
 }
 
-/* The text as it was, or NULL if it had no end. */
-static const char *text_before(const change *work, size_t offset) {
-    const uint8_t *text = work->before + offset;
-    return memchr(text, '\0', work->file->strings_size - offset) != NULL ? (const char *)text : NULL;
-}
-
 /* Looks at the names as they were: a change may have made one of them another's. */
 static bool write_name(void *context, tl_elf_reference reference) {
     change *work = context;
-    const char *text = reference.kind == TL_ELF_OTHER ? NULL : text_before(work, reference.offset);
+    const char *text = reference.kind == TL_ELF_OTHER ? NULL : tl_elf_text(&work->was, reference.offset);
     const char *wanted = text == NULL ? NULL : new_name_of(work, text);
     if (wanted != NULL) {
         memcpy(names_of(work) + reference.offset, wanted, strlen(wanted));
@@ -378,7 +372,7 @@ static bool write_name(void *context, tl_elf_reference reference) {
 /* Its end has not moved, as a new name has the length of the old one. */
 static bool check_name(void *context, tl_elf_reference reference) {
     change *work = context;
-    const char *was = text_before(work, reference.offset);
+    const char *was = tl_elf_text(&work->was, reference.offset);
     if (was == NULL) {
         return true; /* the loader cannot use it either */
     }
@@ -393,14 +387,14 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
     if (count == 0) {
         return TL_ELF_DONE;
     }
-    work.before = malloc(file->strings_size);
-    if (work.before == NULL) {
+    work.was = (tl_elf_file){.bytes = malloc(file->strings_size), .strings_size = file->strings_size};
+    if (work.was.bytes == NULL) {
         return TL_ELF_NO_MEMORY;
     }
-    memcpy(work.before, names_of(&work), file->strings_size);
+    memcpy(work.was.bytes, names_of(&work), file->strings_size);
     tl_elf_visit(file, write_name, &work);
     tl_elf_visit(file, check_name, &work);
-    free(work.before);
+    free(work.was.bytes);
     return work.failed ? TL_ELF_CONFLICT : TL_ELF_DONE;
 }
 
@@ -462,22 +456,27 @@ bool tl_elf_opens_libraries(const tl_elf_file *file) {
 
 /* A library of the FMU. */
 typedef struct own_library {
-    char *path;
+    struct own_library *next;
     const char *name; /* the end of the path */
     uint8_t *bytes;   /* the file, shared: what is changed here is changed there */
     size_t size;
     tl_elf_file file;
+    char path[];
 } own_library;
+
+typedef struct fmu_folder {
+    struct fmu_folder *next;
+    char path[];
+} fmu_folder;
 
 /* One FMU. */
 typedef struct making {
     const char *folder;
-    char **folders; /* the FMU's, then those in it */
-    size_t folder_count;
+    fmu_folder *folders; /* in it, that are still to be looked into */
     const char *label;
     tl_error *error;
     own_library *libraries; /* the binary first */
-    size_t library_count;
+    own_library **end;      /* of them */
     tl_elf_rename *renames;
     size_t rename_count;
 } making;
@@ -499,99 +498,70 @@ static tl_status fail_memory(const making *work) {
     return tl_fail(work->error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", work->label);
 }
 
-/* One more element of an array that has `count`. NULL: no memory; the array stays. */
-static void *grow(void *array, size_t count, size_t size) {
-    return (count & (count - 1)) == 0 ? realloc(array, (count == 0 ? 1 : 2 * count) * size) : array;
-}
-
 /* ---- Folders of FMUs ----------------------------------------------------------------------------------- */
-
-typedef struct fmu_folder {
-    struct fmu_folder *next;
-    char path[];
-} fmu_folder;
 
 /* Of all FMUs that the process has had. */
 static fmu_folder *folders;
 
-static bool remember(const char *path) {
+static bool remember(fmu_folder **list, const char *path) {
     size_t size = strlen(path) + 1;
     fmu_folder *folder = malloc(sizeof *folder + size);
     if (folder == NULL) {
         return false;
     }
     memcpy(folder->path, path, size);
-    folder->next = folders;
-    folders = folder;
+    folder->next = *list;
+    *list = folder;
     return true;
 }
 
 /* ---- Libraries of this one ------------------------------------------------------------------------------ */
 
-static tl_status map_file(const making *work, int file, own_library *library) {
+static tl_status map_file(const making *work, own_library *library) {
     struct stat about;
-    if (fstat(file, &about) != 0 || !S_ISREG(about.st_mode) || about.st_size <= 0) {
-        return TL_OK;
+    tl_status status = TL_OK;
+    int file = open(library->path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
+    if (file < 0) {
+        return fail_system(work, library->path, "opened", errno);
     }
-    library->size = (size_t)about.st_size;
-    void *bytes = mmap(NULL, library->size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
-    if (bytes == MAP_FAILED) {
-        return fail_system(work, library->path, "read", errno);
+    if (fstat(file, &about) == 0 && S_ISREG(about.st_mode) && about.st_size > 0) {
+        library->size = (size_t)about.st_size;
+        void *bytes = mmap(NULL, library->size, PROT_READ | PROT_WRITE, MAP_SHARED, file, 0);
+        if (bytes == MAP_FAILED) {
+            status = fail_system(work, library->path, "read", errno);
+        } else {
+            library->bytes = bytes;
+        }
     }
-    library->bytes = bytes;
-    return TL_OK;
+    (void)close(file);
+    return status;
 }
 
 static void forget_library(own_library *library) {
     if (library->bytes != NULL) {
         (void)munmap(library->bytes, library->size);
     }
-    free(library->path);
+    free(library);
 }
 
 /* A file that is no library of the binary's kind is left out. */
 static tl_status add_library(making *work, const char *path) {
-    own_library *grown = grow(work->libraries, work->library_count, sizeof *grown);
-    if (grown == NULL) {
+    size_t size = strlen(path) + 1;
+    own_library *added = calloc(1, sizeof *added + size);
+    if (added == NULL) {
         return fail_memory(work);
     }
-    work->libraries = grown;
-    own_library *added = &grown[work->library_count];
-    *added = (own_library){.path = strdup(path)};
-    if (added->path == NULL) {
-        return fail_memory(work);
-    }
+    memcpy(added->path, path, size);
     added->name = strrchr(added->path, '/') + 1;
-    int file = open(path, O_RDWR | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK);
-    if (file < 0) {
-        tl_status status = fail_system(work, path, "opened", errno);
-        free(added->path);
-        return status;
-    }
-    tl_status status = map_file(work, file, added);
-    (void)close(file);
-    const tl_elf_file *binary = &grown[0].file;
-    if (status == TL_OK && added->bytes != NULL && tl_elf_open(&added->file, added->bytes, added->size) &&
-        (work->library_count == 0 || added->file.machine == binary->machine)) {
-        work->library_count++;
+    tl_status status = map_file(work, added);
+    if (added->bytes != NULL && tl_elf_open(&added->file, added->bytes, added->size) &&
+        (work->libraries == NULL || added->file.machine == work->libraries->file.machine)) {
+        *work->end = added;
+        work->end = &added->next;
     } else {
         forget_library(added);
     }
     return status;
-}
-
-static tl_status add_folder(making *work, const char *path) {
-    char **grown = grow(work->folders, work->folder_count, sizeof *grown);
-    if (grown == NULL) {
-        return fail_memory(work);
-    }
-    work->folders = grown;
-    grown[work->folder_count] = strdup(path);
-    if (grown[work->folder_count] == NULL) {
-        return fail_memory(work);
-    }
-    work->folder_count++;
-    return TL_OK;
 }
 
 /* A folder is for later. Links are not followed. */
@@ -608,9 +578,9 @@ static tl_status add_entry(making *work, const char *folder, const char *name) {
         return fail_system(work, path, "found", errno);
     }
     if (S_ISDIR(about.st_mode)) {
-        return add_folder(work, path);
+        return remember(&work->folders, path) ? TL_OK : fail_memory(work);
     }
-    bool is_other = strstr(name, ".so") != NULL && strcmp(path, work->libraries[0].path) != 0;
+    bool is_other = strstr(name, ".so") != NULL && strcmp(path, work->libraries->path) != 0;
     return is_other && S_ISREG(about.st_mode) ? add_library(work, path) : TL_OK;
 }
 
@@ -634,23 +604,25 @@ static tl_status look_into(making *work, const char *folder) {
 /* All of the folder, wherever they are: an FMU may have some among its resources. */
 static tl_status find_libraries(making *work, const char *binary) {
     tl_status status = add_library(work, binary);
-    if (status != TL_OK || work->library_count == 0) {
+    if (status != TL_OK || work->libraries == NULL) {
         return status;
     }
-    status = add_folder(work, work->folder);
-    for (size_t i = 0; i < work->folder_count && status == TL_OK; i++) {
-        status = look_into(work, work->folders[i]);
+    status = look_into(work, work->folder);
+    while (work->folders != NULL) {
+        fmu_folder *folder = work->folders;
+        work->folders = folder->next;
+        status = status == TL_OK ? look_into(work, folder->path) : status;
+        free(folder);
     }
     return status;
 }
 
 static const own_library *library_called(const making *work, const char *name) {
-    for (size_t i = 0; i < work->library_count; i++) {
-        if (strcmp(work->libraries[i].name, name) == 0) {
-            return &work->libraries[i];
-        }
+    const own_library *library = work->libraries;
+    while (library != NULL && strcmp(library->name, name) != 0) {
+        library = library->next;
     }
-    return NULL;
+    return library;
 }
 
 /* ---- Names ---------------------------------------------------------------------------------------------- */
@@ -726,7 +698,7 @@ static bool find_name(const making *work, const char *name, char found[TL_ELF_LI
 }
 
 static tl_status add_rename(making *work, const char *name) {
-    tl_elf_rename *grown = grow(work->renames, work->rename_count, sizeof *grown);
+    tl_elf_rename *grown = realloc(work->renames, (work->rename_count + 1) * sizeof *grown);
     if (grown == NULL) {
         return fail_memory(work);
     }
@@ -806,13 +778,11 @@ static tl_status write_copy(const making *work, const own_library *library, cons
 
 static tl_status change_all(making *work) {
     tl_status status = TL_OK;
-    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
-        status = change_library(work, &work->libraries[i]);
-    }
-    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
-        for (size_t k = 0; k < work->rename_count && status == TL_OK; k++) {
-            if (strcmp(work->renames[k].old_name, work->libraries[i].name) == 0) {
-                status = write_copy(work, &work->libraries[i], work->renames[k].new_name);
+    for (own_library *library = work->libraries; library != NULL && status == TL_OK; library = library->next) {
+        status = change_library(work, library);
+        for (size_t i = 0; i < work->rename_count && status == TL_OK; i++) {
+            if (strcmp(work->renames[i].old_name, library->name) == 0) {
+                status = write_copy(work, library, work->renames[i].new_name);
             }
         }
     }
@@ -836,12 +806,11 @@ static bool others_have(const making *work, const own_library *library) {
 /* The binary itself does not count, as nobody opens it by a bare name. */
 static void warn_of_opening(const making *work) {
     bool opens = false;
-    for (size_t i = 0; i < work->library_count && !opens; i++) {
-        opens = tl_elf_opens_libraries(&work->libraries[i].file);
+    for (const own_library *library = work->libraries; library != NULL && !opens; library = library->next) {
+        opens = tl_elf_opens_libraries(&library->file);
     }
-    for (size_t i = 1; i < work->library_count && opens; i++) {
-        const own_library *library = &work->libraries[i];
-        if (others_have(work, library)) {
+    for (const own_library *library = work->libraries; opens && library != NULL; library = library->next) {
+        if (library != work->libraries && others_have(work, library)) {
             tl_log(
                 TL_LOG_WARNING,
                 "%s can open libraries while it runs (dlopen), and has a %.120s as another FMU has: if it opens that by its bare name, "
@@ -856,8 +825,8 @@ static void warn_of_opening(const making *work) {
 
 static tl_status make_copies(making *work, const char *binary) {
     tl_status status = find_libraries(work, binary);
-    for (size_t i = 0; i < work->library_count && status == TL_OK; i++) {
-        looking look = {work, &work->libraries[i].file, TL_OK};
+    for (const own_library *library = work->libraries; library != NULL && status == TL_OK; library = library->next) {
+        looking look = {work, &library->file, TL_OK};
         tl_elf_visit(look.file, look_at, &look);
         status = look.status;
     }
@@ -871,19 +840,12 @@ static tl_status make_copies(making *work, const char *binary) {
 }
 
 tl_status tl_own_copies_make(const char *folder, const char *binary, const char *label, tl_error *error) {
-    making work = {.folder = folder, .label = label, .error = error};
+    making work = {.folder = folder, .label = label, .error = error, .end = &work.libraries};
     tl_status status = folders == NULL ? TL_OK : make_copies(&work, binary);
-    for (size_t i = 0; i < work.library_count; i++) {
-        forget_library(&work.libraries[i]);
+    for (own_library *library = work.libraries, *next = NULL; library != NULL; library = next) {
+        next = library->next;
+        forget_library(library);
     }
-    for (size_t i = 0; i < work.folder_count; i++) {
-        free(work.folders[i]);
-    }
-    free(work.libraries);
-    free(work.folders);
     free(work.renames);
-    if (status == TL_OK && !remember(folder)) {
-        return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", label);
-    }
-    return status;
+    return status == TL_OK && !remember(&folders, folder) ? fail_memory(&work) : status;
 }

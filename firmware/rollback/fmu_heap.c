@@ -58,10 +58,6 @@ static directory *directory_of(const tl_fmu_heap *heap) {
     return (directory *)(void *)heap->base;
 }
 
-size_t tl_fmu_heap_most(void) {
-    return sizeof(void *) > 4 ? (size_t)1 << 30 : (size_t)32 << 20;
-}
-
 /* ---- classes ---- */
 
 /* The smallest class that has room for `size` > 0 bytes; CLASSES: none has. */
@@ -622,51 +618,59 @@ static void find_next(const char *name, void *function, size_t size) {
     memcpy(function, &address, size);
 }
 
+/* The C library's function of this name: found when the program is loaded, or when a library's constructor calls it before that. */
+// NOLINTBEGIN(bugprone-macro-parentheses): a type, and lists that have their own
+#define NEXT(Result, Name, Parameters)                                                                                 \
+    static Result(*own_##Name) Parameters;                                                                             \
+    __attribute__((constructor)) static void find_##Name(void) {                                                       \
+        if (own_##Name == NULL) {                                                                                      \
+            find_next(#Name, (void *)&own_##Name, sizeof own_##Name);                                                  \
+        }                                                                                                              \
+    }
+// NOLINTEND(bugprone-macro-parentheses)
+
+NEXT(size_t, malloc_usable_size, (void *block))
+NEXT(int, pthread_create, (pthread_t *, const pthread_attr_t *, void *(*run)(void *), void *))
+NEXT(void *, sbrk, (intptr_t more))
+NEXT(void *, mmap64, (void *, size_t, int, int, int, off_t))
+NEXT(void *, mmap, (void *, size_t, int, int, int, long))
+NEXT(void, tzset, (void))
+
 size_t malloc_usable_size(void *block) {
-    static size_t (*next)(void *);
     if (block == NULL) {
         return 0;
     }
     if (find_owner(block) != NULL) {
         return tl_fmu_heap_size(block);
     }
-    if (next == NULL) {
-        find_next("malloc_usable_size", (void *)&next, sizeof next);
-    }
-    return next(block);
+    find_malloc_usable_size();
+    return own_malloc_usable_size(block);
 }
 
 /* ---- threads ---- */
 
 /* What a thread of the FMU's allocates is in no heap, and nobody can put a thread back to where it was. */
 int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*run)(void *), void *context) {
-    static int (*next)(pthread_t *, const pthread_attr_t *, void *(*)(void *), void *);
-    if (next == NULL) {
-        find_next("pthread_create", (void *)&next, sizeof next);
-    }
+    find_pthread_create();
     if (tl_fmu_allocation_heap != NULL) {
         tl_fmu_allocation_heap->has_threads = true;
     }
-    return next(thread, attributes, run, context);
+    return own_pthread_create(thread, attributes, run, context);
 }
 
 /* ---- memory that is mapped ---- */
 
 void *sbrk(intptr_t more) {
-    static void *(*next)(intptr_t);
-    if (next == NULL) {
-        find_next("sbrk", (void *)&next, sizeof next);
-    }
+    find_sbrk();
     if (more != 0 && tl_fmu_allocation_heap != NULL) {
         tl_fmu_allocation_heap->is_not_all = true;
     }
-    return next(more);
+    return own_sbrk(more);
 }
 
 /* Under both names that it has: one for offsets of 64 bits, and one for those of a word. */
-typedef void *map_function(void *address, size_t size, int protection, int flags, int file, off_t offset);
-typedef void *map_word_function(void *address, size_t size, int protection, int flags, int file, long offset);
-map_word_function tl_fmu_allocation_map __asm__("mmap");
+void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flags, int file,
+                            long offset) __asm__("mmap");
 
 static void note_map(const void *caller, int protection) {
     tl_fmu_heap *heap = find_server(caller);
@@ -676,21 +680,15 @@ static void note_map(const void *caller, int protection) {
 }
 
 void *mmap(void *address, size_t size, int protection, int flags, int file, off_t offset) {
-    static map_function *next;
-    if (next == NULL) {
-        find_next("mmap64", (void *)&next, sizeof next);
-    }
+    find_mmap64();
     note_map(CALLER, protection);
-    return next(address, size, protection, flags, file, offset);
+    return own_mmap64(address, size, protection, flags, file, offset);
 }
 
 void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flags, int file, long offset) {
-    static map_word_function *next;
-    if (next == NULL) {
-        find_next("mmap", (void *)&next, sizeof next);
-    }
+    find_mmap();
     note_map(CALLER, protection);
-    return next(address, size, protection, flags, file, offset);
+    return own_mmap(address, size, protection, flags, file, offset);
 }
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)
@@ -708,12 +706,10 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 /* The C library's function of that name, and in front of it ours, which calls it outside of any heap. */
 // NOLINTBEGIN(bugprone-macro-parentheses): a type, and lists that have their own
 #define OUTSIDE(Result, Name, Parameters, Arguments)                                                                   \
-    static Result(*own_##Name) Parameters;                                                                             \
+    NEXT(Result, Name, Parameters)                                                                                     \
     Result Name Parameters {                                                                                           \
         tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);                                                             \
-        if (own_##Name == NULL) {                                                                                      \
-            find_next(#Name, (void *)&own_##Name, sizeof own_##Name);                                                  \
-        }                                                                                                              \
+        find_##Name();                                                                                                 \
         Result answer = own_##Name Arguments;                                                                          \
         (void)tl_fmu_allocation_enter(heap);                                                                           \
         return answer;                                                                                                 \
@@ -769,12 +765,9 @@ OUTSIDE(int, getaddrinfo,
         (node, service, hints, found))
 
 void tzset(void) {
-    static void (*next)(void);
     tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL);
-    if (next == NULL) {
-        find_next("tzset", (void *)&next, sizeof next);
-    }
-    next();
+    find_tzset();
+    own_tzset();
     (void)tl_fmu_allocation_enter(heap);
 }
 

@@ -35,9 +35,6 @@ typedef struct tl_fmu_heap {
     bool is_taken;       /* by a thread: one of the FMU's may give back what another has taken */
 } tl_fmu_heap;
 
-/* Bytes of addresses that a heap reserves: 1 GiB, or 32 MiB if a word has 32 bits. */
-size_t tl_fmu_heap_most(void);
-
 /* It is there until the process ends. Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
 

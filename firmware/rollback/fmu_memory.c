@@ -18,6 +18,9 @@
 /* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
 enum { SPARE = 4096, SPARE_PART = 8 };
 
+/* Addresses for a heap: 1 GiB, or 32 MiB if a word has 32 bits. */
+enum { RESERVED = sizeof(void *) > 4 ? 1 << 30 : 32 << 20 };
+
 /* A place of less has no pages of its own to look after. */
 enum { PLACE_OF_PAGES = 4 * TL_FMU_PAGE };
 
@@ -34,7 +37,7 @@ typedef struct tl_fmu_memory_state {
 
 tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error *error) {
     *memory = (tl_fmu_memory){.folder = folder, .watched = TL_FMU_MEMORY_WATCHED};
-    memory->heap = tl_fmu_allocation_open(tl_fmu_heap_most(), error);
+    memory->heap = tl_fmu_allocation_open(RESERVED, error);
     return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
 }
 
@@ -45,10 +48,6 @@ enum { LINKS_BESIDE = 2 }; /* of a folder: its own ones */
 static unsigned long count_threads(void) {
     struct stat tasks;
     return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - LINKS_BESIDE : 0;
-}
-
-static bool has(const tl_fmu_traces *traces, unsigned number) {
-    return (traces->descriptors[number / 64] >> number % 64 & 1) != 0;
 }
 
 /* Leaves the text empty if the descriptor is closed by now: another thread of ours had opened it for a moment. */
@@ -70,9 +69,7 @@ void tl_fmu_traces_look(tl_fmu_traces *traces) {
     *traces = (tl_fmu_traces){.threads = count_threads(),
                               .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
     for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS; i++) {
-        if (fcntl((int)i, F_GETFD) >= 0) {
-            traces->descriptors[i / 64] |= (uint64_t)1 << i % 64;
-        }
+        traces->is_open[i] = fcntl((int)i, F_GETFD) >= 0;
     }
 }
 
@@ -85,7 +82,7 @@ static bool differ(const tl_fmu_traces *before, const tl_fmu_traces *after, char
         (void)snprintf(text, TL_FMU_TRACE_TEXT, "a process");
     }
     for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS && text[0] == '\0'; i++) {
-        if (has(after, i) && !has(before, i)) {
+        if (after->is_open[i] && !before->is_open[i]) {
             describe_descriptor(i, text);
         }
     }

@@ -36,7 +36,7 @@ enum { TL_FMU_TRACES_DESCRIPTORS = 1024, TL_FMU_TRACE_TEXT = 160 };
 typedef struct tl_fmu_traces {
     unsigned long threads;
     bool has_children;
-    uint64_t descriptors[TL_FMU_TRACES_DESCRIPTORS / 64];
+    bool is_open[TL_FMU_TRACES_DESCRIPTORS]; /* by descriptor */
 } tl_fmu_traces;
 
 void tl_fmu_traces_look(tl_fmu_traces *traces);

@@ -549,20 +549,6 @@ static void shrink(tl_fmu_pages *self, size_t leaves) {
 
 /* ---- what was written ---- */
 
-/* Of the first so many pages of all. */
-static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version, take_written *take) {
-    for (size_t i = 0; i < self->count; i++) {
-        found_pages found = {.pages = self, .range = i, .version = version};
-        size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
-        if (!self->are_told ||
-            !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, take, &found)) {
-            take(&found, 0, count);
-        }
-    }
-}
-
-/* ---- to save ---- */
-
 static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *page) {
     uint32_t *group = &self->now.leaf[number / TL_PAGE_GROUP];
     const unsigned char *before = tl_page_groups_look(&self->groups, *group, number % TL_PAGE_GROUP);
@@ -573,14 +559,43 @@ static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *pa
     return tl_page_groups_put(&self->groups, group, number % TL_PAGE_GROUP, page);
 }
 
-static void keep_pages(void *context, size_t first, size_t count) {
+static void put_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
+    const unsigned char *kept =
+        tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP);
+    if (self->are_told || memcmp(page, kept, TL_FMU_PAGE) != 0) {
+        memcpy(page, kept, TL_FMU_PAGE);
+        self->differing++;
+    }
+}
+
+static void meet_pages(void *context, size_t first, size_t count) {
     const found_pages *found = context;
     tl_fmu_pages *self = found->pages;
     for (size_t i = first; i < first + count && !self->is_full; i++) {
-        const unsigned char *page = self->range[found->range].begin + i * TL_FMU_PAGE;
-        self->is_full = !keep_page(self, self->before[found->range] + i, page);
+        unsigned char *page = self->range[found->range].begin + i * TL_FMU_PAGE;
+        size_t number = self->before[found->range] + i;
+        if (found->version != NULL) {
+            put_page(self, number, page, found->version);
+        } else {
+            self->is_full = !keep_page(self, number, page);
+        }
     }
 }
+
+/* Of the first so many pages of all. */
+static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version) {
+    self->differing = 0;
+    for (size_t i = 0; i < self->count; i++) {
+        found_pages found = {.pages = self, .range = i, .version = version};
+        size_t count = (i + 1 < self->count ? self->before[i + 1] : pages) - self->before[i];
+        if (!self->are_told ||
+            !find_written(self->range[i].begin, count * TL_FMU_PAGE, version == NULL, meet_pages, &found)) {
+            meet_pages(&found, 0, count);
+        }
+    }
+}
+
+/* ---- to save ---- */
 
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < self->now.leaves; i++) {
@@ -598,10 +613,9 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
     size_t pages = self->before[self->count - 1] + pages_of(used);
     bool is_first = self->now.pages == 0;
     bool is_new = version->leaves == 0;
-    self->differing = 0;
     self->is_full = !grow(self, pages) || !make_room(version, tl_page_groups_of(pages));
     if (!self->is_full) {
-        find(self, pages, NULL, keep_pages);
+        find(self, pages, NULL);
     }
     for (size_t i = self->now.pages; i < pages && !self->is_full; i++) {
         self->is_full = !keep_page(self, i, address_of(self, i));
@@ -628,24 +642,6 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
 }
 
 /* ---- to restore ---- */
-
-static void put_page(tl_fmu_pages *self, size_t number, unsigned char *page, const tl_fmu_version *version) {
-    const unsigned char *kept =
-        tl_page_groups_look(&self->groups, version->leaf[number / TL_PAGE_GROUP], number % TL_PAGE_GROUP);
-    if (self->are_told || memcmp(page, kept, TL_FMU_PAGE) != 0) {
-        memcpy(page, kept, TL_FMU_PAGE);
-        self->differing++;
-    }
-}
-
-static void put_pages(void *context, size_t first, size_t count) {
-    const found_pages *found = context;
-    tl_fmu_pages *self = found->pages;
-    for (size_t i = first; i < first + count; i++) {
-        put_page(self, self->before[found->range] + i, self->range[found->range].begin + i * TL_FMU_PAGE,
-                 found->version);
-    }
-}
 
 static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) {
     for (size_t i = 0; i < version->pages; i++) {
@@ -679,8 +675,8 @@ static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
 }
 
 void tl_fmu_pages_restore(tl_fmu_pages *self, const tl_fmu_version *version) {
-    self->differing = 0;
-    find(self, version->pages, version, put_pages);
+    self->is_full = false;
+    find(self, version->pages, version);
     self->most_put = self->differing > self->most_put && !self->passes ? self->differing : self->most_put;
     if (self->are_told) {
         put_what_differs(self, version);

@@ -8,43 +8,31 @@
 
 /* ---- fmu prologue ---- */
 
-/* One call; behind it its values, then its references, each to a multiple of 8 bytes. Texts are as many, one behind the other, each with its end. */
-typedef struct call_head {
-    uint32_t kind;
-    uint32_t count;
-    uint64_t size; /* bytes of the values */
-} call_head;
+/* A call that is played: where its parts are, and a place for what is got. */
+typedef struct played {
+    tl_fmu_prologue_kind kind;
+    size_t count;
+    const void *values;
+    const fmi2ValueReference *references;
+    void *place;
+} played;
 
-enum { FIRST_ROOM = 4096, ALIGNED = 8 };
-
-void tl_fmu_prologue_begin(tl_fmu_prologue *prologue) {
-    prologue->used = 0;
-    prologue->most = 0;
-    prologue->is_cut = false;
-}
+struct tl_fmu_prologue_call {
+    struct tl_fmu_prologue_call *next;
+    played call;
+    double bytes[]; /* its place, or pointers to its texts; its values; its references */
+};
 
 void tl_fmu_prologue_end(tl_fmu_prologue *prologue) {
-    free(prologue->bytes);
+    for (struct tl_fmu_prologue_call *call = prologue->first, *next = NULL; call != NULL; call = next) {
+        next = call->next;
+        free(call);
+    }
     *prologue = (tl_fmu_prologue){0};
 }
 
 static size_t aligned(size_t size) {
-    return (size + ALIGNED - 1) / ALIGNED * ALIGNED;
-}
-
-static bool make_room(tl_fmu_prologue *prologue, size_t need) {
-    if (prologue->room - prologue->used >= need) {
-        return true;
-    }
-    size_t room = 2 * prologue->room + FIRST_ROOM + need;
-    unsigned char *bytes = realloc(prologue->bytes, room);
-    if (bytes == NULL) {
-        prologue->is_cut = true;
-        return false;
-    }
-    prologue->bytes = bytes;
-    prologue->room = room;
-    return true;
+    return (size + sizeof(double) - 1) / sizeof(double) * sizeof(double);
 }
 
 static size_t bytes_of_values(tl_fmu_prologue_kind kind, size_t count) {
@@ -65,55 +53,37 @@ static size_t size_of_values(tl_fmu_prologue_kind kind, size_t count, const void
     return kind == TL_PROLOGUE_SETUP ? sizeof(tl_fmu_setup) : size;
 }
 
-static void put_texts(unsigned char *to, const fmi2String *texts, size_t count) {
+static void copy_texts(fmi2String *copies, char *to, const fmi2String *texts, size_t count) {
     for (size_t i = 0; i < count; i++) {
-        size_t size = strlen(texts[i]) + 1;
-        memcpy(to, texts[i], size);
-        to += size;
+        copies[i] = to;
+        to = stpcpy(to, texts[i]) + 1;
     }
 }
 
 void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
                          size_t count, const void *values) {
-    const call_head made = {
-        .kind = (uint32_t)kind, .count = (uint32_t)count, .size = size_of_values(kind, count, values)};
+    size_t size = size_of_values(kind, count, values);
     size_t named = references == NULL ? 0 : count * sizeof *references;
-    size_t need = sizeof made + aligned((size_t)made.size) + aligned(named);
-    prologue->most = count > prologue->most ? count : prologue->most;
-    if (!make_room(prologue, need + prologue->most * sizeof(double))) {
+    size_t place = kind < TL_PROLOGUE_SET_STRING ? 0 : count;
+    struct tl_fmu_prologue_call *made = malloc(sizeof *made + place * sizeof(double) + aligned(size) + named);
+    if (made == NULL) {
+        prologue->is_cut = true;
         return;
     }
-    unsigned char *at = prologue->bytes + prologue->used;
-    memcpy(at, &made, sizeof made);
-    at += sizeof made;
+    char *at = (char *)(made->bytes + place);
+    void *behind = at + aligned(size);
+    *made = (struct tl_fmu_prologue_call){.call = {kind, count, at, behind, made->bytes}};
     if (kind == TL_PROLOGUE_SET_STRING) {
-        put_texts(at, values, count);
-    } else if (made.size != 0) {
-        memcpy(at, values, (size_t)made.size);
+        copy_texts((void *)made->bytes, at, values, count);
+        made->call.values = made->bytes;
+    } else if (size != 0) {
+        memcpy(at, values, size);
     }
     if (named != 0) {
-        memcpy(at + aligned((size_t)made.size), references, named);
+        memcpy(behind, references, named);
     }
-    prologue->used += need;
-}
-
-/* A call that is played: where its parts are, and a place for what is got. */
-typedef struct played {
-    tl_fmu_prologue_kind kind;
-    size_t count;
-    const void *values;
-    const fmi2ValueReference *references;
-    void *place;
-} played;
-
-static fmi2Status set_strings(const played *call, const tl_fmi2 *functions, fmi2Component instance) {
-    fmi2String *texts = call->place;
-    const char *text = call->values;
-    for (size_t i = 0; i < call->count; i++) {
-        texts[i] = text;
-        text += strlen(text) + 1;
-    }
-    return functions->set_string(instance, call->references, call->count, texts);
+    *(prologue->last != NULL ? &prologue->last->next : &prologue->first) = made;
+    prologue->last = made;
 }
 
 static fmi2Status call_again(const played *call, const tl_fmi2 *functions, fmi2Component instance) {
@@ -126,7 +96,7 @@ static fmi2Status call_again(const played *call, const tl_fmi2 *functions, fmi2C
     case TL_PROLOGUE_SET_BOOLEAN:
         return functions->set_boolean(instance, call->references, call->count, call->values);
     case TL_PROLOGUE_SET_STRING:
-        return set_strings(call, functions, instance);
+        return functions->set_string(instance, call->references, call->count, call->values);
     case TL_PROLOGUE_GET_REAL:
         return functions->get_real(instance, call->references, call->count, call->place);
     case TL_PROLOGUE_GET_INTEGER:
@@ -144,27 +114,10 @@ static fmi2Status call_again(const played *call, const tl_fmi2 *functions, fmi2C
     return fmi2Error;
 }
 
-/* The next call, from `at` on, which goes behind it. */
-static void read_next(const tl_fmu_prologue *prologue, size_t *at, played *next) {
-    call_head made;
-    const unsigned char *bytes = prologue->bytes + *at;
-    memcpy(&made, bytes, sizeof made);
-    next->kind = (tl_fmu_prologue_kind)made.kind;
-    next->count = made.count;
-    next->values = bytes + sizeof made;
-    next->references = (const void *)(bytes + sizeof made + aligned((size_t)made.size));
-    bool is_of_values = next->kind <= TL_PROLOGUE_GET_BOOLEAN;
-    *at +=
-        sizeof made + aligned((size_t)made.size) + (is_of_values ? aligned(made.count * sizeof *next->references) : 0);
-}
-
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance) {
     fmi2Status status = prologue->is_cut ? fmi2Error : fmi2OK;
-    played next;
-    for (size_t at = 0; at < prologue->used && status <= fmi2Warning;) {
-        read_next(prologue, &at, &next);
-        next.place = prologue->bytes + prologue->used;
-        status = call_again(&next, functions, instance);
+    for (const struct tl_fmu_prologue_call *at = prologue->first; at != NULL && status <= fmi2Warning; at = at->next) {
+        status = call_again(&at->call, functions, instance);
     }
     return status;
 }
@@ -394,26 +347,16 @@ typedef struct port_group {
 static port_group group_of(const tl_fmu_replay *replay, tl_fmu_prologue_kind kind) {
     const tl_ports *in = replay->inputs;
     const tl_ports *out = replay->outputs;
-    switch (kind) {
-    case TL_PROLOGUE_SET_REAL:
-        return (port_group){in->real_references, in->real_count, true};
-    case TL_PROLOGUE_SET_INTEGER:
-        return (port_group){in->integer_references, in->integer_count, true};
-    case TL_PROLOGUE_SET_BOOLEAN:
-        return (port_group){in->boolean_references, in->boolean_count, true};
-    case TL_PROLOGUE_GET_REAL:
-        return (port_group){out->real_references, out->real_count, false};
-    case TL_PROLOGUE_GET_INTEGER:
-        return (port_group){out->integer_references, out->integer_count, false};
-    case TL_PROLOGUE_GET_BOOLEAN:
-        return (port_group){out->boolean_references, out->boolean_count, false};
-    case TL_PROLOGUE_SET_STRING:
-    case TL_PROLOGUE_SETUP:
-    case TL_PROLOGUE_ENTER_INITIALIZATION:
-    case TL_PROLOGUE_EXIT_INITIALIZATION:
-        break;
-    }
-    return (port_group){.references = NULL};
+    const port_group groups[] = {
+        [TL_PROLOGUE_SET_REAL] = {in->real_references, in->real_count, true},
+        [TL_PROLOGUE_SET_INTEGER] = {in->integer_references, in->integer_count, true},
+        [TL_PROLOGUE_SET_BOOLEAN] = {in->boolean_references, in->boolean_count, true},
+        [TL_PROLOGUE_SET_STRING] = {.references = NULL},
+        [TL_PROLOGUE_GET_REAL] = {out->real_references, out->real_count, false},
+        [TL_PROLOGUE_GET_INTEGER] = {out->integer_references, out->integer_count, false},
+        [TL_PROLOGUE_GET_BOOLEAN] = {out->boolean_references, out->boolean_count, false},
+    };
+    return groups[kind <= TL_PROLOGUE_GET_BOOLEAN ? kind : TL_PROLOGUE_SET_STRING];
 }
 
 /* What cannot be told from other values, but by chance. */
@@ -431,7 +374,7 @@ static uint64_t mark(const void *values, size_t size) {
 /* ---- phases ---- */
 
 void tl_fmu_replay_begin(tl_fmu_replay *replay) {
-    tl_fmu_prologue_begin(&replay->prologue);
+    tl_fmu_prologue_end(&replay->prologue);
     if (replay->history.calls != NULL) {
         tl_fmu_history_begin(&replay->history);
         replay->told->is_over = false;

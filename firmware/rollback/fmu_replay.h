@@ -16,7 +16,7 @@
 /* ---- What an FMU was given from its beginning to its first step: start values, the experiment, its initialisation, and what was asked of it meanwhile.
  *
  * Purpose: after a reset it is given all of that again, in the same order and with the same values, and then stands where it stood.
- * Memory:  one block that grows; what was kept is dropped by tl_fmu_prologue_begin(), and its room used again. Texts and references are copied.
+ * Memory:  a list of calls, with copies of their values, texts and references, until tl_fmu_prologue_end().
  * Errors:  if memory is out, what is kept is not whole (`is_cut`), and cannot be given again.
  * Thread:  that of the FMUs.
  */
@@ -42,15 +42,9 @@ typedef struct tl_fmu_setup {
 
 /* Zeroed: nothing is kept. */
 typedef struct tl_fmu_prologue {
-    unsigned char
-        *bytes; /* private: calls one behind the other; then room for values that are got, or pointers to texts: */
-    size_t used, room;
-    size_t most; /* as many as a call has at most */
+    struct tl_fmu_prologue_call *first, *last; /* private */
     bool is_cut;
 } tl_fmu_prologue;
-
-/* From the beginning. */
-void tl_fmu_prologue_begin(tl_fmu_prologue *prologue);
 
 /* A call that was made. `references` and `values` as in FMI, of `count`; of a get there are no values. */
 void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
@@ -59,7 +53,7 @@ void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, c
 /* All calls again, to `instance` by `functions`, until one is not well: its status. fmi2Error if they are not all kept. Takes no memory. */
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance);
 
-/* Gives the memory back. */
+/* Drops all calls: it is zeroed. */
 void tl_fmu_prologue_end(tl_fmu_prologue *prologue);
 
 /* ---- What an FMU was given since its first step, on all branches that may still be wanted: a tree of calls.

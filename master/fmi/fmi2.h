@@ -73,7 +73,6 @@ typedef fmi2Status tl_fmi2_reserve_states(fmi2Component instance, size_t states)
 typedef struct tl_fmi2 {
     fmi2GetTypesPlatformTYPE *get_types_platform;
     fmi2GetVersionTYPE *get_version;
-    fmi2SetDebugLoggingTYPE *set_debug_logging;
     fmi2InstantiateTYPE *instantiate;
     fmi2FreeInstanceTYPE *free_instance;
     fmi2SetupExperimentTYPE *setup_experiment;
@@ -96,9 +95,6 @@ typedef struct tl_fmi2 {
     fmi2SerializeFMUstateTYPE *serialize_fmu_state;            /* optional */
     fmi2DeSerializeFMUstateTYPE *deserialize_fmu_state;        /* optional */
     fmi2DoStepTYPE *do_step;
-    fmi2CancelStepTYPE *cancel_step;
-    fmi2GetStatusTYPE *get_status;
-    fmi2GetBooleanStatusTYPE *get_boolean_status;
     tl_fmi2_step_reals *step_reals; /* NULL: the three are called one by one */
     const tl_fmi2_aside *aside;     /* NULL: there is no such way */
     tl_fmi2_know_ports *know_ports; /* NULL: nobody asks */

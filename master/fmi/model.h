@@ -62,23 +62,17 @@ typedef struct tl_variable {
 } tl_variable;
 
 typedef struct tl_capabilities {
-    bool can_handle_variable_step;
     bool can_be_instantiated_only_once;
-    bool can_not_use_memory_management;
     bool can_get_and_set_state;
     bool can_serialize_state;
-    bool can_run_asynchronously;
-    bool needs_execution_tool;
 } tl_capabilities;
 
 typedef struct tl_model {
     const char *name;
     const char *identifier; /* modelIdentifier of CoSimulation: name of the binary */
     const char *guid;
-    const char *version;         /* fmiVersion, "2.0" */
     const char *generation_tool; /* "" where there is none */
     tl_capabilities capabilities;
-    double default_step; /* s; 0 where none is declared */
     const tl_variable *variables;
     size_t variable_count;
     const tl_unit *units; /* those defined, then those that variables only name */

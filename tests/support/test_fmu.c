@@ -791,9 +791,7 @@ void tl_test_fmu_init(tl_test_fmu *fmu, size_t width, bool discrete, tl_test_log
     fmu->log = log;
     fmu->width = width;
     fmu->control.fault.above = HUGE_VAL;
-    fmu->model =
-        (tl_model){.name = "test", .identifier = "test", .guid = GUID, .version = "2.0", .generation_tool = ""};
-    fmu->model.capabilities.can_handle_variable_step = true;
+    fmu->model = (tl_model){.name = "test", .identifier = "test", .guid = GUID, .generation_tool = ""};
     fmu->model.capabilities.can_get_and_set_state = true;
     fmu->model.variables = fmu->variables;
     add_reals(fmu, width);

@@ -126,7 +126,6 @@ void setUp(void) {
     prologue = (tl_fmu_prologue){0};
     calls[0] = '\0';
     failing = NULL;
-    tl_fmu_prologue_begin(&prologue);
 }
 
 void tearDown(void) {
@@ -144,7 +143,7 @@ static void test_all_again_and_as_often_as_wanted(void) {
 
 static void test_nothing_is_given_again_of_before(void) {
     give_all();
-    tl_fmu_prologue_begin(&prologue);
+    tl_fmu_prologue_end(&prologue);
     TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_prologue_play(&prologue, &functions, &instance));
     TEST_ASSERT_EQUAL_STRING("", calls);
     give_all();
