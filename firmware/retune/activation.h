@@ -133,9 +133,6 @@ uint32_t tl_activation_left_s(const tl_activation *activation);
 /* A candidate: `size` bytes of `text`, copied. Whatever comes of it is said. Must not be busy. */
 void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
 
-/* Why no other change can begin, and for how long, if that is known. */
-void tl_activation_describe(const tl_activation *activation, char text[TL_CONTROL_TEXT]);
-
 /* A candidate that is not active yet is given up. False: there is none. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 

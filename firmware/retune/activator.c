@@ -56,31 +56,24 @@ static void say(void *context, const tl_control_reply *reply) {
     }
 }
 
-static const tl_version *active_of(const tl_activator *self) {
-    return tl_versions_get(&self->versions, self->versions.active);
-}
-
 static void finish(tl_activator *self, visitor *who, tl_control_result result, const char *text) {
-    const tl_version *active = active_of(self);
-    tl_control_finish(&who->peer, result, active == NULL ? 0 : active->number, active == NULL ? "" : active->hash,
-                      text);
+    const tl_version *active = tl_versions_active(&self->versions);
+    tl_control_finish(&who->peer, result, active->number, active->hash, text);
     hang_up(self, who);
 }
 
 /* ---- what can be looked at ---- */
 
 static void show(tl_activator *self, visitor *who) {
-    const tl_version *active = active_of(self);
+    const tl_version *active = tl_versions_active(&self->versions);
     tl_activation_view view = {.step_s = 0.0};
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
     const tl_activation_settings *settings = &self->activation.settings;
     settings->host->look(settings->host->context, &view);
     tl_control_state *state = &reply.as.state;
     (void)snprintf(state->plant, sizeof state->plant, "%s", settings->plant);
-    if (active != NULL) {
-        memcpy(state->hash, active->hash, sizeof state->hash);
-        state->version = active->number;
-    }
+    memcpy(state->hash, active->hash, sizeof state->hash);
+    state->version = active->number;
     state->step = (uint32_t)self->activation.step;
     state->left_s = tl_activation_left_s(&self->activation);
     const char *lock = view.holds                 ? "hold"
@@ -110,7 +103,7 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
     (void)snprintf(told->who, sizeof told->who, "%s", version->who);
     (void)snprintf(told->why, sizeof told->why, "%s", version->why);
     (void)snprintf(told->at, sizeof told->at, "%s", version->at);
-    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_result_name(version->result),
+    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_results[version->result],
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
@@ -149,10 +142,9 @@ static void read_version(tl_activator *self, visitor *who) {
 /* ---- what changes something ---- */
 
 static void take_text(tl_activator *self, visitor *who, const char *text, size_t size) {
-    char why[TL_CONTROL_TEXT];
     if (tl_activation_is_busy(&self->activation)) {
-        tl_activation_describe(&self->activation, why);
-        finish(self, who, TL_CONTROL_BUSY, why);
+        finish(self, who, TL_CONTROL_BUSY,
+               "another change is under way: try again when it is done; --state shows its step, --rollback cancels it");
         return;
     }
     if (self->listener != NULL) { /* of the one that is on probation */
@@ -212,8 +204,7 @@ static void go_back(tl_activator *self, visitor *who) {
 /* What is under way or on probation is given up. An older version is a candidate like any other. */
 static void bring_back(tl_activator *self, visitor *who) {
     tl_control_request *request = &self->request;
-    const tl_version *active = active_of(self);
-    uint64_t number = request->version != 0 ? request->version : active == NULL ? 0 : active->parent;
+    uint64_t number = request->version != 0 ? request->version : tl_versions_active(&self->versions)->parent;
     const tl_version *version = tl_versions_get(&self->versions, number);
     tl_error error;
     char *text = NULL;
@@ -299,14 +290,12 @@ bool tl_activator_work(tl_activator *activator) {
             who->came = now;
         }
         if (who->peer.socket >= 0) {
+            is_busy = true;
             look_at_client(activator, who, now);
         }
     }
     tl_activation_look(&activator->activation);
     look_at_waiter(activator);
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        is_busy = is_busy || activator->clients[i].peer.socket >= 0;
-    }
     if (is_busy || !tl_activation_is_idle(&activator->activation)) {
         activator->busy = now;
     }

@@ -20,27 +20,15 @@ static double mebibytes(uint64_t bytes) {
     return (double)bytes / (1024.0 * 1024.0);
 }
 
-tl_forecast_result tl_forecast_of(const tl_trial_answer *answer, uint64_t left, char why[TL_FORECAST_TEXT]) {
-    why[0] = '\0';
-    if (answer->least > answer->step) {
-        (void)snprintf(why, TL_FORECAST_TEXT, "a step takes %.3g ms here without any search, and has %.3g ms",
-                       milliseconds(answer->least), milliseconds(answer->step));
-        return TL_FORECAST_TOO_SLOW;
-    }
-    if (left != 0 && answer->memory > left) {
-        (void)snprintf(why, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory, and the box has %.0f MiB left",
-                       mebibytes(answer->memory), mebibytes(left));
-        return TL_FORECAST_NO_MEMORY;
-    }
-    return TL_FORECAST_POSSIBLE;
-}
-
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]) {
     double step = milliseconds(answer->step);
     double budget = milliseconds(answer->budget);
     if (answer->least == 0) {
         (void)snprintf(text, TL_FORECAST_TEXT, "how long a step takes is not known before it runs; it has %.3g ms",
                        step);
+    } else if (answer->least > answer->step) {
+        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms here without any search, and has %.3g ms",
+                       milliseconds(answer->least), step);
     } else if (answer->worst == 0) {
         (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of %.3g ms", milliseconds(answer->least), step);
     } else if (answer->budget == 0 || answer->worst <= answer->budget) {
@@ -193,7 +181,7 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
     say(context, text);
 }
 
-/* ---- judging ---- */
+/* ---- room ---- */
 
 /* A twin that has made up so large a part of its ticks follows nothing, whatever its priority and the reason. */
 enum { LEAST_PART = 4 };
@@ -232,40 +220,6 @@ tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, doub
     return judged == 0 ? TL_COMPARISON_UNJUDGED : *gone > MOST ? TL_COMPARISON_PLANT_GONE : TL_COMPARISON_SEEN;
 }
 
-tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
-                                         char why[TL_COMPARISON_TEXT]) {
-    const tl_run_status *twin = &comparison->twin;
-    const tl_run_status *shadow = &comparison->shadow;
-    double in_lock_now = tl_lock_tally_percent(&twin->lock);
-    double gone = 0.0;
-    why[0] = '\0';
-    if (twin->twin_failures != comparison->before.twin_failures) {
-        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
-        return TL_COMPARISON_BAD;
-    }
-    if (is_absent(shadow)) {
-        return say_no_room("the new twin", shadow, why);
-    }
-    if (suffers(twin, &comparison->before)) {
-        return say_no_room("beside it the run's twin", twin, why);
-    }
-    if (shadow->steps == 0) {
-        (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
-        return TL_COMPARISON_BAD;
-    }
-    if (tl_comparison_sight_of(comparison, &gone) != TL_COMPARISON_SEEN) {
-        return TL_COMPARISON_GOOD;
-    }
-    double in_lock = tl_lock_tally_percent(&shadow->lock);
-    if (in_lock < require_lock && in_lock < in_lock_now) {
-        (void)snprintf(why, TL_COMPARISON_TEXT,
-                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
-                       in_lock, require_lock, in_lock_now);
-        return TL_COMPARISON_BAD;
-    }
-    return TL_COMPARISON_GOOD;
-}
-
 /* ---- worse ---- */
 
 /* The same thing, matched by both, and often enough. */
@@ -296,7 +250,8 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     return is_seen && in_lock < require_lock && in_lock < in_lock_now;
 }
 
-bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
+/* An output is, or the lock by the tolerances of the version before. */
+static bool is_any_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_run_status *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs; i++) {
         const tl_run_output *now = &twin->output[i];
@@ -317,4 +272,37 @@ bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock
     }
     why[0] = '\0';
     return false;
+}
+
+/* ---- judging ---- */
+
+tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
+                                         char why[TL_COMPARISON_TEXT]) {
+    const tl_run_status *twin = &comparison->twin;
+    const tl_run_status *shadow = &comparison->shadow;
+    double in_lock_now = tl_lock_tally_percent(&twin->lock);
+    double gone = 0.0;
+    if (twin->twin_failures != comparison->before.twin_failures) {
+        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
+        return TL_COMPARISON_BAD;
+    }
+    if (is_absent(shadow)) {
+        return say_no_room("the new twin", shadow, why);
+    }
+    if (suffers(twin, &comparison->before)) {
+        return say_no_room("beside it the run's twin", twin, why);
+    }
+    if (shadow->steps == 0) {
+        (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
+        return TL_COMPARISON_BAD;
+    }
+    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
+    double in_lock = tl_lock_tally_percent(&shadow->lock);
+    if (is_seen && in_lock < require_lock && in_lock < in_lock_now) {
+        (void)snprintf(why, TL_COMPARISON_TEXT,
+                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
+                       in_lock, require_lock, in_lock_now);
+        return TL_COMPARISON_BAD;
+    }
+    return is_any_worse(comparison, require_lock, why) ? TL_COMPARISON_WORSE : TL_COMPARISON_GOOD;
 }

@@ -72,13 +72,9 @@ static void record_path(const tl_versions *versions, uint64_t number, char path[
 
 /* ---- words ---- */
 
-static const char *const results[TL_VERSION_RESULTS] = {
+const char *const tl_version_results[TL_VERSION_RESULTS] = {
     [TL_VERSION_CANDIDATE] = "candidate", [TL_VERSION_ACTIVE] = "active",     [TL_VERSION_PROBATION] = "probation",
     [TL_VERSION_KEPT] = "kept",           [TL_VERSION_RETURNED] = "returned", [TL_VERSION_REFUSED] = "refused"};
-
-const char *tl_version_result_name(tl_version_result result) {
-    return results[result];
-}
 
 /* ---- small files ---- */
 
@@ -154,7 +150,8 @@ static void exchange_record(const members *file, tl_version *version) {
     version->origin = (tl_change_origin)exchange_word(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
     version->right = (tl_change_right)exchange_word(file, "right", version->right, tl_change_rights, TL_RIGHTS);
     version->kind = (tl_change_kind)exchange_word(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
-    version->result = (tl_version_result)exchange_word(file, "result", version->result, results, TL_VERSION_RESULTS);
+    version->result =
+        (tl_version_result)exchange_word(file, "result", version->result, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "reason", version->reason, sizeof version->reason);
     exchange_text(file, "who", version->who, sizeof version->who);
     exchange_text(file, "why", version->why, sizeof version->why);
@@ -284,9 +281,9 @@ static void exchange_probation(const members *file, tl_version_probation *probat
         const char *state = tl_lock_state_name((tl_lock_state)i);
         char key[LOCK_KEY];
         (void)snprintf(key, sizeof key, "lock_%s", state);
-        exchange_count(file, key, &account->lock[i]);
+        exchange_count(file, key, &account->lock.steps[i]);
         (void)snprintf(key, sizeof key, "lock_before_%s", state);
-        exchange_count(file, key, &account->lock_before[i]);
+        exchange_count(file, key, &account->lock_before.steps[i]);
     }
     exchange_yardstick(file, &account->yardstick);
     exchange_text(file, "widened", account->widened, sizeof account->widened);
@@ -296,7 +293,8 @@ static void exchange_active(const members *file, tl_versions *versions) {
     exchange_count(file, "active", &versions->active);
     exchange_text(file, "taken", versions->taken, sizeof versions->taken);
     exchange_count(file, "settled", &versions->settled);
-    versions->how = (tl_version_result)exchange_word(file, "settled_as", versions->how, results, TL_VERSION_RESULTS);
+    versions->how =
+        (tl_version_result)exchange_word(file, "settled_as", versions->how, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "settled_because", versions->because, sizeof versions->because);
     exchange_probation(file, &versions->probation);
 }
@@ -346,6 +344,12 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) 
         }
     }
     return NULL;
+}
+
+const tl_version *tl_versions_active(const tl_versions *versions) {
+    static const tl_version none = {.number = 0};
+    const tl_version *active = tl_versions_get(versions, versions->active);
+    return active != NULL ? active : &none;
 }
 
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash) {
@@ -582,11 +586,10 @@ void tl_versions_close(tl_versions *versions) {
 
 static bool is_needed(const tl_versions *versions, size_t index) {
     uint64_t number = versions->list[index].number;
-    const tl_version *active = tl_versions_get(versions, versions->active);
     const tl_version *commissioned = tl_versions_commissioned(versions);
     return index == 0 || index + 1 == versions->count || number == versions->active ||
            number == versions->probation.return_to || (commissioned != NULL && number == commissioned->number) ||
-           (active != NULL && number == active->parent);
+           number == tl_versions_active(versions)->parent;
 }
 
 /* Its record first: a text without one is removed when the folder is opened. */
@@ -685,14 +688,11 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 
 #define NO_PROBATION "no version is on probation"
 
-static tl_status absent(uint64_t number, tl_error *error) {
-    return tl_fail(error, TL_BAD_DATA, "there is no version %" PRIu64, number);
-}
-
 /* The file on the box is taken, whatever comes of it: it is not tried again unless it is changed. An old version that is brought back is not what
  * the file is now. */
-static void take(tl_versions *versions, const tl_version *version) {
-    if (is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
+static void take(tl_versions *versions, uint64_t number) {
+    const tl_version *version = tl_versions_get(versions, number);
+    if (version != NULL && is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
         memcpy(versions->taken, version->hash, sizeof versions->taken);
     }
 }
@@ -716,15 +716,7 @@ static tl_status put(tl_versions *versions, const tl_versions *next, tl_error *e
 
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error) {
     tl_versions next = *versions;
-    const tl_version *version = tl_versions_get(versions, number);
-    if (version == NULL) {
-        return absent(number, error);
-    }
-    if (number == versions->active) {
-        return tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " is active: it can be returned from, not refused",
-                       number);
-    }
-    take(&next, version);
+    take(&next, number);
     note(&next, number, TL_VERSION_REFUSED, reason);
     return put(versions, &next, error);
 }
@@ -732,13 +724,9 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error) {
     tl_versions next = *versions;
-    const tl_version *version = tl_versions_get(versions, number);
     /* if it is no good: what a probation that is under way would have returned to */
     uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
-    if (version == NULL) {
-        return absent(number, error);
-    }
     if (versions->settled == number) {
         note(&next, 0, TL_VERSION_CANDIDATE, ""); /* another life of it begins */
     }
@@ -751,7 +739,7 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     if (account != NULL && return_to != 0 && return_to != number) {
         next.probation = (tl_version_probation){number, return_to, *account};
     }
-    take(&next, version);
+    take(&next, number);
     return put(versions, &next, error);
 }
 
@@ -775,7 +763,7 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 static void choose_same(tl_versions *versions, const char *file, size_t size) {
     tl_error error;
     tl_versions next = *versions;
-    const tl_version *active = tl_versions_get(versions, versions->active);
+    const tl_version *active = tl_versions_active(versions);
     memcpy(next.taken, active->hash, sizeof next.taken);
     if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
         (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, &error) != TL_OK)) {
@@ -832,13 +820,13 @@ static void begin_again(tl_versions *versions) {
 
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error) {
-    const tl_version *active = tl_versions_get(versions, versions->active);
+    const tl_version *active = tl_versions_active(versions);
     char hash[TL_SHA256_TEXT] = "";
     *choice = (tl_version_choice){.size = size};
     if (file != NULL) {
         tl_sha256(file, size, hash);
     }
-    if (file != NULL && active != NULL && strcmp(hash, active->hash) == 0) {
+    if (file != NULL && strcmp(hash, active->hash) == 0) {
         choice->number = active->number;
         choose_same(versions, file, size);
         return TL_OK;
