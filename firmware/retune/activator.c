@@ -50,7 +50,7 @@ static void say(void *context, const tl_control_reply *reply) {
     if (who == NULL) {
         return;
     }
-    (void)tl_control_send(&who->peer, reply);
+    (void)tl_control_send(&who->peer, reply, NULL);
     if (reply->kind == TL_CONTROL_END || who->peer.socket < 0) {
         hang_up(self, who);
     }
@@ -87,7 +87,7 @@ static void show(tl_activator *self, visitor *who) {
     state->deadline_misses = view.figures.deadline_misses;
     state->in_lock = tl_lock_tally_percent(&view.figures.lock);
     (void)snprintf(state->line, sizeof state->line, "%s", view.line);
-    (void)tl_control_send(&who->peer, &reply);
+    (void)tl_control_send(&who->peer, &reply, NULL);
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
@@ -111,18 +111,18 @@ static void list_versions(tl_activator *self, visitor *who) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
         describe(self, &self->versions.list[i - 1], &reply.as.version);
-        (void)tl_control_send(&who->peer, &reply);
+        (void)tl_control_send(&who->peer, &reply, NULL);
     }
     for (size_t i = self->refusals.count; i > 0; i--) {
         reply.as.version = self->refusals.list[i - 1];
         reply.as.version.version = 0; /* it never was one */
-        (void)tl_control_send(&who->peer, &reply);
+        (void)tl_control_send(&who->peer, &reply, NULL);
     }
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
 static void read_version(tl_activator *self, visitor *who) {
-    tl_control_version told;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
     tl_error error;
     char *text = NULL;
     const tl_version *version =
@@ -132,8 +132,9 @@ static void read_version(tl_activator *self, visitor *who) {
     } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
         finish(self, who, TL_CONTROL_FAILED, error.text);
     } else {
-        describe(self, version, &told);
-        (void)tl_control_send_text(&who->peer, &told, text, (size_t)version->size);
+        describe(self, version, &reply.as.version);
+        reply.more = (uint32_t)version->size;
+        (void)tl_control_send(&who->peer, &reply, text);
         finish(self, who, TL_CONTROL_DONE, "");
     }
     free(text);

@@ -46,8 +46,8 @@ void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char
     int length =
         snprintf(text, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory at most", mebibytes(answer->memory));
     if (left != 0) {
-        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left",
-                       mebibytes(left));
+        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left%s",
+                       mebibytes(left), answer->memory > left ? ": " TL_ACTIVATION_NO_ROOM : "");
     }
 }
 

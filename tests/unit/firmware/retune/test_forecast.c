@@ -36,6 +36,10 @@ static void test_the_words(void) {
     expect_time("how long a step takes is not known before it runs; it has 10 ms");
     tl_forecast_write_memory(&answer, 900 * MEBIBYTE, text);
     TEST_ASSERT_EQUAL_STRING("its twin takes 30 MiB of memory at most; the box has 900 MiB left", text);
+    tl_forecast_write_memory(&answer, 29 * MEBIBYTE, text);
+    TEST_ASSERT_EQUAL_STRING("its twin takes 30 MiB of memory at most; the box has 29 MiB left: this box does not "
+                             "carry two twins",
+                             text);
     tl_forecast_write_memory(&answer, 0, text);
     TEST_ASSERT_EQUAL_STRING("its twin takes 30 MiB of memory at most", text);
 }
