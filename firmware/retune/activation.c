@@ -639,27 +639,11 @@ static void say_comparison(void *context, const char *text) {
     say_step(context, TL_CONTROL_COMPARE, "%s", text);
 }
 
-/* What the comparison could not see. */
-static void say_sight(const tl_activation *self) {
-    double gone = 0.0;
-    double compared = tl_seconds(length_of_shadow(self) - lead_in_of(self));
-    tl_comparison_sight sight = tl_comparison_sight_of(&self->rehearsal.comparison, &gone);
-    if (sight == TL_COMPARISON_UNJUDGED) {
-        say_step(self, TL_CONTROL_COMPARE, "nothing came that its lock is judged by: that is left to its probation");
-    } else if (sight == TL_COMPARISON_PLANT_GONE) {
-        say_step(self, TL_CONTROL_COMPARE,
-                 "the plant was not there for %.3g of %.3g s: its lock is not judged by the rest, but by its "
-                 "probation",
-                 gone * compared, compared);
-    }
-}
-
 static outcome begin_comparison(tl_activation *self) {
     const tl_comparison *comparison = &self->rehearsal.comparison;
     bool insists = (self->request.flags & TL_CONTROL_EVEN_WORSE) != 0;
     char why[TL_COMPARISON_TEXT];
     tl_comparison_tell(comparison, say_comparison, self);
-    say_sight(self);
     switch (tl_comparison_judge(comparison, required_lock(self), why)) {
     case TL_COMPARISON_GOOD:
         break;
@@ -688,21 +672,15 @@ static uint32_t length_of_probation(const tl_activation *self) {
     return (uint32_t)(given < TL_PROBATION_LONGEST_S ? given : TL_PROBATION_LONGEST_S);
 }
 
-/* Whether the candidate is what the run's own file has by now. */
-static bool is_own_file(const tl_activation *self) {
-    char *file = tl_box_read_file(self->settings.path);
-    bool is = file != NULL && strcmp(file, self->text) == 0;
-    free(file);
-    return is;
-}
-
 static tl_status put_version(tl_activation *self, tl_error *error) {
     const tl_control_request *request = &self->request;
     const tl_probation_terms terms = {.given_s = length_of_probation(self),
                                       .require_lock = required_lock(self),
                                       .must_confirm = (request->flags & TL_CONTROL_BY_PERSON) != 0};
     const tl_run_status now = view_now(self).figures;
-    bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && !is_own_file(self);
+    char *file = tl_box_read_file(self->settings.path); /* the run's own, as it is by now */
+    bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && (file == NULL || strcmp(file, self->text) != 0);
+    free(file);
     const tl_version_news news = {.text = self->text,
                                   .size = self->size,
                                   .who = request->who,
@@ -1182,14 +1160,10 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
     return true;
 }
 
-bool tl_activation_refuse(tl_activation *activation, const char *who) {
-    if (activation->step != TL_CONTROL_PROBATION) {
-        return false;
-    }
+void tl_activation_refuse(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
     (void)decide(activation, TL_PROBATION_RETURN, who, "returned from it");
     run_steps(activation, poll_probation(activation));
-    return true;
 }
 
 void tl_activation_end(tl_activation *activation) {

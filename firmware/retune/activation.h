@@ -43,7 +43,6 @@ typedef struct tl_activation_settings {
     uint64_t memory_limit; /* as in worker.h */
     bool unconfined;
     int (*be)(const char *title, void *context); /* as in worker.h */
-    void *context;                               /* of it */
 
     /* Says something to who has asked for the change; nobody may listen any more. TL_CONTROL_END is the last. */
     void (*say)(void *listener, const tl_control_reply *reply);
@@ -139,9 +138,11 @@ bool tl_activation_cancel(tl_activation *activation, const char *who);
 /* By the tolerances of the version that the probation would return to, the lock is lost: to confirm then takes the right to commission. */
 bool tl_activation_is_lost_before(const tl_activation *activation);
 
-/* The version on probation is kept, or returned from. False: there is none. *is_done: that is on disk. What comes of a return is said. */
+/* The version on probation is kept. False: there is none. *is_done: that is on disk. */
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
-bool tl_activation_refuse(tl_activation *activation, const char *who);
+
+/* The version on probation, at the step TL_CONTROL_PROBATION, is returned from. What comes of that is said. */
+void tl_activation_refuse(tl_activation *activation, const char *who);
 
 /* Goes on; as often as wanted. */
 void tl_activation_look(tl_activation *activation);

@@ -21,7 +21,7 @@ typedef struct visitor {
 } visitor;
 
 struct tl_activator {
-    tl_activator_settings settings;
+    int socket; /* listens */
     tl_versions versions;
     tl_refusals refusals;
     tl_activation activation;
@@ -199,7 +199,7 @@ static void go_back(tl_activator *self, visitor *who) {
         finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
     }
     self->listener = who;
-    (void)tl_activation_refuse(&self->activation, self->request.who);
+    tl_activation_refuse(&self->activation, self->request.who);
 }
 
 /* What is under way or on probation is given up. An older version is a candidate like any other. */
@@ -275,7 +275,7 @@ static void wait_for_something(tl_activator *self) {
         waited[i] = (struct pollfd){.fd = self->clients[i].peer.socket, .events = POLLIN};
         is_full = is_full && waited[i].fd >= 0;
     }
-    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->settings.listener, .events = POLLIN};
+    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->socket, .events = POLLIN};
     (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_ACTIVATOR_LOOK / (TL_SECOND / 1000)));
 }
 
@@ -287,7 +287,7 @@ bool tl_activator_work(tl_activator *activator) {
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         visitor *who = &activator->clients[i];
         if (who->peer.socket < 0 && is_knocked) {
-            is_knocked = tl_control_accept(activator->settings.listener, &who->peer);
+            is_knocked = tl_control_accept(activator->socket, &who->peer);
             who->came = now;
         }
         if (who->peer.socket >= 0) {
@@ -305,28 +305,30 @@ bool tl_activator_work(tl_activator *activator) {
 
 /* ---- its life ---- */
 
-tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator **activator, tl_error *error) {
+tl_status tl_activator_open(int socket, const char *state, const tl_activation_settings *settings,
+                            tl_activator **activator, tl_error *error) {
+    tl_activation_settings own = *settings;
     tl_activator *made = calloc(1, sizeof *made);
     *activator = NULL;
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    tl_status status = tl_versions_open(settings->state, &made->versions, error);
+    tl_status status = tl_versions_open(state, &made->versions, error);
     if (status != TL_OK) {
         free(made);
         return status;
     }
     tl_refusals_open(&made->refusals, &made->versions);
-    made->settings = *settings;
+    made->socket = socket;
     made->busy = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         made->clients[i].peer.socket = -1;
     }
-    made->settings.activation.versions = &made->versions;
-    made->settings.activation.refusals = &made->refusals;
-    made->settings.activation.say = say;
-    made->settings.activation.listener = made;
-    tl_activation_begin(&made->activation, &made->settings.activation);
+    own.versions = &made->versions;
+    own.refusals = &made->refusals;
+    own.say = say;
+    own.listener = made;
+    tl_activation_begin(&made->activation, &own);
     *activator = made;
     return TL_OK;
 }

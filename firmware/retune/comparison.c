@@ -157,6 +157,16 @@ static void write_work(const char *who, const tl_run_status *work, char text[TL_
                    work->deadline_misses, lock);
 }
 
+/* Percent of the steps in which no matched signal was good; 100 if no step was judged: no stroke has ended yet (event horizon). */
+static double percent_unseen(const tl_comparison *comparison) {
+    const tl_lock_tally *lock = &comparison->shadow.lock;
+    uint64_t judged = tl_lock_tally_total(lock);
+    return judged == 0 ? 100.0 : 100.0 * share((double)lock->steps[TL_LOCK_FREE], judged);
+}
+
+/* Most of the time decides what the rest is worth. */
+static const double MOST_PERCENT = 50.0;
+
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context) {
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
@@ -179,6 +189,15 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
     say(context, text);
     write_work("new", shadow, text);
     say(context, text);
+    if (tl_lock_tally_total(&shadow->lock) == 0) {
+        say(context, "nothing came that its lock is judged by: that is left to its probation");
+    } else if (percent_unseen(comparison) > MOST_PERCENT) {
+        (void)snprintf(text, sizeof text,
+                       "the plant was not there for %.3g %% of the time: its lock is not judged by the rest, but by "
+                       "its probation",
+                       percent_unseen(comparison));
+        say(context, text);
+    }
 }
 
 /* ---- room ---- */
@@ -210,16 +229,6 @@ static tl_comparison_result say_no_room(const char *who, const tl_run_status *fi
     return TL_COMPARISON_NO_ROOM;
 }
 
-/* Most of the time decides what the rest is worth. */
-static const double MOST = 0.5;
-
-tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone) {
-    const tl_lock_tally *lock = &comparison->shadow.lock;
-    uint64_t judged = tl_lock_tally_total(lock);
-    *gone = share((double)lock->steps[TL_LOCK_FREE], judged);
-    return judged == 0 ? TL_COMPARISON_UNJUDGED : *gone > MOST ? TL_COMPARISON_PLANT_GONE : TL_COMPARISON_SEEN;
-}
-
 /* ---- worse ---- */
 
 /* The same thing, matched by both, and often enough. */
@@ -240,14 +249,12 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     const tl_lock_tally *lock = &comparison->shadow.lock_before;
     double in_lock_now = tl_lock_tally_percent(&comparison->twin.lock);
     double in_lock = tl_lock_tally_total(lock) == lock->steps[TL_LOCK_FREE] ? 100.0 : tl_lock_tally_percent(lock);
-    double gone = 0.0;
-    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
     (void)snprintf(
         why, TL_COMPARISON_TEXT,
         "by the tolerances of the version before, the new twin was in lock for %.4g %% of the steps, asked are "
         "%.4g %%; the run's for %.4g %%",
         in_lock, require_lock, in_lock_now);
-    return is_seen && in_lock < require_lock && in_lock < in_lock_now;
+    return percent_unseen(comparison) <= MOST_PERCENT && in_lock < require_lock && in_lock < in_lock_now;
 }
 
 /* An output is, or the lock by the tolerances of the version before. */
@@ -281,7 +288,6 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
     double in_lock_now = tl_lock_tally_percent(&twin->lock);
-    double gone = 0.0;
     if (twin->twin_failures != comparison->before.twin_failures) {
         (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
         return TL_COMPARISON_BAD;
@@ -296,7 +302,7 @@ tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double
         (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
         return TL_COMPARISON_BAD;
     }
-    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
+    bool is_seen = percent_unseen(comparison) <= MOST_PERCENT;
     double in_lock = tl_lock_tally_percent(&shadow->lock);
     if (is_seen && in_lock < require_lock && in_lock < in_lock_now) {
         (void)snprintf(why, TL_COMPARISON_TEXT,

@@ -57,13 +57,6 @@ typedef enum tl_comparison_result {
     TL_COMPARISON_WORSE /* an output is, or the lock by the tolerances of the version that a probation would return to */
 } tl_comparison_result;
 
-/* What can be said of the shadow's lock. */
-typedef enum tl_comparison_sight {
-    TL_COMPARISON_SEEN,
-    TL_COMPARISON_UNJUDGED,  /* nothing has come yet that it is judged by: no stroke has ended (event horizon) */
-    TL_COMPARISON_PLANT_GONE /* no matched signal was good for more than half of the time */
-} tl_comparison_sight;
-
 /* `before`: the run's twin before there was a shadow. */
 void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now);
 
@@ -71,11 +64,8 @@ void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *no
 
 /* ---- after its end ---- */
 
-/* `say` gets a line for each output, and one for each twin. */
+/* `say` gets a line for each output, one for each twin, and one if the shadow's lock cannot be judged. */
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
-
-/* *gone: which part of the time no matched signal was good, 0 … 1. */
-tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone);
 
 /* `require_lock`: percent; 0: not asked. `why`: "" of a good one. */
 tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,

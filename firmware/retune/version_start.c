@@ -59,7 +59,6 @@ static bool ask_validator(starting_run *self, const char *in_force) {
                          [TL_WORKER_KEPT] = kept}},
         .limit = VALIDATION,
         .be = self->start->be,
-        .context = self->start->context,
     };
     tl_status status = tl_worker_start(&worker, &settings, &error);
     free(kept);

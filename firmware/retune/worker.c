@@ -53,11 +53,6 @@ static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *e
     return status;
 }
 
-static void drop_line(void *context, const char *line) {
-    (void)context;
-    (void)line;
-}
-
 /* What it prints goes into a pipe, which is at its end once the process is. */
 static tl_status start_process(tl_worker *worker, const tl_worker_settings *settings, const tl_block *job,
                                tl_error *error) {
@@ -84,8 +79,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
     (void)close(nothing);
     (void)close(output[1]);
     if (status == TL_OK) {
-        tl_relay_open(&worker->relay, output[0], settings->hear != NULL ? settings->hear : drop_line,
-                      settings->context);
+        tl_relay_open(&worker->relay, output[0], settings->hear, settings->context);
     } else {
         (void)close(output[0]);
     }
