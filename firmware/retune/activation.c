@@ -207,18 +207,10 @@ static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_resu
 
 /* ---- authorise ---- */
 
-/* The same text means other FMUs if one of their files was replaced. */
-static bool is_active_already(tl_activation *self) {
-    const tl_activation_host *host = self->settings.host;
-    if (strcmp(active_of(self)->hash, self->request.hash) != 0) {
-        return false;
-    }
-    self->has_other_fmus = host->has_other_fmus(host->context, self->text, self->size);
-    return !self->has_other_fmus;
-}
-
 static outcome begin_authorisation(tl_activation *self) {
+    const tl_activation_host *host = self->settings.host;
     const tl_control_request *request = &self->request;
+    bool is_active = strcmp(active_of(self)->hash, request->hash) == 0;
     tl_error error;
     say_step(self, TL_CONTROL_AUTHORISE, "%s", tl_change_rights[request->right]);
     if (request->right < TL_RIGHT_RETUNE) {
@@ -230,7 +222,9 @@ static outcome begin_authorisation(tl_activation *self) {
     if (self->text == NULL) {
         return fail(self, "not enough memory");
     }
-    if (is_active_already(self)) {
+    /* The same text means other FMUs if one of their files was replaced. */
+    self->has_other_fmus = is_active && host->has_other_fmus(host->context, self->text, self->size);
+    if (is_active && !self->has_other_fmus) {
         say_end(self, TL_CONTROL_SAME, "that is what is active");
         return ENDED;
     }
@@ -521,8 +515,7 @@ static outcome begin_forecast(tl_activation *self) {
 static const tl_time LEAD_IN = 10 * TL_SECOND;
 
 static tl_time length_of_shadow(const tl_activation *self) {
-    uint32_t given = self->request.shadow_s;
-    given = given == 0 ? TL_ACTIVATION_SHADOW_S : given;
+    uint32_t given = self->request.shadow_s == 0 ? TL_ACTIVATION_SHADOW_S : self->request.shadow_s;
     return (tl_time)(given < TL_ACTIVATION_SHADOW_LONGEST_S ? given : TL_ACTIVATION_SHADOW_LONGEST_S) * TL_SECOND;
 }
 
@@ -537,7 +530,7 @@ static double required_lock(const tl_activation *self) {
 }
 
 static outcome begin_shadow(tl_activation *self) {
-    self->rehearsal = (tl_rehearsal){.before = view_now(self).figures};
+    self->rehearsal = (tl_rehearsal){.comparison.before = view_now(self).figures};
     say_step(self, TL_CONTROL_SHADOW, "its twin is begun beside the run's");
     if (required_lock(self) > 0.0) {
         tl_time third = self->verdict.window / 3; /* of what is compared, as a quarter is of all */
@@ -623,7 +616,7 @@ static outcome poll_live(tl_activation *self) {
     rehearsal->live += self->passed;
     if (!rehearsal->is_compared && rehearsal->live >= lead_in_of(self)) {
         rehearsal->is_compared = true;
-        tl_comparison_begin(&rehearsal->comparison, &rehearsal->before, &shadow);
+        tl_comparison_begin(&rehearsal->comparison, &shadow);
     } else if (rehearsal->live >= length_of_shadow(self)) {
         rehearsal->live = length_of_shadow(self);
         say_live(self);
@@ -828,15 +821,24 @@ static void end_flip(tl_activation *self) {
     }
 }
 
+static void say_probation(const tl_activation *self, const char *in_force) {
+    const tl_probation_terms *terms = &self->probation.account.terms;
+    say_step(self, TL_CONTROL_PROBATION, "%u s; %s", terms->given_s,
+             terms->must_confirm ? "it is returned from unless somebody confirms it" : "it is kept if the lock holds");
+    if (terms->require_lock > 0.0 && !terms->must_confirm) {
+        say_window(self, TL_CONTROL_PROBATION, (tl_time)terms->given_s * TL_SECOND, 0, "--probation");
+    }
+    if ((self->request.flags & TL_CONTROL_WAIT) == 0) {
+        say_end(self, TL_CONTROL_DONE, in_force);
+    }
+}
+
 /* The run is of the version that is active on disk. */
 static outcome begin_probation(tl_activation *self) {
-    const tl_probation_terms *terms = &self->probation.account.terms;
     const tl_version *active = active_of(self);
     char text[TL_CONTROL_TEXT];
     char changes[384];
-    const tl_activation_cause cause = self->cause;
-    bool is_wanted = self->is_wanted;
-    bool is_return = cause == TL_ACTIVATION_RETURN;
+    bool is_return = self->cause == TL_ACTIVATION_RETURN;
     bool is_flip = self->way == TL_ACTIVATION_BY_FLIP;
     write_changes(self, changes, sizeof changes);
     (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s", active->number, active->hash,
@@ -846,24 +848,15 @@ static outcome begin_probation(tl_activation *self) {
     if (is_flip) {
         end_flip(self);
     }
-    forget_change(self);
     if (is_return) {
         say_step(self, TL_CONTROL_RETURNED, "%s%s", is_flip ? "by a flip: " : "", self->reason);
-        say_end(self, is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
+        say_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
+    } else if (self->cause == TL_ACTIVATION_CANDIDATE) {
+        self->unsaved = 0;
+        self->pause = 0;
+        say_probation(self, text);
     }
-    if (cause != TL_ACTIVATION_CANDIDATE) {
-        return RUNNING;
-    }
-    self->unsaved = 0;
-    self->pause = 0;
-    say_step(self, TL_CONTROL_PROBATION, "%u s; %s", terms->given_s,
-             terms->must_confirm ? "it is returned from unless somebody confirms it" : "it is kept if the lock holds");
-    if (terms->require_lock > 0.0 && !terms->must_confirm) {
-        say_window(self, TL_CONTROL_PROBATION, (tl_time)terms->given_s * TL_SECOND, 0, "--probation");
-    }
-    if ((self->request.flags & TL_CONTROL_WAIT) == 0) {
-        say_end(self, TL_CONTROL_DONE, text);
-    }
+    forget_change(self);
     return RUNNING;
 }
 
@@ -1109,7 +1102,6 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
     if (request->why[strspn(request->why, " \t\r\n")] == '\0') {
         activation->request.why[0] = '\0'; /* it says nothing */
     }
-    activation->has_other_fmus = false;
     activation->size = size;
     activation->text = malloc(size + 1);
     if (activation->text != NULL) {

@@ -55,7 +55,6 @@ typedef struct tl_rehearsal {
     bool has_run;     /* it was seen to compute */
     bool is_compared; /* the window has begun */
     tl_time live;
-    tl_run_status before;   /* the run's twin, before */
     tl_run_status recorded; /* the shadow, as it was seen last over recorded samples */
     tl_comparison comparison;
 } tl_rehearsal;

@@ -193,15 +193,6 @@ static void confirm(tl_activator *self, visitor *who) {
     }
 }
 
-/* The version on probation is left: its client is told so, and this one is told what comes of that. */
-static void go_back(tl_activator *self, visitor *who) {
-    if (self->listener != NULL) {
-        finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
-    }
-    self->listener = who;
-    tl_activation_refuse(&self->activation, self->request.who);
-}
-
 /* What is under way or on probation is given up. An older version is a candidate like any other. */
 static void bring_back(tl_activator *self, visitor *who) {
     tl_control_request *request = &self->request;
@@ -218,7 +209,11 @@ static void bring_back(tl_activator *self, visitor *who) {
                        : "a change is being made just now, and cannot be cancelled: try again");
     } else if (self->activation.step == TL_CONTROL_PROBATION &&
                (request->version == 0 || request->version == self->versions.probation.return_to)) {
-        go_back(self, who);
+        if (self->listener != NULL) { /* waits for that version */
+            finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
+        }
+        self->listener = who;
+        tl_activation_refuse(&self->activation, request->who);
     } else if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT,
                request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"

@@ -94,14 +94,14 @@ static void subtract(const tl_run_status *before, tl_run_status *now) {
     }
 }
 
-void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now) {
-    *comparison = (tl_comparison){.before = *before, .shadow = now->work, .twin = now->beside};
+void tl_comparison_begin(tl_comparison *comparison, const tl_activation_shadow *now) {
+    comparison->shadow = now->work;
+    comparison->twin = now->beside;
 }
 
 void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now) {
     const tl_comparison begun = *comparison;
-    comparison->shadow = now->work;
-    comparison->twin = now->beside;
+    tl_comparison_begin(comparison, now);
     subtract(&begun.shadow, &comparison->shadow);
     subtract(&begun.twin, &comparison->twin);
 }

@@ -44,7 +44,7 @@ uint64_t tl_forecast_memory_left(void);
 
 enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
 
-/* Fields are private. */
+/* `before` is set by the caller; the other fields are private. */
 typedef struct tl_comparison {
     tl_run_status before;       /* the run's twin, before there was a shadow */
     tl_run_status shadow, twin; /* as they were when it began; then what they have done in it */
@@ -57,9 +57,7 @@ typedef enum tl_comparison_result {
     TL_COMPARISON_WORSE /* an output is, or the lock by the tolerances of the version that a probation would return to */
 } tl_comparison_result;
 
-/* `before`: the run's twin before there was a shadow. */
-void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now);
-
+void tl_comparison_begin(tl_comparison *comparison, const tl_activation_shadow *now);
 void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
 
 /* ---- after its end ---- */

@@ -117,10 +117,25 @@ static size_t exchange_word(const members *file, const char *key, size_t word, c
     return 0;
 }
 
-static tl_status write_members(tl_json_writer *writer, const char *path, tl_error *error) {
-    tl_status status = tl_json_file_write(writer, path, error);
-    tl_json_writer_free(writer);
+/* All members of a file's content, in their order. */
+typedef void exchange_content(const members *file, void *content);
+
+static tl_status write_content(const char *path, exchange_content *exchange, void *content, tl_error *error) {
+    tl_json_writer writer;
+    tl_json_writer_begin(&writer);
+    exchange(&(members){.writer = &writer}, content);
+    tl_status status = tl_json_file_write(&writer, path, error);
+    tl_json_writer_free(&writer);
     return status;
+}
+
+/* False: the file cannot be read, or a member is missing or of another type. */
+static bool read_content(const char *path, exchange_content *exchange, void *content) {
+    tl_json_reader reader = tl_json_file_read(path);
+    exchange(&(members){.reader = &reader}, content);
+    bool right = reader.right;
+    tl_json_reader_free(&reader);
+    return right;
 }
 
 /* What a version takes beside its text: its record, and active.json. */
@@ -142,7 +157,8 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 
 /* ---- a record ---- */
 
-static void exchange_record(const members *file, tl_version *version) {
+static void exchange_record(const members *file, void *content) {
+    tl_version *version = content;
     exchange_count(file, "version", &version->number);
     exchange_count(file, "parent", &version->parent);
     exchange_text(file, "hash", version->hash, sizeof version->hash);
@@ -162,12 +178,9 @@ static void exchange_record(const members *file, tl_version *version) {
 
 static tl_status write_record(const tl_versions *versions, const tl_version *version, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     tl_version copy = *version;
-    tl_json_writer_begin(&writer);
-    exchange_record(&(members){.writer = &writer}, &copy);
     record_path(versions, version->number, path);
-    return write_members(&writer, path, error);
+    return write_content(path, exchange_record, &copy, error);
 }
 
 /* ---- a text ---- */
@@ -289,7 +302,8 @@ static void exchange_probation(const members *file, tl_version_probation *probat
     exchange_text(file, "widened", account->widened, sizeof account->widened);
 }
 
-static void exchange_active(const members *file, tl_versions *versions) {
+static void exchange_active(const members *file, void *content) {
+    tl_versions *versions = content;
     exchange_count(file, "active", &versions->active);
     exchange_text(file, "taken", versions->taken, sizeof versions->taken);
     exchange_count(file, "settled", &versions->settled);
@@ -301,12 +315,9 @@ static void exchange_active(const members *file, tl_versions *versions) {
 
 static tl_status write_active(const tl_versions *versions, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     tl_versions copy = *versions;
-    tl_json_writer_begin(&writer);
-    exchange_active(&(members){.writer = &writer}, &copy);
     path_of(versions, "active", path);
-    return write_members(&writer, path, error);
+    return write_content(path, exchange_active, &copy, error);
 }
 
 /* Numbers that this program may have given. */
@@ -325,10 +336,7 @@ static bool read_active(tl_versions *versions) {
     if (access(path, F_OK) != 0 && errno == ENOENT) {
         return true;
     }
-    tl_json_reader reader = tl_json_file_read(path);
-    exchange_active(&(members){.reader = &reader}, &found);
-    bool right = reader.right && is_active_sound(&found);
-    tl_json_reader_free(&reader);
+    bool right = read_content(path, exchange_active, &found) && is_active_sound(&found);
     if (right) {
         *versions = found;
     }
@@ -425,7 +433,6 @@ static void keep_folder(const char *path) {
 }
 
 static tl_status make_folder(const char *state, tl_versions *versions, tl_error *error) {
-    struct stat about;
     int length = snprintf(versions->folder, sizeof versions->folder, "%s/versions", state);
     if (length + LONGEST_NAME >= (int)sizeof versions->folder) {
         return tl_fail(error, TL_BAD_DATA, "the folder of versions, %.100s…: its name is too long", state);
@@ -436,8 +443,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
         return tl_fail(error, TL_TRY_AGAIN, "the folder of versions, %.300s: cannot be made: %s", versions->folder,
                        strerror(errno));
     }
-    if (stat(versions->folder, &about) != 0 || !S_ISDIR(about.st_mode) ||
-        access(versions->folder, R_OK | W_OK | X_OK) != 0) {
+    if (access(versions->folder, R_OK | W_OK | X_OK) != 0) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "the folder of versions, %.300s: expected a folder that this user may read and write",
                        versions->folder);
@@ -450,11 +456,8 @@ static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
     char path[PATH_MAX];
     tl_version version = {.number = 0};
     record_path(versions, number, path);
-    tl_json_reader reader = tl_json_file_read(path);
-    exchange_record(&(members){.reader = &reader}, &version);
-    bool right = reader.right && version.number == number && version.parent < number && is_hash(version.hash) &&
-                 version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
-    tl_json_reader_free(&reader);
+    bool right = read_content(path, exchange_record, &version) && version.number == number && version.parent < number &&
+                 is_hash(version.hash) && version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
     versions->newest = number > versions->newest ? number : versions->newest;
     if (!right) {
         tl_log(TL_LOG_WARNING, "%s: is damaged: version %" PRIu64 " cannot be brought back", path, number);
@@ -862,7 +865,8 @@ typedef struct refusal_file {
     char result[16], reason[TL_VERSION_WHY];
 } refusal_file;
 
-static void exchange_refusal(const members *file, refusal_file *content) {
+static void exchange_refusal(const members *file, void *given) {
+    refusal_file *content = given;
     tl_control_version *refusal = &content->refusal;
     exchange_count(file, "number", &refusal->version);
     exchange_text(file, "hash", refusal->hash, sizeof refusal->hash);
@@ -890,12 +894,9 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
         refusal_file content;
         memset(&content, 0, sizeof content);
         refusal_path(refusals, i, path);
-        tl_json_reader reader = tl_json_file_read(path);
-        exchange_refusal(&(members){.reader = &reader}, &content);
-        if (reader.right && content.refusal.version % TL_REFUSALS_MOST == i) {
+        if (read_content(path, exchange_refusal, &content) && content.refusal.version % TL_REFUSALS_MOST == i) {
             refusals->list[refusals->count++] = content.refusal;
         }
-        tl_json_reader_free(&reader);
     }
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
 }
@@ -903,7 +904,6 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
 tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     refusal_file content;
     tl_control_version *list = refusals->list;
     tl_control_version *refusal = &content.refusal;
@@ -916,13 +916,12 @@ tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *reque
     tl_text_for_people(request->who, refusal->who, sizeof refusal->who);
     tl_text_for_people(request->why, refusal->why, sizeof refusal->why);
     tl_utc_text(tl_utc_now(), refusal->at);
-    tl_json_writer_begin(&writer);
-    exchange_refusal(&(members){.writer = &writer}, &content);
+    refusal_path(refusals, refusal->version, path);
+    tl_status status = write_content(path, exchange_refusal, &content, error);
     if (refusals->count == TL_REFUSALS_MOST) {
         memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
         refusals->count--;
     }
     list[refusals->count++] = *refusal;
-    refusal_path(refusals, refusal->version, path);
-    return write_members(&writer, path, error);
+    return status;
 }
