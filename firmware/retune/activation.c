@@ -567,8 +567,8 @@ static outcome fail_shadow(tl_activation *self, const tl_activation_shadow *shad
     char text[TL_CONTROL_TEXT];
     (void)tl_clean_text(shadow->why, strnlen(shadow->why, sizeof shadow->why), why, sizeof why);
     (void)snprintf(text, sizeof text, "its twin did not stay beside the run's: %s", why[0] == '\0' ? "it died" : why);
-    return !has_run || strstr(why, TL_ACTIVATION_NO_ROOM) != NULL ? make_no_room(self, text)
-                                                                  : refuse(self, TL_CONTROL_INVALID, "%s", text);
+    return !has_run || strstr(why, TL_COMPARISON_TWO_TWINS) != NULL ? make_no_room(self, text)
+                                                                    : refuse(self, TL_CONTROL_INVALID, "%s", text);
 }
 
 static void say_loading(const tl_activation *self) {
@@ -616,11 +616,11 @@ static outcome poll_live(tl_activation *self) {
     rehearsal->live += self->passed;
     if (!rehearsal->is_compared && rehearsal->live >= lead_in_of(self)) {
         rehearsal->is_compared = true;
-        tl_comparison_begin(&rehearsal->comparison, &shadow);
+        tl_comparison_begin(&rehearsal->comparison, &shadow.work, &shadow.beside);
     } else if (rehearsal->live >= length_of_shadow(self)) {
         rehearsal->live = length_of_shadow(self);
         say_live(self);
-        tl_comparison_end(&rehearsal->comparison, &shadow);
+        tl_comparison_end(&rehearsal->comparison, &shadow.work, &shadow.beside);
         return DONE;
     }
     return RUNNING;

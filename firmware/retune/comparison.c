@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "firmware/base/os.h"
+#include "firmware/retune/probation.h"
 
 /* ---- forecast ---- */
 
@@ -47,7 +48,7 @@ void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char
         snprintf(text, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory at most", mebibytes(answer->memory));
     if (left != 0) {
         (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left%s",
-                       mebibytes(left), answer->memory > left ? ": " TL_ACTIVATION_NO_ROOM : "");
+                       mebibytes(left), answer->memory > left ? ": " TL_COMPARISON_TWO_TWINS : "");
     }
 }
 
@@ -94,14 +95,14 @@ static void subtract(const tl_run_status *before, tl_run_status *now) {
     }
 }
 
-void tl_comparison_begin(tl_comparison *comparison, const tl_activation_shadow *now) {
-    comparison->shadow = now->work;
-    comparison->twin = now->beside;
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin) {
+    comparison->shadow = *shadow;
+    comparison->twin = *twin;
 }
 
-void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now) {
+void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin) {
     const tl_comparison begun = *comparison;
-    tl_comparison_begin(comparison, now);
+    tl_comparison_begin(comparison, shadow, twin);
     subtract(&begun.shadow, &comparison->shadow);
     subtract(&begun.twin, &comparison->twin);
 }
@@ -224,7 +225,7 @@ static bool suffers(const tl_run_status *figures, const tl_run_status *measure) 
 static tl_comparison_result say_no_room(const char *who, const tl_run_status *figures, char why[TL_COMPARISON_TEXT]) {
     (void)snprintf(why, TL_COMPARISON_TEXT,
                    "%s missed %" PRIu64 " deadlines and made %" PRIu64 " ticks up of %" PRIu64
-                   ": " TL_ACTIVATION_NO_ROOM,
+                   ": " TL_COMPARISON_TWO_TWINS,
                    who, figures->deadline_misses, figures->skipped, figures->ticks);
     return TL_COMPARISON_NO_ROOM;
 }

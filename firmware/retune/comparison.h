@@ -7,7 +7,7 @@
 
 #include <stdint.h>
 
-#include "firmware/retune/activation_host.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/retune/worker.h"
 
 /* ---- The forecast of a candidate: what its twin will take of the box, in words.
@@ -16,6 +16,9 @@
  */
 
 enum { TL_FORECAST_TEXT = 192 };
+
+/* In the reason of a shadow that has ended because it could not keep pace beside the run's twin. */
+#define TL_COMPARISON_TWO_TWINS "this box does not carry two twins"
 
 /* "a step takes 0.15 ms of 10 ms, and with all of its search 2.3 ms; the budget ends that after 8 ms" */
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]);
@@ -57,8 +60,9 @@ typedef enum tl_comparison_result {
     TL_COMPARISON_WORSE /* an output is, or the lock by the tolerances of the version that a probation would return to */
 } tl_comparison_result;
 
-void tl_comparison_begin(tl_comparison *comparison, const tl_activation_shadow *now);
-void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
+/* `shadow` and `twin`: how both are at the same moment. */
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin);
+void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin);
 
 /* ---- after its end ---- */
 

@@ -10,7 +10,7 @@
 enum { LINES = 8 };
 
 static tl_run_status before;
-static tl_activation_shadow now;
+static struct { tl_run_status work, beside; } now;
 static tl_comparison comparison;
 static char why[TL_COMPARISON_TEXT];
 static char told[LINES][TL_COMPARISON_TEXT];
@@ -50,7 +50,7 @@ void setUp(void) {
     set_output(&now.beside, 0, "motor.omega", 100, 1e6);
     set_output(&now.work, 0, "motor.omega", 50, 1e9);
     comparison.before = before;
-    tl_comparison_begin(&comparison, &now);
+    tl_comparison_begin(&comparison, &now.work, &now.beside);
     do_steps(&now.work);
     do_steps(&now.beside);
 }
@@ -58,7 +58,7 @@ void setUp(void) {
 void tearDown(void) {}
 
 static tl_comparison_result judge(void) {
-    tl_comparison_end(&comparison, &now);
+    tl_comparison_end(&comparison, &now.work, &now.beside);
     return tl_comparison_judge(&comparison, 95.0, why);
 }
 
@@ -70,7 +70,7 @@ static void test_the_words(void) {
     set_output(&now.beside, 1, "motor.i", 0, 0.0);
     set_output(&now.work, 0, "motor.omega", 150, 1e9 + 100.0);
     set_output(&now.work, 1, "motor.T", 4, 16.0);
-    tl_comparison_end(&comparison, &now);
+    tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_tell(&comparison, hear, NULL);
     TEST_ASSERT_EQUAL_size_t(5, lines);
     TEST_ASSERT_EQUAL_STRING("motor.omega, root mean square of y − ŷ: now 2 rad/s, new 1 rad/s", told[0]);
@@ -94,7 +94,7 @@ static void test_what_no_twin_could_say(void) {
     for (size_t i = 2; i < TL_MAX_MATCH; i++) {
         set_output(&now.work, i, "motor.omega", 0, 0.0); /* that name is there already */
     }
-    tl_comparison_end(&comparison, &now);
+    tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_tell(&comparison, hear, NULL);
     TEST_ASSERT_EQUAL_size_t(4, lines);
     TEST_ASSERT_EQUAL_STRING("motor.omega, root mean square of y − ŷ: now not seen, new -", told[0]);
@@ -134,7 +134,7 @@ static void test_the_runs_twin_makes_ticks_up(void) {
 /* It did before: three times as much is allowed. */
 static void test_the_runs_twin_as_ever(void) {
     comparison.before.deadline_misses = 10;
-    tl_comparison_begin(&comparison, &(tl_activation_shadow){.phase = TL_ACTIVATION_SHADOW_LIVE});
+    tl_comparison_begin(&comparison, &(tl_run_status){.ticks = 0}, &(tl_run_status){.ticks = 0});
     now.beside.steps = now.beside.ticks = 1000;
     now.beside.deadline_misses = 29;
     now.work.outputs = 0;
@@ -192,7 +192,7 @@ static void test_no_step(void) {
 /* It has failed, and was begun again: its successor counts from 0. */
 static void test_another_twin_of_the_run(void) {
     now.beside = (tl_run_status){.ticks = 500, .steps = 500, .lock.steps[TL_LOCK_LOCKED] = 500};
-    tl_comparison_end(&comparison, &now);
+    tl_comparison_end(&comparison, &now.work, &now.beside);
     tl_comparison_tell(&comparison, hear, NULL);
     TEST_ASSERT_NOT_NULL(strstr(told[1], "of 500 steps"));
     TEST_ASSERT_EQUAL_INT(TL_COMPARISON_GOOD, tl_comparison_judge(&comparison, 95.0, why));
