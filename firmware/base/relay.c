@@ -13,7 +13,9 @@
 static void pass_on(const tl_relay *relay, size_t size) {
     char clean[TL_RELAY_CLEAN];
     (void)tl_clean_text(relay->line, size, clean, sizeof clean);
-    relay->pass(relay->context, clean);
+    if (relay->pass != NULL) {
+        relay->pass(relay->context, clean);
+    }
 }
 
 static void add(tl_relay *relay, const char *bytes, size_t size) {

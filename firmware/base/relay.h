@@ -33,7 +33,7 @@ typedef struct tl_relay {
     char line[TL_RELAY_LINE]; /* as it came */
 } tl_relay;
 
-/* `descriptor`: the reading end of a pipe; it becomes non-blocking. */
+/* `descriptor`: the reading end of a pipe; it becomes non-blocking. `pass` NULL: lines are read and dropped. */
 void tl_relay_open(tl_relay *relay, int descriptor, tl_relay_line *pass, void *context);
 
 /* Reads what is there, without waiting. False: nobody has the other end any more, and all is read. */

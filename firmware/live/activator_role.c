@@ -50,17 +50,13 @@ static void open_host(activator_process *self) {
 
 static tl_status open_activator(activator_process *self, tl_error *error) {
     self->functions = tl_live_host_functions(&self->host);
-    const tl_activator_settings settings = {
-        .listener = TL_LIVE_KNOCKER,
-        .state = self->given.job.state,
-        .activation = {.plant = self->given.config.name,
-                       .path = self->given.config.path,
-                       .allowed = self->given.job.allowed,
-                       .memory_limit = self->given.job.memory_limit,
-                       .unconfined = self->given.job.unconfined,
-                       .host = &self->functions},
-    };
-    return tl_activator_open(&settings, &self->activator, error);
+    const tl_activation_settings settings = {.plant = self->given.config.name,
+                                             .path = self->given.config.path,
+                                             .allowed = self->given.job.allowed,
+                                             .memory_limit = self->given.job.memory_limit,
+                                             .unconfined = self->given.job.unconfined,
+                                             .host = &self->functions};
+    return tl_activator_open(TL_LIVE_KNOCKER, self->given.job.state, &settings, &self->activator, error);
 }
 
 static void work(activator_process *self) {

@@ -1,4 +1,4 @@
-/* The host of an activation (activation_host.h) in a live run: how the twins are, their tunings, the shadow and the flip.
+/* The host of an activation (activation.h) in a live run: how the twins are, their tunings, the shadow and the flip.
  *
  * Purpose: what an activation asks and orders, by the memory that the activator shares with the others of the run. It talks about two places
  *          (live_stage.h): whatever it says of the run is of the place that the stage says.
@@ -11,7 +11,7 @@
 #define TL_FIRMWARE_LIVE_LIVE_HOST_H
 
 #include "firmware/live/live_wire.h"
-#include "firmware/retune/activation_host.h"
+#include "firmware/retune/activation.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/live_tuning.h"
 

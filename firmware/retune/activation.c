@@ -11,6 +11,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
+#include "firmware/config/problems.h"
 #include "firmware/retune/box_texts.h"
 
 /* ---- steps ---- */
@@ -42,8 +43,7 @@ static const tl_time TRIAL_LIMIT = 180 * TL_SECOND;
 /* ---- the run and its versions ---- */
 
 static const tl_version *active_of(const tl_activation *self) {
-    const tl_versions *versions = self->settings.versions;
-    return tl_versions_get(versions, versions->active);
+    return tl_versions_active(self->settings.versions);
 }
 
 static bool is_on_probation(const tl_activation *self) {
@@ -63,9 +63,8 @@ static void find_in_force(const tl_activation *self, char hash[TL_SHA256_TEXT]) 
 /* The run is not of the version that is active on disk: a change was not finished. */
 static bool is_unfinished(const tl_activation *self) {
     char hash[TL_SHA256_TEXT];
-    const tl_version *active = active_of(self);
     find_in_force(self, hash);
-    return active != NULL && strcmp(active->hash, hash) != 0;
+    return active_of(self)->number != 0 && strcmp(active_of(self)->hash, hash) != 0;
 }
 
 /* Gives the run's twin the yardstick of the version that the probation would return to; none if there is no probation. */
@@ -103,29 +102,25 @@ static void say(const tl_activation *self, const tl_control_reply *reply) {
     self->settings.say(self->settings.listener, reply);
 }
 
-static void say_step(const tl_activation *self, tl_control_step step, const char *format, ...) TL_PRINTF(3, 4);
-
-static void say_step(const tl_activation *self, tl_control_step step, const char *format, ...) {
-    char text[TL_CONTROL_TEXT];
+static void TL_PRINTF(3, 4) say_step(const tl_activation *self, tl_control_step step, const char *format, ...) {
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STEP);
     va_list arguments;
     va_start(arguments, format);
-    (void)vsnprintf(text, sizeof text, format, arguments);
+    (void)vsnprintf(reply.as.progress.text, sizeof reply.as.progress.text, format, arguments);
     va_end(arguments);
-    tl_control_reply reply = tl_control_new_step(step, tl_activation_left_s(self), text);
+    reply.as.progress.step = (uint32_t)step;
+    reply.as.progress.left_s = tl_activation_left_s(self);
     say(self, &reply);
 }
 
 static void say_end(const tl_activation *self, tl_control_result result, const char *text) {
     const tl_version *active = active_of(self);
-    tl_control_reply reply =
-        tl_control_new_end(result, active == NULL ? 0 : active->number, active == NULL ? "" : active->hash, text);
+    const tl_control_reply reply = tl_control_new_end(result, active->number, active->hash, text);
     say(self, &reply);
 }
 
 /* For the log and the events. */
-static void tell(const tl_activation *self, tl_severity severity, const char *format, ...) TL_PRINTF(3, 4);
-
-static void tell(const tl_activation *self, tl_severity severity, const char *format, ...) {
+static void TL_PRINTF(3, 4) tell(const tl_activation *self, tl_severity severity, const char *format, ...) {
     char text[TL_CONTROL_TEXT + 128];
     va_list arguments;
     va_start(arguments, format);
@@ -192,9 +187,7 @@ static outcome fail(const tl_activation *self, const char *text) {
 }
 
 /* Nothing comes of the candidate. That is kept, unless it was only to be checked. */
-static outcome refuse(const tl_activation *self, tl_control_result result, const char *format, ...) TL_PRINTF(3, 4);
-
-static outcome refuse(const tl_activation *self, tl_control_result result, const char *format, ...) {
+static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_result result, const char *format, ...) {
     bool is_cancelled = result == TL_CONTROL_CANCELLED;
     char text[TL_CONTROL_TEXT];
     tl_error error;
@@ -214,32 +207,24 @@ static outcome refuse(const tl_activation *self, tl_control_result result, const
 
 /* ---- authorise ---- */
 
-/* The same text means other FMUs if one of their files was replaced. */
-static bool is_active_already(tl_activation *self) {
-    const tl_activation_host *host = self->settings.host;
-    const tl_version *active = active_of(self);
-    if (active == NULL || strcmp(active->hash, self->request.hash) != 0) {
-        return false;
-    }
-    self->has_other_fmus = host->has_other_fmus(host->context, self->text, self->size);
-    return !self->has_other_fmus;
-}
-
 static outcome begin_authorisation(tl_activation *self) {
+    const tl_activation_host *host = self->settings.host;
     const tl_control_request *request = &self->request;
-    const tl_version *active = active_of(self);
+    bool is_active = strcmp(active_of(self)->hash, request->hash) == 0;
     tl_error error;
     say_step(self, TL_CONTROL_AUTHORISE, "%s", tl_change_rights[request->right]);
     if (request->right < TL_RIGHT_RETUNE) {
         return refuse(self, TL_CONTROL_FORBIDDEN, "it was sent with the right to read only");
     }
-    if (request->if_match[0] != '\0' && (active == NULL || strcmp(active->hash, request->if_match) != 0)) {
+    if (request->if_match[0] != '\0' && strcmp(active_of(self)->hash, request->if_match) != 0) {
         return refuse(self, TL_CONTROL_CHANGED, "somebody has changed the configuration meanwhile: look at it first");
     }
     if (self->text == NULL) {
         return fail(self, "not enough memory");
     }
-    if (is_active_already(self)) {
+    /* The same text means other FMUs if one of their files was replaced. */
+    self->has_other_fmus = is_active && host->has_other_fmus(host->context, self->text, self->size);
+    if (is_active && !self->has_other_fmus) {
         say_end(self, TL_CONTROL_SAME, "that is what is active");
         return ENDED;
     }
@@ -308,7 +293,7 @@ static outcome begin_validation(tl_activation *self) {
     const tl_version *in_force =
         self->cause == TL_ACTIVATION_SETTLES ? tl_versions_of_hash(versions, hash) : active_of(self);
     say_step(self, TL_CONTROL_VALIDATE, "the text is read, and held against the active one");
-    if (in_force == NULL) {
+    if (in_force == NULL || in_force->number == 0) {
         return fail(self, "no version is active");
     }
     if (self->cause != TL_ACTIVATION_CANDIDATE) {
@@ -352,23 +337,19 @@ static tl_activation_way way_of(const tl_activation *self) {
     return self->verdict.kind >= TL_CHANGE_NEW_TWIN ? TL_ACTIVATION_BY_FLIP : TL_ACTIVATION_IN_PLACE;
 }
 
-/* It takes a restart, which was not allowed: up to three keys that only a new run can take are named. */
+/* A restart is needed, and was not allowed: names the first key that needs one. The client has the list of all changes. */
 static outcome refuse_restart(const tl_activation *self) {
     const tl_verdict *verdict = &self->verdict;
-    char keys[512] = "";
-    size_t found = 0;
+    const char *key = "some of it";
     if (view_now(self).holds) {
         return refuse(self, TL_CONTROL_RESTART, "the run is in safe hold: with --restart it ends and begins anew");
     }
-    for (uint32_t i = 0; i < verdict->changes && i < TL_VERDICT_CHANGES; i++) {
-        size_t length = strlen(keys);
-        if (strcmp(verdict->change[i].kind, tl_change_kinds[TL_CHANGE_RESTART]) == 0 && found++ < 3) {
-            (void)snprintf(keys + length, sizeof keys - length, "%s%s", length == 0 ? "" : ", ",
-                           verdict->change[i].path);
-        }
+    for (uint32_t i = TL_VERDICT_CHANGES; i > 0; i--) {
+        bool is_one = strcmp(verdict->change[i - 1].kind, tl_change_kinds[TL_CHANGE_RESTART]) == 0;
+        key = is_one ? verdict->change[i - 1].path : key;
     }
-    return refuse(self, TL_CONTROL_RESTART, "%s%s: with --restart the run ends and begins anew, with a gap",
-                  found == 0 ? "it changes what only a new run can take" : "only a new run can take ", keys);
+    return refuse(self, TL_CONTROL_RESTART,
+                  "only a new run can take %s: with --restart the run ends and begins anew, with a gap", key);
 }
 
 /* The candidate can be read. Whether it may be activated, and how. */
@@ -398,25 +379,21 @@ static outcome weigh(tl_activation *self) {
     return self->way == TL_ACTIVATION_BY_RESTART && !is_allowed ? refuse_restart(self) : DONE;
 }
 
-static const char *plural(uint32_t problems) {
-    return problems == 1 ? "problem" : "problems";
-}
-
 static outcome poll_validation(tl_activation *self) {
-    char why[TL_WORKER_REASON];
     tl_worker_state state = tl_worker_poll(&self->worker);
     if (state == TL_WORKER_RUNNING) {
         return RUNNING;
     }
-    tl_worker_reason(&self->worker, why);
     bool is_sound = state == TL_WORKER_DONE && tl_verdict_take(self->worker.result.bytes, &self->verdict);
     tl_worker_close(&self->worker);
     if (!is_sound) {
-        return refuse(self, TL_CONTROL_INVALID, "nobody can read it: %s", state == TL_WORKER_DONE ? "no verdict" : why);
+        return refuse(self, TL_CONTROL_INVALID, "nobody can read it: %s",
+                      state == TL_WORKER_DONE ? "no verdict" : self->worker.reason);
     }
     if (self->verdict.is_valid == 0) {
         say_problems(self);
-        return refuse(self, TL_CONTROL_INVALID, "%u %s", self->verdict.problems, plural(self->verdict.problems));
+        return refuse(self, TL_CONTROL_INVALID, "%u problem%s", self->verdict.problems,
+                      self->verdict.problems == 1 ? "" : "s");
     }
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
         return weigh(self);
@@ -434,16 +411,11 @@ static bool say_problem(const tl_activation *self, const char *text) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_PROBLEM);
     tl_control_problem *problem = &reply.as.problem;
     size_t length = strlen(self->settings.path);
-    char *end = NULL;
     if (strncmp(text, self->settings.path, length) != 0 || strncmp(text + length, ": ", 2) != 0) {
         return false;
     }
     const char *rest = text + length + 2;
-    unsigned long number = strncmp(rest, "line ", strlen("line ")) == 0 ? strtoul(rest + strlen("line "), &end, 10) : 0;
-    if (end != NULL && strncmp(end, ": ", 2) == 0) {
-        problem->line = (uint32_t)number;
-        rest = end + 2;
-    }
+    problem->line = (uint32_t)tl_problems_take_line(&rest);
     const char *colon = strstr(rest, ": ");
     size_t key = colon == NULL ? 0 : (size_t)(colon - rest);
     if (key > 0 && key < sizeof problem->path && strcspn(rest, " ") > key) {
@@ -482,12 +454,10 @@ static void say_patience(const tl_activation *self) {
 }
 
 static outcome poll_trial(tl_activation *self) {
-    char why[TL_WORKER_REASON];
     tl_worker_state state = tl_worker_poll(&self->worker);
     if (state == TL_WORKER_RUNNING) {
         return RUNNING;
     }
-    tl_worker_reason(&self->worker, why);
     bool is_done = state == TL_WORKER_DONE;
     self->is_measured = is_done && tl_trial_answer_take(self->worker.result.bytes, &self->answer);
     tl_worker_close(&self->worker);
@@ -495,12 +465,13 @@ static outcome poll_trial(tl_activation *self) {
         return DONE;
     }
     if (self->heard[0] == '\0' && self->problems != 0) { /* which were told */
-        return refuse(self, TL_CONTROL_INVALID, "it cannot run: %u %s", self->problems, plural(self->problems));
+        return refuse(self, TL_CONTROL_INVALID, "it cannot run: %u problem%s", self->problems,
+                      self->problems == 1 ? "" : "s");
     }
     return refuse(self, TL_CONTROL_INVALID, "it cannot run: %s",
                   self->heard[0] != '\0' ? self->heard
                   : is_done              ? "its trial has not said what it takes"
-                                         : why);
+                                         : self->worker.reason);
 }
 
 /* ---- predict ---- */
@@ -521,7 +492,6 @@ static outcome make_no_room(tl_activation *self, const char *why) {
 /* What it will take of the box, and whether that is there. */
 static outcome begin_forecast(tl_activation *self) {
     char text[TL_FORECAST_TEXT];
-    char line[TL_CONTROL_TEXT];
     if (!self->is_measured) {
         return DONE;
     }
@@ -530,19 +500,13 @@ static outcome begin_forecast(tl_activation *self) {
     if (self->way == TL_ACTIVATION_BY_RESTART) {
         return DONE;
     }
+    if (self->answer.least > self->answer.step) {
+        return refuse(self, TL_CONTROL_INVALID, "%s", text);
+    }
     uint64_t left = tl_forecast_memory_left();
     tl_forecast_write_memory(&self->answer, left, text);
     say_step(self, TL_CONTROL_PREDICT, "%s", text);
-    switch (tl_forecast_of(&self->answer, left, text)) {
-    case TL_FORECAST_POSSIBLE:
-        break;
-    case TL_FORECAST_TOO_SLOW:
-        return refuse(self, TL_CONTROL_INVALID, "%s", text);
-    case TL_FORECAST_NO_MEMORY:
-        (void)snprintf(line, sizeof line, "%s: " TL_ACTIVATION_NO_ROOM, text);
-        return make_no_room(self, line);
-    }
-    return DONE;
+    return left == 0 || self->answer.memory <= left ? DONE : make_no_room(self, text);
 }
 
 /* ---- shadow ---- */
@@ -551,8 +515,7 @@ static outcome begin_forecast(tl_activation *self) {
 static const tl_time LEAD_IN = 10 * TL_SECOND;
 
 static tl_time length_of_shadow(const tl_activation *self) {
-    uint32_t given = self->request.shadow_s;
-    given = given == 0 ? TL_ACTIVATION_SHADOW_S : given;
+    uint32_t given = self->request.shadow_s == 0 ? TL_ACTIVATION_SHADOW_S : self->request.shadow_s;
     return (tl_time)(given < TL_ACTIVATION_SHADOW_LONGEST_S ? given : TL_ACTIVATION_SHADOW_LONGEST_S) * TL_SECOND;
 }
 
@@ -567,7 +530,7 @@ static double required_lock(const tl_activation *self) {
 }
 
 static outcome begin_shadow(tl_activation *self) {
-    self->rehearsal = (tl_rehearsal){.before = view_now(self).figures};
+    self->rehearsal = (tl_rehearsal){.comparison.before = view_now(self).figures};
     say_step(self, TL_CONTROL_SHADOW, "its twin is begun beside the run's");
     if (required_lock(self) > 0.0) {
         tl_time third = self->verdict.window / 3; /* of what is compared, as a quarter is of all */
@@ -604,8 +567,8 @@ static outcome fail_shadow(tl_activation *self, const tl_activation_shadow *shad
     char text[TL_CONTROL_TEXT];
     (void)tl_clean_text(shadow->why, strnlen(shadow->why, sizeof shadow->why), why, sizeof why);
     (void)snprintf(text, sizeof text, "its twin did not stay beside the run's: %s", why[0] == '\0' ? "it died" : why);
-    return !has_run || strstr(why, TL_ACTIVATION_NO_ROOM) != NULL ? make_no_room(self, text)
-                                                                  : refuse(self, TL_CONTROL_INVALID, "%s", text);
+    return !has_run || strstr(why, TL_COMPARISON_TWO_TWINS) != NULL ? make_no_room(self, text)
+                                                                    : refuse(self, TL_CONTROL_INVALID, "%s", text);
 }
 
 static void say_loading(const tl_activation *self) {
@@ -653,11 +616,11 @@ static outcome poll_live(tl_activation *self) {
     rehearsal->live += self->passed;
     if (!rehearsal->is_compared && rehearsal->live >= lead_in_of(self)) {
         rehearsal->is_compared = true;
-        tl_comparison_begin(&rehearsal->comparison, &rehearsal->before, &shadow);
+        tl_comparison_begin(&rehearsal->comparison, &shadow.work, &shadow.beside);
     } else if (rehearsal->live >= length_of_shadow(self)) {
         rehearsal->live = length_of_shadow(self);
         say_live(self);
-        tl_comparison_end(&rehearsal->comparison, &shadow);
+        tl_comparison_end(&rehearsal->comparison, &shadow.work, &shadow.beside);
         return DONE;
     }
     return RUNNING;
@@ -669,42 +632,25 @@ static void say_comparison(void *context, const char *text) {
     say_step(context, TL_CONTROL_COMPARE, "%s", text);
 }
 
-/* What the comparison could not see. */
-static void say_sight(const tl_activation *self) {
-    double gone = 0.0;
-    double compared = tl_seconds(length_of_shadow(self) - lead_in_of(self));
-    tl_comparison_sight sight = tl_comparison_sight_of(&self->rehearsal.comparison, &gone);
-    if (sight == TL_COMPARISON_UNJUDGED) {
-        say_step(self, TL_CONTROL_COMPARE, "nothing came that its lock is judged by: that is left to its probation");
-    } else if (sight == TL_COMPARISON_PLANT_GONE) {
-        say_step(self, TL_CONTROL_COMPARE,
-                 "the plant was not there for %.3g of %.3g s: its lock is not judged by the rest, but by its "
-                 "probation",
-                 gone * compared, compared);
-    }
-}
-
 static outcome begin_comparison(tl_activation *self) {
     const tl_comparison *comparison = &self->rehearsal.comparison;
     bool insists = (self->request.flags & TL_CONTROL_EVEN_WORSE) != 0;
     char why[TL_COMPARISON_TEXT];
     tl_comparison_tell(comparison, say_comparison, self);
-    say_sight(self);
     switch (tl_comparison_judge(comparison, required_lock(self), why)) {
-    case TL_COMPARISON_GOOD: /* in lock, or as much as the run's twin: by tolerances of its own */
+    case TL_COMPARISON_GOOD:
         break;
     case TL_COMPARISON_NO_ROOM:
         return make_no_room(self, why);
     case TL_COMPARISON_BAD:
         return refuse(self, TL_CONTROL_INVALID, "%s", why);
+    case TL_COMPARISON_WORSE:
+        if (!insists) {
+            return refuse(self, TL_CONTROL_INVALID, "%s: --accept-worse takes it all the same", why);
+        }
+        say_step(self, TL_CONTROL_COMPARE, "%s: taken all the same, as asked", why);
+        break;
     }
-    if (!tl_comparison_is_worse(comparison, required_lock(self), why)) {
-        return DONE;
-    }
-    if (!insists) {
-        return refuse(self, TL_CONTROL_INVALID, "%s: --accept-worse takes it all the same", why);
-    }
-    say_step(self, TL_CONTROL_COMPARE, "%s: taken all the same, as asked", why);
     return DONE;
 }
 
@@ -719,21 +665,15 @@ static uint32_t length_of_probation(const tl_activation *self) {
     return (uint32_t)(given < TL_PROBATION_LONGEST_S ? given : TL_PROBATION_LONGEST_S);
 }
 
-/* Whether the candidate is what the run's own file has by now. */
-static bool is_own_file(const tl_activation *self) {
-    char *file = tl_box_read_file(self->settings.path);
-    bool is = file != NULL && strcmp(file, self->text) == 0;
-    free(file);
-    return is;
-}
-
 static tl_status put_version(tl_activation *self, tl_error *error) {
     const tl_control_request *request = &self->request;
     const tl_probation_terms terms = {.given_s = length_of_probation(self),
                                       .require_lock = required_lock(self),
                                       .must_confirm = (request->flags & TL_CONTROL_BY_PERSON) != 0};
     const tl_run_status now = view_now(self).figures;
-    bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && !is_own_file(self);
+    char *file = tl_box_read_file(self->settings.path); /* the run's own, as it is by now */
+    bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && (file == NULL || strcmp(file, self->text) != 0);
+    free(file);
     const tl_version_news news = {.text = self->text,
                                   .size = self->size,
                                   .who = request->who,
@@ -756,10 +696,8 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
 /* For the database, in which a tuning has who brought it, by which way and why, and a run has not. */
 static void tell_origin(const tl_activation *self) {
     const tl_version *active = active_of(self);
-    if (active != NULL) {
-        tell(self, TL_EVENT_INFO, "version %" PRIu64 " is of %s, by %s%s%s", active->number, active->who,
-             tl_change_origins[active->origin], active->why[0] == '\0' ? "" : ": ", active->why);
-    }
+    tell(self, TL_EVENT_INFO, "version %" PRIu64 " is of %s, by %s%s%s", active->number, active->who,
+         tl_change_origins[active->origin], active->why[0] == '\0' ? "" : ": ", active->why);
 }
 
 static outcome restart_run(tl_activation *self) {
@@ -774,23 +712,22 @@ static outcome restart_run(tl_activation *self) {
 }
 
 static outcome begin_activation(tl_activation *self) {
-    static const char *const words[] = {[TL_ACTIVATION_IN_PLACE] = "in place, at the beginning of a tick",
-                                        [TL_ACTIVATION_BY_FLIP] = "between two ticks, by the other twin",
-                                        [TL_ACTIVATION_BY_RESTART] = "by a restart"};
-    static const char *const checked[] = {[TL_ACTIVATION_IN_PLACE] = "it can be activated in place",
-                                          [TL_ACTIVATION_BY_FLIP] = "it can be activated without a gap",
-                                          [TL_ACTIVATION_BY_RESTART] =
-                                              "it can be activated, with a restart of the run"};
+    static const struct {
+        const char *step, *checked;
+    } words[] = {
+        [TL_ACTIVATION_IN_PLACE] = {"in place, at the beginning of a tick", "it can be activated in place"},
+        [TL_ACTIVATION_BY_FLIP] = {"between two ticks, by the other twin", "it can be activated without a gap"},
+        [TL_ACTIVATION_BY_RESTART] = {"by a restart", "it can be activated, with a restart of the run"}};
     tl_error error;
     tl_status status = TL_OK;
     if (self->cause == TL_ACTIVATION_CANDIDATE && (self->request.flags & TL_CONTROL_ONLY_CHECK) != 0) {
-        say_end(self, TL_CONTROL_DONE, checked[self->way]);
+        say_end(self, TL_CONTROL_DONE, words[self->way].checked);
         return ENDED;
     }
     if (self->cause == TL_ACTIVATION_SETTLES && !is_unfinished(self)) {
         return ENDED; /* a flip that was ordered before has come meanwhile */
     }
-    say_step(self, TL_CONTROL_ACTIVATE, "%s", words[self->way]);
+    say_step(self, TL_CONTROL_ACTIVATE, "%s", words[self->way].step);
     find_in_force(self, self->leaving);
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
         status = put_version(self, &error);
@@ -884,51 +821,42 @@ static void end_flip(tl_activation *self) {
     }
 }
 
-static void say_returned(const tl_activation *self, bool is_flip, bool is_wanted) {
-    char text[TL_CONTROL_TEXT];
-    const tl_version *active = active_of(self);
-    say_step(self, TL_CONTROL_RETURNED, "%s%s", is_flip ? "by a flip: " : "", self->reason);
-    (void)snprintf(text, sizeof text, "version %" PRIu64 " is in force: %s", active == NULL ? 0 : active->number,
-                   self->reason);
-    say_end(self, is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
-}
-
-/* The run is of the version that is active on disk. */
-static outcome begin_probation(tl_activation *self) {
+static void say_probation(const tl_activation *self, const char *in_force) {
     const tl_probation_terms *terms = &self->probation.account.terms;
-    const tl_version *active = active_of(self);
-    char text[TL_CONTROL_TEXT];
-    char changes[384];
-    const tl_activation_cause cause = self->cause;
-    bool is_wanted = self->is_wanted;
-    bool is_return = cause == TL_ACTIVATION_RETURN;
-    bool is_flip = self->way == TL_ACTIVATION_BY_FLIP;
-    write_changes(self, changes, sizeof changes);
-    (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s",
-                   active == NULL ? 0 : active->number, active == NULL ? "?" : active->hash,
-                   is_return ? is_flip ? ": returned, by a flip: " : ": returned, " : changes,
-                   is_return ? self->reason : "");
-    tell(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
-    if (is_flip) {
-        end_flip(self);
-    }
-    forget_change(self);
-    if (is_return) {
-        say_returned(self, is_flip, is_wanted);
-    }
-    if (cause != TL_ACTIVATION_CANDIDATE) {
-        return RUNNING;
-    }
-    self->unsaved = 0;
-    self->pause = 0;
     say_step(self, TL_CONTROL_PROBATION, "%u s; %s", terms->given_s,
              terms->must_confirm ? "it is returned from unless somebody confirms it" : "it is kept if the lock holds");
     if (terms->require_lock > 0.0 && !terms->must_confirm) {
         say_window(self, TL_CONTROL_PROBATION, (tl_time)terms->given_s * TL_SECOND, 0, "--probation");
     }
     if ((self->request.flags & TL_CONTROL_WAIT) == 0) {
-        say_end(self, TL_CONTROL_DONE, text);
+        say_end(self, TL_CONTROL_DONE, in_force);
     }
+}
+
+/* The run is of the version that is active on disk. */
+static outcome begin_probation(tl_activation *self) {
+    const tl_version *active = active_of(self);
+    char text[TL_CONTROL_TEXT];
+    char changes[384];
+    bool is_return = self->cause == TL_ACTIVATION_RETURN;
+    bool is_flip = self->way == TL_ACTIVATION_BY_FLIP;
+    write_changes(self, changes, sizeof changes);
+    (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s", active->number, active->hash,
+                   is_return ? is_flip ? ": returned, by a flip: " : ": returned, " : changes,
+                   is_return ? self->reason : "");
+    tell(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
+    if (is_flip) {
+        end_flip(self);
+    }
+    if (is_return) {
+        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_flip ? "by a flip: " : "", self->reason);
+        say_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
+    } else if (self->cause == TL_ACTIVATION_CANDIDATE) {
+        self->unsaved = 0;
+        self->pause = 0;
+        say_probation(self, text);
+    }
+    forget_change(self);
     return RUNNING;
 }
 
@@ -1174,7 +1102,6 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
     if (request->why[strspn(request->why, " \t\r\n")] == '\0') {
         activation->request.why[0] = '\0'; /* it says nothing */
     }
-    activation->has_other_fmus = false;
     activation->size = size;
     activation->text = malloc(size + 1);
     if (activation->text != NULL) {
@@ -1190,17 +1117,6 @@ static bool is_considering(const tl_activation *self) {
     return tl_activation_is_busy(self) && self->step != TL_CONTROL_ACTIVATE && self->cause == TL_ACTIVATION_CANDIDATE;
 }
 
-void tl_activation_describe(const tl_activation *activation, char text[TL_CONTROL_TEXT]) {
-    if (activation->step == TL_CONTROL_SHADOW) {
-        tl_time left = length_of_shadow(activation) - activation->rehearsal.live;
-        (void)snprintf(text, TL_CONTROL_TEXT,
-                       "another twin runs beside the run's, and for some %u s still: --rollback cancels that",
-                       (uint32_t)(left / TL_SECOND));
-    } else {
-        (void)snprintf(text, TL_CONTROL_TEXT, "another change is under way: try again when it is done");
-    }
-}
-
 bool tl_activation_cancel(tl_activation *activation, const char *who) {
     if (!is_considering(activation)) {
         return false;
@@ -1213,14 +1129,20 @@ bool tl_activation_is_lost_before(const tl_activation *activation) {
     return is_on_probation(activation) && tl_probation_is_lost_before(&activation->probation);
 }
 
+static tl_probation_result decide(tl_activation *self, tl_probation_result result, const char *who, const char *did) {
+    char why[TL_PROBATION_WHY];
+    (void)snprintf(why, sizeof why, "%s has %s", who, did);
+    self->pause = 0;
+    self->passed = 0;
+    return tl_probation_decide(&self->probation, result, why);
+}
+
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done) {
     bool considers = is_considering(activation);
     if (!is_on_probation(activation) || (activation->step != TL_CONTROL_PROBATION && !considers)) {
         return false;
     }
-    activation->pause = 0;
-    activation->passed = 0;
-    tl_probation_result result = tl_probation_confirm(&activation->probation, who);
+    tl_probation_result result = decide(activation, TL_PROBATION_KEPT, who, "confirmed it");
     if (!considers) {
         run_steps(activation, poll_probation(activation));
     } else if (result == TL_PROBATION_KEPT) {
@@ -1230,18 +1152,10 @@ bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_
     return true;
 }
 
-bool tl_activation_refuse(tl_activation *activation, const char *who) {
-    char why[TL_PROBATION_WHY];
-    if (activation->step != TL_CONTROL_PROBATION) {
-        return false;
-    }
-    (void)snprintf(why, sizeof why, "%s has returned from it", who);
-    activation->pause = 0;
-    activation->passed = 0;
+void tl_activation_refuse(tl_activation *activation, const char *who) {
     activation->is_wanted = true;
-    (void)tl_probation_refuse(&activation->probation, why);
+    (void)decide(activation, TL_PROBATION_RETURN, who, "returned from it");
     run_steps(activation, poll_probation(activation));
-    return true;
 }
 
 void tl_activation_end(tl_activation *activation) {

@@ -14,11 +14,106 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/retune/activation_host.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/retune/comparison.h"
 #include "firmware/retune/control.h"
 #include "firmware/retune/versions.h"
 #include "firmware/retune/worker.h"
+#include "firmware/store/run_types.h"
+
+/* ---- The host: what a change of the configuration can do to the running plant, and see of it.
+ *
+ * Purpose: the activation decides when; the host, in the process that has the run's shared memory, knows how.
+ * Thread:  all calls are in the thread of the activation, and none waits.
+ */
+
+enum { TL_ACTIVATION_WHY = 192, TL_ACTIVATION_LINE = 512 };
+
+/* How the run is. */
+typedef struct tl_activation_view {
+    tl_run_status figures;         /* of the run: all begin at 0 with another one, also by a flip */
+    double step_s;                 /* T_S */
+    bool holds;                    /* safe hold: there is no twin, */
+    bool waits;                    /* because it may not begin yet: this is no time of a probation */
+    char line[TL_ACTIVATION_LINE]; /* the status line */
+} tl_activation_view;
+
+typedef enum tl_activation_news {
+    TL_ACTIVATION_WAITS,  /* for the twin, or for the recorder to have kept the one before */
+    TL_ACTIVATION_TAKEN,  /* it is in force since a tick, and will be for each twin that follows */
+    TL_ACTIVATION_REFUSED /* by the twin */
+} tl_activation_news;
+
+/* A candidate whose twin shall run beside the run's. */
+typedef struct tl_activation_candidate {
+    const char *text;
+    size_t size;
+    const char *hash;
+    tl_live_needs needs;                /* found by a trial, and bounded */
+    const tl_lock_yardstick *yardstick; /* what its twin's lock is judged by as well; zeroed: nothing else */
+} tl_activation_candidate;
+
+typedef enum tl_activation_phase {
+    TL_ACTIVATION_NO_SHADOW,
+    TL_ACTIVATION_SHADOW_BEGINS,   /* FMUs are loaded */
+    TL_ACTIVATION_SHADOW_RECORDED, /* over recorded samples */
+    TL_ACTIVATION_SHADOW_LIVE,     /* at the plant's ticks */
+    TL_ACTIVATION_SHADOW_FAILED    /* it could not be begun, or is no more: `why` */
+} tl_activation_phase;
+
+/* The twin in the other place, and the run's beside it. */
+typedef struct tl_activation_shadow {
+    tl_activation_phase phase;
+    char hash[TL_SHA256_TEXT]; /* of the configuration that it is of; "": not known */
+    char why[TL_ACTIVATION_WHY];
+    tl_run_status work;
+    tl_run_status beside; /* the run's twin, at the same moment */
+} tl_activation_shadow;
+
+typedef struct tl_activation_host {
+    void *context;
+    void (*look)(void *context, tl_activation_view *view);
+
+    /* The hash of the configuration that the run is of now, or will be from its next tick on. */
+    void (*in_force)(void *context, char hash[TL_SHA256_TEXT]);
+
+    /* The text of a configuration with this hash that is in the run's memory, with a NUL behind it; room for TL_CONTROL_MOST + 1 bytes. False: none is. */
+    bool (*text)(void *context, const char *hash, char *text, size_t *size);
+
+    /* The files of the FMUs that this text names, which is in force, are others than those that the run's twin has loaded. False: they are the same, or nobody can
+     * say. Reads them all. */
+    bool (*has_other_fmus)(void *context, const char *text, size_t size);
+
+    /* The lock of the run's twin is judged by this yardstick as well (lock_before), from one of its next ticks on; zeroed: by none. */
+    void (*judge_by)(void *context, const tl_lock_yardstick *yardstick);
+
+    /* Hands a version's tuning and text, with a NUL behind it, to the run's twin. False: not yet, since the recorder has not kept the one before. */
+    bool (*tune)(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning);
+
+    /* What came of the newest one. */
+    tl_activation_news (*was_taken)(void *context, char why[TL_ACTIVATION_WHY]);
+
+    /* A twin of this shall run as a shadow, in place of any other shadow. False: not yet, since what was ordered before is not obeyed. */
+    bool (*begin_shadow)(void *context, const tl_activation_candidate *candidate);
+    void (*look_at_shadow)(void *context, tl_activation_shadow *shadow);
+
+    /* There shall be none, from now on, or soon. */
+    void (*end_shadow)(void *context);
+
+    /* Shadow and run change places between two ticks: the shadow goes on as a new run, and the run's twin as its shadow. False: not yet, as above. */
+    bool (*flip)(void *context);
+
+    /* What came of it: taken, or refused since there was no shadow, with the reason. From then on in_force() is of the new twin, and tunings are its. */
+    tl_activation_news (*has_flipped)(void *context, char why[TL_ACTIVATION_WHY]);
+
+    /* The run ends, and another one begins with the version that is active on disk. */
+    void (*restart)(void *context);
+
+    /* An event, and a line of the log. */
+    void (*tell)(void *context, tl_severity severity, const char *text);
+} tl_activation_host;
+
+/* ---- The activation. */
 
 /* How a change comes into the run. */
 typedef enum tl_activation_way {
@@ -43,7 +138,6 @@ typedef struct tl_activation_settings {
     uint64_t memory_limit; /* as in worker.h */
     bool unconfined;
     int (*be)(const char *title, void *context); /* as in worker.h */
-    void *context;                               /* of it */
 
     /* Says something to who has asked for the change; nobody may listen any more. TL_CONTROL_END is the last. */
     void (*say)(void *listener, const tl_control_reply *reply);
@@ -56,7 +150,6 @@ typedef struct tl_rehearsal {
     bool has_run;     /* it was seen to compute */
     bool is_compared; /* the window has begun */
     tl_time live;
-    tl_run_status before;   /* the run's twin, before */
     tl_run_status recorded; /* the shadow, as it was seen last over recorded samples */
     tl_comparison comparison;
 } tl_rehearsal;
@@ -133,18 +226,17 @@ uint32_t tl_activation_left_s(const tl_activation *activation);
 /* A candidate: `size` bytes of `text`, copied. Whatever comes of it is said. Must not be busy. */
 void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size);
 
-/* Why no other change can begin, and for how long, if that is known. */
-void tl_activation_describe(const tl_activation *activation, char text[TL_CONTROL_TEXT]);
-
 /* A candidate that is not active yet is given up. False: there is none. */
 bool tl_activation_cancel(tl_activation *activation, const char *who);
 
 /* By the tolerances of the version that the probation would return to, the lock is lost: to confirm then takes the right to commission. */
 bool tl_activation_is_lost_before(const tl_activation *activation);
 
-/* The version on probation is kept, or returned from. False: there is none. *is_done: that is on disk. What comes of a return is said. */
+/* The version on probation is kept. False: there is none. *is_done: that is on disk. */
 bool tl_activation_confirm(tl_activation *activation, const char *who, bool *is_done);
-bool tl_activation_refuse(tl_activation *activation, const char *who);
+
+/* The version on probation, at the step TL_CONTROL_PROBATION, is returned from. What comes of that is said. */
+void tl_activation_refuse(tl_activation *activation, const char *who);
 
 /* Goes on; as often as wanted. */
 void tl_activation_look(tl_activation *activation);

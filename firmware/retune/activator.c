@@ -21,7 +21,7 @@ typedef struct visitor {
 } visitor;
 
 struct tl_activator {
-    tl_activator_settings settings;
+    int socket; /* listens */
     tl_versions versions;
     tl_refusals refusals;
     tl_activation activation;
@@ -50,37 +50,30 @@ static void say(void *context, const tl_control_reply *reply) {
     if (who == NULL) {
         return;
     }
-    (void)tl_control_send(&who->peer, reply);
+    (void)tl_control_send(&who->peer, reply, NULL);
     if (reply->kind == TL_CONTROL_END || who->peer.socket < 0) {
         hang_up(self, who);
     }
 }
 
-static const tl_version *active_of(const tl_activator *self) {
-    return tl_versions_get(&self->versions, self->versions.active);
-}
-
 static void finish(tl_activator *self, visitor *who, tl_control_result result, const char *text) {
-    const tl_version *active = active_of(self);
-    tl_control_finish(&who->peer, result, active == NULL ? 0 : active->number, active == NULL ? "" : active->hash,
-                      text);
+    const tl_version *active = tl_versions_active(&self->versions);
+    tl_control_finish(&who->peer, result, active->number, active->hash, text);
     hang_up(self, who);
 }
 
 /* ---- what can be looked at ---- */
 
 static void show(tl_activator *self, visitor *who) {
-    const tl_version *active = active_of(self);
+    const tl_version *active = tl_versions_active(&self->versions);
     tl_activation_view view = {.step_s = 0.0};
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STATE);
     const tl_activation_settings *settings = &self->activation.settings;
     settings->host->look(settings->host->context, &view);
     tl_control_state *state = &reply.as.state;
     (void)snprintf(state->plant, sizeof state->plant, "%s", settings->plant);
-    if (active != NULL) {
-        memcpy(state->hash, active->hash, sizeof state->hash);
-        state->version = active->number;
-    }
+    memcpy(state->hash, active->hash, sizeof state->hash);
+    state->version = active->number;
     state->step = (uint32_t)self->activation.step;
     state->left_s = tl_activation_left_s(&self->activation);
     const char *lock = view.holds                 ? "hold"
@@ -94,7 +87,7 @@ static void show(tl_activator *self, visitor *who) {
     state->deadline_misses = view.figures.deadline_misses;
     state->in_lock = tl_lock_tally_percent(&view.figures.lock);
     (void)snprintf(state->line, sizeof state->line, "%s", view.line);
-    (void)tl_control_send(&who->peer, &reply);
+    (void)tl_control_send(&who->peer, &reply, NULL);
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
@@ -110,7 +103,7 @@ static void describe(const tl_activator *self, const tl_version *version, tl_con
     (void)snprintf(told->who, sizeof told->who, "%s", version->who);
     (void)snprintf(told->why, sizeof told->why, "%s", version->why);
     (void)snprintf(told->at, sizeof told->at, "%s", version->at);
-    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_result_name(version->result),
+    (void)snprintf(told->result, sizeof told->result, "%s%s%.*s", tl_version_results[version->result],
                    version->reason[0] == '\0' ? "" : ": ", (int)sizeof told->result - 24, version->reason);
 }
 
@@ -118,18 +111,18 @@ static void list_versions(tl_activator *self, visitor *who) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_VERSION);
     for (size_t i = self->versions.count; i > 0; i--) {
         describe(self, &self->versions.list[i - 1], &reply.as.version);
-        (void)tl_control_send(&who->peer, &reply);
+        (void)tl_control_send(&who->peer, &reply, NULL);
     }
     for (size_t i = self->refusals.count; i > 0; i--) {
         reply.as.version = self->refusals.list[i - 1];
         reply.as.version.version = 0; /* it never was one */
-        (void)tl_control_send(&who->peer, &reply);
+        (void)tl_control_send(&who->peer, &reply, NULL);
     }
     finish(self, who, TL_CONTROL_DONE, "");
 }
 
 static void read_version(tl_activator *self, visitor *who) {
-    tl_control_version told;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
     tl_error error;
     char *text = NULL;
     const tl_version *version =
@@ -139,8 +132,9 @@ static void read_version(tl_activator *self, visitor *who) {
     } else if (tl_versions_read(&self->versions, version->number, &text, &error) != TL_OK) {
         finish(self, who, TL_CONTROL_FAILED, error.text);
     } else {
-        describe(self, version, &told);
-        (void)tl_control_send_text(&who->peer, &told, text, (size_t)version->size);
+        describe(self, version, &reply.as.version);
+        reply.more = (uint32_t)version->size;
+        (void)tl_control_send(&who->peer, &reply, text);
         finish(self, who, TL_CONTROL_DONE, "");
     }
     free(text);
@@ -149,10 +143,9 @@ static void read_version(tl_activator *self, visitor *who) {
 /* ---- what changes something ---- */
 
 static void take_text(tl_activator *self, visitor *who, const char *text, size_t size) {
-    char why[TL_CONTROL_TEXT];
     if (tl_activation_is_busy(&self->activation)) {
-        tl_activation_describe(&self->activation, why);
-        finish(self, who, TL_CONTROL_BUSY, why);
+        finish(self, who, TL_CONTROL_BUSY,
+               "another change is under way: try again when it is done; --state shows its step, --rollback cancels it");
         return;
     }
     if (self->listener != NULL) { /* of the one that is on probation */
@@ -200,20 +193,10 @@ static void confirm(tl_activator *self, visitor *who) {
     }
 }
 
-/* The version on probation is left: its client is told so, and this one is told what comes of that. */
-static void go_back(tl_activator *self, visitor *who) {
-    if (self->listener != NULL) {
-        finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
-    }
-    self->listener = who;
-    (void)tl_activation_refuse(&self->activation, self->request.who);
-}
-
 /* What is under way or on probation is given up. An older version is a candidate like any other. */
 static void bring_back(tl_activator *self, visitor *who) {
     tl_control_request *request = &self->request;
-    const tl_version *active = active_of(self);
-    uint64_t number = request->version != 0 ? request->version : active == NULL ? 0 : active->parent;
+    uint64_t number = request->version != 0 ? request->version : tl_versions_active(&self->versions)->parent;
     const tl_version *version = tl_versions_get(&self->versions, number);
     tl_error error;
     char *text = NULL;
@@ -226,7 +209,11 @@ static void bring_back(tl_activator *self, visitor *who) {
                        : "a change is being made just now, and cannot be cancelled: try again");
     } else if (self->activation.step == TL_CONTROL_PROBATION &&
                (request->version == 0 || request->version == self->versions.probation.return_to)) {
-        go_back(self, who);
+        if (self->listener != NULL) { /* waits for that version */
+            finish(self, self->listener, TL_CONTROL_UNDONE, "the version before was asked for");
+        }
+        self->listener = who;
+        tl_activation_refuse(&self->activation, request->who);
     } else if (version == NULL) {
         finish(self, who, TL_CONTROL_ABSENT,
                request->version != 0 ? "there is no such version to return to; --versions lists those that are kept"
@@ -283,7 +270,7 @@ static void wait_for_something(tl_activator *self) {
         waited[i] = (struct pollfd){.fd = self->clients[i].peer.socket, .events = POLLIN};
         is_full = is_full && waited[i].fd >= 0;
     }
-    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->settings.listener, .events = POLLIN};
+    waited[TL_CONTROL_CLIENTS] = (struct pollfd){.fd = is_full ? -1 : self->socket, .events = POLLIN};
     (void)poll(waited, TL_CONTROL_CLIENTS + 1, (int)(TL_ACTIVATOR_LOOK / (TL_SECOND / 1000)));
 }
 
@@ -295,18 +282,16 @@ bool tl_activator_work(tl_activator *activator) {
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         visitor *who = &activator->clients[i];
         if (who->peer.socket < 0 && is_knocked) {
-            is_knocked = tl_control_accept(activator->settings.listener, &who->peer);
+            is_knocked = tl_control_accept(activator->socket, &who->peer);
             who->came = now;
         }
         if (who->peer.socket >= 0) {
+            is_busy = true;
             look_at_client(activator, who, now);
         }
     }
     tl_activation_look(&activator->activation);
     look_at_waiter(activator);
-    for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
-        is_busy = is_busy || activator->clients[i].peer.socket >= 0;
-    }
     if (is_busy || !tl_activation_is_idle(&activator->activation)) {
         activator->busy = now;
     }
@@ -315,28 +300,30 @@ bool tl_activator_work(tl_activator *activator) {
 
 /* ---- its life ---- */
 
-tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator **activator, tl_error *error) {
+tl_status tl_activator_open(int socket, const char *state, const tl_activation_settings *settings,
+                            tl_activator **activator, tl_error *error) {
+    tl_activation_settings own = *settings;
     tl_activator *made = calloc(1, sizeof *made);
     *activator = NULL;
     if (made == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
     }
-    tl_status status = tl_versions_open(settings->state, &made->versions, error);
+    tl_status status = tl_versions_open(state, &made->versions, error);
     if (status != TL_OK) {
         free(made);
         return status;
     }
     tl_refusals_open(&made->refusals, &made->versions);
-    made->settings = *settings;
+    made->socket = socket;
     made->busy = tl_clock_now(NULL);
     for (size_t i = 0; i < TL_CONTROL_CLIENTS; i++) {
         made->clients[i].peer.socket = -1;
     }
-    made->settings.activation.versions = &made->versions;
-    made->settings.activation.refusals = &made->refusals;
-    made->settings.activation.say = say;
-    made->settings.activation.listener = made;
-    tl_activation_begin(&made->activation, &made->settings.activation);
+    own.versions = &made->versions;
+    own.refusals = &made->refusals;
+    own.say = say;
+    own.listener = made;
+    tl_activation_begin(&made->activation, &own);
     *activator = made;
     return TL_OK;
 }

@@ -17,16 +17,12 @@
 
 #define TL_ACTIVATOR_LOOK (TL_SECOND / 20)
 
-typedef struct tl_activator_settings {
-    int listener;                      /* control.h */
-    const char *state;                 /* the folder in which versions/ is */
-    tl_activation_settings activation; /* versions, refusals, say and its listener are set here */
-} tl_activator_settings;
-
 typedef struct tl_activator tl_activator;
 
-/* Errors: TL_TRY_AGAIN, TL_BAD_DATA of the versions' folder. */
-tl_status tl_activator_open(const tl_activator_settings *settings, tl_activator **activator, tl_error *error);
+/* `socket`: listens (control.h). `state`: the folder in which versions/ is. `settings`: versions, refusals, say and its listener are set here.
+ * Errors: TL_TRY_AGAIN, TL_BAD_DATA of the versions' folder. */
+tl_status tl_activator_open(int socket, const char *state, const tl_activation_settings *settings,
+                            tl_activator **activator, tl_error *error);
 
 /* Waits for something to do, at most TL_ACTIVATOR_LOOK, and does it. False: nothing has been to do for some seconds, and nothing is. */
 bool tl_activator_work(tl_activator *activator);

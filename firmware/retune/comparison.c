@@ -9,6 +9,7 @@
 #include <string.h>
 
 #include "firmware/base/os.h"
+#include "firmware/retune/probation.h"
 
 /* ---- forecast ---- */
 
@@ -20,27 +21,15 @@ static double mebibytes(uint64_t bytes) {
     return (double)bytes / (1024.0 * 1024.0);
 }
 
-tl_forecast_result tl_forecast_of(const tl_trial_answer *answer, uint64_t left, char why[TL_FORECAST_TEXT]) {
-    why[0] = '\0';
-    if (answer->least > answer->step) {
-        (void)snprintf(why, TL_FORECAST_TEXT, "a step takes %.3g ms here without any search, and has %.3g ms",
-                       milliseconds(answer->least), milliseconds(answer->step));
-        return TL_FORECAST_TOO_SLOW;
-    }
-    if (left != 0 && answer->memory > left) {
-        (void)snprintf(why, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory, and the box has %.0f MiB left",
-                       mebibytes(answer->memory), mebibytes(left));
-        return TL_FORECAST_NO_MEMORY;
-    }
-    return TL_FORECAST_POSSIBLE;
-}
-
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]) {
     double step = milliseconds(answer->step);
     double budget = milliseconds(answer->budget);
     if (answer->least == 0) {
         (void)snprintf(text, TL_FORECAST_TEXT, "how long a step takes is not known before it runs; it has %.3g ms",
                        step);
+    } else if (answer->least > answer->step) {
+        (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms here without any search, and has %.3g ms",
+                       milliseconds(answer->least), step);
     } else if (answer->worst == 0) {
         (void)snprintf(text, TL_FORECAST_TEXT, "a step takes %.3g ms of %.3g ms", milliseconds(answer->least), step);
     } else if (answer->budget == 0 || answer->worst <= answer->budget) {
@@ -58,8 +47,8 @@ void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char
     int length =
         snprintf(text, TL_FORECAST_TEXT, "its twin takes %.0f MiB of memory at most", mebibytes(answer->memory));
     if (left != 0) {
-        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left",
-                       mebibytes(left));
+        (void)snprintf(text + length, TL_FORECAST_TEXT - (size_t)length, "; the box has %.0f MiB left%s",
+                       mebibytes(left), answer->memory > left ? ": " TL_COMPARISON_TWO_TWINS : "");
     }
 }
 
@@ -106,14 +95,14 @@ static void subtract(const tl_run_status *before, tl_run_status *now) {
     }
 }
 
-void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now) {
-    *comparison = (tl_comparison){.before = *before, .shadow = now->work, .twin = now->beside};
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin) {
+    comparison->shadow = *shadow;
+    comparison->twin = *twin;
 }
 
-void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now) {
+void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin) {
     const tl_comparison begun = *comparison;
-    comparison->shadow = now->work;
-    comparison->twin = now->beside;
+    tl_comparison_begin(comparison, shadow, twin);
     subtract(&begun.shadow, &comparison->shadow);
     subtract(&begun.twin, &comparison->twin);
 }
@@ -169,6 +158,16 @@ static void write_work(const char *who, const tl_run_status *work, char text[TL_
                    work->deadline_misses, lock);
 }
 
+/* Percent of the steps in which no matched signal was good; 100 if no step was judged: no stroke has ended yet (event horizon). */
+static double percent_unseen(const tl_comparison *comparison) {
+    const tl_lock_tally *lock = &comparison->shadow.lock;
+    uint64_t judged = tl_lock_tally_total(lock);
+    return judged == 0 ? 100.0 : 100.0 * share((double)lock->steps[TL_LOCK_FREE], judged);
+}
+
+/* Most of the time decides what the rest is worth. */
+static const double MOST_PERCENT = 50.0;
+
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context) {
     const tl_run_status *twin = &comparison->twin;
     const tl_run_status *shadow = &comparison->shadow;
@@ -191,9 +190,18 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
     say(context, text);
     write_work("new", shadow, text);
     say(context, text);
+    if (tl_lock_tally_total(&shadow->lock) == 0) {
+        say(context, "nothing came that its lock is judged by: that is left to its probation");
+    } else if (percent_unseen(comparison) > MOST_PERCENT) {
+        (void)snprintf(text, sizeof text,
+                       "the plant was not there for %.3g %% of the time: its lock is not judged by the rest, but by "
+                       "its probation",
+                       percent_unseen(comparison));
+        say(context, text);
+    }
 }
 
-/* ---- judging ---- */
+/* ---- room ---- */
 
 /* A twin that has made up so large a part of its ticks follows nothing, whatever its priority and the reason. */
 enum { LEAST_PART = 4 };
@@ -217,53 +225,9 @@ static bool suffers(const tl_run_status *figures, const tl_run_status *measure) 
 static tl_comparison_result say_no_room(const char *who, const tl_run_status *figures, char why[TL_COMPARISON_TEXT]) {
     (void)snprintf(why, TL_COMPARISON_TEXT,
                    "%s missed %" PRIu64 " deadlines and made %" PRIu64 " ticks up of %" PRIu64
-                   ": " TL_ACTIVATION_NO_ROOM,
+                   ": " TL_COMPARISON_TWO_TWINS,
                    who, figures->deadline_misses, figures->skipped, figures->ticks);
     return TL_COMPARISON_NO_ROOM;
-}
-
-/* Most of the time decides what the rest is worth. */
-static const double MOST = 0.5;
-
-tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone) {
-    const tl_lock_tally *lock = &comparison->shadow.lock;
-    uint64_t judged = tl_lock_tally_total(lock);
-    *gone = share((double)lock->steps[TL_LOCK_FREE], judged);
-    return judged == 0 ? TL_COMPARISON_UNJUDGED : *gone > MOST ? TL_COMPARISON_PLANT_GONE : TL_COMPARISON_SEEN;
-}
-
-tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
-                                         char why[TL_COMPARISON_TEXT]) {
-    const tl_run_status *twin = &comparison->twin;
-    const tl_run_status *shadow = &comparison->shadow;
-    double in_lock_now = tl_lock_tally_percent(&twin->lock);
-    double gone = 0.0;
-    why[0] = '\0';
-    if (twin->twin_failures != comparison->before.twin_failures) {
-        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
-        return TL_COMPARISON_BAD;
-    }
-    if (is_absent(shadow)) {
-        return say_no_room("the new twin", shadow, why);
-    }
-    if (suffers(twin, &comparison->before)) {
-        return say_no_room("beside it the run's twin", twin, why);
-    }
-    if (shadow->steps == 0) {
-        (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
-        return TL_COMPARISON_BAD;
-    }
-    if (tl_comparison_sight_of(comparison, &gone) != TL_COMPARISON_SEEN) {
-        return TL_COMPARISON_GOOD;
-    }
-    double in_lock = tl_lock_tally_percent(&shadow->lock);
-    if (in_lock < require_lock && in_lock < in_lock_now) {
-        (void)snprintf(why, TL_COMPARISON_TEXT,
-                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
-                       in_lock, require_lock, in_lock_now);
-        return TL_COMPARISON_BAD;
-    }
-    return TL_COMPARISON_GOOD;
 }
 
 /* ---- worse ---- */
@@ -286,17 +250,16 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     const tl_lock_tally *lock = &comparison->shadow.lock_before;
     double in_lock_now = tl_lock_tally_percent(&comparison->twin.lock);
     double in_lock = tl_lock_tally_total(lock) == lock->steps[TL_LOCK_FREE] ? 100.0 : tl_lock_tally_percent(lock);
-    double gone = 0.0;
-    bool is_seen = tl_comparison_sight_of(comparison, &gone) == TL_COMPARISON_SEEN;
     (void)snprintf(
         why, TL_COMPARISON_TEXT,
         "by the tolerances of the version before, the new twin was in lock for %.4g %% of the steps, asked are "
         "%.4g %%; the run's for %.4g %%",
         in_lock, require_lock, in_lock_now);
-    return is_seen && in_lock < require_lock && in_lock < in_lock_now;
+    return percent_unseen(comparison) <= MOST_PERCENT && in_lock < require_lock && in_lock < in_lock_now;
 }
 
-bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
+/* An output is, or the lock by the tolerances of the version before. */
+static bool is_any_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_run_status *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs; i++) {
         const tl_run_output *now = &twin->output[i];
@@ -317,4 +280,36 @@ bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock
     }
     why[0] = '\0';
     return false;
+}
+
+/* ---- judging ---- */
+
+tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
+                                         char why[TL_COMPARISON_TEXT]) {
+    const tl_run_status *twin = &comparison->twin;
+    const tl_run_status *shadow = &comparison->shadow;
+    double in_lock_now = tl_lock_tally_percent(&twin->lock);
+    if (twin->twin_failures != comparison->before.twin_failures) {
+        (void)snprintf(why, TL_COMPARISON_TEXT, "the run's twin was begun again meanwhile: try it again");
+        return TL_COMPARISON_BAD;
+    }
+    if (is_absent(shadow)) {
+        return say_no_room("the new twin", shadow, why);
+    }
+    if (suffers(twin, &comparison->before)) {
+        return say_no_room("beside it the run's twin", twin, why);
+    }
+    if (shadow->steps == 0) {
+        (void)snprintf(why, TL_COMPARISON_TEXT, "the new twin has not computed a step");
+        return TL_COMPARISON_BAD;
+    }
+    bool is_seen = percent_unseen(comparison) <= MOST_PERCENT;
+    double in_lock = tl_lock_tally_percent(&shadow->lock);
+    if (is_seen && in_lock < require_lock && in_lock < in_lock_now) {
+        (void)snprintf(why, TL_COMPARISON_TEXT,
+                       "the new twin was in lock for %.4g %% of the steps, asked are %.4g %%; the run's for %.4g %%",
+                       in_lock, require_lock, in_lock_now);
+        return TL_COMPARISON_BAD;
+    }
+    return is_any_worse(comparison, require_lock, why) ? TL_COMPARISON_WORSE : TL_COMPARISON_GOOD;
 }

@@ -7,29 +7,23 @@
 
 #include <stdint.h>
 
-#include "firmware/retune/activation_host.h"
+#include "firmware/monitor/run_status.h"
 #include "firmware/retune/worker.h"
 
-/* ---- The forecast of a candidate: what its twin will take of the box, in words, and whether that can be.
+/* ---- The forecast of a candidate: what its twin will take of the box, in words.
  *
  * Thread:  pure, but for tl_forecast_memory_left().
  */
 
 enum { TL_FORECAST_TEXT = 192 };
 
-typedef enum tl_forecast_result {
-    TL_FORECAST_POSSIBLE,
-    TL_FORECAST_TOO_SLOW, /* no box that is like this one could run it */
-    TL_FORECAST_NO_MEMORY /* beside the twin that runs */
-} tl_forecast_result;
-
-/* `left`: bytes of memory; 0: not known. `why`: what cannot be. */
-tl_forecast_result tl_forecast_of(const tl_trial_answer *answer, uint64_t left, char why[TL_FORECAST_TEXT]);
+/* In the reason of a shadow that has ended because it could not keep pace beside the run's twin. */
+#define TL_COMPARISON_TWO_TWINS "this box does not carry two twins"
 
 /* "a step takes 0.15 ms of 10 ms, and with all of its search 2.3 ms; the budget ends that after 8 ms" */
 void tl_forecast_write_time(const tl_trial_answer *answer, char text[TL_FORECAST_TEXT]);
 
-/* "its twin takes 31 MiB of memory; 1900 MiB are left" */
+/* "its twin takes 31 MiB of memory at most; the box has 1900 MiB left". `left`: bytes; 0: not known. */
 void tl_forecast_write_memory(const tl_trial_answer *answer, uint64_t left, char text[TL_FORECAST_TEXT]);
 
 /* Bytes that the machine has to give, by /proc/meminfo; 0: it does not say. */
@@ -53,7 +47,7 @@ uint64_t tl_forecast_memory_left(void);
 
 enum { TL_COMPARISON_TEXT = 256, TL_COMPARISON_LOCK = 64, TL_COMPARISON_TIMES = 2, TL_COMPARISON_PAIRS = 10 };
 
-/* Fields are private. */
+/* `before` is set by the caller; the other fields are private. */
 typedef struct tl_comparison {
     tl_run_status before;       /* the run's twin, before there was a shadow */
     tl_run_status shadow, twin; /* as they were when it began; then what they have done in it */
@@ -62,35 +56,22 @@ typedef struct tl_comparison {
 typedef enum tl_comparison_result {
     TL_COMPARISON_GOOD,
     TL_COMPARISON_NO_ROOM, /* the box does not carry two twins */
-    TL_COMPARISON_BAD      /* it is the candidate's fault */
+    TL_COMPARISON_BAD,     /* it is the candidate's fault */
+    TL_COMPARISON_WORSE /* an output is, or the lock by the tolerances of the version that a probation would return to */
 } tl_comparison_result;
 
-/* What can be said of the shadow's lock. */
-typedef enum tl_comparison_sight {
-    TL_COMPARISON_SEEN,
-    TL_COMPARISON_UNJUDGED,  /* nothing has come yet that it is judged by: no stroke has ended (event horizon) */
-    TL_COMPARISON_PLANT_GONE /* no matched signal was good for more than half of the time */
-} tl_comparison_sight;
-
-/* `before`: the run's twin before there was a shadow. */
-void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *before, const tl_activation_shadow *now);
-
-void tl_comparison_end(tl_comparison *comparison, const tl_activation_shadow *now);
+/* `shadow` and `twin`: how both are at the same moment. */
+void tl_comparison_begin(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin);
+void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, const tl_run_status *twin);
 
 /* ---- after its end ---- */
 
-/* `say` gets a line for each output, and one for each twin. */
+/* `say` gets a line for each output, one for each twin, and one if the shadow's lock cannot be judged. */
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context);
 
-/* *gone: which part of the time no matched signal was good, 0 … 1. */
-tl_comparison_sight tl_comparison_sight_of(const tl_comparison *comparison, double *gone);
-
-/* `require_lock`: percent; 0: not asked. */
+/* `require_lock`: percent; 0: not asked. `why`: "" of a good one. */
 tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
                                          char why[TL_COMPARISON_TEXT]);
-
-/* Of one that is good: whether an output is worse, and which; or the lock, by the tolerances of the version that a probation would return to. */
-bool tl_comparison_is_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]);
 
 /* "in lock 97 %"; also of a shadow that runs. */
 void tl_comparison_write_lock(const tl_lock_tally *lock, char text[TL_COMPARISON_LOCK]);

@@ -14,6 +14,7 @@
 #include <sys/vfs.h>
 #include <unistd.h>
 
+#include "firmware/base/log.h"
 #include "firmware/base/text.h"
 #include "firmware/process/block.h"
 
@@ -63,14 +64,6 @@ tl_control_reply tl_control_new_reply(tl_control_kind kind) {
     return reply;
 }
 
-tl_control_reply tl_control_new_step(tl_control_step step, uint32_t left_s, const char *text) {
-    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_STEP);
-    reply.as.progress.step = (uint32_t)step;
-    reply.as.progress.left_s = left_s;
-    (void)snprintf(reply.as.progress.text, sizeof reply.as.progress.text, "%s", text);
-    return reply;
-}
-
 tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_END);
     reply.as.end.result = (uint32_t)result;
@@ -78,6 +71,15 @@ tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, 
     (void)snprintf(reply.as.end.hash, sizeof reply.as.end.hash, "%s", hash);
     (void)snprintf(reply.as.end.text, sizeof reply.as.end.text, "%s", text);
     return reply;
+}
+
+void tl_control_log_problem(const char *subject, const tl_control_problem *problem) {
+    char line[32] = "";
+    if (problem->line != 0) {
+        (void)snprintf(line, sizeof line, "line %u: ", problem->line);
+    }
+    tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", subject, line, problem->path, problem->path[0] == '\0' ? "" : ": ",
+           problem->text);
 }
 
 /* ---- control packet ---- */
@@ -134,16 +136,6 @@ enum { WAITING = 16 };
 
 /* ---- the socket ---- */
 
-/* A dead one is in the way of bind(); one that answers is somebody else's. */
-static bool is_living(const struct sockaddr_un *address) {
-    int probe = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
-    bool is = probe >= 0 && (connect(probe, (const struct sockaddr *)address, sizeof *address) == 0 || errno == EAGAIN);
-    if (probe >= 0) {
-        (void)close(probe);
-    }
-    return is;
-}
-
 /* The last folder of its name; whoever may enter the one above decides who may enter this. */
 static void make_folder(const char *path) {
     char folder[sizeof((struct sockaddr_un *)NULL)->sun_path];
@@ -151,10 +143,17 @@ static void make_folder(const char *path) {
     (void)mkdir(dirname(folder), S_IRWXU | S_IRWXG);
 }
 
-static void remove_dead(const struct sockaddr_un *address) {
+/* A dead socket is in the way of bind(). One that answers, or is too busy to, belongs to another process. */
+static void remove_dead(const char *path) {
     struct stat about;
-    if (lstat(address->sun_path, &about) == 0 && S_ISSOCK(about.st_mode) && !is_living(address)) {
-        (void)unlink(address->sun_path);
+    int probe = -1;
+    tl_error error;
+    bool is_socket = lstat(path, &about) == 0 && S_ISSOCK(about.st_mode);
+    if (is_socket && tl_control_connect(path, &probe, &error) == TL_PLANT_DOWN) {
+        (void)unlink(path);
+    }
+    if (probe >= 0) {
+        (void)close(probe);
     }
 }
 
@@ -168,7 +167,7 @@ tl_status tl_control_listen(const char *path, int *listener, tl_error *error) {
     memcpy(address.sun_path, path, strlen(path) + 1);
     int made = socket(AF_UNIX, SOCK_SEQPACKET | SOCK_CLOEXEC | SOCK_NONBLOCK, 0);
     make_folder(path);
-    remove_dead(&address);
+    remove_dead(path);
     if (made < 0 || bind(made, (const struct sockaddr *)&address, sizeof address) != 0 ||
         chmod(path, S_IRUSR | S_IWUSR | S_IRGRP | S_IWGRP) != 0 || listen(made, WAITING) != 0) {
         int code = errno;
@@ -201,17 +200,12 @@ static bool is_clean(const char *text, size_t room) {
            memcmp(clean, text, length) == 0;
 }
 
-static bool is_hash(const char text[TL_SHA256_TEXT]) {
-    return text[0] == '\0' || (strnlen(text, TL_SHA256_TEXT) == TL_SHA256_TEXT - 1 &&
-                               strspn(text, "0123456789abcdef") == TL_SHA256_TEXT - 1);
-}
-
 static bool is_sound(const tl_control_request *request) {
     return request->protocol == TL_CONTROL_PROTOCOL && request->verb < TL_CONTROL_VERBS &&
            request->right <= TL_RIGHT_COMMISSION && request->origin <= TL_ORIGIN_LIMITED &&
            request->flags <= TL_CONTROL_FLAGS && isfinite(request->require_lock) && request->require_lock <= 100.0 &&
-           is_hash(request->hash) && is_hash(request->if_match) && is_clean(request->who, sizeof request->who) &&
-           is_clean(request->why, sizeof request->why);
+           tl_identity_is_sound(request->hash) && tl_identity_is_sound(request->if_match) &&
+           is_clean(request->who, sizeof request->who) && is_clean(request->why, sizeof request->why);
 }
 
 static const char FOREIGN[] = "the request is none: twinlock is of another version there";
@@ -256,28 +250,17 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
 /* ---- replies ---- */
 
 /* Nobody waits for a client that does not take what we say. */
-static bool send_reply(tl_control_peer *peer, const tl_control_reply *reply, const char *text, size_t size) {
-    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, text, size)) {
+bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply, const char *text) {
+    if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, text, reply->more)) {
         tl_control_close(peer);
     }
     return peer->socket >= 0;
 }
 
-bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply) {
-    return send_reply(peer, reply, NULL, 0);
-}
-
-bool tl_control_send_text(tl_control_peer *peer, const tl_control_version *version, const char *text, size_t size) {
-    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
-    reply.more = (uint32_t)size;
-    reply.as.version = *version;
-    return send_reply(peer, &reply, text, size);
-}
-
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
                        const char *text) {
     const tl_control_reply reply = tl_control_new_end(result, version, hash, text);
-    (void)tl_control_send(peer, &reply);
+    (void)tl_control_send(peer, &reply, NULL);
     tl_control_close(peer);
 }
 

@@ -206,12 +206,14 @@ enum { TL_CONTROL_NOT_PERMITTED = 77 };
 /* The exit code of a program that has sent a request, such as `twinlock reload`. */
 int tl_control_exit_code(tl_control_result result);
 
+/* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: what was found, what was expected". */
+void tl_control_log_problem(const char *subject, const tl_control_problem *problem);
+
 /* ---- Replies, all bytes of which are set: they go out whole. */
 
 tl_control_reply tl_control_new_reply(tl_control_kind kind);
 
 /* A text that does not fit is cut. */
-tl_control_reply tl_control_new_step(tl_control_step step, uint32_t left_s, const char *text);
 tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text);
 
 /* ---- A packet of a control socket: a message of an exact size, and memory that may come with it.
@@ -264,11 +266,9 @@ bool tl_control_accept(int listener, tl_control_peer *peer);
  * of others never. A bad request is answered with TL_CONTROL_BAD. */
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
 
-/* Says something; all its bytes go out, so they are zeroed at first. False: the peer is gone, and closed. */
-bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply);
-
-/* Says a version, and its text. */
-bool tl_control_send_text(tl_control_peer *peer, const tl_control_version *version, const char *text, size_t size);
+/* Says something; all its bytes go out, so they are zeroed at first. `text`, of `more` bytes, is that of a TL_CONTROL_CONFIGURATION; NULL of all others.
+ * False: the peer is gone, and closed. */
+bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply, const char *text);
 
 /* Says the last thing, and closes. None is allowed. */
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,

@@ -5,7 +5,6 @@
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
-#include <string.h>
 
 #include "master/base/status.h"
 
@@ -63,8 +62,8 @@ static void count(tl_probation *probation, const tl_run_status *now) {
     const tl_lock_tally *before = lock_before_of(probation, last);
     const tl_lock_tally *before_now = lock_before_of(probation, now);
     for (int i = 0; i < TL_LOCK_STATES; i++) {
-        account->lock[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
-        account->lock_before[i] += is_judged ? grown(before->steps[i], before_now->steps[i]) : 0;
+        account->lock.steps[i] += is_judged ? grown(last->lock.steps[i], now->lock.steps[i]) : 0;
+        account->lock_before.steps[i] += is_judged ? grown(before->steps[i], before_now->steps[i]) : 0;
     }
 }
 
@@ -88,10 +87,8 @@ static void measure(tl_probation *probation, tl_time passed, const tl_run_status
 
 /* ---- judging ---- */
 
-static tl_probation_result end(tl_probation *probation, tl_probation_result result, const char *format, ...)
-    TL_PRINTF(3, 4);
-
-static tl_probation_result end(tl_probation *probation, tl_probation_result result, const char *format, ...) {
+static TL_PRINTF(3, 4) tl_probation_result
+    end(tl_probation *probation, tl_probation_result result, const char *format, ...) {
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(probation->why, TL_PROBATION_WHY, format, arguments);
@@ -152,25 +149,16 @@ static tl_probation_result judge_twin(tl_probation *probation, const tl_run_stat
     return end(probation, TL_PROBATION_GOES_ON, "%s", "");
 }
 
-static double percent_of(const uint64_t lock[TL_LOCK_STATES]) {
-    tl_lock_tally tally = {.state = TL_LOCK_FREE};
-    memcpy(tally.steps, lock, sizeof tally.steps);
-    return tl_lock_tally_percent(&tally);
-}
-
 /* Its time is over: the first rule that holds decides. */
 static tl_probation_result judge(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
     const tl_probation_terms *terms = &account->terms;
     char widened[WIDENED];
     char lost[TL_PROBATION_WHY];
-    uint64_t judged = 0;
+    uint64_t judged = tl_lock_tally_total(&account->lock);
     (void)snprintf(lost, sizeof lost,
                    "by the tolerances of the version before, the lock was lost when its time was over%s",
                    write_widened(account, widened));
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        judged += account->lock[i];
-    }
     const struct {
         bool holds;
         tl_probation_result result;
@@ -192,8 +180,8 @@ static tl_probation_result judge(tl_probation *probation, const tl_run_status *n
             return end(probation, rules[i].result, "%s", rules[i].why);
         }
     }
-    double by_own = percent_of(account->lock);
-    double in_lock = fmin(by_own, percent_of(account->lock_before));
+    double by_own = tl_lock_tally_percent(&account->lock);
+    double in_lock = fmin(by_own, tl_lock_tally_percent(&account->lock_before));
     bool is_by_before = in_lock < by_own;
     return end(probation, in_lock >= terms->require_lock ? TL_PROBATION_KEPT : TL_PROBATION_RETURN,
                "%sin lock for %.4g %% of the steps, asked were %.4g %%%s",
@@ -223,14 +211,8 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
 
 /* ---- by somebody ---- */
 
-tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who) {
-    return probation->result != TL_PROBATION_GOES_ON ? probation->result
-                                                     : end(probation, TL_PROBATION_KEPT, "%s has confirmed it", who);
-}
-
-tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why) {
-    return probation->result != TL_PROBATION_GOES_ON ? probation->result
-                                                     : end(probation, TL_PROBATION_RETURN, "%s", why);
+tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_result result, const char *why) {
+    return probation->result != TL_PROBATION_GOES_ON ? probation->result : end(probation, result, "%s", why);
 }
 
 bool tl_probation_is_lost_before(const tl_probation *probation) {

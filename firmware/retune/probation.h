@@ -54,9 +54,8 @@ typedef struct tl_probation_account {
     tl_probation_terms terms;
     uint64_t before_steps, before_misses; /* of the configuration before */
     uint64_t left_ms;
-    uint64_t steps, misses, skipped;      /* on probation; */
-    uint64_t lock[TL_LOCK_STATES];        /* steps that were judged, by state, */
-    uint64_t lock_before[TL_LOCK_STATES]; /* and by the yardstick before; */
+    uint64_t steps, misses, skipped; /* on probation; */
+    tl_lock_tally lock, lock_before; /* only the steps that were judged, and these by the yardstick before; */
     tl_lock_yardstick yardstick; /* which is this, in the order of the new version's outputs; zeroed: there is none */
     char widened
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output that it judges more strictly; "": none */
@@ -88,11 +87,8 @@ void tl_probation_resume(tl_probation *probation, const tl_probation_account *ac
 /* So much time has passed since the last call, and this is how the twin is now. Once it is kept or returned from it stays so. */
 tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, const tl_run_status *now);
 
-/* Somebody is content. Nothing if it was returned from. */
-tl_probation_result tl_probation_confirm(tl_probation *probation, const char *who);
-
-/* Somebody is not, or the candidate cannot be tried any more. Nothing if it was kept. */
-tl_probation_result tl_probation_refuse(tl_probation *probation, const char *why);
+/* A user keeps the version, or returns from it. No effect if the probation has ended. Returns how it ended. */
+tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_result result, const char *why);
 
 /* The rule of missed deadlines: so many of so many steps are too many, after so many of so many before. */
 bool tl_probation_is_too_many(uint64_t misses, uint64_t steps, uint64_t misses_before, uint64_t steps_before);

@@ -74,19 +74,6 @@ static void print_change(const tl_control_reply *reply, FILE *output) {
     }
 }
 
-static void print_problem(const char *subject, const tl_control_reply *reply) {
-    const tl_control_problem *problem = &reply->as.problem;
-    const char *separator = problem->path[0] == '\0' ? "" : ": ";
-    char line[32] = "";
-    if (problem->line != 0) {
-        (void)snprintf(line, sizeof line, "line %u: ", problem->line);
-    }
-    tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", subject, line, problem->path, separator, problem->text);
-    if (reply->more > 0) {
-        tl_log(TL_LOG_ERROR, "%s: and %u more", subject, reply->more);
-    }
-}
-
 static void print_step(const talk *self, tl_control_step step, const char *text) {
     (void)fprintf(self->settings->output, "%-10s  %s\n", tl_control_step_name(step), text);
     (void)fflush(self->settings->output);
@@ -115,7 +102,10 @@ static void print_reply(const talk *self, const tl_control_reply *reply) {
         print_change(reply, output);
         break;
     case TL_CONTROL_PROBLEM:
-        print_problem(self->settings->subject, reply);
+        tl_control_log_problem(self->settings->subject, &reply->as.problem);
+        if (reply->more > 0) {
+            tl_log(TL_LOG_ERROR, "%s: and %u more", self->settings->subject, reply->more);
+        }
         break;
     case TL_CONTROL_STEP:
         print_step(self, (tl_control_step)reply->as.progress.step, reply->as.progress.text);
@@ -325,18 +315,15 @@ static void say_last_word(int signal_) {
         "\nthe change goes on in the run: `twinlock reload --state` shows how it is, and `twinlock reload "
         "--rollback` cancels it, or returns from it\n";
     (void)!write(STDERR_FILENO, word, sizeof word - 1);
+    (void)signal(signal_, SIG_DFL);
     (void)raise(signal_); /* by default now, once this returns */
 }
 
 /* A signal that is ignored stays so. */
 static void claim_signal(int signal_, void (*handler)(int)) {
-    struct sigaction action = {.sa_handler = SIG_IGN};
-    if (sigaction(signal_, NULL, &action) != 0 || action.sa_handler == SIG_IGN) {
-        return;
+    if (signal(signal_, handler) == SIG_IGN) {
+        (void)signal(signal_, SIG_IGN);
     }
-    action = (struct sigaction){.sa_handler = handler, .sa_flags = (int)SA_RESETHAND};
-    (void)sigemptyset(&action.sa_mask);
-    (void)sigaction(signal_, &action, NULL);
 }
 
 static void claim_signals(void (*handler)(int)) {

@@ -42,19 +42,6 @@ static void read_file(starting_run *self) {
 
 /* ---- validating ---- */
 
-static void say_problems(const starting_run *self) {
-    const tl_verdict *verdict = &self->verdict;
-    for (uint32_t i = 0; i < verdict->problems && i < TL_VERDICT_PROBLEMS; i++) {
-        const tl_control_problem *problem = &verdict->problem[i];
-        char line[32] = "";
-        if (problem->line != 0) {
-            (void)snprintf(line, sizeof line, "line %u: ", problem->line);
-        }
-        tl_log(TL_LOG_ERROR, "%s: %s%s%s%s", self->start->path, line, problem->path,
-               problem->path[0] == '\0' ? "" : ": ", problem->text);
-    }
-}
-
 /* False: there is no verdict. */
 static bool ask_validator(starting_run *self, const char *in_force) {
     char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
@@ -72,7 +59,6 @@ static bool ask_validator(starting_run *self, const char *in_force) {
                          [TL_WORKER_KEPT] = kept}},
         .limit = VALIDATION,
         .be = self->start->be,
-        .context = self->start->context,
     };
     tl_status status = tl_worker_start(&worker, &settings, &error);
     free(kept);
@@ -94,10 +80,11 @@ static bool is_good(starting_run *self, const char *in_force) {
         tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
         return false;
     }
-    if (self->verdict.is_valid == 0) {
-        say_problems(self);
+    bool is_valid = self->verdict.is_valid != 0;
+    for (uint32_t i = 0; !is_valid && i < self->verdict.problems && i < TL_VERDICT_PROBLEMS; i++) {
+        tl_control_log_problem(self->start->path, &self->verdict.problem[i]);
     }
-    return self->verdict.is_valid != 0;
+    return is_valid;
 }
 
 /* ---- taking the file ---- */

@@ -21,7 +21,6 @@ typedef struct tl_version_start {
     const char *state;                           /* the folder in which versions/ is */
     const char *path;                            /* of the file */
     int (*be)(const char *title, void *context); /* as in worker.h */
-    void *context;
 } tl_version_start;
 
 /* The text to run, with a NUL behind it: the caller's to free(). What a person should know was said on the log.

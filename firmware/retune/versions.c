@@ -72,13 +72,9 @@ static void record_path(const tl_versions *versions, uint64_t number, char path[
 
 /* ---- words ---- */
 
-static const char *const results[TL_VERSION_RESULTS] = {
+const char *const tl_version_results[TL_VERSION_RESULTS] = {
     [TL_VERSION_CANDIDATE] = "candidate", [TL_VERSION_ACTIVE] = "active",     [TL_VERSION_PROBATION] = "probation",
     [TL_VERSION_KEPT] = "kept",           [TL_VERSION_RETURNED] = "returned", [TL_VERSION_REFUSED] = "refused"};
-
-const char *tl_version_result_name(tl_version_result result) {
-    return results[result];
-}
 
 /* ---- small files ---- */
 
@@ -121,10 +117,25 @@ static size_t exchange_word(const members *file, const char *key, size_t word, c
     return 0;
 }
 
-static tl_status write_members(tl_json_writer *writer, const char *path, tl_error *error) {
-    tl_status status = tl_json_file_write(writer, path, error);
-    tl_json_writer_free(writer);
+/* All members of a file's content, in their order. */
+typedef void exchange_content(const members *file, void *content);
+
+static tl_status write_content(const char *path, exchange_content *exchange, void *content, tl_error *error) {
+    tl_json_writer writer;
+    tl_json_writer_begin(&writer);
+    exchange(&(members){.writer = &writer}, content);
+    tl_status status = tl_json_file_write(&writer, path, error);
+    tl_json_writer_free(&writer);
     return status;
+}
+
+/* False: the file cannot be read, or a member is missing or of another type. */
+static bool read_content(const char *path, exchange_content *exchange, void *content) {
+    tl_json_reader reader = tl_json_file_read(path);
+    exchange(&(members){.reader = &reader}, content);
+    bool right = reader.right;
+    tl_json_reader_free(&reader);
+    return right;
 }
 
 /* What a version takes beside its text: its record, and active.json. */
@@ -146,7 +157,8 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 
 /* ---- a record ---- */
 
-static void exchange_record(const members *file, tl_version *version) {
+static void exchange_record(const members *file, void *content) {
+    tl_version *version = content;
     exchange_count(file, "version", &version->number);
     exchange_count(file, "parent", &version->parent);
     exchange_text(file, "hash", version->hash, sizeof version->hash);
@@ -154,7 +166,8 @@ static void exchange_record(const members *file, tl_version *version) {
     version->origin = (tl_change_origin)exchange_word(file, "origin", version->origin, tl_change_origins, TL_ORIGINS);
     version->right = (tl_change_right)exchange_word(file, "right", version->right, tl_change_rights, TL_RIGHTS);
     version->kind = (tl_change_kind)exchange_word(file, "kind", version->kind, tl_change_kinds, TL_CHANGE_KINDS);
-    version->result = (tl_version_result)exchange_word(file, "result", version->result, results, TL_VERSION_RESULTS);
+    version->result =
+        (tl_version_result)exchange_word(file, "result", version->result, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "reason", version->reason, sizeof version->reason);
     exchange_text(file, "who", version->who, sizeof version->who);
     exchange_text(file, "why", version->why, sizeof version->why);
@@ -165,12 +178,9 @@ static void exchange_record(const members *file, tl_version *version) {
 
 static tl_status write_record(const tl_versions *versions, const tl_version *version, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     tl_version copy = *version;
-    tl_json_writer_begin(&writer);
-    exchange_record(&(members){.writer = &writer}, &copy);
     record_path(versions, version->number, path);
-    return write_members(&writer, path, error);
+    return write_content(path, exchange_record, &copy, error);
 }
 
 /* ---- a text ---- */
@@ -284,31 +294,30 @@ static void exchange_probation(const members *file, tl_version_probation *probat
         const char *state = tl_lock_state_name((tl_lock_state)i);
         char key[LOCK_KEY];
         (void)snprintf(key, sizeof key, "lock_%s", state);
-        exchange_count(file, key, &account->lock[i]);
+        exchange_count(file, key, &account->lock.steps[i]);
         (void)snprintf(key, sizeof key, "lock_before_%s", state);
-        exchange_count(file, key, &account->lock_before[i]);
+        exchange_count(file, key, &account->lock_before.steps[i]);
     }
     exchange_yardstick(file, &account->yardstick);
     exchange_text(file, "widened", account->widened, sizeof account->widened);
 }
 
-static void exchange_active(const members *file, tl_versions *versions) {
+static void exchange_active(const members *file, void *content) {
+    tl_versions *versions = content;
     exchange_count(file, "active", &versions->active);
     exchange_text(file, "taken", versions->taken, sizeof versions->taken);
     exchange_count(file, "settled", &versions->settled);
-    versions->how = (tl_version_result)exchange_word(file, "settled_as", versions->how, results, TL_VERSION_RESULTS);
+    versions->how =
+        (tl_version_result)exchange_word(file, "settled_as", versions->how, tl_version_results, TL_VERSION_RESULTS);
     exchange_text(file, "settled_because", versions->because, sizeof versions->because);
     exchange_probation(file, &versions->probation);
 }
 
 static tl_status write_active(const tl_versions *versions, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     tl_versions copy = *versions;
-    tl_json_writer_begin(&writer);
-    exchange_active(&(members){.writer = &writer}, &copy);
     path_of(versions, "active", path);
-    return write_members(&writer, path, error);
+    return write_content(path, exchange_active, &copy, error);
 }
 
 /* Numbers that this program may have given. */
@@ -327,10 +336,7 @@ static bool read_active(tl_versions *versions) {
     if (access(path, F_OK) != 0 && errno == ENOENT) {
         return true;
     }
-    tl_json_reader reader = tl_json_file_read(path);
-    exchange_active(&(members){.reader = &reader}, &found);
-    bool right = reader.right && is_active_sound(&found);
-    tl_json_reader_free(&reader);
+    bool right = read_content(path, exchange_active, &found) && is_active_sound(&found);
     if (right) {
         *versions = found;
     }
@@ -346,6 +352,12 @@ const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number) 
         }
     }
     return NULL;
+}
+
+const tl_version *tl_versions_active(const tl_versions *versions) {
+    static const tl_version none = {.number = 0};
+    const tl_version *active = tl_versions_get(versions, versions->active);
+    return active != NULL ? active : &none;
 }
 
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash) {
@@ -412,7 +424,6 @@ tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const c
 /* ---- opening ---- */
 
 static tl_status make_folder(const char *state, tl_versions *versions, tl_error *error) {
-    struct stat about;
     int length = snprintf(versions->folder, sizeof versions->folder, "%s/versions", state);
     if (length + LONGEST_NAME >= (int)sizeof versions->folder) {
         return tl_fail(error, TL_BAD_DATA, "the folder of versions, %.100s…: its name is too long", state);
@@ -423,8 +434,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
         return tl_fail(error, TL_TRY_AGAIN, "the folder of versions, %.300s: cannot be made: %s", versions->folder,
                        strerror(errno));
     }
-    if (stat(versions->folder, &about) != 0 || !S_ISDIR(about.st_mode) ||
-        access(versions->folder, R_OK | W_OK | X_OK) != 0) {
+    if (access(versions->folder, R_OK | W_OK | X_OK) != 0) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "the folder of versions, %.300s: expected a folder that this user may read and write",
                        versions->folder);
@@ -437,11 +447,8 @@ static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
     char path[PATH_MAX];
     tl_version version = {.number = 0};
     record_path(versions, number, path);
-    tl_json_reader reader = tl_json_file_read(path);
-    exchange_record(&(members){.reader = &reader}, &version);
-    bool right = reader.right && version.number == number && version.parent < number && is_hash(version.hash) &&
-                 version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
-    tl_json_reader_free(&reader);
+    bool right = read_content(path, exchange_record, &version) && version.number == number && version.parent < number &&
+                 is_hash(version.hash) && version.size <= TL_VERSIONS_BYTES && version.right >= TL_RIGHT_RETUNE;
     versions->newest = number > versions->newest ? number : versions->newest;
     if (!right) {
         tl_log(TL_LOG_WARNING, "%s: is damaged: version %" PRIu64 " cannot be brought back", path, number);
@@ -573,11 +580,10 @@ void tl_versions_close(tl_versions *versions) {
 
 static bool is_needed(const tl_versions *versions, size_t index) {
     uint64_t number = versions->list[index].number;
-    const tl_version *active = tl_versions_get(versions, versions->active);
     const tl_version *commissioned = tl_versions_commissioned(versions);
     return index == 0 || index + 1 == versions->count || number == versions->active ||
            number == versions->probation.return_to || (commissioned != NULL && number == commissioned->number) ||
-           (active != NULL && number == active->parent);
+           number == tl_versions_active(versions)->parent;
 }
 
 /* Its record first: a text without one is removed when the folder is opened. */
@@ -676,14 +682,11 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 
 #define NO_PROBATION "no version is on probation"
 
-static tl_status absent(uint64_t number, tl_error *error) {
-    return tl_fail(error, TL_BAD_DATA, "there is no version %" PRIu64, number);
-}
-
 /* The file on the box is taken, whatever comes of it: it is not tried again unless it is changed. An old version that is brought back is not what
  * the file is now. */
-static void take(tl_versions *versions, const tl_version *version) {
-    if (is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
+static void take(tl_versions *versions, uint64_t number) {
+    const tl_version *version = tl_versions_get(versions, number);
+    if (version != NULL && is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
         memcpy(versions->taken, version->hash, sizeof versions->taken);
     }
 }
@@ -707,15 +710,7 @@ static tl_status put(tl_versions *versions, const tl_versions *next, tl_error *e
 
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error) {
     tl_versions next = *versions;
-    const tl_version *version = tl_versions_get(versions, number);
-    if (version == NULL) {
-        return absent(number, error);
-    }
-    if (number == versions->active) {
-        return tl_fail(error, TL_BAD_DATA, "version %" PRIu64 " is active: it can be returned from, not refused",
-                       number);
-    }
-    take(&next, version);
+    take(&next, number);
     note(&next, number, TL_VERSION_REFUSED, reason);
     return put(versions, &next, error);
 }
@@ -723,13 +718,9 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error) {
     tl_versions next = *versions;
-    const tl_version *version = tl_versions_get(versions, number);
     /* if it is no good: what a probation that is under way would have returned to */
     uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
-    if (version == NULL) {
-        return absent(number, error);
-    }
     if (versions->settled == number) {
         note(&next, 0, TL_VERSION_CANDIDATE, ""); /* another life of it begins */
     }
@@ -742,7 +733,7 @@ tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_
     if (account != NULL && return_to != 0 && return_to != number) {
         next.probation = (tl_version_probation){number, return_to, *account};
     }
-    take(&next, version);
+    take(&next, number);
     return put(versions, &next, error);
 }
 
@@ -766,7 +757,7 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 static void choose_same(tl_versions *versions, const char *file, size_t size) {
     tl_error error;
     tl_versions next = *versions;
-    const tl_version *active = tl_versions_get(versions, versions->active);
+    const tl_version *active = tl_versions_active(versions);
     memcpy(next.taken, active->hash, sizeof next.taken);
     if (write_version_text(versions, active->hash, file, size, &error) != TL_OK ||
         (strcmp(versions->taken, next.taken) != 0 && put(versions, &next, &error) != TL_OK)) {
@@ -823,13 +814,13 @@ static void begin_again(tl_versions *versions) {
 
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error) {
-    const tl_version *active = tl_versions_get(versions, versions->active);
+    const tl_version *active = tl_versions_active(versions);
     char hash[TL_SHA256_TEXT] = "";
     *choice = (tl_version_choice){.size = size};
     if (file != NULL) {
         tl_sha256(file, size, hash);
     }
-    if (file != NULL && active != NULL && strcmp(hash, active->hash) == 0) {
+    if (file != NULL && strcmp(hash, active->hash) == 0) {
         choice->number = active->number;
         choose_same(versions, file, size);
         return TL_OK;
@@ -865,7 +856,8 @@ typedef struct refusal_file {
     char result[16], reason[TL_VERSION_WHY];
 } refusal_file;
 
-static void exchange_refusal(const members *file, refusal_file *content) {
+static void exchange_refusal(const members *file, void *given) {
+    refusal_file *content = given;
     tl_control_version *refusal = &content->refusal;
     exchange_count(file, "number", &refusal->version);
     exchange_text(file, "hash", refusal->hash, sizeof refusal->hash);
@@ -893,12 +885,9 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
         refusal_file content;
         memset(&content, 0, sizeof content);
         refusal_path(refusals, i, path);
-        tl_json_reader reader = tl_json_file_read(path);
-        exchange_refusal(&(members){.reader = &reader}, &content);
-        if (reader.right && content.refusal.version % TL_REFUSALS_MOST == i) {
+        if (read_content(path, exchange_refusal, &content) && content.refusal.version % TL_REFUSALS_MOST == i) {
             refusals->list[refusals->count++] = content.refusal;
         }
-        tl_json_reader_free(&reader);
     }
     qsort(refusals->list, refusals->count, sizeof refusals->list[0], refusal_by_number);
 }
@@ -906,7 +895,6 @@ void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions) {
 tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error) {
     char path[PATH_MAX];
-    tl_json_writer writer;
     refusal_file content;
     tl_control_version *list = refusals->list;
     tl_control_version *refusal = &content.refusal;
@@ -919,13 +907,12 @@ tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *reque
     tl_text_for_people(request->who, refusal->who, sizeof refusal->who);
     tl_text_for_people(request->why, refusal->why, sizeof refusal->why);
     tl_utc_text(tl_utc_now(), refusal->at);
-    tl_json_writer_begin(&writer);
-    exchange_refusal(&(members){.writer = &writer}, &content);
+    refusal_path(refusals, refusal->version, path);
+    tl_status status = write_content(path, exchange_refusal, &content, error);
     if (refusals->count == TL_REFUSALS_MOST) {
         memmove(&list[0], &list[1], (TL_REFUSALS_MOST - 1) * sizeof list[0]);
         refusals->count--;
     }
     list[refusals->count++] = *refusal;
-    refusal_path(refusals, refusal->version, path);
-    return write_members(&writer, path, error);
+    return status;
 }

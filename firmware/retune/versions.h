@@ -46,7 +46,7 @@ typedef enum tl_version_result {
 } tl_version_result;
 
 /* "candidate", "active", "probation", "kept", "returned", "refused". */
-const char *tl_version_result_name(tl_version_result result);
+extern const char *const tl_version_results[TL_VERSION_RESULTS];
 
 typedef struct tl_version {
     uint64_t number; /* counts up from 1, and is never given again */
@@ -99,6 +99,9 @@ void tl_versions_close(tl_versions *versions);
 /* NULL: there is none. Valid until a version is added. */
 const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 
+/* Never NULL: if no version is active, its number is 0 and its texts are empty. */
+const tl_version *tl_versions_active(const tl_versions *versions);
+
 /* The newest with this hash. NULL: there is none. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
@@ -127,10 +130,10 @@ tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_er
 /* A new version, whose parent is the active one; a candidate. */
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error);
 
-/* A candidate is not activated, for this reason. If it was the file on the box, that counts as taken. */
+/* A candidate, which is in the list, is not activated, for this reason. If it was the file on the box, that counts as taken. */
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
-/* From now on it is the active one, on probation from `account` on; NULL: without. One that was on probation until now is returned from by this; what it
+/* From now on this version, which is in the list, is the active one, on probation from `account` on; NULL: without. One that was on probation until now is returned from by this; what it
  * would have returned to is then returned to by this one; and if it is this one, it needs no probation. If it was the file on the box, that counts as
  * taken. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,

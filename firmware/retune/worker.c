@@ -52,11 +52,6 @@ static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *e
     return status;
 }
 
-static void drop_line(void *context, const char *line) {
-    (void)context;
-    (void)line;
-}
-
 /* What it prints goes into a pipe, which is at its end once the process is. */
 static tl_status start_process(tl_worker *worker, const tl_worker_settings *settings, const tl_block *job,
                                tl_error *error) {
@@ -73,9 +68,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
         return status;
     }
     tl_role_settings role = {.title = title, .fallback = settings->be, .context = settings->context};
-    for (size_t i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
-        role.descriptors[i] = -1;
-    }
+    memset(role.descriptors, -1, sizeof role.descriptors);
     role.descriptors[0] = nothing;
     role.descriptors[1] = output[1];
     role.descriptors[2] = output[1];
@@ -85,8 +78,7 @@ static tl_status start_process(tl_worker *worker, const tl_worker_settings *sett
     (void)close(nothing);
     (void)close(output[1]);
     if (status == TL_OK) {
-        tl_relay_open(&worker->relay, output[0], settings->hear != NULL ? settings->hear : drop_line,
-                      settings->context);
+        tl_relay_open(&worker->relay, output[0], settings->hear, settings->context);
     } else {
         (void)close(output[0]);
     }
@@ -117,26 +109,20 @@ tl_status tl_worker_start(tl_worker *worker, const tl_worker_settings *settings,
 tl_worker_state tl_worker_poll(tl_worker *worker) {
     bool has_ended = tl_role_watch(&worker->role);
     (void)tl_relay_drain(&worker->relay);
-    if (!has_ended && tl_clock_now(NULL) > worker->until) {
-        worker->is_late = true;
-        tl_role_kill(&worker->role);
-        return TL_WORKER_FAILED;
-    }
-    if (!has_ended) {
+    if (!has_ended && tl_clock_now(NULL) <= worker->until) {
         return TL_WORKER_RUNNING;
     }
-    return worker->role.signal == 0 && worker->role.code == 0 ? TL_WORKER_DONE : TL_WORKER_FAILED;
-}
-
-void tl_worker_reason(const tl_worker *worker, char reason[TL_WORKER_REASON]) {
-    if (worker->is_late) {
-        (void)snprintf(reason, TL_WORKER_REASON, "it took too long, and was ended");
+    if (!has_ended) {
+        worker->is_late = true;
+        tl_role_kill(&worker->role);
+        (void)snprintf(worker->reason, TL_WORKER_REASON, "it took too long, and was ended");
     } else if (worker->role.signal != 0) {
-        (void)snprintf(reason, TL_WORKER_REASON, "its process died of signal %d (%s)", worker->role.signal,
+        (void)snprintf(worker->reason, TL_WORKER_REASON, "its process died of signal %d (%s)", worker->role.signal,
                        strsignal(worker->role.signal));
-    } else {
-        (void)snprintf(reason, TL_WORKER_REASON, "its process ended with exit code %d", worker->role.code);
+    } else if (worker->role.code != 0) {
+        (void)snprintf(worker->reason, TL_WORKER_REASON, "its process ended with exit code %d", worker->role.code);
     }
+    return worker->reason[0] == '\0' ? TL_WORKER_DONE : TL_WORKER_FAILED;
 }
 
 void tl_worker_close(tl_worker *worker) {

@@ -115,10 +115,13 @@ bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY
 
 /* ---- in the parent ---- */
 
+enum { TL_WORKER_REASON = 128 };
+
 typedef struct tl_worker {
     tl_block result; /* a tl_worker_result: untrusted */
     bool is_started;
-    bool is_late; /* and was killed */
+    bool is_late;                  /* and was killed */
+    char reason[TL_WORKER_REASON]; /* why it failed: "its process died of signal 11 (…)"; "": it did not */
     /* private */
     tl_role role;
     tl_relay relay;
@@ -128,19 +131,14 @@ typedef struct tl_worker {
 typedef enum tl_worker_state {
     TL_WORKER_RUNNING,
     TL_WORKER_DONE,  /* it ended with exit code 0 */
-    TL_WORKER_FAILED /* tl_worker_reason() says how */
+    TL_WORKER_FAILED /* `reason` says how */
 } tl_worker_state;
-
-enum { TL_WORKER_REASON = 128 };
 
 /* Errors: TL_TRY_AGAIN; then there is no worker. */
 tl_status tl_worker_start(tl_worker *worker, const tl_worker_settings *settings, tl_error *error);
 
 /* Passes on what it has printed. */
 tl_worker_state tl_worker_poll(tl_worker *worker);
-
-/* "its process died of signal 11 (…)", "it took too long, and was ended". */
-void tl_worker_reason(const tl_worker *worker, char reason[TL_WORKER_REASON]);
 
 /* Kills it if it has not ended. None is allowed. */
 void tl_worker_close(tl_worker *worker);

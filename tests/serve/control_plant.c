@@ -48,7 +48,7 @@ static void say_step(tl_control_peer *peer, tl_control_step step, const char *te
     tl_control_reply reply = reply_of(TL_CONTROL_STEP);
     reply.as.progress.step = step;
     (void)snprintf(reply.as.progress.text, sizeof reply.as.progress.text, "%s", text);
-    (void)tl_control_send(peer, &reply);
+    (void)tl_control_send(peer, &reply, NULL);
 }
 
 static void say_problem(tl_control_peer *peer, uint32_t line, const char *path, const char *text) {
@@ -56,7 +56,7 @@ static void say_problem(tl_control_peer *peer, uint32_t line, const char *path, 
     reply.as.problem.line = line;
     (void)snprintf(reply.as.problem.path, sizeof reply.as.problem.path, "%s", path);
     (void)snprintf(reply.as.problem.text, sizeof reply.as.problem.text, "%s", text);
-    (void)tl_control_send(peer, &reply);
+    (void)tl_control_send(peer, &reply, NULL);
 }
 
 static void say_change(tl_control_peer *peer) {
@@ -66,7 +66,7 @@ static void say_change(tl_control_peer *peer) {
     (void)snprintf(reply.as.change.after, sizeof reply.as.change.after, "2");
     (void)snprintf(reply.as.change.kind, sizeof reply.as.change.kind, "in place");
     (void)snprintf(reply.as.change.right, sizeof reply.as.change.right, "retune");
-    (void)tl_control_send(peer, &reply);
+    (void)tl_control_send(peer, &reply, NULL);
 }
 
 static void finish(tl_control_peer *peer, tl_control_result result, const char *text) {
@@ -122,15 +122,20 @@ static void show(tl_control_peer *peer) {
     state->step_s = 0.01;
     state->ticks = UINT64_C(4000000000);
     state->in_lock = 99.5;
-    (void)tl_control_send(peer, &reply);
+    (void)tl_control_send(peer, &reply, NULL);
     finish(peer, TL_CONTROL_DONE, "");
 }
 
 static void read_one(tl_control_peer *peer, const tl_control_request *request) {
     size_t place = request->version == 0 ? active : find(request->version);
+    tl_control_reply reply = reply_of(TL_CONTROL_CONFIGURATION);
     if (place == count) {
         finish(peer, TL_CONTROL_ABSENT, "there is no such version");
-    } else if (tl_control_send_text(peer, &versions[place].about, versions[place].text, versions[place].size)) {
+        return;
+    }
+    reply.as.version = versions[place].about;
+    reply.more = (uint32_t)versions[place].size;
+    if (tl_control_send(peer, &reply, versions[place].text)) {
         finish(peer, TL_CONTROL_DONE, "");
     }
 }
@@ -140,7 +145,7 @@ static void list(tl_control_peer *peer) {
         tl_control_reply reply = reply_of(TL_CONTROL_VERSION);
         reply.as.version = versions[i].about;
         reply.as.version.is_active = i == active;
-        (void)tl_control_send(peer, &reply);
+        (void)tl_control_send(peer, &reply, NULL);
     }
     finish(peer, TL_CONTROL_DONE, "");
 }

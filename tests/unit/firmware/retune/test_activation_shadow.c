@@ -32,7 +32,7 @@ static void test_a_shadow_without_a_plant(void) {
     run->each.lock.steps[TL_LOCK_FREE] = 9;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
     TEST_ASSERT_TRUE(
-        tl_played_was_said(TL_CONTROL_COMPARE, "the plant was not there for 3.38 of 3.75 s: its lock is not judged"));
+        tl_played_was_said(TL_CONTROL_COMPARE, "the plant was not there for 90 % of the time: its lock is not judged"));
 }
 
 /* What its lock is judged by takes longer than it is given: told before anybody waits. */
@@ -197,14 +197,11 @@ static void test_what_cannot_be(void) {
 }
 
 static void test_a_shadow_that_is_cancelled(void) {
-    char text[TL_CONTROL_TEXT];
     bool is_done = false;
     tl_played_offer("1", 2, 0);
     tl_played_look_until(tl_played_is_live);
     TEST_ASSERT_TRUE(tl_activation_is_busy(&run->activation));
     TEST_ASSERT_FALSE(tl_activation_confirm(&run->activation, "bob", &is_done));
-    tl_activation_describe(&run->activation, text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "for some 5 s still"), text);
     TEST_ASSERT_TRUE(tl_activation_cancel(&run->activation, "bob"));
     tl_played_expect_refused(TL_CONTROL_CANCELLED, "by bob; nothing was changed");
     TEST_ASSERT_EQUAL_size_t(1, run->refusals.count);

@@ -129,15 +129,15 @@ static void test_the_largest_candidate_arrives(void) {
 
 static void test_replies_arrive_in_order(void) {
     tl_control_request request = good_request(TL_CONTROL_READ);
-    tl_control_version version;
-    tl_control_reply reply;
-    memset(&version, 0, sizeof version);
-    version.version = 7;
+    tl_control_reply reply = tl_control_new_reply(TL_CONTROL_CONFIGURATION);
+    reply.as.version.version = 7;
+    reply.more = (uint32_t)strlen(text);
+    tl_control_reply sent = reply;
     meet();
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_ask(client, &request, NULL, 0, &error));
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_ASKED, receive(&request));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_control_next(client, 0, &reply, taken, &error));
-    TEST_ASSERT_TRUE(tl_control_send_text(&peer, &version, text, strlen(text)));
+    TEST_ASSERT_TRUE(tl_control_send(&peer, &sent, text));
     tl_control_finish(&peer, TL_CONTROL_DONE, 7, "", "there it is");
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_next(client, SOON, &reply, taken, &error));
     TEST_ASSERT_EQUAL_UINT(TL_CONTROL_CONFIGURATION, reply.kind);
@@ -284,12 +284,12 @@ static void test_a_client_that_takes_nothing_is_given_up(void) {
     memset(&reply, 0, sizeof reply);
     int sent = 0;
     meet();
-    while (sent < 100000 && tl_control_send(&peer, &reply)) {
+    while (sent < 100000 && tl_control_send(&peer, &reply, NULL)) {
         sent++;
     }
     TEST_ASSERT_LESS_THAN_INT(100000, sent);
     TEST_ASSERT_EQUAL_INT(-1, peer.socket);
-    TEST_ASSERT_FALSE(tl_control_send(&peer, &reply));
+    TEST_ASSERT_FALSE(tl_control_send(&peer, &reply, NULL));
 }
 
 static void test_a_client_that_is_gone(void) {
@@ -307,15 +307,15 @@ static void test_replies_that_are_none(void) {
     tl_control_reply reply;
     memset(&reply, 0xff, sizeof reply);
     meet();
-    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply));
+    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply, NULL));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_control_next(client, SOON, &reply, taken, &error));
     memset(&reply, 0xff, sizeof reply);
     reply.kind = TL_CONTROL_PROBLEM;
-    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply));
+    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply, NULL));
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_control_next(client, SOON, &reply, taken, &error));
     TEST_ASSERT_EQUAL_size_t(TL_CONTROL_TEXT - 1, strlen(reply.as.problem.text));
     reply.kind = TL_CONTROL_CONFIGURATION;
-    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply));
+    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply, NULL));
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_control_next(client, SOON, &reply, taken, &error));
 }
 

@@ -156,17 +156,19 @@ static void test_a_device_that_does_not_answer_with_an_event_horizon(void) {
 static void test_confirmed(void) {
     begin(10, 95.0, true);
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_GOES_ON, pass_seconds(1));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_confirm(&probation, "anna"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT,
+                          tl_probation_decide(&probation, TL_PROBATION_KEPT, "anna has confirmed it"));
     TEST_ASSERT_EQUAL_STRING("anna has confirmed it", probation.why);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_refuse(&probation, "too late"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, tl_probation_decide(&probation, TL_PROBATION_RETURN, "too late"));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_KEPT, pass_seconds(20));
     TEST_ASSERT_EQUAL_STRING("anna has confirmed it", probation.why);
 }
 
 static void test_refused(void) {
     begin(10, 0.0, false);
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_refuse(&probation, "anna wants it back"));
-    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_confirm(&probation, "ben"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN,
+                          tl_probation_decide(&probation, TL_PROBATION_RETURN, "anna wants it back"));
+    TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_decide(&probation, TL_PROBATION_KEPT, "ben"));
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, pass_seconds(20));
     TEST_ASSERT_EQUAL_STRING("anna wants it back", probation.why);
 }
@@ -279,8 +281,8 @@ static void test_another_run_begins_at_0(void) {
     TEST_ASSERT_EQUAL_INT(TL_PROBATION_RETURN, tl_probation_feed(&probation, TL_SECOND, &now));
     TEST_ASSERT_EQUAL_UINT64(5, probation.account.misses);
     TEST_ASSERT_EQUAL_UINT64(35, probation.account.steps);
-    TEST_ASSERT_EQUAL_UINT64(20, probation.account.lock[TL_LOCK_FREE]);
-    TEST_ASSERT_EQUAL_UINT64(15, probation.account.lock[TL_LOCK_LOCKED]);
+    TEST_ASSERT_EQUAL_UINT64(20, probation.account.lock.steps[TL_LOCK_FREE]);
+    TEST_ASSERT_EQUAL_UINT64(15, probation.account.lock.steps[TL_LOCK_LOCKED]);
 }
 
 /* ---- a lost lock ---- */

@@ -118,7 +118,7 @@ static void describe(const tl_versions *found, char text[STATE]) {
     for (size_t i = 0; i < found->count && length < STATE; i++) {
         const tl_version *version = &found->list[i];
         length += snprintf(text + length, (size_t)(STATE - length), " %d(%d) %s %s;", (int)version->number,
-                           (int)version->parent, tl_version_result_name(version->result), version->reason);
+                           (int)version->parent, tl_version_results[version->result], version->reason);
     }
     TEST_ASSERT_LESS_THAN_INT(STATE, length);
 }

@@ -59,7 +59,7 @@ static void say(tl_control_kind kind, uint32_t step) {
     if (kind == TL_CONTROL_STEP) {
         reply.as.progress.step = step;
     }
-    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply));
+    TEST_ASSERT_TRUE(tl_control_send(&peer, &reply, NULL));
 }
 
 static void follow(void) {
@@ -114,7 +114,7 @@ static void what_nobody_takes_is_bounded(void) {
         memset(&reply, 0, sizeof reply);
         reply.kind = TL_CONTROL_PROBLEM;
         memset(reply.as.problem.text, 'x', sizeof reply.as.problem.text - 1);
-        (void)tl_control_send(&peer, &reply);
+        (void)tl_control_send(&peer, &reply, NULL);
         follow();
     }
     TEST_ASSERT_EQUAL_INT_MESSAGE(-1, peer.socket, "the plant could say all it wanted");
