@@ -1,4 +1,4 @@
-/* An archive: see archive.h. */
+/* Archive: see archive.h. */
 #include "master/base/archive.h"
 
 #include <math.h>
@@ -17,7 +17,7 @@ bool tl_archive_is_loading(const tl_archive *archive) {
     return archive->from != NULL;
 }
 
-/* Moves on; whether the part lies within. Sizes may come from damaged bytes. */
+/* Advances by a part; returns whether it fits. Sizes may come from damaged bytes. */
 static bool move_on(tl_archive *archive, size_t size, size_t *begin) {
     *begin = archive->at;
     archive->at = size <= SIZE_MAX - archive->at ? archive->at + size : SIZE_MAX;

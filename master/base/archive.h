@@ -1,8 +1,9 @@
-/* An archive: memory copied into bytes and back, both by the same walk over what is to be kept.
+/* Archive: copies memory to bytes and back by one function for both directions.
  *
- * Purpose: whoever has a state names its parts once; what is saved and what is loaded cannot differ then.
- * Bytes:   as they lie in memory, so they are for the same program on the same kind of machine only.
- * Bound:   nothing is written or read beyond `size`; the walk goes on and counts what it would have needed.
+ * Purpose: a module lists the parts of its state once, so that saving and loading cannot differ.
+ * Format:  raw memory. An archive is valid only for the same program on the same kind of machine.
+ * Bound:   never reads or writes beyond `size`. On overflow it only counts the bytes that it would
+ *          have needed.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_BASE_ARCHIVE_H
@@ -12,10 +13,10 @@
 #include <stddef.h>
 
 typedef struct tl_archive {
-    unsigned char *to;         /* saving; NULL: what would be saved is counted */
+    unsigned char *to;         /* saving; NULL: bytes are only counted */
     const unsigned char *from; /* loading; NULL: saving */
     size_t size;               /* of either */
-    size_t at;                 /* bytes so far; above `size`: they did not fit, or there were not as many */
+    size_t at;                 /* bytes so far; larger than `size`: the bytes did not fit, or were missing */
 } tl_archive;
 
 tl_archive tl_archive_saving(unsigned char *to, size_t size);
@@ -23,24 +24,27 @@ tl_archive tl_archive_loading(const unsigned char *from, size_t size);
 
 bool tl_archive_is_loading(const tl_archive *archive);
 
-/* The next `size` bytes are those at `memory`. When loading, `memory` stays as it is where they are not all there. */
+/* Saves or loads the next `size` bytes at `memory`. When loading, `memory` is unchanged if bytes
+ * are missing. */
 void tl_archive_part(tl_archive *archive, void *memory, size_t size);
 
-/* The next `size` bytes, in place: to be filled, or to be read. NULL where they do not fit, or only count. */
+/* The next `size` bytes in place, to write or to read. NULL if they do not fit or are only counted.
+ */
 unsigned char *tl_archive_room(tl_archive *archive, size_t size);
 const unsigned char *tl_archive_bytes(tl_archive *archive, size_t size);
 
-/* The next byte is this flag. A byte that is none is refused when loading: a bool must never hold it. */
+/* Saves or loads a flag as one byte. Loading rejects any value but 0 and 1, since a bool must not
+ * hold another one. */
 void tl_archive_flag(tl_archive *archive, bool *flag);
 
-/* When loading: what came so far must be so, else the archive is not whole. Bytes may be damaged, or made to do harm, so whoever
- * loads an index, a count, a time or a number says what it has to be. */
+/* When loading: rejects the archive if `right` is false. The bytes may be damaged or hostile, so a
+ *               module checks each index, count, time and number that it has loaded. */
 void tl_archive_require(tl_archive *archive, bool right);
 
-/* The same of numbers: they must be finite. */
+/* When loading: rejects the archive if a value is not finite. */
 void tl_archive_require_finite(tl_archive *archive, const double *values, size_t count);
 
-/* False: something did not fit, was not there, or was refused. */
+/* False: a part did not fit, was missing, or was rejected. */
 bool tl_archive_is_whole(const tl_archive *archive);
 
 #endif

@@ -1,11 +1,11 @@
-/* Start-up memory in blocks; the newest block is filled from its front. */
+/* Start-up memory in blocks; the newest block is filled from its start. */
 #include "master/base/arena.h"
 
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Suits every type the project stores, on every target. */
+/* Alignment for every stored type on every target. */
 enum { ALIGNMENT = 16 };
 
 typedef struct tl_arena_block {

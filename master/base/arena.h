@@ -1,7 +1,9 @@
-/* Start-up memory: taken while a twin is built, sealed before its first cycle, released as a whole.
+/* Start-up memory: allocated while a twin is built, sealed before its first cycle, released as a
+ * whole.
  *
- * Purpose: all sizes are known after configuration; nothing allocates in the cycle.
- * Bound:   take() is O(1) amortised; memory comes in blocks of at least TL_ARENA_BLOCK bytes.
+ * Purpose: all sizes are known after configuration, so nothing is allocated in the cycle.
+ * Bound:   tl_arena_take() is O(1) amortised; memory is allocated in blocks of at least
+ *          TL_ARENA_BLOCK bytes.
  * Thread:  one thread at a time.
  */
 #ifndef TL_MASTER_BASE_ARENA_H
@@ -21,20 +23,20 @@ typedef struct tl_arena {
 void tl_arena_init(tl_arena *arena);
 
 /* `count` zeroed objects of `size` bytes, aligned for any type; valid until tl_arena_release().
- * NULL when the arena is sealed, when count·size overflows, or when memory is out. count = 0 gives a valid
- * pointer that must not be dereferenced. */
+ * Returns NULL if the arena is sealed, if count·size overflows, or if memory is out. count = 0
+ * gives a valid pointer that must not be dereferenced. */
 void *tl_arena_take(tl_arena *arena, size_t count, size_t size);
 
 /* A copy of `text`; NULL as for tl_arena_take(). */
 char *tl_arena_text(tl_arena *arena, const char *text);
 
-/* From now on take() fails. */
+/* Makes all later calls of tl_arena_take() fail. */
 void tl_arena_seal(tl_arena *arena);
 
 /* Bytes handed out so far. */
 size_t tl_arena_used(const tl_arena *arena);
 
-/* Frees everything; the arena can be used again. */
+/* Frees all memory; the arena can be used again. */
 void tl_arena_release(tl_arena *arena);
 
 #endif

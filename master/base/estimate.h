@@ -10,14 +10,15 @@
 
 #include "master/base/simtime.h"
 
-/* ---- What something is expected to take, from what it took.
+/* ---- Expected duration of an operation that runs often.
  *
- * Purpose: predictions for a deadline. Expected is the longest lately: the last duration, or an earlier longer one that fades
- *          by a sixteenth each time. One slow execution in sixteen must not make every sixteenth prediction wrong.
- * Range:   0 … 1000 s, whatever the clock says: sums of many cannot overflow when a clock jumps.
+ * Purpose: predictions for a deadline. The estimate is the longest recent duration: the last one,
+ *          or an earlier longer one that decays by 1/16 each time. So one slow execution in sixteen
+ *          does not make every sixteenth prediction wrong.
+ * Range:   0 … 1000 s, also if the clock jumps: sums of many durations cannot overflow.
  */
 
-/* Between two readings of a clock. */
+/* Time between two readings of a clock. */
 static inline tl_time tl_duration(tl_time begun, tl_time ended) {
     const tl_time longest = 1000 * TL_SECOND;
     if (ended <= begun) {
@@ -35,27 +36,28 @@ static inline tl_time tl_duration_expect(tl_time expected, tl_time took) {
     return took > faded ? took : faded;
 }
 
-/* `first`, and so many times `each`; none is below 0. INT64_MAX stands for all that is more. */
+/* first + times·each; none of them is negative. Saturates at INT64_MAX. */
 static inline tl_time tl_duration_sum(tl_time first, tl_time each, uint64_t times) {
     bool fits = each == 0 || times <= (uint64_t)((INT64_MAX - first) / each);
     return fits ? first + (tl_time)times * each : INT64_MAX;
 }
 
-/* ---- What something will take that is not done in every step, from what it took.
+/* ---- Expected duration of an operation that a deadline can suppress.
  *
- * Purpose: as tl_duration_expect(), for what a deadline can keep from being tried at all. What was long once must be tried again, or a
- *          single stall would end it for ever; so it fades while there is no time, by a sixteenth in each step. What is found to be as long all
- *          the same would be late every time it is tried; so each time that happens it fades half as fast from then on.
+ * Purpose: an operation that was slow once must be tried again, or one stall would disable it for
+ *          ever. So the estimate decays by 1/16 in each step in which there is no time for it. If
+ *          the operation is slow again, each retry would be late; so each such failure halves the
+ *          rate of decay.
  */
 
-/* Half as fast, so often at most: by a 4096th. */
+/* The rate of decay is halved at most this often: to 1/4096. */
 enum { TL_ESTIMATE_PATIENCE = 8 };
 
 typedef struct tl_estimate {
     tl_time most; /* ns, what it is expected to take */
-    int patience; /* how often it was tried again in vain, one after the other */
-    bool tried;   /* in this step */
-    bool rested;  /* before it was tried last */
+    int patience; /* failed retries in a row */
+    bool tried;   /* it ran in this step */
+    bool rested;  /* it was suppressed before it last ran */
 } tl_estimate;
 
 static inline void tl_estimate_took(tl_estimate *estimate, tl_time took) {
@@ -68,7 +70,7 @@ static inline void tl_estimate_took(tl_estimate *estimate, tl_time took) {
     estimate->tried = true;
 }
 
-/* A step has ended in which there was no time for something. */
+/* Ends a step in which there was no time for the operation. */
 static inline void tl_estimate_rest(tl_estimate *estimate) {
     if (!estimate->tried) {
         estimate->most -= estimate->most >> (4 + estimate->patience);

@@ -1,7 +1,7 @@
-/* What a value of the plant is: its type, its quality, one time-stamped reading, and one sample of all signals.
+/* A value of the plant: type, quality, one time-stamped reading, and one sample of all signals.
  *
- * Purpose: the vocabulary that plant I/O, the twin and the recorder share.
- * Values:  carried as double; booleans are 0 or 1 and integers are exact (|value| < 2^31).
+ * Purpose: the types that plant I/O, the twin and the recorder share.
+ * Values:  double; Booleans are 0 or 1, integers are exact (|value| < 2^31).
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_BASE_SIGNAL_H
@@ -15,14 +15,14 @@
 /* Base types of FMI 2.0. */
 typedef enum tl_type { TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING, TL_ENUMERATION } tl_type;
 
-/* Only TL_GOOD enters an objective. The codes are stored in databases: add at the end only. */
+/* Only TL_GOOD enters an objective. Databases store the codes: add at the end only. */
 typedef enum tl_quality {
     TL_GOOD = 0,
     TL_STALE,        /* older than the signal's stale time */
     TL_OUT_OF_RANGE, /* outside the signal's min..max */
     TL_NOT_A_NUMBER, /* not finite, or text that is no number */
-    TL_NO_LINK,      /* the device does not answer, or never has */
-    TL_OUTLIER       /* rejected: too far from the reading accepted before it (plant/conditioner.h) */
+    TL_NO_LINK,      /* the device does not answer, or has never answered */
+    TL_OUTLIER       /* rejected: too far from the last accepted reading (plant/conditioner.h) */
 } tl_quality;
 
 enum {
@@ -31,14 +31,15 @@ enum {
     TL_MAX_ADJUST = 8    /* variables adjusted */
 };
 
-/* What a signal is between two of its readings. */
+/* Value of a signal between two of its readings. */
 typedef enum tl_between {
-    TL_BETWEEN_LAST, /* the last one, held */
-    TL_BETWEEN_LINE, /* on the line between them */
-    TL_BETWEEN_MEAN  /* the mean of that line over a macro step */
+    TL_BETWEEN_LAST, /* the last reading, held */
+    TL_BETWEEN_LINE, /* linear interpolation */
+    TL_BETWEEN_MEAN  /* mean of the linear interpolation over a macro step */
 } tl_between;
 
-/* What is done to a signal's readings before they are matched, in this order (plant/conditioner.h). All zero: nothing. */
+/* Conditioning of a signal's readings before they are matched, in this order (plant/conditioner.h).
+ * All zero: none. */
 typedef struct tl_condition {
     double gate; /* > 0: a reading further than this (signal's unit) from the last accepted one is rejected; 0: none */
     uint32_t median;  /* odd number of readings, 3 … 99; 0 and 1: none */
@@ -48,21 +49,22 @@ typedef struct tl_condition {
 /* One value as a driver read it. */
 typedef struct tl_reading {
     double value;
-    tl_time stamp; /* when the value was true at the plant, same clock as the cycle's instants */
+    tl_time stamp; /* when the value was true at the plant, on the clock of the cycle */
     tl_quality quality;
 } tl_reading;
 
-/* The plant as seen at one instant t_m = t_start + tick·T_S: for each signal the newest reading at or before it; or, where plant and
- * simulation are apart in time, the reading at a fixed time before it (plan/plan.h). */
+/* The plant at one instant t_m = t_start + tick·T_S: of each signal the newest reading at or before
+ * t_m. If plant and simulation are apart in time, the reading at a fixed time before t_m
+ * (plan/plan.h). */
 typedef struct tl_sample {
     int64_t tick;
     tl_time instant; /* t_m, on the clock of the stamps */
     double values[TL_MAX_SIGNALS];
-    tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER where there never was a reading */
+    tl_time stamps[TL_MAX_SIGNALS];  /* TL_TIME_NEVER: there was no reading yet */
     uint8_t quality[TL_MAX_SIGNALS]; /* tl_quality */
 } tl_sample;
 
-/* Whether anything is asked for at all. */
+/* True if any conditioning is configured. */
 bool tl_condition_is_needed(const tl_condition *condition);
 
 /* "good", "stale", "out of range", "not a number", "no link", "outlier". */

@@ -1,7 +1,7 @@
 /* Time as signed 64-bit nanoseconds: 292 years, exact, the same on 32-bit ARM as on x86.
  *
- * Purpose: the one time type of the project. t_i = t_start + i·T_S is computed from the integer i, never
- *          accumulated. Which clock a value belongs to is said where it is used.
+ * Purpose: the only time type of the project. t_i = t_start + i·T_S is computed from the integer i
+ *          and never accumulated. Each use names the clock that its values belong to.
  */
 #ifndef TL_MASTER_BASE_SIMTIME_H
 #define TL_MASTER_BASE_SIMTIME_H

@@ -1,9 +1,9 @@
 /* Status codes, error texts and reports of many problems.
  *
- * Purpose: every failure in twinlock is a returned tl_status with a text that names what failed, where, and
- *          what to do about it. Nothing below firmware/ prints or exits.
- * Owner:   tl_error and tl_report live where the caller puts them; no allocation.
- * Thread:  no shared state; one object belongs to one thread at a time.
+ * Purpose: every failure in twinlock is a returned tl_status with a text: what failed, where, and
+ *          what to do. Nothing below firmware/ prints or exits.
+ * Owner:   the caller places tl_error and tl_report; no allocation.
+ * Thread:  no shared state; one thread at a time uses an object.
  */
 #ifndef TL_MASTER_BASE_STATUS_H
 #define TL_MASTER_BASE_STATUS_H
@@ -22,10 +22,10 @@ typedef enum tl_status {
     TL_BAD_DATA,    /* a configuration, recording or FMU file is wrong */
     TL_PLANT_DOWN,  /* plant I/O cannot be opened or read */
     TL_FMU_FAILED,  /* an FMU returned an error, or a value that is not finite */
-    TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: nothing of it may be called again */
+    TL_FMU_FATAL,   /* an FMU returned fmi2Fatal: none of its functions may be called again */
     TL_TRY_AGAIN,   /* a resource is missing now: disk, memory, lock, port */
     TL_INTERRUPTED, /* the user or the system asked to stop */
-    TL_NOT_LOCKED   /* all was done, and the twin was not in lock as it should have been */
+    TL_NOT_LOCKED   /* all was done, but the twin was not in lock as required */
 } tl_status;
 
 enum { TL_ERROR_TEXT = 512 };
@@ -39,8 +39,8 @@ typedef struct tl_error {
 /* Sets `error` (which may be NULL) and returns `status`, so that a function can end with `return tl_fail(…)`. */
 tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Collects every problem of one configuration. `add` is called once per problem; `where` is the JSON path of
- * the offending item ("connect[2][0]"), or "" if there is none. Both texts live only during the call. */
+/* Collects every problem of one configuration. `add` is called once per problem; `where` is the
+ * JSON path of the item ("connect[2][0]"), or "". Both texts are valid only during the call. */
 typedef struct tl_report {
     void (*add)(void *context, tl_status status, const char *where, const char *text);
     void *context;

@@ -5,7 +5,7 @@
 
 /* ---- nearest ---- */
 
-/* What is longer is no name. */
+/* Longer texts are not names. */
 enum { NAME_CHARS = 63, MOST_EDITS = 2 };
 
 static char lower(char character) {
@@ -20,9 +20,9 @@ static bool same(const char *a, size_t i, const char *b, size_t j) {
     return lower(a[i]) == lower(b[j]);
 }
 
-/* Edits from a to b, two neighbours that changed places being one ("optimal string alignment"). Exact up to MOST_EDITS,
- * so only the cells near the diagonal are looked at; else more than that, also where one of them is too long to be a
- * name. */
+/* Edits from a to b; a swap of two neighbours is one edit ("optimal string alignment"). Exact up to
+ * MOST_EDITS, so only cells near the diagonal are computed; larger otherwise, also if a text is too
+ * long to be a name. */
 static size_t edits(const char *a, const char *b) {
     unsigned char cost[NAME_CHARS + 1]
                       [NAME_CHARS + 1]; /* [i][j]: from the first i characters of a to the first j of b */
@@ -61,7 +61,7 @@ void tl_nearest_offer(tl_nearest *nearest, const char *candidate) {
 
 /* ---- utf8 ---- */
 
-/* Bytes that a character which begins so should have; 0: none begins so. */
+/* Length of the character that starts with this byte; 0: no character does. */
 static size_t length_by(unsigned char first) {
     if (first < 0x80) {
         return 1;

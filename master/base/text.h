@@ -9,32 +9,36 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* ---- The name that was probably meant.
+/* ---- Nearest name, to suggest in an error message.
  *
- * Purpose: of the names there are, the nearest to one that is not there: at most 2 edits away, fewer than half of its
- *          characters. An edit inserts, deletes or replaces a character or swaps two neighbours; case does not count.
+ * Purpose: finds the existing name nearest to a name that does not exist: at most 2 edits away, and
+ *          fewer than half of its characters. An edit inserts, deletes or replaces a character or
+ *          swaps two neighbours; case is ignored.
  * Thread:  plain data.
  */
 
 typedef struct tl_nearest {
-    const char *text; /* what was found; the rest begins as zeros */
-    const char *best; /* NULL: none is near; else one of those offered */
+    const char *text; /* the name to look for; the rest starts as zeros */
+    const char *best; /* NULL: no candidate is near */
     size_t distance;
 } tl_nearest;
 
 void tl_nearest_offer(tl_nearest *nearest, const char *candidate);
 
-/* ---- Characters of UTF-8, and which of them may be shown.
+/* ---- UTF-8 characters, and which of them may be shown.
  *
- * Purpose: the one rule for names, units and messages that come from strangers: what is no character, or commands a terminal, turns the
- *          direction of text or hides, is not shown as it is. Whoever finds such puts something else in its place.
+ * Purpose: the one rule for names, units and messages of others. It rejects what is no character,
+ *          controls a terminal, changes the direction of text, or is invisible. The caller shows
+ *          something else in its place.
  * Thread:  pure; safe in a signal handler.
  */
 
-/* Bytes of the character at `bytes`, of which there are `size` > 0, and what it is; 0: malformed, overlong, a surrogate, or not whole. */
+/* Length in bytes and code of the character at `bytes`, of which there are `size` > 0. Returns 0 if
+ * it is malformed, overlong, a surrogate, or incomplete. */
 size_t tl_utf8_read(const char *bytes, size_t size, uint32_t *code);
 
-/* Not a control character (of ASCII or C1), a separator of lines or paragraphs, a mark that turns the direction of text, or an unseen one. */
+/* False for control characters (ASCII or C1), separators of lines or paragraphs, marks of text
+ * direction, and invisible characters. */
 bool tl_utf8_can_be_shown(uint32_t code);
 
 #endif

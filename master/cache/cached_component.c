@@ -1,4 +1,4 @@
-/* One component behind its sequence cache: see cached_component.h. */
+/* Cached component: see cached_component.h. */
 #include "master/cache/cached_component.h"
 
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
@@ -13,11 +13,11 @@ bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_c
            tl_sequence_cache_init(&cached->tree, arena, key_size, value_size, capacity);
 }
 
-/* State handles that a component which keeps its states has from the start on: more than a search mostly uses. The pool is
- * made for the worst case, and may be thousands; an FMU may need a megabyte for each. */
+/* State handles created at start-up with TL_KEEP_STATES: more than a search usually needs. The pool
+ * is sized for the worst case and may be thousands; an FMU may need a megabyte for each. */
 enum { READY = 256 };
 
-/* States that are made to see how large they are: what else is allocated meanwhile is hardly so in each of them. */
+/* States created to measure their size: other allocations hardly happen in each of them. */
 enum { MEASURED = 3 };
 
 static tl_status make_state(tl_cached_component *cached, fmi2FMUstate *state, tl_error *error) {
@@ -96,7 +96,8 @@ void tl_cached_component_rewind(tl_cached_component *cached) {
     cached->position = cached->root;
 }
 
-/* Steps from the nearest saved state above a node, or at it, to that node; UINT32_MAX where there is none. */
+/* Steps from the nearest saved state at or above a node to that node; UINT32_MAX if there is none.
+ */
 static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) {
     uint32_t distance = 0;
     while (node != TL_NO_NODE && tree->nodes[node].state == NULL) {
@@ -106,8 +107,8 @@ static uint32_t distance_to_state(const tl_sequence_cache *tree, uint32_t node) 
     return node == TL_NO_NODE ? UINT32_MAX : distance;
 }
 
-/* Whether the state of the node that the FMU is at must be saved, or may be. What has one above it can be caught up with; the last handle
- * is for what has none. */
+/* Whether the state of the FMU's node must be saved, or may be. A node below a saved state can be
+ * reached by catching up; the last handle is reserved for nodes that cannot. */
 static bool is_to_be_saved(const tl_cached_component *cached, bool onwards) {
     uint32_t distance = distance_to_state(&cached->tree, cached->at);
     uint32_t free = cached->tree.spare_count + (cached->states - cached->made);
@@ -118,7 +119,7 @@ static bool is_to_be_saved(const tl_cached_component *cached, bool onwards) {
     return wanted && (cached->states == cached->tree.capacity || free > 1);
 }
 
-/* The FMU is about to leave the node it is at: saves its state where it will be wanted again. */
+/* Saves the state of the node that the FMU is leaving, if it will be needed. */
 static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *error) {
     if (cached->at == TL_NO_NODE || cached->tree.nodes[cached->at].state != NULL || !is_to_be_saved(cached, onwards)) {
         return TL_OK;
@@ -135,7 +136,7 @@ static tl_status leave(tl_cached_component *cached, bool onwards, tl_error *erro
     return status;
 }
 
-/* Loads the state of a node. */
+/* Restores the state of a node. */
 static tl_status load(tl_cached_component *cached, uint32_t node, tl_error *error) {
     tl_status status = leave(cached, false, error);
     if (status != TL_OK) {
@@ -151,7 +152,7 @@ bool tl_cached_component_can_stand(const tl_cached_component *cached) {
     return cached->at == cached->root || cached->tree.nodes[cached->root].state != NULL;
 }
 
-/* The FMU is elsewhere: there, and back. */
+/* Moves the FMU to another node, and back. */
 static tl_status copy_from_afar(tl_component *component, fmi2FMUstate root, fmi2FMUstate *state, fmi2FMUstate *aside,
                                 tl_error *error) {
     tl_status status = tl_component_save(component, aside, error);
@@ -176,7 +177,8 @@ tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstat
                    : copy_from_afar(cached->component, root, state, aside, error);
 }
 
-/* Whether no state before the one of this node can be wanted any more: it is saved, and every candidate passes it. */
+/* Whether no state before that of this node will be needed: it is saved, and every candidate passes
+ * it. */
 static bool is_final(const tl_cached_component *cached, uint32_t node) {
     const tl_sequence_cache *tree = &cached->tree;
     if (cached->is_kept_from) {
@@ -189,7 +191,8 @@ static bool is_final(const tl_cached_component *cached, uint32_t node) {
     return above != TL_NO_NODE && tree->nodes[above].state != NULL;
 }
 
-/* One execution from where the FMU is, with the inputs in the ports. Afterwards the FMU is at no node yet. */
+/* Executes one step from the FMU's node with the inputs in the ports. Afterwards the FMU is at no
+ * node yet. */
 static tl_status execute(tl_cached_component *cached, int64_t step, tl_error *error) {
     tl_status status = leave(cached, true, error);
     if (status != TL_OK) {
@@ -208,7 +211,7 @@ static uint32_t ancestor(const tl_sequence_cache *tree, uint32_t node, uint32_t 
     return node;
 }
 
-/* Brings the FMU to the candidate's position, which is before macro step `step`. */
+/* Moves the FMU to the candidate's node, which is before macro step `step`. */
 static tl_status bring(tl_cached_component *cached, int64_t step, tl_error *error) {
     const tl_sequence_cache *tree = &cached->tree;
     uint32_t from = cached->position;
@@ -251,7 +254,8 @@ tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, 
     return status;
 }
 
-/* Stores what a step gave; without room the candidate goes on beyond the tree, and the FMU with it. */
+/* Stores the result of a step. Without room the candidate continues outside of the tree, and the
+ * FMU with it. */
 static void store(tl_cached_component *cached) {
     uint32_t added = TL_NO_NODE;
     if (cached->position != TL_NO_NODE) {

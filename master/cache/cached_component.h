@@ -1,23 +1,25 @@
-/* One component behind its sequence cache: executes only what is not known yet.
+/* Cached component: executes only those steps of a component that its sequence cache does not hold.
  *
- * Purpose: stands between the exchange and an FMU. A candidate walks from the root (the committed state at t_i) down the
- *          tree. Where its next input is known, the stored outputs are delivered and the FMU is not touched; where it is
- *          not, the FMU is brought to the candidate's place, executed, and the result stored. The committed step moves
- *          the root one node down, so that the next horizon finds what this one has left.
- * States:  the FMU's state is saved at the last moment, when the FMU leaves a node, and loaded only when it must be
- *          executed from somewhere else (table 4.1, right column).
- *          TL_KEEP_OUTPUTS saves states only every `spacing` steps; from there the FMU catches up (left column).
- * Final:   a step from the newest saved state that all candidates pass (the root's, where states are kept) tells the FMU that
- *          no earlier one comes back, so that it can give up what it has buffered; the state itself may come back.
- *          While each horizon finds its first steps known from the one before, there is no such step; nor while somebody else keeps an
- *          earlier state of the FMU (`is_kept_from`).
- * Full:    a result for which the pool has no room is used and not stored, and counted.
- * Room:    where not all nodes may have a state (`states`), those that find no room go without one, and the FMU catches up from the one
- *          above, as with TL_KEEP_OUTPUTS. One handle is held back for the committed instant, which must have one.
- * Failure: a failed step leaves the FMU nowhere; the next execution begins with loading a state.
- * Thread:  the twin's. Memory: the arena, at start-up; state handles belong to the FMU, at most one for
- *          each node, and never more than `states`. With TL_KEEP_STATES as many as are mostly used are made at start-up too, up to
- *          256; all others as they are needed, and then kept.
+ * Purpose: stands between the exchange and an FMU. A candidate walks down the tree from the root,
+ *          the committed state at t_i. If its next input is in the tree, the stored outputs are
+ *          delivered and the FMU is not called. Otherwise the FMU is restored to the candidate's
+ *          position, executed, and the result stored. The committed step moves the root one node
+ *          down, so the next horizon reuses the results of this one.
+ * States:  the FMU's state is saved as late as possible, when the FMU leaves a node, and restored
+ *          only to execute from another node (table 4.1, right column). TL_KEEP_OUTPUTS saves
+ *          states only every `spacing` steps; from there the FMU catches up (left column).
+ * Final:   a step tells the FMU that no earlier state will be restored, if all candidates pass the
+ *          newest saved state before it. Then the FMU can drop what it has buffered; that state
+ *          itself may still be restored. There is no such step while each horizon starts with
+ *          results of the one before, or while the owner keeps an earlier state (`is_kept_from`).
+ * Full:    if the pool is full, a result is used and counted, but not stored.
+ * Room:    if not all nodes may have a state (`states`), some go without, and the FMU catches up
+ *          from the node above, as with TL_KEEP_OUTPUTS. One handle is reserved for the committed
+ *          instant, which must have a state.
+ * Failure: after a failed step the FMU is at no node; the next execution starts with a restore.
+ * Thread:  the twin's. Memory: the arena, at start-up. State handles belong to the FMU: at most one
+ *          per node and never more than `states`. With TL_KEEP_STATES the usual number, at most
+ *          256, is created at start-up; others are created when needed, and kept.
  */
 #ifndef TL_MASTER_CACHE_CACHED_COMPONENT_H
 #define TL_MASTER_CACHE_CACHED_COMPONENT_H
@@ -38,63 +40,71 @@ typedef struct tl_cached_component {
     tl_time size; /* T_S */
     tl_keep keep;
     uint32_t spacing;     /* TL_KEEP_OUTPUTS: steps between saved states, ≥ 1 */
-    uint32_t root;        /* t_i as committed */
-    uint32_t position;    /* of the candidate; TL_NO_NODE: beyond what the pool could keep */
-    uint32_t at;          /* where the FMU is; TL_NO_NODE: nowhere, or with the candidate beyond the pool */
-    unsigned char *key;   /* scratch: inputs of the step at hand, */
-    unsigned char *value; /* and outputs */
-    bool is_kept_from;    /* somebody keeps a state that is older than the root, and will come back to it */
-    uint32_t states;      /* handles that there may be, ≥ 2 */
-    uint32_t made;        /* handles that there are */
-    uint64_t caught_up;   /* executions repeated to bring the FMU to a place */
-    uint64_t unstored;    /* executions whose result found no room */
+    uint32_t root;        /* the committed instant t_i */
+    uint32_t position;    /* node of the candidate; TL_NO_NODE: beyond what the pool could keep */
+    uint32_t at;          /* node of the FMU; TL_NO_NODE: none, or with the candidate beyond the pool */
+    unsigned char *key;   /* scratch: inputs of the current step */
+    unsigned char *value; /* and its outputs */
+    bool is_kept_from;    /* the owner keeps a state that is older than the root, and will restore it */
+    uint32_t states;      /* most handles, ≥ 2 */
+    uint32_t made;        /* handles created */
+    uint64_t caught_up;   /* executions repeated to bring the FMU to a node */
+    uint64_t unstored;    /* executions whose result was not stored */
 } tl_cached_component;
 
-/* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2; false when memory is out. */
+/* For a component whose ports are placed. `capacity` in nodes, ≥ 2·spacing + 2. Returns false if
+ * memory is out. */
 bool tl_cached_component_init(tl_cached_component *cached, tl_arena *arena, tl_component *component, tl_keep keep,
                               tl_time size, uint32_t spacing, uint32_t capacity);
 
-/* The FMU stands initialised: bytes that one state of it takes, by what it says and by what its heap grows by when some are made; 0 where
- * neither is to be had. `heap`: bytes that are allocated in this process; NULL: nobody knows. */
+/* Size of one state in bytes, for an initialised FMU: as it reports it, and by how much its heap
+ * grows with some states. 0 if neither is known. `heap`: bytes allocated in this process; NULL: not
+ * known. */
 tl_status tl_cached_component_measure(tl_cached_component *cached, size_t (*heap)(void), size_t *size, tl_error *error);
 
-/* From here on there may be so many handles. Before the start. */
+/* Sets the most handles. Before the start. */
 void tl_cached_component_limit(tl_cached_component *cached, uint32_t states);
 
-/* The FMU stands initialised at t_0: plants the root and makes the first state handles. */
+/* Creates the root and the first state handles. The FMU must be initialised at t_0. */
 tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error);
 
-/* The FMU has begun anew, and stands initialised at what is t_i from now on: all that was known is given up, and the root is planted
- * there. Handles stay; what tl_cached_component_end() has freed of them is made again. */
+/* Restarts the tree after the FMU was reset and initialised at what is t_i from now on: drops all
+ * results. Handles stay; those that tl_cached_component_end() has freed are created again. */
 tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *error);
 
-/* The candidate goes back to the root. */
+/* Moves the candidate to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);
 
-/* Brings the FMU itself to the root, which is before macro step `step`. Not can_stand: it has to catch up there, since no state of the root is kept. */
+/* Moves the FMU to the root, which is before macro step `step`. If can_stand() is false, the FMU
+ * has to catch up, because there is no state of the root. */
 bool tl_cached_component_can_stand(const tl_cached_component *cached);
 tl_status tl_cached_component_stand(tl_cached_component *cached, int64_t step, tl_error *error);
 
-/* Between steps: the FMU's state at the root, to a handle of the caller's. The FMU stays where it is. False in *taken: nobody has that state (TL_KEEP_OUTPUTS),
- * or the FMU is nowhere. `aside` is a second handle of the caller's, for where the FMU is meanwhile. */
+/* Between steps: saves the FMU's state at the root to a handle of the caller; the FMU stays where
+ *                it is. *taken is false if there is no such state (TL_KEEP_OUTPUTS), or if the FMU
+ *                is at no node. `aside`: a second handle of the caller, for the FMU's present
+ *                state. */
 tl_status tl_cached_component_copy_root(tl_cached_component *cached, fmi2FMUstate *state, fmi2FMUstate *aside,
                                         bool *taken, tl_error *error);
 
-/* One step of the candidate, macro step `step`, with the inputs in the ports; the outputs are in the ports afterwards. */
+/* Executes or looks up macro step `step` of the candidate, with the inputs in the ports; then the
+ * outputs are in the ports. */
 tl_status tl_cached_component_step(tl_cached_component *cached, int64_t step, tl_error *error);
 
-/* Before the step that will be committed, macro step `step`, with its inputs in the ports and the candidate at the root: where no state
- * found room for `spacing` steps, the FMU is brought to the root, so that what is above it can be given up. */
+/* Before the step that will be committed, macro step `step`, with its inputs in the ports and the
+ * candidate at the root: if no state could be stored for `spacing` steps, moves the FMU to the
+ * root, so that nodes above it can be dropped. */
 tl_status tl_cached_component_gather(tl_cached_component *cached, int64_t step, tl_error *error);
 
-/* Before the step that will be committed, with its inputs in the ports: if it is not known and the pool is full, all other
- * candidates are given up, so that it finds room. */
+/* Before the step that will be committed, with its inputs in the ports: drops all other candidates
+ * if the pool is full and the step is not in the tree. */
 void tl_cached_component_make_room(tl_cached_component *cached);
 
-/* The candidate, one step below the root, is committed: it becomes the root, and other beginnings are given up. */
+/* Commits the candidate, one step below the root: it becomes the root, and all other branches are
+ * dropped. */
 void tl_cached_component_commit(tl_cached_component *cached);
 
-/* Frees the state handles. The component must not have been freed. */
+/* Frees the state handles. The component must still exist. */
 void tl_cached_component_end(tl_cached_component *cached);
 
 #endif

@@ -1,9 +1,9 @@
-/* One tree of input sequences: see sequence_cache.h. */
+/* Sequence cache: see sequence_cache.h. */
 #include "master/cache/sequence_cache.h"
 
 #include <string.h>
 
-/* Of the key and the value of one node; one more, so that it is never nothing. */
+/* Bytes of key and value of one node, plus one so that they are never zero. */
 static size_t room(const tl_sequence_cache *cache) {
     return cache->key_size + cache->value_size + 1;
 }
@@ -97,7 +97,8 @@ static void give_up(tl_sequence_cache *cache, uint32_t node) {
     cache->count--;
 }
 
-/* Depth first without recursion: leaves are taken from the front of their parent's list until nothing is left. */
+/* Depth first without recursion: removes leaves from the front of their parent's list until nothing
+ * is left. */
 void tl_sequence_cache_prune(tl_sequence_cache *cache, uint32_t node) {
     uint32_t at = node;
     while (at != node || cache->nodes[node].child != TL_NO_NODE) {
@@ -133,7 +134,7 @@ static void keep_only(tl_sequence_cache *cache, uint32_t child) {
     cache->nodes[parent].child = child;
 }
 
-/* What is above `first` has one child each by now. */
+/* Each node above `first` has one child by now. */
 static void give_up_above(tl_sequence_cache *cache, uint32_t first) {
     uint32_t above = cache->nodes[first].parent;
     cache->nodes[first].parent = TL_NO_NODE;

@@ -1,4 +1,4 @@
-/* The horizon of an event: its plan, the strokes that are tried, and the search: see event_horizon.h. */
+/* Event horizon: its plan, its strokes, and its search: see event_horizon.h. */
 #include "master/event/event_horizon.h"
 
 #include <math.h>
@@ -14,64 +14,64 @@
 #include "master/graph/snapshot.h"
 #include "master/sync/lock.h"
 
-/* ---- One stroke of the plant, run again with another u: the candidates of an event horizon.
+/* ---- Stroke: simulates one stroke of the plant again with another u, as the candidate of an event
+ * horizon.
  *
- * Purpose: brings the co-simulation from the state at the stroke's start over the stroke, a macro step at a time and over as
- *          many cycles as that takes, judges what it did in the window, and keeps the state in which the best candidate was
- *          when it met the present.
- * States:  tl_stroke_try(), _try_live(), _follow() and _return() lead the FMUs away from the live twin, tl_stroke_leave() leads
- *          them back.
- * Thread:  the twin's. Memory: the arena, at start-up; states are the FMUs' own.
+ * Purpose: simulates the co-simulation from the saved start of the stroke, one macro step at a time
+ *          and over as many cycles as needed. It evaluates the window, and keeps the state of the
+ *          best candidate at the present instant.
+ * States:  tl_stroke_try(), _try_live(), _follow() and _return() replace the live twin in the FMUs;
+ *          tl_stroke_leave() restores it.
+ * Thread:  the twin's. Memory: the arena, at start-up; states belong to the FMUs.
  */
 
-/* What tells that the event is there: a matched Boolean output, and the plant signal it is matched with. */
+/* The event: a matched Boolean output and the plant signal it is matched with. */
 typedef struct tl_stroke_event {
-    size_t match; /* the output, among those with a weight */
+    size_t match; /* index of the output among those with a weight */
     size_t signal;
-    int32_t shift; /* the plant of t_j is in the sample of tick j + this (Δo) */
-    bool falls;    /* it is there while they are false */
+    int32_t shift; /* the plant at t_j is in the sample of tick j + this (Δo) */
+    bool falls;    /* the event is there while they are false */
 } tl_stroke_event;
 
 typedef struct tl_stroke {
     tl_lock *lock;
     tl_stroke_event event;
-    int64_t now;         /* tick that the live twin has reached */
-    int64_t begin;       /* of the stroke's start, */
-    int64_t met;         /* of the plant's event, */
-    int64_t first;       /* of the window's first sample, */
-    int64_t last;        /* and of its last one */
+    int64_t now;         /* newest tick of the live twin */
+    int64_t begin;       /* tick of the stroke's start */
+    int64_t met;         /* of the plant's event */
+    int64_t first;       /* of the window's first sample */
+    int64_t last;        /* of its last sample */
     double *live_course; /* y of the matched outputs as committed, by tick in a ring */
     size_t course_size;
     double *y;
     tl_snapshot states[5];
     tl_snapshot *start;
     tl_snapshot *live;
-    tl_snapshot *walker; /* the candidate, when it is left for a cycle */
+    tl_snapshot *walker; /* the candidate between two cycles */
     tl_snapshot *mark;   /* the candidate at the present, or at the window's end */
     tl_snapshot *best;
     int64_t mark_at;
     int64_t best_at;
     double best_u;    /* NaN: none is kept of this stroke */
-    bool away;        /* the FMUs are not those of the live twin; `live` is */
+    bool away;        /* the FMUs are those of a candidate; `live` holds the live twin */
     bool walking;     /* there is a candidate */
-    bool loaded;      /* and the FMUs are at it */
-    bool unkept;      /* nothing of it need be kept: it goes on from the live twin, or is the winner */
-    bool supposed;    /* it has used a sample that is only stood for */
+    bool loaded;      /* the FMUs are in its state */
+    bool unkept;      /* it need not be kept: it continues the live twin, or is the winner */
+    bool supposed;    /* it has used a sample that was only stood in for */
     double u;         /* of the candidate */
     int64_t at;       /* tick it has reached */
     double sum;       /* J so far */
-    uint32_t here;    /* samples of the window at which the simulated event is there, */
-    uint32_t missing; /* at which it is not, */
-    int64_t arrival;  /* tick of the first sample of the window at which it is; INT64_MAX: none */
-    int32_t late;     /* samples at which only the plant's is there, less those at which only it is */
+    uint32_t here;    /* samples of the window with the simulated event */
+    uint32_t missing; /* without it */
+    int64_t arrival;  /* tick of the first sample of the window with it; INT64_MAX: none */
+    int32_t late;     /* samples with the plant's event only, minus those with the simulated one only */
 } tl_stroke;
 
 typedef struct tl_stroke_settings {
     tl_lock *lock; /* complete; it must outlive the stroke */
     tl_stroke_event event;
     size_t
-        samples; /* how many of the plant are kept, and so many outputs of the live twin: a search may begin late, after
-                       missed ticks */
+        samples; /* kept samples of the plant and outputs of the live twin: a search may start late, after missed ticks */
 } tl_stroke_settings;
 
 /* ---- event plan ---- */
@@ -90,7 +90,7 @@ static size_t tl_event_plan_longest(const tl_plan *plan) {
     return steps_of(plan->event.longest, plan->step);
 }
 
-/* Index of the signal of an edge; SIZE_MAX: it is none of the plan's. */
+/* Index of the signal of an edge; SIZE_MAX: not a signal of the plan. */
 static size_t tl_event_plan_signal(const tl_plan *plan, const tl_plan_edge *edge) {
     for (size_t i = 0; i < plan->signal_count; i++) {
         if (strncmp(edge->signal, "plant.", 6) == 0 && strcmp(plan->signals[i].name, edge->signal + 6) == 0) {
@@ -173,7 +173,7 @@ size_t tl_event_plan_window(const tl_plan *plan) {
 
 enum { STATES = 5 };
 
-/* False when memory is out. */
+/* Returns false if memory is out. */
 static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings) {
     tl_exchange *exchange = settings->lock->exchange;
     size_t matched = settings->lock->objective.matched;
@@ -206,19 +206,19 @@ static double *course_at(const tl_stroke *stroke, int64_t tick) {
     return &stroke->live_course[(size_t)tick % stroke->course_size * stroke->lock->objective.matched];
 }
 
-/* The live twin has reached tick: notes its outputs. */
+/* Notes the outputs of the live twin at a tick. */
 static void tl_stroke_note(tl_stroke *stroke, int64_t tick) {
     stroke->now = tick;
     tl_objective_matched(&stroke->lock->objective, course_at(stroke, tick));
 }
 
-/* The live twin is at the start of a stroke. */
+/* Saves the live twin at the start of a stroke. */
 static tl_status tl_stroke_begin(tl_stroke *stroke, int64_t tick, tl_error *error) {
     stroke->begin = tick;
     return tl_snapshot_take(stroke->start, error);
 }
 
-/* Keeps the live twin, before the FMUs are led elsewhere. */
+/* Saves the live twin before the FMUs simulate a candidate. */
 static tl_status go_away(tl_stroke *stroke, tl_error *error) {
     tl_status status = stroke->away ? TL_OK : tl_snapshot_take(stroke->live, error);
     stroke->away = stroke->away || status == TL_OK;
@@ -238,7 +238,7 @@ static tl_status tl_stroke_leave(tl_stroke *stroke, tl_error *error) {
     return status == TL_OK ? tl_snapshot_restore(stroke->live, error) : status;
 }
 
-/* ---- judging ---- */
+/* ---- evaluation ---- */
 
 static bool is_there(const tl_stroke *stroke, double value) {
     bool on = value < 0.0 || value > 0.0;
@@ -251,7 +251,8 @@ static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured
     return is_there(stroke, sample->values[stroke->event.signal]);
 }
 
-/* A search begins: nothing is kept. False: there is no good sample of the end signal in the window. */
+/* Starts a search without any candidate. Returns false if the window has no good sample of the end
+ * signal. */
 static bool tl_stroke_begin_search(tl_stroke *stroke) {
     bool measured = false;
     stroke->best_u = (double)NAN;
@@ -261,7 +262,7 @@ static bool tl_stroke_begin_search(tl_stroke *stroke) {
     return measured;
 }
 
-/* What the outputs y of one sample of the window say. */
+/* Evaluates the outputs y at one sample of the window. */
 static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
     bool measured = false;
     bool simulated = is_there(stroke, y[stroke->event.match]);
@@ -275,13 +276,13 @@ static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
     }
 }
 
-/* The candidate has been judged: over the window. J without penalties, and when its event came. */
+/* Result of the candidate over the window: J without penalties, and the time of its event. */
 static double tl_stroke_value(const tl_stroke *stroke) {
     return stroke->sum;
 }
 
-/* Which of two instants is the later one; of equals what else the window says: a signal that is soon gone again is there longer
- * where it comes sooner. */
+/* Orders two instants; equal ones by the rest of the window: a signal that returns soon is there
+ * longer if it comes earlier. */
 static tl_event_side tl_stroke_side(const tl_stroke *stroke) {
     if (stroke->missing == 0) {
         return TL_EVENT_BEFORE;
@@ -314,7 +315,8 @@ static tl_status load(tl_stroke *stroke, const tl_snapshot *from, tl_error *erro
     return status == TL_OK ? tl_snapshot_restore(from, error) : status;
 }
 
-/* A candidate: from the start of the stroke; or the live twin, whose u is that of the whole stroke. */
+/* Starts a candidate at the start of the stroke; or takes the live twin, if u was the same for the
+ * whole stroke. */
 static tl_status tl_stroke_try(tl_stroke *stroke, double u, tl_error *error) {
     tl_status status = load(stroke, stroke->start, error);
     begin_candidate(stroke, u, stroke->begin);
@@ -333,7 +335,7 @@ static tl_status tl_stroke_try_live(tl_stroke *stroke, double u, tl_error *error
     return status;
 }
 
-/* The winner, to be led on to the present: from where it was kept, if it was, or from the start of the stroke. */
+/* Continues the winner to the present: from its mark, or from the start of the stroke. */
 static tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) {
     bool kept = stroke->best_u <= u && stroke->best_u >= u;
     tl_status status = load(stroke, kept ? stroke->best : stroke->start, error);
@@ -342,7 +344,7 @@ static tl_status tl_stroke_follow(tl_stroke *stroke, double u, tl_error *error) 
     return status;
 }
 
-/* Keeps the candidate where it has used nothing that is only stood for, as late as that is. */
+/* Marks the candidate as late as possible before a sample that is stood in for. */
 static tl_status mark(tl_stroke *stroke, tl_error *error) {
     bool due = stroke->at == stroke->now || (stroke->at == stroke->last && stroke->at < stroke->now);
     if (!due || stroke->at > stroke->last || stroke->unkept || stroke->supposed) {
@@ -352,8 +354,8 @@ static tl_status mark(tl_stroke *stroke, tl_error *error) {
     return tl_snapshot_take(stroke->mark, error);
 }
 
-/* To where the candidate was left, where it was. One macro step of it. Then, for this cycle: the FMUs are those of the live
- * twin again. */
+/* Restores the candidate; executes one macro step of it; and restores the live twin for this cycle.
+ */
 static tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
     tl_status status = stroke->loaded ? TL_OK : load(stroke, stroke->walker, error);
     stroke->loaded = stroke->loaded || status == TL_OK;
@@ -377,7 +379,7 @@ static tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
     return mark(stroke, error);
 }
 
-/* It is the best so far: what was marked of it is kept. */
+/* Keeps the mark of the best candidate so far. */
 static void tl_stroke_keep(tl_stroke *stroke) {
     tl_snapshot *mark = stroke->mark;
     stroke->mark = stroke->best;
@@ -386,7 +388,7 @@ static void tl_stroke_keep(tl_stroke *stroke) {
     stroke->best_u = stroke->u;
 }
 
-/* There is no candidate any more; or it is the twin from now on. */
+/* Drops the candidate; or makes it the twin. */
 static void tl_stroke_drop(tl_stroke *stroke) {
     stroke->walking = false;
     stroke->loaded = false;
@@ -402,17 +404,17 @@ static void tl_stroke_adopt(tl_stroke *stroke) {
 typedef enum event_phase {
     WAITING,   /* for the start of a stroke */
     STROKE,    /* for its end */
-    WINDOW,    /* for the window to be complete */
-    SEARCHING, /* candidates are tried */
-    FOLLOWING, /* the winner is led on to the present */
-    CONFIRMING /* done, while part of the window is still stood for */
+    WINDOW,    /* until the window is complete */
+    SEARCHING, /* evaluating candidates */
+    FOLLOWING, /* continuing the winner to the present */
+    CONFIRMING /* done, while samples of the window are still stood in for */
 } event_phase;
 
-/* A signal of the plant that comes, or goes. */
+/* Edge of a signal of the plant. */
 typedef struct event_edge {
     size_t signal;
     bool falls;
-    bool effect; /* measured, else a command */
+    bool effect; /* measured; else a command */
 } event_edge;
 
 struct tl_event_horizon {
@@ -423,18 +425,18 @@ struct tl_event_horizon {
     event_edge end;
     int64_t half;    /* T_F/2, macro steps */
     int64_t longest; /* macro steps */
-    int64_t kept;    /* samples that can be gone back */
+    int64_t kept;    /* samples that are still kept */
     bool stands_in;  /* hold */
     event_phase phase;
-    bool own_course; /* the live twin has gone through the whole stroke with u */
-    double u;        /* in force */
+    bool own_course; /* the live twin has run the whole stroke with u */
+    double u;        /* in use */
     double winner;
-    tl_outcome outcome; /* of the winner, */
-    tl_stop stop;       /* why its search ended, */
-    double value;       /* and its J */
+    tl_outcome outcome; /* of the winner */
+    tl_stop stop;       /* why its search stopped */
+    double value;       /* J of the winner */
     double before;      /* u at the start of the stroke */
-    tl_time going;      /* ns that going to a candidate and */
-    tl_time leaving;    /* leaving it take, at most, fading */
+    tl_time going;      /* most ns to restore a candidate, decaying */
+    tl_time leaving;    /* most ns to save it and restore the live twin, decaying */
 };
 
 static double nominal_of(const tl_event_horizon *self) {
@@ -443,7 +445,7 @@ static double nominal_of(const tl_event_horizon *self) {
 
 /* ---- build ---- */
 
-/* Which matched output tells of the event; one does, in a plan that was checked. */
+/* The matched output of the event; a checked plan has exactly one. */
 static tl_stroke_event find_event(const tl_objective *objective, event_edge end) {
     size_t match = 0;
     for (size_t i = 0; i < objective->term_count; i++) {
@@ -504,7 +506,7 @@ void tl_event_horizon_end(tl_event_horizon *self) {
 
 /* ---- the plant ---- */
 
-/* The plant of t_tick: a command is looked up as inputs are, an effect as measurements are. */
+/* The plant at t_tick: commands are looked up as inputs, effects as measurements. */
 static const tl_sample *sample_of(const tl_event_horizon *self, event_edge edge, int64_t tick) {
     const tl_plant *plant = &self->lock->exchange->plant;
     return tl_plant_sample(plant, tick + (edge.effect ? self->stroke.event.shift : plant->shift));
@@ -520,13 +522,15 @@ static bool is_good(const tl_event_horizon *self, event_edge edge, int64_t tick)
     return sample_of(self, edge, tick)->quality[edge.signal] == TL_GOOD;
 }
 
-/* Has it come at this tick? Values that are not good are held, so that it comes with the first good one; `sure`: just then. */
+/* Whether the edge comes at this tick. Bad values are held, so that the edge comes with the first
+ * good one; `sure`: exactly then. */
 static bool comes(const tl_event_horizon *self, event_edge edge, int64_t tick, bool *sure) {
     *sure = tick > 0 && is_good(self, edge, tick - 1);
     return tick > 0 && is_on(self, edge, tick) && !is_on(self, edge, tick - 1);
 }
 
-/* Is the best trial to be used? Better than nominal, as in any step; what cannot be compared with it is not. */
+/* Whether the best trial may be used: it must be better than nominal; without that comparison it is
+ * not used. */
 static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     return best->value < TL_OBJECTIVE_TOLERANCE ||
@@ -534,7 +538,7 @@ static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
             best->value < nominal->value);
 }
 
-/* The stroke is not searched, or not any further. What has been found so far is used, but for its state. */
+/* Abandons the search of the stroke. The best u so far is used without its state. */
 static void abandon(tl_event_horizon *self, tl_record *record) {
     if (self->phase == SEARCHING && self->search.count > 0) {
         const tl_event_trial *best = tl_event_search_best(&self->search);
@@ -581,7 +585,8 @@ static void meet_event(tl_event_horizon *self, int64_t tick, bool sure, tl_recor
     }
 }
 
-/* Did the end signal go back, where the newest sample stood for this one? Then the window's end is waited for. */
+/* Whether the end signal has returned where the newest sample had stood in. Then the search waits
+ * for the window's end. */
 static void confirm(tl_event_horizon *self, int64_t tick) {
     bool open = self->phase == SEARCHING || self->phase == FOLLOWING || self->phase == CONFIRMING;
     if (!open || tick > self->stroke.last) {
@@ -594,7 +599,7 @@ static void confirm(tl_event_horizon *self, int64_t tick) {
     }
 }
 
-/* What the newest sample means for the stroke. */
+/* Updates the phase from the newest sample. */
 static tl_status follow_plant(tl_event_horizon *self, int64_t tick, tl_record *record, tl_error *error) {
     bool sure = false;
     confirm(self, tick);
@@ -622,7 +627,7 @@ static bool is_u(const tl_event_horizon *self, double u) {
     return !(u < self->u) && !(u > self->u);
 }
 
-/* Is the live twin what a candidate with this u would be? */
+/* Whether the live twin is the candidate with this u. */
 static bool is_live(const tl_event_horizon *self, double u) {
     return self->own_course && is_u(self, u);
 }
@@ -631,7 +636,8 @@ static tl_status try(tl_event_horizon *self, double u, tl_error *error) {
     return is_live(self, u) ? tl_stroke_try_live(&self->stroke, u, error) : tl_stroke_try(&self->stroke, u, error);
 }
 
-/* The winner is the twin. All that is told of the search is told now: in which step it was known depends on the time there was. */
+/* Makes the winner the twin. The result of the search is recorded now, because the step in which it
+ * was known depends on the available time. */
 static void settle(tl_event_horizon *self, tl_record *record) {
     bool stood_for = self->stroke.now < self->stroke.last;
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
@@ -645,8 +651,8 @@ static void settle(tl_event_horizon *self, tl_record *record) {
     record->flags |= tl_event_search_met_plateau(&self->search) ? TL_FLAG_PLATEAU : 0U;
 }
 
-/* The best trial, if it is worth it. Else what was in force when the stroke began, if it is as good as nominal; else nominal,
- * which has been tried then. */
+/* The best trial if it may be used. Otherwise the u at the start of the stroke, if it is as good as
+ * nominal; otherwise nominal, which was tried. */
 static const tl_event_trial *choose(const tl_event_horizon *self, const tl_event_trial *best) {
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     const tl_event_trial *in_force = tl_event_search_find(&self->search, self->before);
@@ -671,7 +677,7 @@ static tl_outcome outcome_of(const tl_event_horizon *self, const tl_event_trial 
     return winner == tl_event_search_find(&self->search, nominal_of(self)) ? TL_NOMINAL : TL_BEST_SO_FAR;
 }
 
-/* Which trial wins, and how it becomes the twin. */
+/* Chooses the winner and how it becomes the twin. */
 static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *error) {
     const tl_event_trial *best = tl_event_search_best(&self->search);
     const tl_event_trial *winner = choose(self, best);
@@ -687,8 +693,8 @@ static tl_status conclude(tl_event_horizon *self, tl_record *record, tl_error *e
     return tl_stroke_follow(&self->stroke, self->winner, error);
 }
 
-/* No candidate is at hand: the next one, or the end of the search. The last place is kept for nominal. Where a search is made
- * again, what was in force before the first one comes second. */
+/* Starts the next candidate or ends the search. The last evaluation is reserved for nominal. In a
+ * repeated search the u before the first search comes second. */
 static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_event_search *search = &self->search;
     double u = search->count == 0 ? self->u : self->before;
@@ -706,7 +712,7 @@ static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *er
     return conclude(self, record, error);
 }
 
-/* The candidate has been through the window, or has failed. */
+/* Ends a candidate that has passed the window or has failed. */
 static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
     tl_lock *lock = self->lock;
     tl_stroke *stroke = &self->stroke;
@@ -726,7 +732,7 @@ static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
     record->evaluations++;
 }
 
-/* Is a candidate that is being searched, or the winner, where it has to be? */
+/* Whether the candidate or the winner has reached its end. */
 static bool has_arrived(const tl_event_horizon *self) {
     const tl_stroke *stroke = &self->stroke;
     return self->phase == FOLLOWING ? stroke->at >= stroke->now : stroke->at >= stroke->last;
@@ -741,7 +747,7 @@ static void arrive(tl_event_horizon *self, tl_record *record) {
     settle(self, record);
 }
 
-/* A winner that fails on its way to the present is none. */
+/* Drops a winner that fails on its way to the present. */
 static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *record) {
     if (status != TL_FMU_FAILED) {
         return status;
@@ -755,7 +761,8 @@ static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *recor
     return TL_OK;
 }
 
-/* Has this cycle room for one more macro step, and for leaving the candidate? A repetition takes as many executions. */
+/* Whether this cycle has time for one more macro step and for saving the candidate. A repetition
+ * takes as many executions. */
 static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
     tl_exchange *exchange = self->lock->exchange;
     if (budget->repeated) {
@@ -769,13 +776,13 @@ static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint
     return tl_duration(budget->started, exchange->costs.read) + cost <= budget->time;
 }
 
-/* ns since the clock was read last, beside executions; 0 without a clock. */
+/* ns since the last clock reading without executions; 0 without a clock. */
 static tl_time lap(const tl_event_horizon *self) {
     tl_costs *costs = &self->lock->exchange->costs;
     return costs->now != NULL ? tl_costs_lap(costs) : 0;
 }
 
-/* One macro step of the candidate, from where it was left. */
+/* Executes one macro step of the candidate from where it was saved. */
 static tl_status walk(tl_event_horizon *self, tl_record *record, tl_error *error) {
     tl_status status = TL_OK;
     if (!self->stroke.loaded) {
@@ -785,7 +792,8 @@ static tl_status walk(tl_event_horizon *self, tl_record *record, tl_error *error
     return status == TL_OK ? fail(self, tl_stroke_walk(&self->stroke, error), record) : status;
 }
 
-/* As much of the search as there is room for. The first candidate is the live twin as it is now, and cannot begin later. */
+/* Continues the search as far as time allows. The first candidate is the live twin as it is now,
+ * and cannot start later. */
 static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                        tl_error *error) {
     tl_status status = TL_OK;
@@ -804,7 +812,7 @@ static tl_status spend(tl_event_horizon *self, const tl_budget *budget, uint64_t
     return status;
 }
 
-/* The search of this cycle, and back to the live twin. */
+/* Runs the search of this cycle and restores the live twin. */
 static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_t begun, tl_record *record,
                         tl_error *error) {
     tl_status status = spend(self, budget, begun, record, error);
@@ -812,7 +820,7 @@ static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_
         return status;
     }
     if (!self->stroke.away) {
-        self->going = tl_duration_fade(self->going); /* or one stall would end all searches */
+        self->going = tl_duration_fade(self->going); /* otherwise one stall would end all searches */
         self->leaving = tl_duration_fade(self->leaving);
         return TL_OK;
     }
@@ -824,19 +832,19 @@ static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_
 
 /* ---- the step ---- */
 
-/* One macro step of the live twin. It is not the last word: it will be gone back. */
+/* Executes one macro step of the live twin. It is not final, because it will be rolled back. */
 static tl_status take_step(tl_event_horizon *self, int64_t step, tl_error *error) {
     tl_exchange_set_adjusted(self->lock->exchange, 0, self->u);
     return tl_exchange_try(self->lock->exchange, step, 0, error);
 }
 
-/* Where an FMU fails with a u that was found, nominal is used again. */
+/* Uses nominal again if an FMU fails with a u of a search. */
 static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *record, tl_error *error) {
     tl_lock *lock = self->lock;
     bool corrected = !is_u(self, nominal_of(self));
     tl_status status = corrected ? tl_snapshot_take(self->stroke.live, error) : TL_OK;
     if (status != TL_OK) {
-        return status; /* what is in `live` is older: there is nothing to go back to */
+        return status; /* `live` is older: it cannot be restored */
     }
     status = take_step(self, step, error);
     if (status == TL_FMU_FAILED && corrected) {
@@ -860,7 +868,7 @@ static void begin_record(const tl_event_horizon *self, int64_t step, tl_record *
     record->u_hat[0] = nominal_of(self);
 }
 
-/* What was committed; a search may have changed it. */
+/* Records the committed values; a search may have changed them. */
 static void fill_record(const tl_event_horizon *self, tl_record *record) {
     const tl_objective *objective = &self->lock->objective;
     bool busy = self->phase == SEARCHING || self->phase == FOLLOWING;
@@ -913,7 +921,7 @@ void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bo
     const tl_adjusted *adjusted = &self->lock->adjusted[0];
     tl_event_search_retune(&self->search, adjusted->lower, adjusted->upper, (size_t)tuning->evaluations);
     self->u = begun ? self->u : nominal_of(self);
-    if (self->phase == SEARCHING) { /* what was found is not to be compared with what comes */
+    if (self->phase == SEARCHING) { /* its result is not comparable with later ones */
         tl_stroke_drop(&self->stroke);
         self->phase = WINDOW;
     }

@@ -1,17 +1,18 @@
-/* The search of an event horizon: see event_search.h. */
+/* Search of an event horizon: see event_search.h. */
 #include "master/event/event_search.h"
 
 #include <math.h>
 
 #include "master/sync/objective.h"
 
-/* Twice as wide each time: from any step to any bound, within the range of a double that matters. */
+/* Doubles the distance each time: enough for any step and bound within the useful range of a
+ * double. */
 enum { WIDENINGS = 60 };
 
-/* Halving ends where the interval is this part of its ends, or of the step. */
+/* Bisection ends at this part of the interval's ends, or of the step. */
 static const double NARROWEST = 1e-6;
 
-/* And towards what failed, this part of the step. */
+/* And towards a failed trial at this part of the step. */
 static const double NARROWEST_WALL = 1.0 / 64.0;
 
 static const double BOUNDLESS = HUGE_VAL;
@@ -90,7 +91,7 @@ bool tl_event_search_met_plateau(const tl_event_search *search) {
     return search->count > 0 && is_plateau(search->trials[0].side);
 }
 
-/* ---- away from the plateau ---- */
+/* ---- leaving the plateau ---- */
 
 static bool comes_first(tl_event_side side) {
     return side == TL_EVENT_BEFORE || side == TL_EVENT_EARLY;
@@ -100,7 +101,7 @@ static bool comes_last(tl_event_side side) {
     return side == TL_EVENT_AFTER || side == TL_EVENT_LATE;
 }
 
-/* The nearest two of which one is too early and the other too late. */
+/* The nearest pair of trials of which one is early and the other late. */
 static bool find_bracket(const tl_event_search *search, double *early, double *late) {
     double nearest = HUGE_VAL;
     for (size_t i = 0; i < search->count; i++) {
@@ -122,8 +123,8 @@ static bool halve(const tl_event_search *search, double early, double late, doub
     return fabs(early - late) > NARROWEST * size && tl_event_search_find(search, *u) == NULL;
 }
 
-/* On one side of the guess, of the trials that failed the nearest; HUGE_VAL: none did. And of those nearer than `limit` that
- * did not fail the furthest. Both as distances from the guess. */
+/* On one side of the guess: the nearest failed trial (HUGE_VAL: none), and the furthest one below
+ * `limit` that did not fail. Both as distances from the guess. */
 static double nearest_failure(const tl_event_search *search, double sign) {
     double nearest = HUGE_VAL;
     for (size_t i = 1; i < search->count; i++) {
@@ -146,7 +147,8 @@ static double furthest_success(const tl_event_search *search, double sign, doubl
     return furthest;
 }
 
-/* How far to go to one side: `width`, but not beyond what failed; up to there by halves. 0: nowhere. */
+/* Distance of the next trial on one side: `width`, but not beyond a failed trial; near it by
+ * bisection. 0: no trial is possible. */
 static double reach_out(const tl_event_search *search, double sign, double width) {
     double wall = nearest_failure(search, sign);
     if (width < wall) {
@@ -156,7 +158,8 @@ static double reach_out(const tl_event_search *search, double sign, double width
     return wall - from > NARROWEST_WALL * search->step ? from + (wall - from) / 2.0 : 0.0;
 }
 
-/* A step to either side of the guess in turn, each twice as wide; what lies beyond a bound becomes the bound. */
+/* Tries a step to either side of the guess in turn, doubled each time; a u beyond a bound becomes
+ * the bound. */
 static bool widen(const tl_event_search *search, double *u) {
     double width = search->step;
     for (int i = 0; i < WIDENINGS; i++) {
@@ -186,7 +189,7 @@ typedef struct replayed {
     uint32_t idle;
 } replayed;
 
-/* What the solver asks for: known, or the next to be tried. */
+/* Answers the solver from the stored trials, or notes the u to be tried next. */
 static bool answer(void *context, const double *z, double *value, const double **residuals) {
     replayed *replay = context;
     tl_event_search *search = replay->search;
@@ -209,7 +212,7 @@ static bool answer(void *context, const double *z, double *value, const double *
     return true;
 }
 
-/* How far from the start the solver is to go first: a step, or half-way to what was tried nearest to it. */
+/* Distance of the solver's first step: a step, or half of the distance to the nearest trial. */
 static double first_move(const tl_event_search *search, size_t start) {
     double nearest = 2.0 * search->step;
     for (size_t i = 0; i < start; i++) {
@@ -219,7 +222,7 @@ static double first_move(const tl_event_search *search, size_t start) {
     return nearest / 2.0;
 }
 
-/* Leads the solver through what is known, from the first trial within the window. */
+/* Runs the solver through the stored trials, from the first one within the window. */
 static bool ask_solver(tl_event_search *search, size_t start, double *u) {
     static const double zero = 0.0;
     replayed replay = {search, search->trials[start].value, 0};

@@ -1,4 +1,4 @@
-/* One instance of an FMU: see component.h. */
+/* Component: one instance of an FMU; see component.h. */
 #include "master/fmi/component.h"
 
 #include <math.h>
@@ -25,7 +25,7 @@ void tl_ports_write(const tl_ports *ports, const unsigned char *bytes) {
     memcpy(ports->booleans, bytes + reals + integers, ports->boolean_count * sizeof *ports->booleans);
 }
 
-/* Judges the status of an FMI call; `call` is its name. */
+/* Converts the status of an FMI call; `call` is its name. */
 static tl_status judge(tl_component *component, fmi2Status status, const char *call, tl_error *error) {
     switch (status) {
     case fmi2OK:
@@ -121,7 +121,7 @@ tl_status tl_component_reset(tl_component *component, tl_error *error) {
     tl_status status = judge(component, component->fmi->reset(component->instance), "fmi2Reset", error);
     if (status != TL_OK) {
         component->mode =
-            status == TL_FMU_FAILED ? TL_MODE_FAILED : component->mode; /* wherever a refusal has left it */
+            status == TL_FMU_FAILED ? TL_MODE_FAILED : component->mode; /* whatever mode a rejected call has left */
         return status;
     }
     component->mode = TL_MODE_INSTANTIATED;
@@ -231,7 +231,7 @@ tl_status tl_component_get_outputs(tl_component *component, tl_error *error) {
     return tl_component_check_outputs(component, error);
 }
 
-/* Any kinds of ports. */
+/* For any kinds of ports. */
 static tl_status step_all_types(tl_component *component, const tl_fmi2_step *step, tl_error *error) {
     tl_status status = tl_component_set_inputs(component, error);
     if (status != TL_OK) {
@@ -245,7 +245,7 @@ static tl_status step_all_types(tl_component *component, const tl_fmi2_step *ste
     return tl_component_get_outputs(component, error);
 }
 
-/* The same three calls in one, if there is nothing but reals. */
+/* The same three calls in one, if all ports are Real. */
 static inline tl_status step_reals(tl_component *component, const tl_fmi2_step *step, tl_error *error) {
     static const char *const calls[] = {"fmi2SetReal", "fmi2DoStep", "fmi2GetReal"};
     unsigned done = 0;

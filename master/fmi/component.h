@@ -1,11 +1,12 @@
-/* One instance of an FMU: legal calls only, values by base type, snapshots.
+/* One instance of an FMU: legal calls only, values by base type, saved states.
  *
- * Purpose: the co-simulation's view of an FMU. It knows which variables are exchanged (its ports), calls the FMU
- *          in the order FMI 2.0 allows, and turns every fmi2Status into one of ours.
+ * Purpose: the co-simulation's view of an FMU. It knows the exchanged variables (its ports), calls
+ *          the FMU in the order that FMI 2.0 allows, and maps every fmi2Status to a tl_status.
  * Source:  FMI 2.0.4, section 4.2.4 (state machine of calling sequence).
- * Status:  fmi2OK and fmi2Warning are success. fmi2Discard, fmi2Pending and fmi2Error are TL_FMU_FAILED: a saved state may
- *          be restored and the FMU used again. fmi2Fatal is TL_FMU_FATAL: nothing of the FMU is called ever after.
- * Owner:   placed by the graph; ports and their values live in the graph's arena.
+ * Status:  fmi2OK and fmi2Warning are success. fmi2Discard, fmi2Pending and fmi2Error are
+ *          TL_FMU_FAILED: a saved state may be restored and the FMU used again. fmi2Fatal is
+ *          TL_FMU_FATAL: no function of the FMU is called any more.
+ * Owner:   the graph places components; ports and their values are in the graph's arena.
  * Thread:  one thread at a time.
  */
 #ifndef TL_MASTER_FMI_COMPONENT_H
@@ -20,8 +21,8 @@
 #include "master/fmi/fmi2.h"
 #include "master/fmi/model.h"
 
-/* The exchanged variables of one direction, grouped by base type so that each group is one FMI call. Enumerations
- * are integers. */
+/* The exchanged variables of one direction, grouped by base type so that each group is one FMI
+ * call. Enumerations are integers. */
 typedef struct tl_ports {
     size_t real_count;
     size_t integer_count;
@@ -34,8 +35,8 @@ typedef struct tl_ports {
     fmi2Boolean *booleans;
 } tl_ports;
 
-/* All values of one direction as bytes: size, out of the ports, into the ports. Equal values have equal bytes but for
- * −0 and 0. */
+/* All values of one direction as bytes: their size, from the ports, to the ports. Equal values have
+ * equal bytes, except −0 and 0. */
 size_t tl_ports_size(const tl_ports *ports);
 void tl_ports_read(const tl_ports *ports, unsigned char *bytes);
 void tl_ports_write(const tl_ports *ports, const unsigned char *bytes);
@@ -45,11 +46,11 @@ typedef enum tl_component_mode {
     TL_MODE_INSTANTIATED,
     TL_MODE_INITIALIZING,
     TL_MODE_STEPPING,
-    TL_MODE_FAILED, /* after fmi2Error: only restore and free */
-    TL_MODE_DEAD    /* after fmi2Fatal: nothing */
+    TL_MODE_FAILED, /* after fmi2Error: only restore and free are allowed */
+    TL_MODE_DEAD    /* after fmi2Fatal: no call is allowed */
 } tl_component_mode;
 
-/* A value that a variable gets before initialisation, of the variable's own type. */
+/* A start value, of the variable's own type. */
 typedef struct tl_start_value {
     const tl_variable *variable;
     tl_value value;
@@ -59,8 +60,8 @@ typedef struct tl_component {
     const char *name;
     const tl_model *model;
     const tl_fmi2 *fmi;
-    const fmi2CallbackFunctions *callbacks; /* as it was instantiated with, */
-    const char *resources;                  /* and this */
+    const fmi2CallbackFunctions *callbacks; /* arguments of fmi2Instantiate */
+    const char *resources;                  /* the same */
     const tl_start_value *starts;
     size_t start_count;
     fmi2Component instance;
@@ -68,103 +69,113 @@ typedef struct tl_component {
     tl_ports inputs;      /* connected inputs and adjusted variables: set before each step */
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
-    bool replaces_states; /* a handle to be reused is not: the FMU made another one */
-    bool gave_up_states;  /* tl_component_come_back() with a reason */
-    bool says_final;      /* of each step, whatever its caller says: for a proof */
-    bool prefers_copy;    /* tl_component_prefer_copy(), and has not gone back */
-    bool reals_only;      /* no other ports: set by the exchange, once they are placed */
+    bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
+    bool gave_up_states;  /* tl_component_come_back() was called with a reason */
+    bool says_final;      /* each step is final, whatever the caller says: for a proof */
+    bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
+    bool reals_only;      /* no other ports: set by the exchange once they are placed */
     uint64_t executions;  /* fmi2DoStep calls */
 } tl_component;
 
-/* fmi2Instantiate; then start values may be set. An FMU that refuses is asked a second time with its logging on, because some say
- * why only then. */
+/* fmi2Instantiate; then start values may be set. If the FMU rejects it, it is called once more with
+ * logging on, because some FMUs give the reason only then. */
 tl_status tl_component_instantiate(tl_component *component, const fmi2CallbackFunctions *callbacks,
                                    const char *resources, tl_error *error);
 
-/* Sets one variable before initialisation. `value` has the variable's own type. */
+/* Sets one variable before initialisation, in the variable's own type. */
 tl_status tl_component_set_start(tl_component *component, const tl_variable *variable, const tl_value *value,
                                  tl_error *error);
 
 /* Sets all of `starts`. */
 tl_status tl_component_set_starts(tl_component *component, tl_error *error);
 
-/* Begins anew: fmi2Reset, and `starts` again. What comes next is initialisation. States that were saved stay the FMU's until they are given
- * back, and their handles may be reused. TL_FMU_FAILED: tl_component_renew() is what is left. */
+/* Resets the FMU: fmi2Reset, and `starts` again. Initialisation follows. Saved states stay the
+ * FMU's until they are freed, and their handles may be reused. TL_FMU_FAILED: use
+ * tl_component_renew(). */
 tl_status tl_component_reset(tl_component *component, tl_error *error);
 
-/* The same for an FMU that refuses it: fmi2FreeInstance, fmi2Instantiate, and `starts` again. All its states must have been given back. */
+/* The same for an FMU that rejects fmi2Reset: fmi2FreeInstance, fmi2Instantiate, and `starts`
+ * again. All its states must have been freed. */
 tl_status tl_component_renew(tl_component *component, tl_error *error);
 
-/* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and fmi2EnterInitializationMode. */
+/* fmi2SetupExperiment (from `start`, s of simulated time; no stop time, no tolerance) and
+ * fmi2EnterInitializationMode. */
 tl_status tl_component_enter_initialization(tl_component *component, double start, tl_error *error);
 
 /* fmi2ExitInitializationMode. */
 tl_status tl_component_exit_initialization(tl_component *component, tl_error *error);
 
-/* Port values to the FMU, and from it. Outputs that are not finite are TL_FMU_FAILED. */
+/* Writes the inputs to the FMU; reads the outputs from it. TL_FMU_FAILED if an output is not
+ * finite. */
 tl_status tl_component_set_inputs(tl_component *component, tl_error *error);
 tl_status tl_component_get_outputs(tl_component *component, tl_error *error);
 
 /* Sets the inputs, steps from `now` by `step` (both s of simulated time), reads the outputs.
- * final: no earlier state will be restored any more. An FMU that is led back in a way that it cannot know of (tl_fmi2.is_unaware) is told so in each step, as in a run that never goes back: there are some
- * whose outputs go by it. */
+ * `final`: no earlier state will be restored any more. An FMU that is rolled back without its
+ * knowledge (tl_fmi2.is_unaware) is always told that a step is final, as in a run without rollback,
+ * because the outputs of some FMUs depend on it. */
 tl_status tl_component_step(tl_component *component, double now, double step, bool final, tl_error *error);
 
-/* The same for `count` components one after the other, in one go. Where one fails, *failed is its index and those after it were
- * not stepped. Whether Real outputs are finite is not looked at: see tl_component_check_outputs(). */
+/* The same for `count` components in one call. If one fails, *failed is its index, and those after
+ * it were not stepped. Real outputs are not checked: see tl_component_check_outputs(). */
 tl_status tl_component_step_all(tl_component *components, size_t count, double now, double step, bool final,
                                 size_t *failed, tl_error *error);
 
-/* TL_FMU_FAILED where a Real output is not finite. */
+/* TL_FMU_FAILED if a Real output is not finite. */
 tl_status tl_component_check_outputs(const tl_component *component, tl_error *error);
 
-/* Snapshot of the FMU's hidden state; needs canGetAndSetFMUstate. Port values are the graph's business. A handle that is
- * not NULL is reused; one that is no longer wanted is given back by tl_component_forget(). An FMU that was once seen to answer
- * with another handle than the one it was to reuse has each freed first: some make a new state and lose the old one, which
- * in a twin that runs for weeks is all of the memory. */
+/* Saves and restores the FMU's hidden state; needs canGetAndSetFMUstate. Port values belong to the
+ * graph. A handle that is not NULL is reused; tl_component_forget() frees it. If an FMU has once
+ * returned another handle than the given one, each handle is freed before the next save: some FMUs
+ * lose the old state, which would consume all memory within weeks. */
 tl_status tl_component_save(tl_component *component, fmi2FMUstate *state, tl_error *error);
 tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_error *error);
 
-/* Of an FMU whose own states may be wrong (tl_fmi2_aside): all that it knows is kept, besides its states. False: there is no way for it, and nothing is kept. */
+/* Keeps a full copy of an FMU besides its own states (tl_fmi2_aside), in case that its states are
+ * wrong. Returns false if there is no method for it. */
 bool tl_component_keep(tl_component *component);
 
-/* Bytes that this would take now; 0: not known, or there is no way. */
+/* Bytes that this copy would take now; 0: not known, or there is no method. */
 size_t tl_component_keeping_takes(const tl_component *component);
 
-/* Back to what was kept. Its states that were made since are none: they are to be forgotten before. With `why`, which says in which way its states are wrong and may be "", states are made and
- * restored in this other way from now on. False: the FMU cannot, and has said why. */
+/* Restores the kept copy. States saved since are invalid: forget them before. With `why`, the
+ * description of what is wrong with its states (may be ""), states are saved and restored by the
+ * other method from now on. Returns false if the FMU cannot, and has given the reason. */
 bool tl_component_come_back(tl_component *component, const char *why);
 
-/* Of one that was kept: whether a copy of its memory would do in place of its own states; and that it does from now on, since it is faster. None of its states is there, and it stands
- * where it was kept. False: it cannot. */
+/* For an FMU with a kept copy: true if a copy of its memory could replace its own states. The
+ * second function switches to copies because they are faster; the FMU must have no states and stand
+ * where it was kept. Returns false if it cannot. */
 bool tl_component_has_choice(const tl_component *component);
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times);
 
-/* What was kept is not needed any more. */
+/* Frees the kept copy. */
 void tl_component_let_go(const tl_component *component);
 
-/* So many states more will be had at a time, beside those that there are. TL_TRY_AGAIN: there is no memory for them. */
+/* Reserves memory for so many states at a time, besides existing ones. TL_TRY_AGAIN if memory is
+ * out. */
 tl_status tl_component_reserve_states(const tl_component *component, size_t states, tl_error *error);
 
-/* Bytes that one state more takes; 0: nobody knows without looking. */
+/* Bytes of one more state; 0: not known in advance. */
 size_t tl_component_state_size(const tl_component *component);
 
-/* Whether the FMU says that it can turn a saved state into bytes and back. */
+/* True if the FMU declares that it can serialise a saved state. */
 bool tl_component_can_serialize(const tl_component *component);
 
-/* A saved state as bytes: how many there are, the bytes, and a state from bytes. Bytes are for the same FMU binary only. A handle
- * that is not NULL is reused. */
+/* A saved state as bytes: their number, the bytes, and a state from bytes. Bytes are valid only for
+ * the same FMU binary. A handle that is not NULL is reused. */
 tl_status tl_component_serialized_size(tl_component *component, fmi2FMUstate state, size_t *size, tl_error *error);
 tl_status tl_component_serialize(tl_component *component, fmi2FMUstate state, unsigned char *bytes, size_t size,
                                  tl_error *error);
 tl_status tl_component_deserialize(tl_component *component, const unsigned char *bytes, size_t size,
                                    fmi2FMUstate *state, tl_error *error);
 
-/* Frees a handle and makes it NULL; nothing where it is NULL or the FMU may not be called any more. */
+/* Frees a handle and sets it to NULL. Does nothing if it is NULL or if the FMU may not be called
+ * any more. */
 void tl_component_forget(tl_component *component, fmi2FMUstate *state);
 
-/* Ends the instance as its mode allows. May be called in any mode. The caller sees to it that no other instance of the
- * same FMU has answered fmi2Fatal: that is for all of them. */
+/* Ends the instance as its mode allows; allowed in any mode. The caller checks that no other
+ * instance of the same FMU has returned fmi2Fatal, which is valid for all of them. */
 void tl_component_free(tl_component *component);
 
 #endif

@@ -1,7 +1,7 @@
-/* What a modelDescription.xml says: variables, units and capabilities of one FMU.
+/* Contents of a modelDescription.xml: variables, units and capabilities of one FMU.
  *
  * Purpose: read-only facts, shared by every instance of the FMU.
- * Owner:   whoever parsed it; all pointers live as long as that owner's memory.
+ * Owner:   the module that parsed it; all pointers are valid as long as its memory.
  * Source:  FMI 2.0.4, section 2.2 and 4.3.
  */
 #ifndef TL_MASTER_FMI_MODEL_H
@@ -24,7 +24,7 @@ typedef enum tl_causality {
 
 typedef enum tl_variability { TL_CONSTANT, TL_FIXED, TL_TUNABLE, TL_DISCRETE, TL_CONTINUOUS } tl_variability;
 
-/* How the value at the start comes about. Inputs and the independent variable have none. Exact and approximate ones
+/* Kind of start value. Inputs and the independent variable have none. Exact and approximate ones
  * may be set before initialisation, unless constant; calculated ones may not. */
 typedef enum tl_initial { TL_INITIAL_NONE, TL_INITIAL_EXACT, TL_INITIAL_APPROX, TL_INITIAL_CALCULATED } tl_initial;
 
@@ -47,17 +47,17 @@ typedef struct tl_value {
 
 typedef struct tl_variable {
     const char *name;
-    const char *description; /* "" where there is none */
-    uint32_t reference;      /* unique per base type only */
+    const char *description; /* "" if there is none */
+    uint32_t reference;      /* unique only within a base type */
     tl_type type;
     tl_causality causality;
     tl_variability variability;
-    const tl_unit *unit; /* NULL where none is declared; Real only; may be one without base */
+    const tl_unit *unit; /* NULL if none is declared; Real only; may have no base */
     bool has_start;
     tl_value start;
-    double minimum; /* −infinity where none is declared */
-    double maximum; /* +infinity where none is declared */
-    double nominal; /* > 0; 1 where none is declared */
+    double minimum; /* −infinity if none is declared */
+    double maximum; /* +infinity if none is declared */
+    double nominal; /* > 0; 1 if none is declared */
     tl_initial initial;
 } tl_variable;
 
@@ -71,7 +71,7 @@ typedef struct tl_model {
     const char *name;
     const char *identifier; /* modelIdentifier of CoSimulation: name of the binary */
     const char *guid;
-    const char *generation_tool; /* "" where there is none */
+    const char *generation_tool; /* "" if there is none */
     tl_capabilities capabilities;
     const tl_variable *variables;
     size_t variable_count;
@@ -84,8 +84,8 @@ enum { TL_MODEL_OFFERED = 10000 };
 /* The variable of that name, or NULL. O(variable_count). */
 const tl_variable *tl_model_variable(const tl_model *model, const char *name);
 
-/* The name of a variable that was probably meant by one that no variable has, or NULL (text.h). O(variable_count); of a very large model
- * only the first TL_MODEL_OFFERED variables are looked at, so that a wrong file takes no longer. */
+/* The nearest name to one that no variable has, or NULL (text.h). O(variable_count); of a very
+ * large model only the first TL_MODEL_OFFERED variables are compared. */
 const char *tl_model_nearest(const tl_model *model, const char *name);
 
 /* The unit of that name, or NULL. */

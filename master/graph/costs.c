@@ -1,12 +1,12 @@
-/* What executions take: see costs.h. */
+/* Cost of executions: see costs.h. */
 #include "master/graph/costs.h"
 
 #include "master/base/estimate.h"
 
-/* Steps from one close look to the next. */
+/* Steps between two close measurements. */
 enum { CLOSELY_EVERY = 16 };
 
-/* Executions that may all be as long as the longest; and what a mean is made of. */
+/* Executions that may all take as long as the longest; and the number that a mean is taken over. */
 enum { FEW = 16, MEMORY = 16 };
 
 tl_time tl_cost_of(const tl_cost *cost, tl_time times) {
@@ -72,7 +72,8 @@ static tl_time read_clock(tl_costs *costs) {
     return took;
 }
 
-/* In equal parts where nothing is known of any. Where it took longer than was expected it is not known whose time that was. */
+/* Shares a duration equally if nothing is known. If it is longer than expected, the component that
+ * caused it is not known. */
 static void share_out(tl_costs *costs, tl_time took) {
     tl_time expected = 0;
     for (size_t i = 0; i < costs->ran_count; i++) {

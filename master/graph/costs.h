@@ -1,11 +1,11 @@
-/* What executions take, from as few readings of a clock as can be.
+/* Cost of executions, measured with as few clock readings as possible.
  *
- * Purpose: a deadline needs to know what an execution costs; an FMU may be so cheap that asking for the time costs more. So the
- *          clock is read at most once for each macro step: a lap. What a lap took is shared among the components that were executed
- *          in it, in proportion to what each is expected to take. Where everything is executed in one go there is nothing to
- *          share out.
- * Closely: now and then a macro step is looked at component by component, which is what keeps the proportions true: in every
- *          sixteenth step, and where a shared lap took longer than was expected.
+ * Purpose: a deadline needs the cost of an execution, but for a cheap FMU a clock reading costs
+ *          more than its step. So the clock is read at most once per macro step: a lap. The
+ *          duration of a lap is shared among the components executed in it, in proportion to their
+ *          expected costs. If all components execute in one call, the duration is that of the call.
+ * Closely: to correct the proportions, some macro steps are measured component by component: in
+ *          every sixteenth step, and if a lap took longer than expected.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_GRAPH_COSTS_H
@@ -19,51 +19,51 @@
 #include "master/base/simtime.h"
 
 typedef struct tl_cost {
-    tl_time most; /* ns: the longest lately, fading */
-    double
-        mean; /* ns, of late, in candidates: made once in a while, as in the committed step, it may take many times as long */
+    tl_time most; /* ns: the longest recent duration, decaying */
+    double mean;  /* ns, recent mean over candidates; the committed step may take many times as long, but comes once */
 } tl_cost;
 
-/* Of so many executions, one after the other: a few as if each were as long as the longest lately. Of many, most are not, and who is about
- * to make them asks again after each: the others are as on average. */
+/* Expected cost of `times` executions in a row. A few count as if each took the longest recent
+ * duration. Many count with the mean, since the caller asks again after each. */
 tl_time tl_cost_of(const tl_cost *cost, tl_time times);
 
 typedef struct tl_costs {
     tl_time (*now)(void *clock); /* NULL: nothing is measured */
     void *clock;
-    tl_time read;  /* the clock, when it was read last */
-    tl_cost *each; /* of one execution of each component, saving its state included */
-    tl_cost all;   /* of one execution of all of them, in one go */
+    tl_time read;  /* last reading of the clock */
+    tl_cost *each; /* of one execution of each component, including the save of its state */
+    tl_cost all;   /* of one execution of all components in one call */
     size_t count;
     size_t *ran; /* components that were executed in this lap */
     size_t ran_count;
-    bool ran_all;   /* in one go */
-    bool closely;   /* the macro step at hand is looked at component by component, */
-    size_t looked;  /* and so were this many, */
-    tl_time seen;   /* which took as long */
-    bool apart;     /* what is executed now is the committed step */
-    bool walked;    /* something else was, in this step */
-    uint32_t steps; /* that were begun under a clock */
+    bool ran_all;   /* all in one call */
+    bool closely;   /* the current macro step is measured component by component */
+    size_t looked;  /* components measured so far */
+    tl_time seen;   /* their duration */
+    bool apart;     /* the committed step is being executed */
+    bool walked;    /* something else was executed in this step */
+    uint32_t steps; /* steps started with a clock */
 } tl_costs;
 
-/* Of `count` components. False when memory is out. */
+/* For `count` components. Returns false if memory is out. */
 bool tl_costs_init(tl_costs *costs, tl_arena *arena, size_t count);
 
-/* A step begins, under this clock, which is read; NULL: without one. */
+/* Starts a step and reads the clock; NULL: without one. */
 void tl_costs_begin(tl_costs *costs, tl_time (*now)(void *clock), void *clock);
 
-/* The step before had no time for something. Where that was all its candidates, what they take on average is tried again some time. */
+/* There was no time for something in the last step. If that was all of its candidates, their mean
+ * cost decays, so that they are tried again later. */
 void tl_costs_rest(tl_costs *costs);
 
-/* From here to the next lap it is the committed step that is executed. */
+/* Until the next lap, the committed step is executed. */
 void tl_costs_commit(tl_costs *costs);
 
-/* This component was executed; all of them were, in one go. */
+/* Records that one component was executed, or all in one call. */
 void tl_costs_ran(tl_costs *costs, size_t component);
 void tl_costs_ran_all(tl_costs *costs);
 
-/* A macro step ends, or something beside: reads the clock, which there must be. The time since it was read last is that of what was
- * executed meanwhile, and then 0 is returned; where nothing was, the time is returned, ns. */
+/* Ends a lap and reads the clock, which must exist. If components were executed, assigns them the
+ * duration and returns 0; otherwise returns the duration, ns. */
 tl_time tl_costs_lap(tl_costs *costs);
 
 #endif

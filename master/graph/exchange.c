@@ -1,9 +1,9 @@
-/* The running co-simulation: see exchange.h. */
+/* Co-simulation: see exchange.h. */
 #include "master/graph/exchange.h"
 
 #include <string.h>
 
-/* The depth of the committed step: all components take part, whatever their reach. */
+/* Depth of the committed step: all components take part, whatever their reach. */
 #define TL_ALL_DEPTHS UINT32_MAX
 
 static double convert(const tl_real_copy *copy) {
@@ -61,7 +61,7 @@ bool tl_exchange_save_executions(tl_exchange *exchange, tl_arena *arena, const t
     return placed;
 }
 
-/* What is left of the bound for the caches; as good as nothing, but not without a bound, if the others take all of it. */
+/* Remaining bound for the caches; minimal, but not "no bound", if other modules use all of it. */
 static uint64_t leave_beside(const tl_exchange *exchange, uint64_t bytes) {
     uint64_t beside = 0;
     for (size_t i = 0; i < exchange->component_count && exchange->cached != NULL; i++) {
@@ -111,7 +111,7 @@ bool tl_exchange_takes_part(const tl_exchange *exchange, size_t component, uint3
     return exchange->reach == NULL || depth == TL_ALL_DEPTHS || depth < exchange->reach[component];
 }
 
-/* x − x is 0 for every finite x and NaN for all others: one test for many. */
+/* x − x is 0 for every finite x and NaN for all others: one test for many values. */
 static bool are_finite(const fmi2Real *values, size_t count) {
     double sum = 0.0;
     for (size_t i = 0; i < count; i++) {
@@ -128,12 +128,12 @@ static tl_status check_outputs(const tl_exchange *exchange, tl_error *error) {
     return status;
 }
 
-/* Without caches only what is committed is; and not while somebody keeps a state from before. */
+/* Without caches only the committed step is final, and not while a module keeps an older state. */
 static bool is_final(const tl_exchange *exchange, uint32_t depth) {
     return depth == TL_ALL_DEPTHS && !exchange->is_kept_from;
 }
 
-/* Everything is executed: all components in one go, and all outputs judged in one go. */
+/* Executes all components in one call and checks all outputs at once. */
 static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     double now = tl_seconds(tl_time_of_step(0, exchange->step, step));
     exchange->failed = exchange->component_count - 1;
@@ -149,7 +149,7 @@ static tl_status execute_all(tl_exchange *exchange, int64_t step, uint32_t depth
     return status;
 }
 
-/* One component's step by way of its cache, or at once. */
+/* Executes one component through its cache, or directly. */
 static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint32_t depth, tl_error *error) {
     if (exchange->cached != NULL) {
         return tl_cached_component_step(&exchange->cached[index], step, error);
@@ -158,7 +158,7 @@ static tl_status advance(tl_exchange *exchange, size_t index, int64_t step, uint
     return tl_component_step(&exchange->components[index], now, exchange->step_s, is_final(exchange, depth), error);
 }
 
-/* Watched: what was executed. What was known says nothing about the cost. */
+/* Measures a close step: cached results say nothing about the cost. */
 tl_status tl_exchange_advance(tl_exchange *exchange, size_t component, int64_t step, uint32_t depth, tl_error *error) {
     uint64_t before = exchange->components[component].executions;
     tl_status status = advance(exchange, component, step, depth, error);
@@ -183,7 +183,7 @@ static tl_status walk_components(tl_exchange *exchange, int64_t step, uint32_t d
     return TL_OK;
 }
 
-/* One macro step of the components that take part at `depth`. */
+/* Executes one macro step of the components that take part at `depth`. */
 static tl_status step_components(tl_exchange *exchange, int64_t step, uint32_t depth, tl_error *error) {
     const tl_costs *costs = &exchange->costs;
     bool unsaved = depth == TL_ALL_DEPTHS && exchange->cached == NULL && costs->now == NULL;
@@ -313,7 +313,7 @@ void tl_exchange_keep(tl_exchange *exchange) {
     }
 }
 
-/* Those that cannot come back by anything else do by their states. */
+/* Restores components that have no copy by their states. */
 static bool come_back(tl_exchange *exchange, size_t component, const char *why) {
     tl_error error;
     tl_component *one = &exchange->components[component];
@@ -324,7 +324,7 @@ static bool come_back(tl_exchange *exchange, size_t component, const char *why) 
     return tl_component_come_back(one, why);
 }
 
-/* By its next way: what was kept is of no use any more. */
+/* Switches to the next rollback method: the kept copy is not used any more. */
 static bool come_back_otherwise(tl_exchange *exchange, size_t component) {
     tl_component *one = &exchange->components[component];
     bool is_back = tl_component_come_back(one, "");

@@ -1,4 +1,4 @@
-/* The graph of components and connections, in the units of its signals: see graph.h. */
+/* Graph of components and connections, with units: see graph.h. */
 #include "master/graph/graph.h"
 
 #include <math.h>
@@ -34,7 +34,8 @@ bool tl_conversion_is_identity(const tl_conversion *conversion) {
 
 static const char PLANT[] = "plant.";
 
-/* The component that "component.variable" names and where its variable's name begins; NULL where none. */
+/* The component of "component.variable" and the start of the variable's name; NULL if there is
+ * none. */
 static tl_component *find_component(const tl_graph *graph, const char *name, const char **variable) {
     for (size_t i = 0; i < graph->component_count; i++) {
         size_t length = strlen(graph->components[i].name);
@@ -46,7 +47,7 @@ static tl_component *find_component(const tl_graph *graph, const char *name, con
     return NULL;
 }
 
-/* The signal that "plant.signal" names; SIZE_MAX where there is none or it is no signal's name. */
+/* The signal of "plant.signal"; SIZE_MAX if it does not exist or is not a signal's name. */
 static size_t find_signal(const tl_graph *graph, const char *name) {
     if (strncmp(name, PLANT, sizeof PLANT - 1) != 0) {
         return SIZE_MAX;
@@ -68,7 +69,7 @@ static void report_no_variable(const tl_component *component, const char *name, 
         nearest != NULL ? nearest : "", nearest != NULL ? "\" is meant" : "");
 }
 
-/* Looks up "component.variable"; reports what is missing. */
+/* Looks up "component.variable" and reports what is missing. */
 static const tl_variable *resolve(const tl_graph *graph, const char *name, const char *where, size_t *node,
                                   tl_report *report) {
     const char *variable_name = NULL;
@@ -129,7 +130,7 @@ static const tl_port *use_signal(tl_graph *graph, size_t signal) {
     return port;
 }
 
-/* The unit of a port; a plant signal's is looked up by name among those the other side's FMU knows. */
+/* The unit of a port; that of a plant signal is looked up in the FMU on the other side. */
 static tl_unit signal_unit(const tl_plan_signal *signal, const tl_model *peer) {
     const char *name = signal->unit != NULL ? signal->unit : "";
     const tl_unit *known = tl_model_unit(peer, name);
@@ -161,7 +162,7 @@ static bool is_settable(const tl_variable *variable) {
     return variable->causality == TL_INPUT;
 }
 
-/* The source port of a connection; NULL where reported. */
+/* The source port of a connection; NULL if a problem was reported. */
 static const tl_port *resolve_source(tl_graph *graph, const tl_plan_connection *plan, tl_report *report) {
     if (strncmp(plan->from, PLANT, sizeof PLANT - 1) == 0) {
         size_t signal = find_signal(graph, plan->from);
@@ -234,7 +235,7 @@ static void connect(tl_graph *graph, const tl_plan_connection *plan, tl_report *
     connection->conversion = conversion;
 }
 
-/* A number, whatever type it came as. */
+/* A number of any type as double. */
 static double number_of(const tl_value *value) {
     return value->type == TL_REAL ? value->real : (double)value->integer;
 }
@@ -444,7 +445,7 @@ static bool has_input_port(const tl_graph *graph, size_t node, const tl_variable
     return false;
 }
 
-/* Whether a connection of the plan means to drive an input; if it is wrong, that has been reported already. */
+/* Whether the plan has a connection to an input; if it is wrong, that was reported already. */
 static bool is_target(const tl_graph *graph, size_t node, const tl_variable *variable) {
     for (size_t i = 0; i < graph->plan->connection_count; i++) {
         const char *name = "";

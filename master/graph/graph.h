@@ -1,6 +1,6 @@
-/* The graph of components and connections, in the units of its signals.
+/* Graph of components and connections, with units.
  *
- * Thread:  one for each graph.
+ * Thread:  one per graph.
  */
 #ifndef TL_MASTER_GRAPH_GRAPH_H
 #define TL_MASTER_GRAPH_GRAPH_H
@@ -14,7 +14,7 @@
 #include "master/fmi/model.h"
 #include "master/plan/plan.h"
 
-/* ---- Units of two connected values: are they the same, convertible, or wrong?
+/* ---- Units of two connected values: equal, convertible, or wrong.
  *
  * Source: FMI 2.0.4, section 2.2.2 (value in base units = factor·value + offset).
  */
@@ -25,19 +25,19 @@ typedef struct tl_conversion {
     double offset;
 } tl_conversion;
 
-/* false where the dimensions differ, or the names do and no base units tell how to convert. A unit that is NULL or
- * has an empty name fits everything. */
+/* Returns false if the dimensions differ, or if the names differ and there are no base units. A
+ * unit that is NULL or has an empty name fits every unit. */
 bool tl_units_convert(const tl_unit *from, const tl_unit *to, tl_conversion *conversion);
 
 bool tl_conversion_is_identity(const tl_conversion *conversion);
 
-/* ---- The structure of the co-simulation: components, the ports they exchange, connections, distances.
+/* ---- Structure of the co-simulation: components, exchanged ports, connections, distances.
  *
- * Purpose: resolves the names of a plan against the FMUs, checks types and units, and answers questions about paths.
- *          It holds no values; exchange.h does.
+ * Purpose: resolves the names of a plan in the FMUs, checks types and units, and answers questions
+ *          about paths. It holds no values; exchange.h does.
  * Source:  thesis, section 4.2; c̃(a, b) is the shortest path, one per edge (eq. 4.1).
  * Nodes:   components 0 … component_count − 1 are FMUs; node component_count is the plant.
- * Owner:   everything in the arena.
+ * Owner:   everything is in the arena.
  */
 
 /* No path. */
@@ -58,8 +58,8 @@ typedef struct tl_connection {
     const tl_port *from;
     const tl_port *to;
     tl_conversion conversion;
-    bool cut;            /* `to` is adjusted: what comes here is û, not the input */
-    const void *nominal; /* where û is delivered to when cut, in the port's type; placed by exchange.h */
+    bool cut;            /* `to` is adjusted: this connection delivers û, not the input */
+    const void *nominal; /* address of û if cut, in the port's type; placed by exchange.h */
 } tl_connection;
 
 typedef struct tl_graph {
@@ -76,28 +76,30 @@ typedef struct tl_graph {
 /* Components (not yet instantiated) and connections of the plan. Problems go to the report. */
 void tl_graph_build(tl_graph *graph, tl_arena *arena, const tl_plan *plan, tl_report *report);
 
-/* The port of an output (or local variable) to match or read. NULL where reported. */
+/* The port of an output (or local variable) to match or read. NULL if a problem was reported. */
 const tl_port *tl_graph_output(tl_graph *graph, const char *name, const char *where, tl_report *report);
 
-/* The signal index a match is compared with and the conversion from its unit to the port's. SIZE_MAX where
- * reported. */
+/* Index of the signal that a match is compared with, and the conversion from its unit to the
+ * port's. SIZE_MAX if a problem was reported. */
 size_t tl_graph_match_signal(tl_graph *graph, const tl_plan_match *match, const tl_port *port,
                              tl_conversion *conversion, tl_report *report);
 
-/* The port of an adjusted variable; its connection, if any, is cut. NULL where reported. */
+/* The port of an adjusted variable; its connection, if any, is cut. NULL if a problem was reported.
+ */
 const tl_port *tl_graph_adjust(tl_graph *graph, const tl_plan_adjust *adjust, tl_report *report);
 
-/* The connection that leads to a port; NULL where there is none. */
+/* The connection to a port; NULL if there is none. */
 const tl_connection *tl_graph_connection_to(const tl_graph *graph, const tl_port *port);
 
-/* Reports each input that nothing drives. Call after all tl_graph_adjust(). */
+/* Reports each input that has no source. Call after all tl_graph_adjust(). */
 void tl_graph_check_inputs(const tl_graph *graph, tl_report *report);
 
-/* c̃(from, to) over connections that are not cut; TL_UNREACHABLE where there is no path. `scratch` has room for
+/* c̃(from, to) over connections that are not cut; TL_UNREACHABLE if there is no path. `scratch` has
  * component_count + 1 entries. */
 size_t tl_graph_distance(const tl_graph *graph, size_t from, size_t to, size_t *scratch);
 
-/* The value of a `set` entry in the variable's own type; false where it does not fit, with `expected` in words. */
+/* Converts the value of a `set` entry to the variable's type. Returns false if it does not fit,
+ * with the expected type in words. */
 bool tl_graph_fit_value(const tl_variable *variable, const tl_value *value, tl_value *fitted, const char **expected);
 
 #endif

@@ -1,11 +1,11 @@
-/* The values of the exchange before the first step: where each lies, and how they settle while initialising. See exchange.h. */
+/* Layout of the values of the exchange, and their initialisation: see exchange.h. */
 #include "master/graph/exchange.h"
 
 #include <string.h>
 
-/* ---- places ---- */
+/* ---- layout ---- */
 
-/* Start-up: carves typed arrays out of the one value block. Reals come first, so alignment holds. */
+/* Divides the value block into typed arrays at start-up. Reals come first, so alignment holds. */
 typedef struct tl_layout {
     size_t reals;
     size_t integers; /* Integer and Boolean: the same C type */
@@ -35,7 +35,7 @@ static void count_values(const tl_graph *graph, tl_layout *layout) {
             layout->integers++;
         }
     }
-    layout->reals += graph->connection_count; /* room for û of each connection that is cut, of either type */
+    layout->reals += graph->connection_count; /* room for û of each cut connection of either type */
     layout->integers += graph->connection_count;
 }
 
@@ -79,7 +79,7 @@ static void place_reference(const tl_exchange *exchange, const tl_port *port) {
     references[port->index] = port->variable->reference;
 }
 
-/* And its start value. */
+/* Sets its start value. */
 static void fill_port(const tl_exchange *exchange, const tl_port *port) {
     const tl_ports *ports = ports_of(exchange, port);
     const tl_variable *variable = port->variable;
@@ -235,7 +235,7 @@ void tl_exchange_clear(tl_exchange *exchange, const tl_graph *graph) {
 
 /* ---- initialisation ---- */
 
-/* Until the first step is searched, adjusted inputs have their nominal values. */
+/* Adjusted inputs have their nominal values until the first search. */
 static void pass_nominal(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->copy_count; i++) {
         if (exchange->copies[i].adjusted != NULL) {
@@ -281,7 +281,7 @@ tl_status tl_exchange_initialize(tl_exchange *exchange, int64_t first, int64_t s
         status = tl_component_enter_initialization(&exchange->components[i], start, error);
     }
     tl_plant_deliver(&exchange->plant, shown);
-    /* A chain of direct feed-through settles after as many rounds as it has components. */
+    /* A chain of direct feed-through converges after as many rounds as it has components. */
     for (size_t round = 0; round < exchange->component_count + 1 && status == TL_OK; round++) {
         memcpy(exchange->home.values, exchange->values, exchange->values_size);
         status = settle(exchange, error);

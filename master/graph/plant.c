@@ -21,7 +21,7 @@ void tl_plant_hold(tl_plant *plant, size_t signal, double value) {
     plant->held[signal] = value;
 }
 
-/* Trust, but verify: what calls itself good must be a number that its type can hold. */
+/* A value marked as good must be a number that its type can hold. */
 static tl_quality verify(const tl_plant_output *output, double value, tl_quality quality) {
     if (quality == TL_GOOD && !isfinite(value)) {
         return TL_NOT_A_NUMBER;
@@ -55,7 +55,7 @@ const tl_sample *tl_plant_sample(const tl_plant *plant, int64_t tick) {
     return &plant->window[(size_t)(known < 0 ? 0 : known) & plant->window_mask];
 }
 
-/* What is held stands for what is not good, so it must be as good. */
+/* A held value replaces one that is not good, so it must be as good. */
 static void require_value(const tl_plant_output *output, double value, uint8_t quality, tl_archive *archive) {
     tl_archive_require(archive, verify(output, value, TL_GOOD) == TL_GOOD && quality <= TL_OUTLIER);
 }
@@ -109,7 +109,8 @@ void tl_plant_deliver(tl_plant *plant, int64_t tick) {
     }
 }
 
-/* Whether step `step` is known to deliver sample `number`; if not, from now on it is, and nothing after it. */
+/* Returns whether step `step` is known to deliver sample `number`; if not, it is known from now on,
+ * and later steps are not. */
 static bool is_known(tl_plant *plant, int64_t step, int64_t number) {
     int64_t *delivered = &plant->delivered[(size_t)step % plant->delivered_size];
     if (step < plant->known && *delivered == number) {

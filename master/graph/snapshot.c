@@ -1,4 +1,4 @@
-/* States of all FMUs at one time, and how many have room in memory: see snapshot.h. */
+/* Snapshots and the number of states: see snapshot.h. */
 #include "master/graph/snapshot.h"
 
 #include <string.h>
@@ -9,7 +9,7 @@ static uint64_t need_of(const tl_state_room *room) {
     return (uint64_t)room->size * room->most;
 }
 
-/* Of those that need more than `share`, how many there are, and what the others leave of the bound. */
+/* Number of components that need more than `share`, and what the others leave of the bound. */
 static uint64_t left_by_others(const tl_state_room *rooms, size_t count, uint64_t share, uint64_t bytes,
                                size_t *larger) {
     *larger = 0;
@@ -24,7 +24,7 @@ static uint64_t left_by_others(const tl_state_room *rooms, size_t count, uint64_
     return bytes;
 }
 
-/* The share of each that needs more: it grows with what the others leave, until nobody else does with less. */
+/* The share of each of these: it grows with what the others leave, until all need more. */
 static uint64_t find_share(const tl_state_room *rooms, size_t count, uint64_t bytes) {
     uint64_t share = count != 0 ? bytes / count : 0;
     size_t larger = count;

@@ -1,32 +1,32 @@
-/* The track of the candidate walked last: see track.h. */
+/* Track of the last candidate: see track.h. */
 #include "master/graph/track.h"
 
 #include <string.h>
 
-/* Connections that lead away from one component. */
+/* Connections from one component. */
 typedef struct tl_fan {
-    size_t first; /* in `copies` */
+    size_t first; /* index in `copies` */
     size_t count;
 } tl_fan;
 
-/* One connection as the exchange makes it. */
+/* One connection of the exchange. */
 typedef struct tl_track_copy {
-    const tl_real_copy *real;       /* NULL: it is */
-    const tl_integer_copy *integer; /* this one */
-    size_t reader;                  /* the component that reads what arrives; SIZE_MAX: nobody steps with it */
+    const tl_real_copy *real;       /* a Real connection; NULL: `integer` */
+    const tl_integer_copy *integer; /* the other kind */
+    size_t reader;                  /* the component that reads the value; SIZE_MAX: none that steps */
 } tl_track_copy;
 
 struct tl_track {
     tl_exchange *exchange;
     uint32_t depth;        /* steps that are known */
-    uint32_t walked;       /* steps of the present candidate */
+    uint32_t walked;       /* steps of the present candidate so far */
     unsigned char *blocks; /* values before each step; [(depth) · values_size] */
     uint32_t *places;      /* node of each component before each step; [depth · components + k] */
     bool *awake;           /* differs from the track in this step */
     bool *next;            /* in the next one */
     bool *adjusted;        /* has inputs that every candidate sets */
-    bool *always;          /* is awake at every step of this candidate: adjusted, or lost in the one before */
-    bool *lost;            /* has gone beyond its cache: its places cannot be returned to */
+    bool *always;          /* active in every step of this candidate: adjusted, or lost in the one before */
+    bool *lost;            /* beyond its cache: its positions cannot be restored */
     tl_fan *fans;          /* of each component */
     tl_track_copy *copies; /* by the component they come from */
 };
@@ -39,7 +39,7 @@ static void add_copies(tl_track *track, const tl_graph *graph, size_t component,
     size_t conversion = 0;
     size_t integer = 0;
     track->fans[component].first = *count;
-    /* In the order in which the exchange has made its tables from the connections. */
+    /* In the order in which the exchange has made its tables. */
     for (size_t i = 0; i < graph->connection_count; i++) {
         const tl_connection *connection = &graph->connections[i];
         tl_track_copy copy = {.reader = connection->cut ? SIZE_MAX : connection->to->node};
@@ -99,7 +99,7 @@ tl_track *tl_track_create(tl_arena *arena, tl_exchange *exchange, const tl_graph
     return track;
 }
 
-/* ---- walk ---- */
+/* ---- candidate ---- */
 
 static unsigned char *block_at(const tl_track *track, uint32_t depth) {
     return track->blocks + (size_t)depth * track->exchange->values_size;
@@ -109,17 +109,17 @@ static uint32_t *places_at(const tl_track *track, uint32_t depth) {
     return track->places + (size_t)depth * track->exchange->component_count;
 }
 
-/* Where in a block of the track something of the exchange's own block is. */
+/* Address in a block of the track for an address in the exchange's block. */
 static void *in_block(const tl_track *track, unsigned char *block, const void *value) {
     return block + ((const unsigned char *)value - track->exchange->values);
 }
 
-/* A candidate begins, at the committed values. */
+/* Starts a candidate at the committed values. */
 static void start_candidate(tl_track *track) {
     const tl_exchange *exchange = track->exchange;
     size_t components = exchange->component_count;
     if (track->walked < track->depth) {
-        track->depth = track->walked; /* the one before failed or was left: what comes later is of an older one */
+        track->depth = track->walked; /* the candidate before failed or was aborted: later steps are of an older one */
     }
     track->walked = 0;
     for (size_t k = 0; k < components; k++) {
@@ -130,7 +130,7 @@ static void start_candidate(tl_track *track) {
     }
 }
 
-/* One component's step from where it stands; *place is where it stands then. */
+/* Executes one component from its position; afterwards *place is its new position. */
 static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_t depth, uint32_t *place,
                                 tl_error *error) {
     tl_exchange *exchange = track->exchange;
@@ -147,7 +147,7 @@ static tl_status step_component(tl_track *track, size_t k, int64_t step, uint32_
     return status;
 }
 
-/* All components that take part, into a step that nothing is known of. */
+/* Executes all components that take part, in a step that is not on the track. */
 static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
     tl_exchange *exchange = track->exchange;
     uint32_t *before = places_at(track, depth);
@@ -170,7 +170,7 @@ static tl_status step_anew(tl_track *track, int64_t step, uint32_t depth, tl_err
     return TL_OK;
 }
 
-/* Values of one type into the block; whether they differ from those there. */
+/* Copies values of one type into the block; returns whether they differ. */
 static bool put(const tl_track *track, unsigned char *block, const void *values, size_t size) {
     void *old = in_block(track, block, values);
     bool differ = memcmp(old, values, size) != 0;
@@ -178,7 +178,7 @@ static bool put(const tl_track *track, unsigned char *block, const void *values,
     return differ;
 }
 
-/* The outputs of a component likewise. */
+/* The same for a component's outputs. */
 static bool put_outputs(const tl_track *track, unsigned char *block, const tl_ports *out) {
     bool reals = put(track, block, out->reals, out->real_count * sizeof *out->reals);
     bool integers = put(track, block, out->integers, out->integer_count * sizeof *out->integers);
@@ -186,7 +186,8 @@ static bool put_outputs(const tl_track *track, unsigned char *block, const tl_po
     return reals || integers || booleans;
 }
 
-/* What one connection carries, in the values and in the track; who reads it is awake in the next step. */
+/* Copies the value of one connection to the values and the track; its reader is active in the next
+ * step. */
 static void pass_on(tl_track *track, unsigned char *block, const tl_track_copy *copy) {
     if (copy->real != NULL) {
         double value = tl_exchange_convert(copy->real);
@@ -199,7 +200,7 @@ static void pass_on(tl_track *track, unsigned char *block, const tl_track_copy *
     }
 }
 
-/* One component that is awake: steps, and leaves in the track what has become of it. */
+/* Executes one active component and updates the track. */
 static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t depth, tl_error *error) {
     unsigned char *block = block_at(track, depth + 1);
     uint32_t place = TL_NO_NODE;
@@ -217,7 +218,7 @@ static tl_status step_awake(tl_track *track, size_t k, int64_t step, uint32_t de
     return TL_OK;
 }
 
-/* Only components that differ from the track, into a step that is known. */
+/* Executes only components that differ from the track. */
 static tl_status step_changed(tl_track *track, int64_t step, uint32_t depth, tl_error *error) {
     tl_exchange *exchange = track->exchange;
     size_t components = exchange->component_count;

@@ -1,23 +1,23 @@
-/* A delay meter: see delay_meter.h. */
+/* Delay meter: see delay_meter.h. */
 #include "master/measure/delay_meter.h"
 
 #include <math.h>
 
 #define SURE 0.7
 #define LOST 0.4
-#define STILL 0.02      /* of y's standard deviation: a range below it is none */
+#define STILL 0.02      /* of y's standard deviation: a smaller range counts as constant */
 #define SPREAD 1.0      /* standard deviation of the lag, in steps, that halves the confidence */
-#define INDEPENDENT 4.0 /* steps that tell as much as one would whose noise is its own */
+#define INDEPENDENT 4.0 /* steps that contain as much information as one with independent noise */
 #define DISTINCT 0.02
 
-/* Times in ns and instants stay below it, so that sums and differences of two are in range. */
+/* Times in ns and instants stay below it, so that sums and differences of two cannot overflow. */
 static const int64_t FAR = INT64_MAX / 4;
 
 /* By instant, in a ring. */
 typedef struct ring {
     double *values;
     bool *good;
-    int64_t end; /* the first instant that is not there yet */
+    int64_t end; /* first instant that is not there yet */
 } ring;
 
 struct tl_delay_meter {
@@ -26,19 +26,19 @@ struct tl_delay_meter {
     size_t mask;
     ring seen;      /* ŷ at t_j */
     ring simulated; /* y at t_j */
-    int64_t next;   /* instant of y to be counted next */
-    int64_t free;   /* steps in a row that nothing was corrected in */
+    int64_t next;   /* next instant of y to be counted */
+    int64_t free;   /* steps in a row without a correction */
     bool has_last;
     tl_time last_stamp;
     double last_value;
-    /* moments over the window; by lag + N */
+    /* moments over the window, by lag + N */
     double weight;
     double mean_y, square_y;
     double mean[2 * TL_DELAY_LAGS + 1], square[2 * TL_DELAY_LAGS + 1], product[2 * TL_DELAY_LAGS + 1];
     double coefficient[2 * TL_DELAY_LAGS + 1];
-    /* what is made of them */
-    int64_t steady; /* steps in a row sure of about the same */
-    tl_time about;  /* what they are steady about */
+    /* derived values */
+    int64_t steady; /* steps in a row with a confident and similar result */
+    tl_time about;  /* that result */
     tl_delay_measured measured;
 };
 
@@ -86,7 +86,7 @@ void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool
     bool joined = meter->has_last && stamp - meter->last_stamp <= meter->lags * meter->step;
     int64_t newest = stamp / meter->step - (stamp % meter->step < 0);
     int64_t oldest = newest - (int64_t)meter->mask;
-    seen->end = seen->end > oldest ? seen->end : oldest; /* what was in the ring before is too old for any y */
+    seen->end = seen->end > oldest ? seen->end : oldest; /* older values in the ring are too old for any y */
     while (seen->end <= newest) {
         tl_time at = seen->end * meter->step;
         bool between = joined && at > meter->last_stamp;
@@ -101,7 +101,7 @@ void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool
 
 /* ---- moments ---- */
 
-/* Whether all that belongs to instant j is there and counts, and y moves around it. */
+/* Whether all data of instant j is there and counts, and y moves around it. */
 static bool counts(const tl_delay_meter *meter, int64_t j) {
     const ring *y = &meter->simulated;
     double least = y->values[(size_t)j & meter->mask];
@@ -117,8 +117,8 @@ static bool counts(const tl_delay_meter *meter, int64_t j) {
     return good && most - least > STILL * deviation && most > least;
 }
 
-/* Means and sums of squares about them, all fading: the new value moves a mean by its share, and what that share leaves goes into
- * the squares. */
+/* Decaying means, and sums of squares about them. A new value moves a mean by its share; the rest
+ * of the difference goes into the squares. */
 static void count(tl_delay_meter *meter, int64_t j) {
     const double fade = 1.0 - 1.0 / TL_DELAY_MEMORY;
     double before = fade * meter->weight;
@@ -148,7 +148,7 @@ static int64_t find_peak(const tl_delay_meter *meter) {
     return best;
 }
 
-/* 1 where there is no other peak, 0 where one is as high. */
+/* 1 if there is no other peak, 0 if one is as high. */
 static double distinctness(const tl_delay_meter *meter, int64_t peak) {
     const double *c = meter->coefficient;
     double other = -1.0;
@@ -187,7 +187,7 @@ static void look_for_peak(tl_delay_meter *meter) {
     meter->measured.newest = (tl_time)llround(((double)(peak - meter->lags) + part) * (double)meter->step);
 }
 
-/* ---- what is in force ---- */
+/* ---- the delay in use ---- */
 
 static tl_time distance(tl_time a, tl_time b) {
     return a > b ? a - b : b - a;
@@ -212,7 +212,7 @@ void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free) 
     meter->free = free ? meter->free + 1 : 0;
     meter->simulated.end = j; /* j is the next one */
     put(meter, &meter->simulated, y, free && meter->free > meter->lags && isfinite(y));
-    /* Two at once, so that it comes level again after ŷ was late; what would fall out of the rings is left out. */
+    /* Two at once, to catch up after ŷ was late; what would leave the rings is left out. */
     int64_t oldest = meter->simulated.end - (int64_t)meter->mask + meter->lags;
     meter->next = meter->next > oldest ? meter->next : oldest;
     oldest = meter->seen.end - (int64_t)meter->mask + meter->lags;
@@ -235,7 +235,7 @@ tl_delay_measured tl_delay_meter_get(const tl_delay_meter *meter) {
     return meter->measured;
 }
 
-/* No product is more than its squares permit, so that no coefficient is beyond 1. */
+/* Limits each product by its squares, so that no coefficient exceeds 1. */
 static bool are_moments(const tl_delay_meter *meter) {
     bool right = meter->weight >= 0.0 && meter->square_y >= 0.0;
     for (int64_t i = 0; i <= 2 * meter->lags; i++) {
@@ -289,7 +289,7 @@ static void archive_moments(tl_delay_meter *meter, tl_archive *archive) {
     tl_archive_part(archive, meter->coefficient, sizeof meter->coefficient);
 }
 
-/* Member by member: what was configured, and what points to other memory, is not in it. */
+/* Archives member by member: settings and pointers are left out. */
 void tl_delay_meter_archive(tl_delay_meter *meter, tl_archive *archive) {
     tl_delay_measured *measured = &meter->measured;
     archive_ring(meter, &meter->seen, archive);

@@ -1,17 +1,21 @@
-/* A delay meter: by how much a simulated output is later than the measurement of the same, found from both.
+/* Delay meter: measures by how much a simulated output lags behind its measurement.
  *
- * Purpose: Δo where nobody knows the dead times and cycles that it is made of.
- * Method:  the correlation coefficient of y and ŷ for every lag of −N … N steps, over a window that fades; the lag of its
- *          largest value, between steps by a parabola. Readings of ŷ count at their own stamps, and are interpolated to the
- *          instants of y. Gain and offset between y and ŷ do not matter.
- * Window:  the last TL_DELAY_MEMORY steps in which y moved. A step around which it stands still tells nothing of a delay: it is
- *          left out, and what was learned before does not fade.
- * Confidence: 0 … 1. It falls where the coefficient is low, where the lag's standard deviation (of white noise, from what is
- *          left beside the coefficient, and from how sharp its peak is) is not small against a step, where another peak is
- *          about as high (periodic signals), where there are few steps, and it is 0 at the end of the range.
- * Result:  known when it was sure (≥ 0.7) and steady for 2·N + 1 steps; what is in force then changes only when the lag has moved by
- *          more than 3/4 of a step, sure and steady again. Below 0.4 it is lost; what is in force stays.
- * Bound:   O(N) a step. Memory: the arena, at start-up. Thread: the twin's.
+ * Purpose: Δo, if the dead times and cycles that cause it are not known.
+ * Method:  the correlation coefficient of y and ŷ for every lag of −N … N steps over a decaying
+ *          window. The delay is the lag of its maximum, interpolated by a parabola. Readings of ŷ
+ *          count at their own stamps and are interpolated to the instants of y. Gain and offset
+ *          between y and ŷ have no effect.
+ * Window:  the last TL_DELAY_MEMORY steps in which y moved. Steps around which y is constant
+ *          contain no information: they are left out, and older information does not decay
+ *          meanwhile.
+ * Confidence: 0 … 1. It is low if the coefficient is low, if the standard deviation of the lag
+ *             (from the residual noise and the sharpness of the peak) is not small against a step,
+ *             if another peak is about as high (periodic signals), or if there are few steps. At
+ *             the end of the range it is 0.
+ * Result:  known after 2·N + 1 steps with a steady value and a confidence ≥ 0.7. A known delay
+ *          changes only if the measured one moves by more than 3/4 of a step and is again confident
+ *          and steady. Below 0.4 it is lost; the value in use stays.
+ * Bound:   O(N) per step. Memory: the arena, at start-up. Thread: the twin's.
  */
 #ifndef TL_MASTER_MEASURE_DELAY_METER_H
 #define TL_MASTER_MEASURE_DELAY_METER_H
@@ -30,27 +34,28 @@ enum { TL_DELAY_MEMORY = 512 /* steps */ };
 typedef struct tl_delay_meter tl_delay_meter;
 
 typedef struct tl_delay_measured {
-    bool known;        /* there is a delay in force */
-    bool lost;         /* and nothing is sure any more */
-    tl_time delay;     /* in force: y at t belongs to ŷ at t − delay; 0 where not known */
-    tl_time newest;    /* as it looks now, sure or not */
-    double confidence; /* 0 … 1, of that */
+    bool known;        /* a delay is in use */
+    bool lost;         /* it is no longer confident */
+    tl_time delay;     /* in use: y at t belongs to ŷ at t − delay; 0 if not known */
+    tl_time newest;    /* as measured now */
+    double confidence; /* 0 … 1, of `newest` */
 } tl_delay_measured;
 
-/* `lags` is N, 1 … TL_DELAY_LAGS; `step` is T_S; `late`: by so many steps at most readings come before the y of their instant, or after. NULL
- * when memory is out. */
+/* `lags`: N, 1 … TL_DELAY_LAGS; `step`: T_S; `late`: most steps by which readings come before or
+ * after the y of their instant. NULL if memory is out. */
 tl_delay_meter *tl_delay_meter_create(tl_arena *arena, uint32_t lags, tl_time step, size_t late);
 
-/* A reading of ŷ: when it was read, from t_0 on. The same one again is not another; one that is not good breaks the row. */
+/* Adds a reading of ŷ with its time since t_0. A repeated reading is ignored; one that is not good
+ * interrupts the series. */
 void tl_delay_meter_see(tl_delay_meter *meter, tl_time stamp, double value, bool good);
 
-/* y at t_j, j = 1, 2, …; `free`: nothing was corrected in the step before it. A twin that is corrected follows ŷ as it is paired, and
- * says nothing but that: steps count again when N of them in a row were free. */
+/* Adds y at t_j, j = 1, 2, …. `free`: nothing was corrected in the step before. A corrected twin
+ * follows ŷ as paired, so only steps after N free ones in a row count. */
 void tl_delay_meter_step(tl_delay_meter *meter, int64_t j, double y, bool free);
 
 tl_delay_measured tl_delay_meter_get(const tl_delay_meter *meter);
 
-/* All that it has learned. */
+/* Archives all data. */
 void tl_delay_meter_archive(tl_delay_meter *meter, tl_archive *archive);
 
 #endif

@@ -1,12 +1,12 @@
-/* Noise of a measurement: see jitter.h. */
+/* Noise estimate of a measurement: see jitter.h. */
 #include "master/measure/jitter.h"
 
 #include <math.h>
 
-/* New values over which the means fade, and until they are believed. */
+/* New values over which the means decay, and until they are used. */
 enum { MEMORY = 256, BEGINNING = 32 };
 
-/* What is more than this many times the mean square is taken for a step of the plant. */
+/* A change larger than this many mean squares counts as a step of the plant. */
 static const double FAR = 9.0;
 
 /* Covariance of neighbouring second differences of noise of variance 1. */

@@ -48,10 +48,10 @@ tl_time tl_delay_longest(const tl_delay_density *density) {
     return density->dead + sum_of_cycles(density);
 }
 
-/* The recurrence: the density of n uniforms at x, from those of n − 1 of them,
+/* Recurrence: the density of n uniforms at x, from those of n − 1 of them,
  *     (n − 1)·M(x) = Σ over i of τ·M_without_i(x) + (1 − τ)·M_without_i(x − a_i),  τ = x/Σa.
- * A state says of each uniform whether it is there (2), or gone and a_i subtracted (1) or not (0): a number in base 3. What a
- * state needs has a smaller number. */
+ * A state encodes each uniform as present (2), or removed with a_i subtracted (1) or not (0): a
+ * number in base 3. A state depends only on smaller numbers. */
 static double density_of_state(const tl_delay_density *density, size_t state, tl_time at, const double *smaller) {
     size_t place = 1;
     size_t there = 0;
@@ -102,7 +102,7 @@ int32_t tl_delay_ticks(tl_time look_back, tl_time delay, tl_time step) {
     return (int32_t)((until + half) / step);
 }
 
-/* ---- The numbers of a plan: Names are the graph's business. */
+/* ---- Numbers of a plan. The graph checks names. */
 
 tl_plan tl_plan_defaults(tl_time step) {
     return (tl_plan){

@@ -1,9 +1,12 @@
-/* A tuning: what of a plan a running twin can take anew, as plain data.
+/* Tuning: the part of a plan that a running twin can change, as plain data.
  *
- * Purpose: tolerances, weights, bounds and budgets are numbers; another one of them needs no other twin. All that the twin has learnt stays.
- * Kinds:   what makes a twin what it is built as stays too: how many are matched and adjusted, which matches have a weight, which variables a nominal of
- *          their own, and the evaluations that its caches are sized for (tl_tuning_fits()).
- * Trust:   may come from another process's memory: tl_tuning_check() believes nothing of it. No pointers, no padding.
+ * Purpose: tolerances, weights, bounds and budgets are numbers; changing them needs no new twin and
+ *          keeps all that the twin has learned.
+ * Fixed:   the number of matches and adjusted variables, which matches have a weight, which
+ *          variables have a nominal of their own, and the evaluations that the caches are sized for
+ *          (tl_tuning_fits()).
+ * Trust:   may come from another process's memory, so tl_tuning_check() checks every value. No
+ *          pointers, no padding.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_PLAN_TUNING_H
@@ -16,7 +19,7 @@
 #include "master/base/status.h"
 #include "master/plan/plan.h"
 
-/* The most evaluations of a step, in any plan; and those that every twin has room for, however few it is built with. */
+/* Most evaluations of a step in any plan; and the number that every twin has room for. */
 enum { TL_TUNING_EVALUATIONS = 100000, TL_TUNING_ROOM = TL_PLAN_EVALUATIONS };
 
 /* As in tl_plan_match. */
@@ -47,18 +50,19 @@ typedef struct tl_tuning {
     tl_tuning_adjust adjust[TL_MAX_ADJUST];
 } tl_tuning;
 
-/* That of a plan, which was checked. A plan says nothing of time: 0. */
+/* The tuning of a checked plan. A plan has no time budget: 0. */
 void tl_tuning_of(const tl_plan *plan, tl_tuning *tuning);
 
-/* Whether each number is one that a plan may have. Errors: TL_BAD_DATA, which says which one is not. */
+/* Checks that a plan may have each number. Errors: TL_BAD_DATA, and the text names the number. */
 tl_status tl_tuning_check(const tl_tuning *tuning, tl_error *error);
 
-/* The evaluations that a twin has room for that was built with so many. */
+/* Evaluations that a twin built for `evaluations` has room for. */
 static inline uint64_t tl_tuning_room(uint64_t evaluations) {
     return evaluations > TL_TUNING_ROOM ? evaluations : TL_TUNING_ROOM;
 }
 
-/* Whether a twin that was built with `built` can take it; both were checked. Errors: TL_BAD_DATA, which says what cannot change. */
+/* Checks that a twin built with `built` can use the tuning; both are checked before. Errors:
+ * TL_BAD_DATA, and the text names what cannot change. */
 tl_status tl_tuning_fits(const tl_tuning *tuning, const tl_tuning *built, tl_error *error);
 
 #endif

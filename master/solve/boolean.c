@@ -1,11 +1,11 @@
 /* Boolean unknowns: the better of a value and its negation.
  *
- * Each unknown in turn is negated, with the ones before it at their better value, and stays negated where that lowers J.
- * Every unknown is asked about once at most, so one of them costs one question beyond the start. After a change an
- * unknown rests for its dwell: it is as the start has it, whatever that is.
+ * Each unknown in turn is negated, with the ones before it at their better value, and stays negated
+ * if that lowers J. Every unknown costs at most one evaluation, so a single one costs one
+ * evaluation beyond the start. After a change an unknown keeps its value for its dwell time.
  *
- * Unknowns are independent, also where several belong to one variable, one after the other in time: each has a dwell of
- * its own, counted from its own changes.
+ * Unknowns are independent, also those of one variable at different times: each has its own dwell
+ * time, counted from its own changes.
  */
 #include <string.h>
 
@@ -14,9 +14,9 @@
 struct tl_optimiser {
     const tl_optimiser_space *space;
     bool has_committed;
-    double *committed; /* what was committed last */
+    double *committed; /* committed last */
     uint32_t *resting; /* steps until it may change again */
-    double *u;         /* the best so far, and the point that is asked about */
+    double *u;         /* the best so far, and the point to evaluate */
 };
 
 static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space) {
@@ -68,7 +68,8 @@ static void rest(const tl_optimiser *self, double *u) {
     }
 }
 
-/* A value stays for its dwell, the step it was new in included. The first commit is no change: there was nothing before. */
+/* A value stays for its dwell time, including the step of its change. The first commit is not a
+ * change. */
 static void committed(tl_optimiser *self, const double *u) {
     for (size_t i = 0; i < self->space->count; i++) {
         const bool changed = self->has_committed && negation(u[i]) != negation(self->committed[i]);
@@ -87,7 +88,7 @@ static void forget(tl_optimiser *self) {
     memset(self->resting, 0, self->space->count * sizeof *self->resting);
 }
 
-/* All memory is the arena's. */
+/* All memory is in the arena. */
 static void destroy(tl_optimiser *self) {
     (void)self;
 }

@@ -1,11 +1,12 @@
 /* Nelder-Mead, BOBYQA, L-BFGS and Sbplx by NLopt.
  *
- * NLopt searches in v = (u − start)/unit, where the unit is about the first step: the start is exactly 0, so that it is
- * recognised and not asked about, and one tolerance and one first step fit variables of any size.
+ * NLopt searches in v = (u − start)/unit, with a unit of about the first step. The start is exactly
+ * 0, so that it is recognised and not evaluated again, and one tolerance and one first step fit
+ * variables of any size.
  *
- * NLopt's own stopping tests see too little (its time limit is looked at between evaluations only, and NaN counts as
- * success), so the asker stops the search from inside the objective. Not every solver looks at once whether it was
- * stopped; it gets no more answers from the asker then.
+ * NLopt's own stopping tests are not sufficient: it checks its time limit only between evaluations,
+ * and NaN counts as success. So the caller stops the search from inside the objective. Some solvers
+ * do not notice at once that they were stopped; they get no more values then.
  */
 #include <math.h>
 #include <nlopt.h>
@@ -13,39 +14,40 @@
 
 #include "master/solve/optimiser.h"
 
-/* A search is over when it moves by this part of the unit only, in every variable. */
+/* A search ends if it moves by less than this part of the unit in every variable. */
 static const double SMALLEST_STEP = 1e-6;
 
-/* Part of the unit between the points of a difference. Its error is of the order h⁴ + ε/h, where ε is how exact J is:
- * least at h = ε^(1/5), which is 7e-4 for the rounding of a double and 4e-3 for a model that iterates to 1e-12. */
+/* Distance of the points of a difference, in units. Its error is of the order h⁴ + ε/h, with ε the
+ * precision of J. It is least at h = ε^(1/5): 7e-4 for the rounding of a double, 4e-3 for a model
+ * that iterates to 1e-12. */
 static const double DIFFERENCE = 1e-3;
 
-/* The unit is the first step, or less, where the bounds are closer than this many. BOBYQA needs two of them, and moves a
- * start that is less than one away from a bound; Nelder-Mead misses an optimum between bounds three times as often where
- * its first step reaches from one to the other. */
+/* The unit is the first step, or less if the bounds are closer than this many steps. BOBYQA needs
+ * two of them and moves a start away from a bound that is closer than one. Nelder-Mead misses an
+ * optimum between bounds three times as often if its first step reaches from one to the other. */
 static const double UNITS_IN_BOUNDS = 4.0;
 
-/* Corrections that L-BFGS remembers. Left to itself, NLopt takes and clears 40 MB for each search. */
+/* Corrections that L-BFGS stores. By default NLopt allocates and clears 40 MB for each search. */
 enum { CORRECTIONS = 10 };
 
 typedef struct nlopt_method {
     nlopt_algorithm algorithm;
-    bool differentiates; /* it can do nothing at a start that fails */
-    double failure;      /* the worst that it is ever told, and what it is told where J is HUGE_VAL */
+    bool differentiates; /* it cannot search from a start that fails */
+    double failure;      /* the worst value given to NLopt, also for HUGE_VAL */
 } nlopt_method;
 
 struct tl_optimiser {
     const nlopt_method *method;
     const tl_optimiser_space *space;
     nlopt_opt solver;
-    double *unit;    /* what 1 is in u */
+    double *unit;    /* unit of v, in u */
     double *lowest;  /* bounds of v */
     double *highest; /* the same */
     double *v;       /* NLopt's point */
-    double *u;       /* the point that is asked about */
+    double *u;       /* the point to evaluate */
     const tl_search *search;
-    double scale; /* what 1 is in J; 0: not known yet */
-    bool stopped; /* by the asker */
+    double scale; /* unit of J; 0: not known yet */
+    bool stopped; /* by the caller */
 };
 
 static bool is_start(const tl_optimiser *self) {
@@ -68,7 +70,7 @@ static bool ask(tl_optimiser *self, double *value) {
     return !self->stopped;
 }
 
-/* v in u, on a bound exactly where v is. */
+/* Converts v to u; exactly on a bound if v is. */
 static void place(tl_optimiser *self, const double *v) {
     const tl_optimiser_space *space = self->space;
     for (size_t i = 0; i < space->count; i++) {
@@ -82,7 +84,7 @@ static void place(tl_optimiser *self, const double *v) {
     }
 }
 
-/* Slope from the values here, h and 2h further; from what there is of them. */
+/* Slope from the values here, at h and at 2h, as far as they exist. */
 static double slope_aside(double here, double near, double far, double h) {
     if (!isfinite(near)) {
         return 0.0;
@@ -99,7 +101,7 @@ static double slope_between(double here, const double f[4], double h) {
     return up ? slope_aside(here, f[1], f[0], h) : slope_aside(here, f[2], f[3], -h);
 }
 
-/* Slope from the values here and at h, 2h, 3h, 4h; as exact. */
+/* Slope from the values here and at h, 2h, 3h, 4h; equally precise. */
 static double slope_beside(double here, const double f[4], double h) {
     if (isfinite(f[0]) && isfinite(f[1]) && isfinite(f[2]) && isfinite(f[3])) {
         return (-25.0 * here + 48.0 * f[0] - 36.0 * f[1] + 16.0 * f[2] - 3.0 * f[3]) / (12.0 * h);
@@ -107,8 +109,8 @@ static double slope_beside(double here, const double f[4], double h) {
     return slope_aside(here, f[0], f[1], h);
 }
 
-/* dJ/dv of one variable at self->u, where J is `here`. Bounds are always some thousand h apart, so where there is no
- * room around u there is room on one side. false: stopped. */
+/* dJ/dv of one variable at self->u with J = `here`. Bounds are always some thousand h apart, so
+ * there is room on at least one side. false: stopped. */
 static bool find_slope(tl_optimiser *self, size_t i, double here, double *slope) {
     static const double around[] = {2.0, 1.0, -1.0, -2.0};
     static const double aside[] = {1.0, 2.0, 3.0, 4.0};
@@ -138,8 +140,8 @@ static void clear(tl_optimiser *self, double *gradient) {
     }
 }
 
-/* The gradient at self->u, where J is `here`. L-BFGS takes minus the first one for its first step: that becomes one
- * unit long by the scale of J. false: stopped. */
+/* Gradient at self->u with J = `here`. The first step of L-BFGS is minus the first gradient; the
+ * scale of J makes it one unit long. false: stopped. */
 static bool differentiate(tl_optimiser *self, double here, double *gradient) {
     double squares = 0.0;
     for (size_t i = 0; i < self->space->count; i++) {
@@ -157,7 +159,8 @@ static bool differentiate(tl_optimiser *self, double here, double *gradient) {
     return true;
 }
 
-/* NLopt's question. Where there is no answer the point is a failure, from which a solver turns back. */
+/* Evaluates a point of NLopt. Without a value the point counts as a failure, from which a solver
+ * turns back. */
 static double objective(unsigned count, const double *v, double *gradient, void *context) {
     (void)count;
     tl_optimiser *self = context;
@@ -170,7 +173,7 @@ static double objective(unsigned count, const double *v, double *gradient, void 
     return fmin(self->scale > 0.0 ? value / self->scale : value, self->method->failure);
 }
 
-/* Sets what is the same for every search. */
+/* Sets the options of all searches. */
 static bool configure(tl_optimiser *self) {
     return nlopt_set_min_objective(self->solver, objective, self) == NLOPT_SUCCESS &&
            nlopt_set_initial_step1(self->solver, 1.0) == NLOPT_SUCCESS &&
@@ -204,7 +207,7 @@ static tl_optimiser *create(tl_arena *arena, const tl_optimiser_space *space, co
     return self;
 }
 
-/* Sets what is of this search: its start is 0, and its bounds are as far from it as they are. */
+/* Sets the options of this search: its start is 0, and its bounds are relative to it. */
 static bool begin(tl_optimiser *self, const tl_search *search) {
     const tl_optimiser_space *space = self->space;
     self->search = search;
@@ -222,7 +225,7 @@ static bool begin(tl_optimiser *self, const tl_search *search) {
 }
 
 static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
-    double best = 0.0; /* the asker has kept it, with more than NLopt knows */
+    double best = 0.0; /* the caller has kept the best point */
     nlopt_result result = NLOPT_INVALID_ARGS;
     if (self->method->differentiates && !isfinite(search->start_value)) {
         return TL_SEARCH_FAILED;
@@ -232,18 +235,18 @@ static tl_search_end minimise(tl_optimiser *self, const tl_search *search) {
     }
     self->search = NULL;
     if (self->stopped) {
-        return TL_SEARCH_STOPPED; /* whatever a solver that was stopped says */
+        return TL_SEARCH_STOPPED; /* whatever a stopped solver returns */
     }
     if (!isfinite(self->scale)) {
-        return TL_SEARCH_FAILED; /* the slope at the start is too large to be used, and looked like none to NLopt */
+        return TL_SEARCH_FAILED; /* the slope at the start was too large, and NLopt took it for none */
     }
-    /* To be limited by rounding is to have come as far as one can. */
+    /* A limit by rounding counts as success. */
     return result > 0 || result == NLOPT_ROUNDOFF_LIMITED ? TL_SEARCH_DONE : TL_SEARCH_FAILED;
 }
 
-/* Nelder-Mead and Sbplx only compare values. BOBYQA computes with them: with an infinity in its model it ends where it
- * is, with this number it turns back; a number nearer to J may be less than what is worth looking at. L-BFGS halves its step
- * where a value is more than 1e20. */
+/* Value of a failed point. Nelder-Mead and Sbplx only compare values. BOBYQA computes with them: an
+ * infinity in its model ends the search, this number turns it back; a smaller number may be below
+ * values worth looking at. L-BFGS halves its step if a value is above 1e20. */
 static const nlopt_method NELDER_MEAD = {NLOPT_LN_NELDERMEAD, false, HUGE_VAL};
 static const nlopt_method BOBYQA = {NLOPT_LN_BOBYQA, false, 1e30};
 static const nlopt_method L_BFGS = {NLOPT_LD_LBFGS, true, 1e30};

@@ -1,4 +1,4 @@
-/* The solvers there are. */
+/* List of solvers. */
 #include "master/solve/optimiser.h"
 
 #include <string.h>

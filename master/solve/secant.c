@@ -1,19 +1,23 @@
-/* Our own solver: damped least squares on the residual vector, with a secant slope that is remembered between steps.
+/* Our own solver: damped least squares on the residual vector, with a secant slope that is kept
+ * between steps.
  *
- * Method:  the slope G = ∂residuals/∂u is measured once, one question per unknown, and then kept true by Broyden's rank-one
- *          update from every question that is asked anyway. A move Δ minimises |r + GΔ|² + damping·|Δ/step|² within the
- *          bounds. For one unknown and one residual that is the secant method. Where G leads nowhere it is measured anew.
- * Guess:   the same move from the forecast: where the outputs would go if u stayed, and what the slope can do about it.
- * Return:  a guess takes back what of the move is more than is needed: it goes to nominal as far as what it changes stays good
- *          enough. To make every residual nothing would be to follow the noise with an input that the plant never felt;
- *          states behind the matched outputs (a controller's integrator) are pushed away by it, and what would bring them
- *          back, the outputs' own way, is what is corrected away. In hours that grows beyond all bounds. What is good enough is
- *          therefore the wider, the noisier the measurement is, and the longer u has been leaning to one side.
- * Hold:    of a u that is held over a long horizon the move goes only as far as makes J small enough. All the way would be the
- *          best line through the horizon, which leaves the tolerance on the other side soon after; each new u costs a whole
- *          horizon of executions, and a held one nothing but its newest step.
- * Rows:    a sample's residual of exactly 0 is one that was not measured: it tells nothing, and takes no part. A penalty's
- *          is one at nominal, and does. What may be damped does if it is damped in this search.
+ * Method:  the slope G = ∂residuals/∂u is measured once, with one evaluation per unknown. Then
+ *          Broyden's rank-one update follows each evaluation. A move Δ minimises |r + GΔ|² +
+ *          damping·|Δ/step|² within the bounds; for one unknown and one residual that is the secant
+ *          method. If G leads nowhere it is measured again.
+ * Guess:   the same move from the forecast: the outputs if u stays, corrected by the slope.
+ * Return:  a guess uses only the necessary part of the move: it returns to nominal as far as the
+ *          residuals stay good enough. A zero residual would follow the noise with an input that
+ *          the plant never had. States behind the matched outputs (a controller's integrator) would
+ *          be pushed away, and the output's own return would be corrected away; over hours that
+ *          grows without bound. So the limit is wider the noisier the measurement is, and the
+ *          longer u has been on one side of nominal.
+ * Hold:    with a u that is held over a long horizon, the move is only as long as J needs. The
+ *          whole move would be the best line through the horizon, which soon leaves the tolerance
+ *          on the other side. Each new u costs the executions of a whole horizon; a held one costs
+ *          only its newest step.
+ * Rows:    a sample's residual of exactly 0 was not measured and does not count. A penalty of 0 is
+ *          one at nominal and counts. A damping residual counts if it is damped in this search.
  * Source:  Broyden 1965 (update), Levenberg 1944 (damping).
  */
 #include <math.h>
@@ -21,39 +25,41 @@
 
 #include "master/solve/optimiser.h"
 
-/* Of one move, in steps: a slope is a local thing, and models fed with wild values answer with infinities. */
+/* Largest move, in steps: a slope is local, and models return infinities for extreme values. */
 static const double LONGEST_MOVE = 25.0;
 
-/* In steps: no move worth a question. */
+/* In steps: a smaller move is not evaluated. */
 static const double SHORTEST_MOVE = 1e-6;
 
-/* Relative to the mean diagonal of GᵀG: what keeps it solvable, and where damping begins after a failure. */
+/* Relative to the mean diagonal of GᵀG: keeps it solvable, and is the first damping after a
+ * failure. */
 static const double LEAST_DAMPING = 1e-12;
 static const double FIRST_DAMPING = 1e-3;
 
-/* The squares up to which a guess goes back to nominal: this, or this part of what is noise in them. */
+/* Squares up to which a guess returns to nominal: this, or this part of the noise in them. */
 static const double GOOD_ENOUGH = 0.03;
 static const double OF_NOISE = 0.45;
 static const double MOST_ENOUGH = 0.5; /* the tolerance must hold, whatever the noise is */
 
-/* Or what this part of the mean correction of so many steps would change in one, but no residual by more than that. */
+/* Or by the change that this part of the mean correction of so many steps would cause, but no
+ * residual by more than that. */
 static const double OF_LEAN = 0.8;
 static const double MOST_OF_LEAN = 0.5;
 static const double MEMORY = 256.0;
 
-/* The J that a move to a held u aims at. */
+/* Target of J for a move to a held u. */
 static const double HELD_GOAL = 0.3;
 
-/* The last move has confirmed the slope where it missed the promised gain by less than this part; then a further one that
- * promises less than the other part of J, and no tolerance, is not worth a question. */
+/* The last move confirmed the slope if its gain was within this part of the prediction. Then a
+ * further move is not evaluated if it promises less than the other part of J, and no tolerance. */
 static const double CONFIRMED = 0.2;
 static const double WORTHWHILE = 0.01;
 
-/* A J that is better by less than this part, so often in a row, is no progress. */
+/* An improvement of J by less than this part, so often in a row, is not progress. */
 static const double PROGRESS = 1e-3;
 enum { MOST_IDLE = 3, MOST_FAILURES = 8, FAILURES_TO_MEASURE = 2 };
 
-/* For each unknown, to find which ones are at a bound. */
+/* Iterations per unknown to find which ones are at a bound. */
 enum { PASSES = 4 };
 
 struct tl_optimiser {
@@ -71,11 +77,11 @@ struct tl_optimiser {
     double *r; /* at point */
     double *trial;
     double *expected; /* residuals after the moves that are fixed; then what the move changes */
-    double *further;  /* what going on from the move to nominal changes */
+    double *further;  /* change by continuing from the move to nominal */
     double *lean;     /* slow mean of u − nominal, in steps */
-    double *leaned;   /* what it was before the last guess */
+    double *leaned;   /* its value before the last guess */
     double value;     /* J at point */
-    double promised;  /* J at the guess, where trial is one; else NaN */
+    double promised;  /* J at the guess if trial is one; else NaN */
     const tl_search *search;
 };
 
@@ -113,7 +119,7 @@ static double within(const tl_optimiser *self, size_t k, double value) {
     return fmin(fmax(value, self->space->lower[k]), self->space->upper[k]);
 }
 
-/* Whether a residual at `point` takes part. */
+/* Whether a residual at `point` counts. */
 static bool counts(const tl_optimiser *self, size_t i) {
     size_t samples = self->space->sample_count;
     if (i < samples) {
@@ -145,7 +151,7 @@ static double form_normal(tl_optimiser *self, const double *r) {
     return trace / (double)n;
 }
 
-/* Takes an unknown that is at a bound out of the system. */
+/* Removes an unknown that is at a bound from the system. */
 static void take_out_fixed(tl_optimiser *self) {
     size_t n = self->unknowns;
     for (size_t k = 0; k < n; k++) {
@@ -158,7 +164,7 @@ static void take_out_fixed(tl_optimiser *self) {
     }
 }
 
-/* Cholesky; false where the matrix is not positive definite. */
+/* Cholesky factorisation; false if the matrix is not positive definite. */
 static bool factor(double *a, size_t n) {
     for (size_t k = 0; k < n; k++) {
         for (size_t l = 0; l <= k; l++) {
@@ -210,7 +216,7 @@ static bool solve_one(tl_optimiser *self, const double *r) {
     return true;
 }
 
-/* The damped move of the free unknowns from residuals r; false where there is none. */
+/* The damped move of the free unknowns from residuals r; false if there is none. */
 static bool solve(tl_optimiser *self, const double *r) {
     size_t n = self->unknowns;
     if (n == 1) {
@@ -231,7 +237,7 @@ static bool solve(tl_optimiser *self, const double *r) {
     return true;
 }
 
-/* What the slope says that the move from point to trial changes, into `expected`. */
+/* Predicted change from point to trial, into `expected`. */
 static void expect_changes(tl_optimiser *self) {
     size_t n = self->unknowns;
     for (size_t i = 0; i < self->residuals; i++) {
@@ -243,7 +249,7 @@ static void expect_changes(tl_optimiser *self) {
     }
 }
 
-/* r after the moves that are fixed, into `expected`. */
+/* r after the fixed moves, into `expected`. */
 static void expect_fixed(tl_optimiser *self) {
     memcpy(self->expected, self->r, self->residuals * sizeof *self->r);
     for (size_t k = 0; k < self->unknowns; k++) {
@@ -254,7 +260,8 @@ static void expect_fixed(tl_optimiser *self) {
     }
 }
 
-/* Where the move leads, into `trial`. An unknown that would leave its bounds is fixed there; true where that happened. */
+/* Result of the move, into `trial`. An unknown that would leave its bounds is fixed there; returns
+ * whether that happened. */
 static bool fix_at_bounds(tl_optimiser *self) {
     const tl_optimiser_space *space = self->space;
     bool any = false;
@@ -275,7 +282,7 @@ static bool fix_at_bounds(tl_optimiser *self) {
     return any;
 }
 
-/* Of J by unknown k, as the slope sees it at `trial`, whose changes are in `expected`. */
+/* Slope of J by unknown k at `trial`, whose changes are in `expected`. */
 static double derivative(const tl_optimiser *self, size_t k) {
     double sum = 0.0;
     for (size_t i = 0; i < self->residuals; i++) {
@@ -286,7 +293,8 @@ static double derivative(const tl_optimiser *self, size_t k) {
     return sum;
 }
 
-/* An unknown that was fixed at a bound together with others may be wanted back inside; true where one is let go. */
+/* Frees an unknown that was fixed at a bound together with others but should move inside; returns
+ * whether there was one. */
 static bool let_go(tl_optimiser *self, const bool *free) {
     const tl_optimiser_space *space = self->space;
     for (size_t k = 0; k < self->unknowns && self->unknowns > 1; k++) {
@@ -303,7 +311,8 @@ static bool let_go(tl_optimiser *self, const bool *free) {
     return false;
 }
 
-/* The best point within the bounds as the slope sees it, into `trial`. `free`: the unknowns that may move; NULL: all. */
+/* The best point within the bounds by the slope, into `trial`. `free`: the unknowns that may move;
+ * NULL: all. */
 static bool propose(tl_optimiser *self, const bool *free) {
     for (size_t k = 0; k < self->unknowns; k++) {
         self->fixed[k] = free != NULL && !free[k];
@@ -320,9 +329,10 @@ static bool propose(tl_optimiser *self, const bool *free) {
     return true;
 }
 
-/* ---- what it promises ---- */
+/* ---- prediction ---- */
 
-/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows as in propose(). */
+/* Squares of the residuals after the part `share` of the move whose changes are in `expected`; rows
+ * as in propose(). */
 static double promise(const tl_optimiser *self, double share) {
     double sum = 0.0;
     for (size_t i = 0; i < self->residuals; i++) {
@@ -332,7 +342,7 @@ static double promise(const tl_optimiser *self, double share) {
     return sum;
 }
 
-/* The part of the move at which the promise, a parabola over it, comes down to the goal; 1 where it does not. */
+/* Part of the move at which the predicted parabola reaches the goal; 1 if it does not. */
 static double share_for(const tl_optimiser *self, double goal) {
     double here = promise(self, 0.0);
     double bend = 0.5 * (promise(self, 1.0) + promise(self, -1.0)) - here;
@@ -345,7 +355,7 @@ static double share_for(const tl_optimiser *self, double goal) {
     return share > 0.0 && share < 1.0 ? share : 1.0;
 }
 
-/* Makes a move of a held u as short as will do. What the move promises. */
+/* Shortens a move of a held u as far as possible. Returns its predicted J. */
 static double shorten(tl_optimiser *self) {
     expect_changes(self);
     double share = self->space->held ? share_for(self, HELD_GOAL) : 1.0;
@@ -357,9 +367,9 @@ static double shorten(tl_optimiser *self) {
     return promise(self, share);
 }
 
-/* ---- no more than is needed ---- */
+/* ---- smallest sufficient correction ---- */
 
-/* What going from trial to nominal with the free unknowns changes, into `further`. */
+/* Predicted change from trial to nominal with the free unknowns, into `further`. */
 static void expect_return(tl_optimiser *self, const tl_forecast *forecast) {
     size_t n = self->unknowns;
     for (size_t i = 0; i < self->residuals; i++) {
@@ -371,7 +381,7 @@ static void expect_return(tl_optimiser *self, const tl_forecast *forecast) {
     }
 }
 
-/* Takes note of how far u is from nominal. */
+/* Updates the mean distance of u from nominal. */
 static void watch_lean(tl_optimiser *self, const tl_forecast *forecast) {
     for (size_t k = 0; k < self->unknowns; k++) {
         double away = (forecast->u[k] - forecast->nominal[k]) / self->space->step[k];
@@ -379,7 +389,7 @@ static void watch_lean(tl_optimiser *self, const tl_forecast *forecast) {
     }
 }
 
-/* Square of what a residual may be because u has been leaning to one side for long. */
+/* Allowed square of a residual because of a lasting correction to one side. */
 static double leaning(const tl_optimiser *self, const tl_forecast *forecast, size_t i) {
     double effect = 0.0;
     for (size_t k = 0; k < self->unknowns; k++) {
@@ -389,8 +399,8 @@ static double leaning(const tl_optimiser *self, const tl_forecast *forecast, siz
     return allowed * allowed;
 }
 
-/* How far trial can go back to nominal while the residuals that this changes promise no more than is good enough; their
- * squares are a parabola over the way. */
+/* How far trial can return to nominal while the predicted residuals stay good enough; their squares
+ * are a parabola. */
 static double share_of_return(const tl_optimiser *self, const tl_forecast *forecast) {
     double here = 0.0;
     double rise = 0.0;
@@ -417,7 +427,7 @@ static double share_of_return(const tl_optimiser *self, const tl_forecast *forec
     return (sqrt(rise * rise - 4.0 * bend * (here - goal)) - rise) / (2.0 * bend);
 }
 
-/* Takes back what of the move to trial is more than is needed. What is left promises. */
+/* Removes the unnecessary part of the move to trial. Returns the predicted J of the rest. */
 static double relax(tl_optimiser *self, const tl_forecast *forecast) {
     expect_return(self, forecast);
     double share = share_of_return(self, forecast);
@@ -435,7 +445,7 @@ static double relax(tl_optimiser *self, const tl_forecast *forecast) {
 
 /* ---- the slope ---- */
 
-/* Broyden: the smallest change of G that explains what was seen when going from point to `u`. */
+/* Broyden: the smallest change of G that explains the change from point to `u`. */
 static void learn(tl_optimiser *self, const double *u, const double *r) {
     size_t n = self->unknowns;
     double length = 0.0;
@@ -463,7 +473,7 @@ static void go_to(tl_optimiser *self, const double *u, const double *r, double v
     self->value = value;
 }
 
-/* A step up, or down where there is more room. */
+/* A step up, or down if there is more room. */
 static double probe_point(const tl_optimiser *self, size_t k) {
     double at = self->point[k];
     double up = self->space->upper[k] - at;
@@ -472,7 +482,7 @@ static double probe_point(const tl_optimiser *self, size_t k) {
                                                     : fmax(at - self->space->step[k], self->space->lower[k]);
 }
 
-/* One question per unknown; the column is what it changes. Goes on from the best point seen. False: told to stop. */
+/* One evaluation per unknown measures its column. Continues from the best point. False: stopped. */
 static bool measure(tl_optimiser *self) {
     const tl_search *search = self->search;
     size_t n = self->unknowns;
@@ -508,7 +518,7 @@ static double largest_move(const tl_optimiser *self) {
     return largest;
 }
 
-/* How a search goes. */
+/* State of a search. */
 typedef struct tl_course {
     int failures;   /* in a row */
     int idle;       /* moves with little progress in a row */
@@ -516,12 +526,12 @@ typedef struct tl_course {
     bool confirmed; /* by the last move */
 } tl_course;
 
-/* Has the move from point kept what it promised? */
+/* Whether the move from point had the predicted gain. */
 static bool is_confirmed(const tl_optimiser *self, double promised, double value) {
     return fabs(value - promised) < CONFIRMED * (self->value - promised);
 }
 
-/* Takes note of a candidate: better, or damped more. */
+/* Processes a candidate: accepts a better one, else increases the damping. */
 static void judge(tl_optimiser *self, tl_course *course, double promised, double value, const double *r) {
     course->confirmed = is_confirmed(self, promised, value);
     if (isfinite(value)) {
@@ -540,7 +550,7 @@ static void judge(tl_optimiser *self, tl_course *course, double promised, double
     }
 }
 
-/* Nothing is to be had by a move that promises this J. */
+/* Whether a move with this predicted J is not worth an evaluation. */
 static bool is_at_end(const tl_optimiser *self, const tl_course *course, double promised) {
     return course->confirmed && promised >= TL_OBJECTIVE_TOLERANCE && promised > (1.0 - WORTHWHILE) * self->value;
 }
@@ -555,7 +565,7 @@ static void begin(tl_optimiser *self, tl_course *course, const tl_search *search
     go_to(self, search->start, search->start_residuals, search->start_value);
 }
 
-/* Measures the slope where it leads nowhere or there is none. False: told to stop. */
+/* Measures the slope if there is none or if it leads nowhere. False: stopped. */
 static bool renew_slope(tl_optimiser *self, tl_course *course) {
     if (self->has_slope && (course->failures < FAILURES_TO_MEASURE || course->fresh)) {
         return true;
@@ -564,7 +574,7 @@ static bool renew_slope(tl_optimiser *self, tl_course *course) {
     return course->fresh;
 }
 
-/* Asks about the move to trial. False: told to stop. */
+/* Evaluates the move to trial. False: stopped. */
 static bool ask(tl_optimiser *self, tl_course *course, double promised) {
     double value = HUGE_VAL;
     const double *r = NULL;
@@ -611,7 +621,7 @@ static double squares(const tl_optimiser *self) {
     return sum;
 }
 
-/* A u that is to be held stays as long as it will do. */
+/* A u that is to be held is kept while it is good enough. */
 static bool guess(tl_optimiser *self, const tl_forecast *forecast, double *u) {
     memcpy(self->leaned, self->lean, self->unknowns * sizeof *self->lean);
     if (!self->has_slope) {
@@ -640,7 +650,7 @@ static void retract(tl_optimiser *self) {
     self->promised = (double)NAN;
 }
 
-/* What is known of the slope stays true. A promise was in the old units. */
+/* The slope stays valid. A prediction was in the old units. */
 static void retune(tl_optimiser *self, const double *factors) {
     size_t n = self->unknowns;
     bool same = true;

@@ -1,4 +1,4 @@
-/* The evaluations of one step: see attempt.h. */
+/* Step search: see attempt.h. */
 #include "master/sync/attempt.h"
 
 #include <math.h>
@@ -6,13 +6,13 @@
 
 #include "master/base/estimate.h"
 
-/* Progress is a J that is smaller by at least this part. */
+/* A reduction of J by at least this part is progress. */
 static const double PROGRESS = 0.01;
 
 /* In first steps of the search. */
 static const double LEAST_MOVE = 1e-9;
 
-/* Questions without progress after which a solver that asks outside its bounds is told to stop. */
+/* Evaluations without progress after which a solver that asks outside of its bounds is stopped. */
 enum { MOST_IDLE = 1000 };
 
 static void read_nominal(const tl_lock *lock, double *nominal) {
@@ -69,14 +69,15 @@ tl_status tl_attempt_go_back(tl_attempt *attempt) {
     return attempt->back;
 }
 
-/* What all the rest of a candidate will execute, from `depth` on. */
+/* Predicted cost of the rest of a candidate from `depth` on. */
 static tl_time cost_from(const tl_lock *lock, uint32_t depth) {
     const tl_exchange *exchange = lock->exchange;
     return exchange->whole ? tl_exchange_cost(exchange, lock->horizon.prediction - depth)
                            : tl_ledger_cost(&lock->ledger, exchange->costs.each, depth);
 }
 
-/* Nominal's candidate at most, where it is still to come, and the committed step, which is the first one of a candidate's. */
+/* Largest cost of the evaluation of nominal, if it is still to come, and of the committed step,
+ * which is the first one of a candidate. */
 static tl_time cost_of_rest(const tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_exchange *exchange = lock->exchange;
@@ -92,14 +93,15 @@ static tl_time cost_of_rest(const tl_attempt *attempt) {
     return sum;
 }
 
-/* What must follow the present candidate: the committing step, and nominal's evaluation where it is to come. */
+/* What must follow the present candidate: the committed step, and nominal's evaluation if it is to
+ * come. */
 static tl_time reserve(const tl_attempt *attempt) {
     const tl_lock_times *times = &attempt->lock->times;
     tl_time nominal = attempt->nominal_follows ? times->asking.most + times->within.most : 0;
     return times->committing.most + nominal + cost_of_rest(attempt);
 }
 
-/* Whether so much, and what must follow, fits into the time that is left since the clock was read. */
+/* Whether so much, and what must follow, fits into the time left since the last clock reading. */
 static bool has_time(tl_attempt *attempt, tl_time wanted) {
     const tl_budget *budget = attempt->budget;
     tl_time elapsed = tl_duration(budget->started, attempt->lock->exchange->costs.read);
@@ -111,7 +113,7 @@ static bool has_time(tl_attempt *attempt, tl_time wanted) {
     return false;
 }
 
-/* Whether the candidate, from `depth` on, and what must follow fit into the time. */
+/* Whether the rest of the candidate from `depth` on, and what must follow, fit into the time. */
 static bool fits(tl_attempt *attempt, uint32_t depth) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_times *times = &lock->times;
@@ -119,7 +121,7 @@ static bool fits(tl_attempt *attempt, uint32_t depth) {
     return has_time(attempt, cost_from(lock, depth) + within + (attempt->closing ? 0 : times->thinking.most));
 }
 
-/* The part of the step at hand ends here; NULL: it is none that is predicted. */
+/* Ends the current part of the step; NULL: a part that is not predicted. */
 static void end_part(tl_attempt *attempt, tl_estimate *part) {
     tl_lock *lock = attempt->lock;
     tl_time took = lock->times.beside + tl_costs_lap(&lock->exchange->costs);
@@ -135,7 +137,7 @@ static void find_follower(tl_attempt *attempt, const double *u) {
         isnan(attempt->nominal_value) && memcmp(u, lock->memory.nominal, lock->horizon.count * sizeof *u) != 0;
 }
 
-/* u is about to be evaluated, under the clock. */
+/* An evaluation of u starts, under the clock. */
 static bool is_in_time(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
     tl_lock_times *times = &lock->times;
@@ -169,7 +171,7 @@ void tl_attempt_has_guess(tl_attempt *attempt) {
     }
 }
 
-/* Beyond the limit there may be room that was kept for nominal, which this is. */
+/* Beyond the limit there may be room reserved for nominal, which this is. */
 static bool is_awaited(const tl_attempt *attempt, const double *u) {
     const tl_lock *lock = attempt->lock;
     return attempt->evaluations < attempt->budget->evaluations && isnan(attempt->nominal_value) &&
@@ -191,7 +193,7 @@ bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u) {
 
 /* ---- one candidate ---- */
 
-/* Whether a candidate that has been walked to `depth` had better be left. */
+/* Whether a candidate should be aborted at `depth`. */
 static bool runs_late(tl_attempt *attempt, uint32_t depth) {
     if (depth == 0 || attempt->budget->now == NULL) {
         return false;
@@ -201,7 +203,8 @@ static bool runs_late(tl_attempt *attempt, uint32_t depth) {
     return attempt->late;
 }
 
-/* Walks u over the horizon; its sum of squares so far in *sum. Ends early where an FMU fails or time runs out. */
+/* Simulates u over the horizon; its sum of squares so far in *sum. Ends early if an FMU fails or
+ * time runs out. */
 static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
     tl_lock *lock = attempt->lock;
     const tl_horizon *horizon = &lock->horizon;
@@ -225,7 +228,7 @@ static tl_status walk(tl_attempt *attempt, const double *u, double *sum) {
     return status;
 }
 
-/* J of u, or HUGE_VAL where an FMU fails, a result is not finite, or time runs out. */
+/* J of u, or HUGE_VAL if an FMU fails, a result is not finite, or time runs out. */
 static double simulate(tl_attempt *attempt, const double *u) {
     tl_lock *lock = attempt->lock;
     tl_status status = tl_attempt_go_back(attempt);
@@ -239,7 +242,7 @@ static double simulate(tl_attempt *attempt, const double *u) {
     return status == TL_OK && !attempt->late && isfinite(sum) ? sum : HUGE_VAL;
 }
 
-/* The same under the clock: learns what an evaluation takes beside its executions. */
+/* The same with a clock: measures the overhead of an evaluation beside its executions. */
 static double simulate_measured(tl_attempt *attempt, const double *u) {
     double value = simulate(attempt, u);
     end_part(attempt, &attempt->lock->times.within);
@@ -260,8 +263,8 @@ static void keep_best(tl_attempt *attempt, const double *u, double value) {
     }
 }
 
-/* J of u, counted; HUGE_VAL also where it is late, which is not an evaluation: a repetition without a clock will not make
- * it either. Whoever asks about nominal, it is evaluated once. */
+/* J of u, counted. HUGE_VAL also if it is late, which is no evaluation: a repetition without a
+ * clock does not make it either. Whoever asks for nominal, it is evaluated once. */
 static double evaluate(tl_attempt *attempt, const double *u) {
     bool nominal = isnan(attempt->nominal_value) && !attempt->nominal_follows;
     double value = attempt->budget->now == NULL ? simulate(attempt, u) : simulate_measured(attempt, u);
@@ -286,7 +289,8 @@ double tl_attempt_evaluate(tl_attempt *attempt, const double *u) {
 
 /* ---- identifiability ---- */
 
-/* The one variable in which u differs from another point by a telling move, in steps; else SIZE_MAX. */
+/* The one variable in which u differs from another point by a significant move, in steps; else
+ * SIZE_MAX. */
 static size_t moved_variable(const tl_attempt *attempt, const double *u, const double *from, double *move) {
     const tl_lock *lock = attempt->lock;
     size_t moved = SIZE_MAX;
@@ -305,7 +309,8 @@ static size_t moved_variable(const tl_attempt *attempt, const double *u, const d
     return *move >= TL_TELLING_MOVE ? moved : SIZE_MAX;
 }
 
-/* Has this candidate shown, beside a point with these residuals, that a variable does or does not matter? */
+/* Whether this candidate shows, compared with a point with these residuals, that a variable has an
+ * effect or not. */
 static void probe_beside(tl_attempt *attempt, const double *u, const double *from, const double *residuals) {
     const tl_lock *lock = attempt->lock;
     double move = 0.0;
@@ -322,7 +327,8 @@ static void probe_beside(tl_attempt *attempt, const double *u, const double *fro
     }
 }
 
-/* The same beside the search's start and beside the best so far: solvers vary one unknown after the other from either. */
+/* The same compared with the search's start and with the best so far: solvers vary one unknown
+ * after the other from either. */
 static void probe(tl_attempt *attempt, const double *u, double value) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -337,7 +343,8 @@ static void probe(tl_attempt *attempt, const double *u, double value) {
     }
 }
 
-/* A candidate that has just shown that a variable does not matter is no better for having moved it. */
+/* A candidate that has just shown that a variable has no effect is not better for having moved it.
+ */
 static void judge(tl_attempt *attempt, const double *u, double value) {
     uint32_t before = attempt->held;
     probe(attempt, u, value);
@@ -359,9 +366,9 @@ void tl_attempt_hold(const tl_attempt *attempt, double *u) {
     }
 }
 
-/* ---- questions ---- */
+/* ---- evaluations ---- */
 
-/* What a solver may be told at all: numbers within the bounds. */
+/* Values that a solver may get at all: finite numbers for points within the bounds. */
 static bool is_sane(const tl_lock *lock, const double *u) {
     for (size_t i = 0; i < lock->horizon.count; i++) {
         if (!(u[i] >= lock->space.lower[i] && u[i] <= lock->space.upper[i] && isfinite(u[i]))) {
@@ -371,8 +378,9 @@ static bool is_sane(const tl_lock *lock, const double *u) {
     return true;
 }
 
-/* The point that is evaluated for one that is asked about: what is held is at nominal, and so is what differs from it by less
- * than can matter. (Outputs would lose such a difference in rounding, and it be executed for nothing.) */
+/* The point that is evaluated for a requested one: variables that are not identifiable are at
+ * nominal, and so are insignificant differences from it. (Rounding would hide such a difference in
+ * the outputs, but it would cost executions.) */
 static const double *settled(const tl_attempt *attempt, const double *u) {
     const tl_lock *lock = attempt->lock;
     double *trial = lock->memory.trial;
@@ -390,7 +398,7 @@ static bool is_over(const tl_attempt *attempt) {
            attempt->stagnated || tl_attempt_is_blind(attempt);
 }
 
-/* After an evaluation: may the solver go on? */
+/* After an evaluation: whether the solver may continue. */
 static bool may_go_on(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     if (attempt->best_value < TL_OBJECTIVE_TOLERANCE) {

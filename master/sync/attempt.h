@@ -1,8 +1,8 @@
-/* The evaluations of one step: candidates simulated, judged, counted, and kept within the budget.
+/* Step search: evaluates candidates of one step, keeps the best one, and stays within the budget.
  *
- * Purpose: what lock.c, which decides what to try, and the solvers, which propose, need of the simulation: J of a u. It
- *          keeps the best candidate, and knows when to stop.
- * Thread:  the twin's. Lives for one step.
+ * Purpose: gives J of a u to the synchroniser, which decides what to try, and to the solvers, which
+ *          propose candidates. It keeps the best candidate and knows when to stop.
+ * Thread:  the twin's. One object per step.
  */
 #ifndef TL_MASTER_SYNC_ATTEMPT_H
 #define TL_MASTER_SYNC_ATTEMPT_H
@@ -21,56 +21,59 @@ typedef struct tl_attempt {
     tl_lock *lock;
     int64_t step;
     const tl_budget *budget;
-    uint32_t limit;       /* evaluations that may be used */
+    uint32_t limit;       /* most evaluations */
     uint32_t evaluations; /* used so far */
     bool dirty;           /* values and states are not those of t_i */
-    tl_status back;       /* how the way back to them went */
-    bool walked;          /* a candidate was; what follows it is the solver's thinking */
-    bool closing;         /* no question will follow the one at hand */
+    tl_status back;       /* result of the rollback to t_i */
+    bool walked;          /* a candidate was simulated: time that follows is the solver's */
+    bool closing;         /* the solver cannot ask again after the current candidate */
     bool guessed;         /* the solver was asked for a guess */
-    bool late;            /* a candidate was left because time ran out */
-    bool nominal_follows; /* after the candidate at hand: time is kept for it */
+    bool late;            /* a candidate was aborted because time ran out */
+    bool nominal_follows; /* nominal is evaluated after the current candidate: time is reserved for it */
     tl_stop stop;
     uint32_t flags;     /* tl_flag */
     uint32_t held;      /* bit v: variable v is not identifiable */
     uint32_t seen;      /* bit v: variable v has moved an output */
     uint32_t idle;      /* evaluations since the last progress */
-    bool stagnated;     /* idle for too long: the solver is told to stop */
-    bool acquaints;     /* the solver may go on within tolerance until it can guess */
-    double start_value; /* J where the search began */
+    bool stagnated;     /* no progress for too long: the solver is stopped */
+    bool acquaints;     /* the solver may continue within tolerance until it can make a guess */
+    double start_value; /* J at the start of the search */
     double best_value;
     double nominal_value;          /* NaN: not evaluated */
     double nominal[TL_MAX_ADJUST]; /* û */
-    tl_status fatal;               /* TL_FMU_FATAL: give up */
+    tl_status fatal;               /* TL_FMU_FATAL: the twin ends */
     tl_error *error;
 } tl_attempt;
 
-/* At the committed instant t_step; reads û. */
+/* Starts the search at the committed instant t_step and reads û. */
 void tl_attempt_begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl_budget *budget, tl_error *error);
 
 /* Sets the adjusted inputs to a candidate's values at a depth. */
 void tl_attempt_set_inputs(const tl_lock *lock, const double *u, uint32_t depth);
 
-/* Whether there is time to ask the solver for a guess; else sets `stop`. And: it has answered. */
+/* True if there is time to ask the solver for a guess; else sets `stop`. The second function is
+ * called after the guess. */
 bool tl_attempt_may_guess(tl_attempt *attempt);
 void tl_attempt_has_guess(tl_attempt *attempt);
 
-/* Whether an evaluation of u fits the budget, room for nominal's kept; else sets `stop`. */
+/* True if an evaluation of u fits the budget, with the evaluation of nominal still to come; else
+ * sets `stop`. */
 bool tl_attempt_may_evaluate(tl_attempt *attempt, const double *u);
 
-/* Back to the committed instant, where values and states are not those already. */
+/* Rolls back to the committed instant, if values or states have changed. */
 tl_status tl_attempt_go_back(tl_attempt *attempt);
 
-/* J of u, which may be evaluated: HUGE_VAL where an FMU fails on it or time ran out. Its residuals are in the lock's memory. Keeps the best. */
+/* J of u. HUGE_VAL if an FMU fails at it or if time ran out. Leaves the residuals in the
+ * synchroniser's memory and keeps the best candidate. Call only after tl_attempt_may_evaluate(). */
 double tl_attempt_evaluate(tl_attempt *attempt, const double *u);
 
-/* A solver's question: see tl_search. The context is a tl_attempt. */
+/* Evaluates a solver's candidate (see tl_search). The context is a tl_attempt. */
 bool tl_attempt_ask(void *attempt, const double *u, double *value, const double **residuals);
 
-/* All adjusted variables are held. */
+/* True if no adjusted variable is identifiable. */
 bool tl_attempt_is_blind(const tl_attempt *attempt);
 
-/* Puts held variables at nominal. */
+/* Sets variables that are not identifiable to nominal. */
 void tl_attempt_hold(const tl_attempt *attempt, double *u);
 
 #endif

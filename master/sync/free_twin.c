@@ -1,42 +1,44 @@
-/* The free-run check: a twin without corrections, and its contest with the corrected one: see free_twin.h. */
+/* Free-run check: see free_twin.h. */
 #include "master/sync/free_twin.h"
 
 #include <math.h>
 #include <string.h>
 
-/* ---- contest ---- */
+/* ---- free-run check ---- */
 
-/* Tolerances: what an error counts at most; and squared: what makes no difference. */
+/* In tolerances: largest error that counts; and squared: a negligible difference. */
 static const double MOST = 3.0;
 static const double NEGLIGIBLE = 1e-3;
 
-/* Tolerances, squared: what noise is at most. */
+/* Tolerances squared: largest noise. */
 static const double MOST_NOISE = 0.25;
 
-/* Standard errors. Few are enough: if both are about as near, it does not matter which is taken. */
+/* Standard errors. A few are enough: if both twins are about as near, either may be used. */
 static const double SURE = 1.5;
 
-/* A twin that rests: in units of what a locked one would be off, what a trial may have and what it counts at most; and the sum at which it rests no more. */
+/* Of a resting twin, in units of a locked one's error: allowed and largest counted error of a
+ * trial; and the sum at which it stops to rest. */
 static const double ALLOWED = 1.5;
 static const double COUNTED = 4.0;
 static const double TOO_MUCH = 4.0;
 
-/* A square so many times the usual one is no usual one. */
+/* A square this many times the usual one is an outlier. */
 static const double UPSET = 12.0;
 
-/* Standard errors by which an average of late differs from the one over all that is remembered if times have changed. */
+/* Difference of the recent from the long average, in standard errors, that shows a change of
+ * conditions. */
 static const double CHANGED = 3.0;
 
-/* What of a prediction's error is taken to be lasting, by the next one. */
+/* Part of a prediction's error that counts as lasting in the next one. */
 static const double LASTING = 0.0625;
 
-/* A value, and its standard error. */
+/* A value and its standard error. */
 typedef struct estimate {
     double value, error;
 } estimate;
 
 static double bounded(double error) {
-    return fabs(error) <= MOST ? error : error < 0.0 ? -MOST : MOST; /* also what is not a number */
+    return fabs(error) <= MOST ? error : error < 0.0 ? -MOST : MOST; /* also for NaN */
 }
 
 static double product(const double *one, const double *other) {
@@ -47,7 +49,7 @@ static double product(const double *one, const double *other) {
     return sum;
 }
 
-/* ---- what is remembered ---- */
+/* ---- memory ---- */
 
 static void forget_trials(tl_contest *contest) {
     contest->count = 0;
@@ -96,7 +98,7 @@ static void subtract(const double *from, const double *what, double *rest) {
     }
 }
 
-/* The plant has changed, or was upset: what a prediction was off by then is no noise. */
+/* The plant has changed or was disturbed: the error of such a prediction is not noise. */
 static bool is_upset(const tl_contest *contest, double square) {
     return contest->known.count >= TL_CONTEST_LEAST && square > UPSET * contest->known.surprise.mean;
 }
@@ -106,21 +108,22 @@ static estimate find_average(const tl_contest_average *average, uint32_t count) 
     return (estimate){average->mean, sqrt(variance / fmax(count, 1.0))};
 }
 
-/* By how many standard errors the average of late is above the one over all that is remembered. */
+/* By how many standard errors the recent average is above the long one. */
 static double rise(const tl_contest_average *recent, const tl_contest_average *known) {
     estimate now = find_average(recent, TL_CONTEST_RECENT);
     return (now.value - known->mean) / fmax(now.error, NEGLIGIBLE);
 }
 
-/* What was so before is so no more. What a model does not know hides some of the noise, so that less of it is no news; more of it is: the plant is calm again, or a sensor has
- * become worse. Predictions that are better tell of either, too. */
+/* Drops the long average if conditions have changed. Model errors hide a part of the noise, so less
+ * noise is no change. More noise is: the plant is calm again, or a sensor has become worse. Better
+ * predictions show either, too. */
 static bool has_changed(const tl_contest *contest) {
     return contest->recent.count >= TL_CONTEST_RECENT &&
            (rise(&contest->recent.noise, &contest->known.noise) > CHANGED ||
             rise(&contest->recent.surprise, &contest->known.surprise) < -CHANGED);
 }
 
-/* Of this prediction, and of the one before it. */
+/* Of this prediction and of the one before it. */
 static void learn_noise(tl_contest *contest, const tl_contest_trial *trial, const tl_contest_errors *errors) {
     double now[TL_MAX_MATCH];
     double before[TL_MAX_MATCH];
@@ -142,7 +145,7 @@ static void learn_noise(tl_contest *contest, const tl_contest_trial *trial, cons
     }
 }
 
-/* A prediction has ended where something was measured. */
+/* Ends a prediction if something was measured. */
 static void learn(tl_contest *contest, const tl_contest_trial *trial, const tl_contest_errors *errors) {
     if (contest->follows) {
         learn_noise(contest, trial, errors);
@@ -154,9 +157,9 @@ static void learn(tl_contest *contest, const tl_contest_trial *trial, const tl_c
     memcpy(contest->before, errors->predicted, sizeof contest->before);
 }
 
-/* ---- what it says ---- */
+/* ---- verdict ---- */
 
-/* What is to be taken off for the noise that was followed: 2·g·s². */
+/* The term of the used noise: 2·g·s². */
 static estimate find_gain(const tl_contest *contest) {
     const tl_contest_noise *known = &contest->known;
     double part = 1.0 - known->kept.mean / fmax(known->surprise.mean, NEGLIGIBLE);
@@ -168,12 +171,13 @@ static estimate find_gain(const tl_contest *contest) {
     return (estimate){twice * value, twice * error};
 }
 
-/* The trial that was so many before the next one. */
+/* The trial `back` places before the next one. */
 static const tl_contest_trial *back(const tl_contest *contest, uint32_t by) {
     return &contest->trial[(contest->at + TL_CONTEST_TRIALS - by) % TL_CONTEST_TRIALS];
 }
 
-/* The mean of what the twin is further off than the free one, or than `than` if that is not negative; over the newest trials. */
+/* Mean excess of the twin's error over the free-running one's, or over `than` if that is not
+ * negative; over the newest trials. */
 static estimate find_mean(const tl_contest *contest, uint32_t count, double than) {
     double sum = 0.0;
     double squares = 0.0;
@@ -201,12 +205,12 @@ static estimate sum(estimate one, estimate other) {
     return (estimate){one.value + other.value, hypot(one.error, other.error)};
 }
 
-/* What the lock does worse than the free twin, over the newest trials. */
+/* Excess of the lock's error over that of the free-running twin, over the newest trials. */
 static estimate find_harm(const tl_contest *contest, uint32_t count) {
     return sum(find_mean(contest, count, -1.0), find_gain(contest));
 }
 
-/* Whether the free twin has lost for so long that it is of no use. */
+/* Whether the free-running twin has lost for so long that it is useless. */
 static bool is_useless(tl_contest *contest, estimate harm) {
     if (contest->count < TL_CONTEST_TRIALS || contest->since < TL_CONTEST_TRIALS) {
         return false;
@@ -221,7 +225,7 @@ static void judge_locked(tl_contest *contest, tl_contest_verdict *verdict) {
     if (is_more(harm)) {
         verdict->turned = true;
         verdict->adopt =
-            find_harm(contest, contest->count / 4).value > 0.0; /* of late as well: it does not drift away */
+            find_harm(contest, contest->count / 4).value > 0.0; /* recently as well: it does not drift away */
         contest->rests = true;
         contest->follows = false;
         forget_trials(contest);
@@ -231,7 +235,7 @@ static void judge_locked(tl_contest *contest, tl_contest_verdict *verdict) {
     }
 }
 
-/* Further off than a locked one would be, all at once or for long. */
+/* Whether the resting twin is further off than a locked one would be, at once or lastingly. */
 static bool is_too_far(tl_contest *contest, const tl_contest_trial *trial) {
     estimate gain = find_gain(contest);
     double usual = fmax(contest->known.locked.mean + gain.value, NEGLIGIBLE);
@@ -253,7 +257,7 @@ static void judge_resting(tl_contest *contest, const tl_contest_trial *trial, tl
     if (contest->count < TL_CONTEST_LEAST) {
         return;
     }
-    estimate difference = find_mean(contest, contest->count, -1.0); /* neither has followed any noise */
+    estimate difference = find_mean(contest, contest->count, -1.0); /* neither has used any noise */
     verdict->adopt = is_more(difference) && find_mean(contest, contest->count / 4, -1.0).value > 0.0;
     verdict->renew = is_less(difference);
     if (verdict->adopt || verdict->renew) {
@@ -261,7 +265,7 @@ static void judge_resting(tl_contest *contest, const tl_contest_trial *trial, tl
     }
 }
 
-/* A trial of which less than half could be measured says nothing. */
+/* A trial of which less than half was measured does not count. */
 static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool measured,
                       tl_contest_verdict *verdict) {
     bool says = 2 * contest->counted >= contest->guard;
@@ -304,7 +308,7 @@ tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors 
     return verdict;
 }
 
-/* ---- as bytes ---- */
+/* ---- archive ---- */
 
 static void require_sound(const tl_contest *contest, tl_archive *archive) {
     tl_archive_require(archive, contest->steps < contest->guard && contest->counted <= contest->steps);
@@ -340,9 +344,9 @@ void tl_contest_archive(tl_contest *contest, tl_archive *archive) {
     }
 }
 
-/* ---- free twin ---- */
+/* ---- free-running twin ---- */
 
-/* Of each component: the free twin's, the prediction's, and where the twin is. */
+/* Of each component: the free-running twin's, the prediction's, and the twin's own. */
 enum { STATES = 3 };
 
 static bool place(tl_snapshot *snapshot, tl_arena *arena, const tl_exchange *exchange) {
@@ -391,9 +395,9 @@ void tl_free_twin_retune(tl_free_twin *twin) {
     twin->predicts = false;
 }
 
-/* ---- one step beside ---- */
+/* ---- one step of both ---- */
 
-/* These outputs against what was measured; false: nothing was. */
+/* Errors of these outputs; false: nothing was measured. */
 static bool measure(const tl_free_twin *twin, const tl_record *record, const double *y, double *errors) {
     const tl_objective *objective = twin->objective;
     bool measured = false;
@@ -406,7 +410,7 @@ static bool measure(const tl_free_twin *twin, const tl_record *record, const dou
     return measured;
 }
 
-/* The same of the outputs as they stand. */
+/* The same for the present outputs. */
 static void measure_now(const tl_free_twin *twin, const tl_record *record, double *errors) {
     double y[TL_MAX_MATCH] = {0.0};
     for (size_t i = 0; i < twin->objective->term_count; i++) {
@@ -415,7 +419,7 @@ static void measure_now(const tl_free_twin *twin, const tl_record *record, doubl
     (void)measure(twin, record, y, errors);
 }
 
-/* All components, with nominal u. Their counts stay as they are. */
+/* Executes all components with nominal u; their counts stay. */
 static tl_status execute(tl_free_twin *twin, int64_t step, tl_error *error) {
     tl_exchange *exchange = twin->exchange;
     for (size_t i = 0; i < exchange->component_count; i++) {
@@ -440,7 +444,7 @@ static bool are_finite(const double *errors, size_t count) {
     return isfinite(sum);
 }
 
-/* Leads one of the two over the record's step. *failed: its FMUs did, or what they say is no number. */
+/* Executes the record's step of one of the two. *failed: an FMU failed or a value is not finite. */
 static tl_status lead(tl_free_twin *twin, tl_snapshot *one, const tl_record *record, double *errors, bool *failed,
                       tl_error *error) {
     tl_status status = tl_snapshot_restore(one, error);
@@ -451,7 +455,7 @@ static tl_status lead(tl_free_twin *twin, tl_snapshot *one, const tl_record *rec
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* The FMUs stand where the twin is: what shall begin there begins. */
+/* Starts what is to start; the FMUs are in the twin's state. */
 static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error *error) {
     tl_status status = predicts ? tl_snapshot_take(&twin->predicted, error) : TL_OK;
     twin->predicts = predicts || (twin->predicts && !twin->contest.rests);
@@ -459,7 +463,7 @@ static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error
     return status == TL_OK && renews ? tl_snapshot_take(&twin->free, error) : status;
 }
 
-/* Both, from where the twin is and back there. */
+/* Executes both from the twin's state and restores it. */
 static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_contest_errors *errors, bool failed[2],
                            tl_error *error) {
     tl_status status = tl_exchange_take(twin->exchange, record->step + 1, error);
@@ -498,7 +502,7 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_co
     if (status != TL_OK) {
         return status;
     }
-    if (!rested && (!twin->predicts || failed[1])) { /* nothing can be said yet, or any more */
+    if (!rested && (!twin->predicts || failed[1])) { /* nothing can be compared yet, or any more */
         tl_contest_begin_anew(&twin->contest);
         return settle(twin, true, failed[0], error);
     }

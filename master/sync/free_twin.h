@@ -1,4 +1,4 @@
-/* The free-run check: a twin without corrections, and its contest with the corrected one.
+/* Free-run check: compares the corrected twin with a twin that runs without corrections.
  *
  * Thread:  the one that steps the twin.
  */
@@ -17,42 +17,52 @@
 #include "master/sync/objective.h"
 #include "master/sync/record.h"
 
-/* ---- Which of two twins is nearer to the plant: the one that is locked, or the one that is left alone.
+/* ---- Which twin is nearer to the plant: the locked one or the free-running one.
  *
- * Purpose: a lock follows what was measured, with its noise. If the model is right it does harm, and nobody sees it: held against the measurements that it has used, the
- *          locked twin always looks nearer. So what that has gained it has to be taken off.
- * Method:  with n the noise of a measurement ŷ, L the locked twin's output and F the free twin's, which knows nothing of n, the harm is
- *            E(L − x)² − E(F − x)² = E(L − ŷ)² − E(F − ŷ)² + 2·E(L − x)·n,    x: the plant's true value,
- *          and the last term is 2·g·s²: the noise that there is, s² = E n², times the part g of it that the lock follows. Both come from predictions P, each of which begins at a
- *          committed instant, runs with nominal u, and ends once it has outrun what that instant has used: there L − P is the part g of ŷ − P; and the
- *          noise that the instant has followed is in the errors of two predictions in a row, with opposite signs:
+ * Purpose: a locked twin follows the measurements with their noise. If the model is right,
+ *          corrections do harm. That is not visible in y − ŷ, because the locked twin has used
+ *          these same measurements. So the gain from using them is subtracted.
+ * Method:  n is the noise of a measurement ŷ, L the output of the locked twin, F that of the
+ *          free-running twin, which is independent of n, and x the true value of the plant. The
+ *          harm is
+ *            E(L − x)² − E(F − x)² = E(L − ŷ)² − E(F − ŷ)² + 2·E(L − x)·n,
+ *          and its last term is 2·g·s²: the noise s² = E n² times the share g of it that the lock
+ *          follows. Both are estimated from predictions P. A prediction starts at a committed
+ *          instant, runs with nominal u, and ends when the measurements used at its start no longer
+ *          matter. There L − P is the share g of ŷ − P. The noise at the start has opposite signs
+ *          in the errors of two predictions in a row:
  *            s² = E(L − ŷ)·(P − ŷ) − E(P − ŷ)·(P' − ŷ'),    P': the prediction before.
- *          What a model does not know of the plant is in one of them, or lasts; what lasts is taken off both. If it swings as fast as predictions follow each other, it has opposite
- *          signs, too; so what is more than half a tolerance is not taken for noise, of which a tolerance is to be three times as much (config/SPEC.md).
- *          These are averages over minutes. If that of late differs by more than three times its standard error, times have changed, and what was before is forgotten.
- * Verdict: over the last TL_CONTEST_TRIALS trials, and what was learned of the noise before: u rests at nominal if the harm is more than nothing by 1.5 times its standard error. It
- *          rests until the twin that rests is further off than a locked one would be: over these trials by as much, or all at once.
- * Bounded: an error counts 3 tolerances at most, so that an outlier does not decide.
- * Source:  not the dissertation: the covariance penalty of statistics, and the correlation of innovations by which filters are adapted.
+ *          A model error is in one of the predictions, or lasts; a lasting error is subtracted from
+ *          both. A model error that swings as fast as predictions follow each other would look like
+ *          noise. So noise is limited to half a tolerance (a tolerance should be three times the
+ *          noise, see config/SPEC.md).
+ *          These are averages over minutes. If the recent average differs by more than three
+ *          standard errors, the older one is dropped.
+ * Verdict: over the last TL_CONTEST_TRIALS trials and the known noise: u rests at nominal if the
+ *          harm is above zero by 1.5 standard errors. It rests until the resting twin is further
+ *          off than a locked one would be: by the same margin over these trials, or by a large one
+ *          at once.
+ * Bounded: an error counts as 3 tolerances at most, so that no outlier decides.
+ * Source:  not the dissertation: the covariance penalty of statistics, and the correlation of
+ *          innovations that adaptive filters use.
  * Thread:  plain data; one thread at a time.
  */
 
 enum {
-    TL_CONTEST_TRIALS = 50,   /* that are remembered, */
-    TL_CONTEST_LEAST = 20,    /* and without which nothing is decided */
-    TL_CONTEST_MEMORY = 1000, /* trials over which what is known of the noise is an average, at most, */
-    TL_CONTEST_RECENT = 50,   /* and over which the recent one is */
-    TL_CONTEST_LOST =
-        6 /* times in a row that all those that are remembered were lost: the free twin is of no use any more */
+    TL_CONTEST_TRIALS = 50,   /* trials that are remembered */
+    TL_CONTEST_LEAST = 20,    /* fewer trials decide nothing */
+    TL_CONTEST_MEMORY = 1000, /* the noise is averaged over at most this many trials */
+    TL_CONTEST_RECENT = 50,   /* and the recent noise over these */
+    TL_CONTEST_LOST = 6       /* memories in a row that were lost: the free-running twin is useless */
 };
 
-/* How far each matched output is off after a step, in tolerances, times the root of its weight; 0 if nothing good is there to hold it against. What is not finite is
- * as far as can be. */
+/* Error of each matched output after a step, in tolerances times the root of its weight; 0 if there
+ * is no good measurement. A value that is not finite counts as the largest error. */
 typedef struct tl_contest_errors {
-    double locked[TL_MAX_MATCH]; /* of the twin: locked, or resting */
+    double locked[TL_MAX_MATCH]; /* of the twin, locked or resting */
     double free[TL_MAX_MATCH];
-    double predicted[TL_MAX_MATCH]; /* of no meaning while u rests */
-    double weight;                  /* Σ of the weights of all outputs, measured or not */
+    double predicted[TL_MAX_MATCH]; /* meaningless while u rests */
+    double weight;                  /* Σ weights of all outputs, measured or not */
 } tl_contest_errors;
 
 /* Means of squares over one trial. */
@@ -61,108 +71,112 @@ typedef struct tl_contest_trial {
     double free;
 } tl_contest_trial;
 
-/* An average that forgets, of a value and of its square. */
+/* Decaying average of a value and of its square. */
 typedef struct tl_contest_average {
     double mean;
     double square;
 } tl_contest_average;
 
-/* What is known of the noise, over so many trials. */
+/* Known noise, averaged over `count` trials. */
 typedef struct tl_contest_noise {
-    tl_contest_average locked;   /* E(L − ŷ)², */
-    tl_contest_average surprise; /* E(P − ŷ)², */
-    tl_contest_average kept;     /* E(L − ŷ)·(P − ŷ), */
-    tl_contest_average noise;    /* and s² */
+    tl_contest_average locked;   /* E(L − ŷ)² */
+    tl_contest_average surprise; /* E(P − ŷ)² */
+    tl_contest_average kept;     /* E(L − ŷ)·(P − ŷ) */
+    tl_contest_average noise;    /* s² */
     uint32_t count;
 } tl_contest_noise;
 
-/* What follows from a step. */
+/* Result of a step. */
 typedef struct tl_contest_verdict {
-    bool predict; /* the next prediction begins at the instant that was just committed */
-    bool turned;  /* u begins to rest, or rests no more */
-    bool adopt;   /* the free twin's state is the better one, and goes on being so: the twin goes on from there */
-    bool renew;   /* the free twin begins anew from the twin's state */
+    bool predict; /* the next prediction starts at the instant committed last */
+    bool turned;  /* u has started or stopped to rest */
+    bool adopt;   /* the state of the free-running twin is lastingly better: the twin continues from it */
+    bool renew;   /* the free-running twin restarts from the twin's state */
 } tl_contest_verdict;
 
-/* Fields are private, but `rests`. Zeroed but for `guard`: one that begins. */
+/* Fields are private, except `rests`. Starts as zeros, except `guard`. */
 typedef struct tl_contest {
-    uint32_t guard; /* steps of a trial, and of a prediction, ≥ 1 */
-    double weight;  /* as in the errors of the step at hand */
+    uint32_t guard; /* steps of a trial and of a prediction, ≥ 1 */
+    double weight;  /* as in the errors of the current step */
     bool rests;
-    bool follows; /* the prediction before this one is known: */
+    bool follows; /* `before` is the error of the previous prediction */
     double before[TL_MAX_MATCH];
-    double lasting
-        [TL_MAX_MATCH]; /* what predictions before that one were off by, on average: the model's error, and no noise */
-    uint32_t steps;     /* of the trial at hand, */
+    double lasting[TL_MAX_MATCH]; /* mean error of the predictions before that one: the model's error, not noise */
+    uint32_t steps;               /* of the current trial */
     uint32_t counted;
     tl_contest_trial sum;
     tl_contest_trial trial[TL_CONTEST_TRIALS];
     uint32_t count; /* trials remembered */
-    uint32_t at;    /* where the next one goes */
-    uint32_t since; /* trials, since a whole memory was lost */
+    uint32_t at;    /* where the next trial is stored */
+    uint32_t since; /* trials since a whole memory was lost */
     uint32_t lost;  /* such memories in a row */
     tl_contest_noise known;
-    tl_contest_noise recent; /* of the newest ones only: if times have changed, this is what is known */
-    double excess;           /* of the twin that rests: how far it has been further off than a locked one, summed */
+    tl_contest_noise recent; /* of the newest trials only: replaces `known` if conditions have changed */
+    double excess;           /* how much further off the resting twin was than a locked one, summed */
 } tl_contest;
 
-/* After each committed step. `measured`: false if there was nothing good to hold any output against. */
+/* Evaluates a committed step. `measured`: false if no output had a good measurement. */
 tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors *errors, bool measured);
 
-/* Predictions begin anew, and what was seen of them is forgotten; u does not rest. What is known of the noise stays. */
+/* Restarts the predictions and drops their history; u does not rest. The known noise stays. */
 void tl_contest_begin_anew(tl_contest *contest);
 
-/* All of it, but `guard`. */
+/* Archives all but `guard`. */
 void tl_contest_archive(tl_contest *contest, tl_archive *archive);
 
-/* ---- The free twin: the same co-simulation, left alone beside the locked one, and what its predictions say of the lock.
+/* ---- The free-running twin: the same co-simulation without corrections, beside the locked one.
  *
- * Purpose: a lock must do no harm over time. So what it makes of the measurements is held against a twin that never sees them (free_twin.h). Where that one predicts
- *          better, u rests at nominal; and the twin goes on from the free twin's state if that is the better one.
- * Method:  in the FMUs of the twin itself: after each committed step they are led to the free twin's state and back, and while u does not rest to a
- *          prediction's as well. Each of the two executes all components once a step, with nominal u; nothing of it is in any other count.
- * States:  three of each FMU: the free twin's, the prediction's, and where the twin is meanwhile.
- * Not:     for FMUs that are led back by replay: each way there and back would be all of the run again.
- * Thread:  the twin's. Memory: the arena, at start-up; states are the FMUs' own.
+ * Purpose: a lock must do no harm over time. So its use of the measurements is compared with a twin
+ *          that never sees them. If that one predicts better, u rests at nominal. If its state is
+ *          the better one, the twin continues from it.
+ * Method:  in the FMUs of the twin itself. After each committed step they are set to the state of
+ *          the free-running twin and back; while u does not rest, also to that of a prediction.
+ *          Each of the two executes all components once per step with nominal u. No other count
+ *          includes these executions.
+ * States:  three of each FMU: free-running twin, prediction, and the twin's own meanwhile.
+ * Not for: FMUs that are rolled back by replay. Each rollback would repeat the whole run.
+ * Thread:  the twin's. Memory: the arena, at start-up; the states belong to the FMUs.
  */
 
-/* Fields are private, but `counts`. Zeroed: there is none. */
+/* Fields are private, except `counts`. Zeroed: there is no free-running twin. */
 typedef struct tl_free_twin {
     tl_exchange *exchange;
     const tl_objective *objective;
     bool is_led;
-    bool predicts; /* `predicted` is where a prediction is; else it is to begin */
+    bool predicts; /* `predicted` holds a prediction; else one is to start */
     tl_snapshot free;
     tl_snapshot predicted;
     tl_contest contest;
-    uint64_t *executions; /* of each component, while steps that do not count are made */
+    uint64_t *executions; /* of each component, saved while steps are executed that do not count */
     tl_free_twin_counts counts;
 } tl_free_twin;
 
-/* For an exchange whose values are placed. `guard`: steps until a prediction has outrun what its beginning has used; 0: there shall be no free twin. False when
- * memory is out. */
+/* For an exchange that is initialised. `guard`: steps until a prediction is independent of the
+ * measurements used at its start; 0: no free-running twin. Returns false if memory is out. */
 bool tl_free_twin_init(tl_free_twin *twin, tl_arena *arena, tl_exchange *exchange, const tl_objective *objective,
                        uint32_t guard);
 
-/* The FMUs stand at the committed instant, where both begin, and u does not rest. Also later, if the FMUs have begun anew, or their states are worth nothing any
- * more. */
+/* Starts both at the committed instant; u does not rest. Also called after the FMUs were reset, or
+ * if their states have become invalid. */
 tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error);
 
-/* `record` is complete, and the FMUs are left where they are after its step: or, with `adopt` in the verdict, where the free twin is, and its values are in all ports;
- * then the caches begin anew. Errors: TL_FMU_FAILED, TL_FMU_FATAL if they cannot be led back. */
+/* Follows a committed step with its complete record. Leaves the FMUs where they were; or, with
+ * `adopt` in the verdict, in the state of the free-running twin with its values in all ports. Then
+ * the caller resets the caches. Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */
 tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_contest_verdict *verdict,
                               tl_error *error);
 
-/* Whether u rests from the next step on. */
+/* True if u rests from the next step on. */
 bool tl_free_twin_rests(const tl_free_twin *twin);
 
-/* What was seen of a lock with other tolerances or bounds says nothing; u does not rest. */
+/* Drops what was learned with other tolerances or bounds; u does not rest. */
 void tl_free_twin_retune(tl_free_twin *twin);
 
-/* What it knows, and both states. When loading, the FMUs are not called but to make states of the bytes. */
+/* Archives all data and both states. Loading calls the FMUs only to deserialise states. */
 tl_status tl_free_twin_archive(tl_free_twin *twin, tl_archive *archive, tl_error *error);
 
-/* Gives a component's states back, before it is freed, or if they are worth nothing any more. tl_free_twin_begin() makes others. */
+/* Frees a component's states, before the component is freed or if they have become invalid.
+ * tl_free_twin_begin() creates others. */
 void tl_free_twin_end_component(tl_free_twin *twin, size_t component);
 
 #endif

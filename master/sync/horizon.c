@@ -1,9 +1,9 @@
-/* The horizon: see horizon.h. */
+/* Horizon: see horizon.h. */
 #include "master/sync/horizon.h"
 
 #include <string.h>
 
-/* Shortest way from `from` to every node. */
+/* Shortest path from `from` to every node. */
 static void measure(const tl_graph *graph, size_t nodes, size_t from, size_t *scratch, uint32_t *steps) {
     for (size_t k = 0; k < nodes; k++) {
         size_t distance = tl_graph_distance(graph, from, k, scratch);
@@ -11,7 +11,7 @@ static void measure(const tl_graph *graph, size_t nodes, size_t from, size_t *sc
     }
 }
 
-/* From each component that reads a signal on: as if the signal were an input of it that is adjusted. */
+/* From each component that reads a signal, as if the signal were an adjusted input of it. */
 static void measure_signal(const tl_graph *graph, size_t nodes, size_t signal, size_t *scratch, uint32_t *steps) {
     for (size_t k = 0; k < nodes; k++) {
         steps[k] = TL_NEVER;
@@ -34,7 +34,7 @@ static uint32_t smaller(uint32_t a, uint32_t b) {
     return a < b ? a : b;
 }
 
-/* T_D of each variable and of each match: of its nearest partner. */
+/* T_D of each variable and of each match: to its nearest partner. */
 static void pair(tl_horizon *horizon, const tl_plan *plan, const tl_port *const *matched) {
     for (size_t m = 0; m < plan->match_count; m++) {
         horizon->match_distance[m] = TL_NEVER;
@@ -51,7 +51,7 @@ static void pair(tl_horizon *horizon, const tl_plan *plan, const tl_port *const 
     }
 }
 
-/* Where no variable reaches anything at all, that is the problem, not what is matched. */
+/* If no variable reaches any output, report that and not each match. */
 static void report_unreached(const tl_horizon *horizon, const tl_plan *plan, tl_report *report) {
     bool reaching = false;
     for (size_t v = 0; v < plan->adjust_count; v++) {

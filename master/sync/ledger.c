@@ -1,10 +1,10 @@
-/* The ledger: see ledger.h. Steps are absolute here: a candidate that began at an earlier instant is compared with the
- * values that were committed since. */
+/* Execution ledger: see ledger.h. Steps are absolute here: a candidate that started earlier is
+ * compared with the values committed since. */
 #include "master/sync/ledger.h"
 
 #include <string.h>
 
-/* Most doubles that candidates are remembered in: 8 MB. */
+/* Most doubles for remembered candidates: 8 MB. */
 static const size_t MOST_VALUES = (size_t)1 << 20;
 
 /* They never differ. */
@@ -44,7 +44,7 @@ static size_t slot_of(const tl_ledger *ledger, size_t index) {
     return (ledger->oldest + index) % ledger->capacity;
 }
 
-/* u at an absolute step, of what was committed; and of the candidate at hand, from i on. */
+/* u at an absolute step: of the committed steps; and of the current candidate, from i on. */
 static const double *committed_value(const tl_ledger *ledger, int64_t step, size_t variable) {
     const tl_horizon *horizon = ledger->horizon;
     return &ledger->committed[(size_t)(step % horizon->prediction) * horizon->variables + variable];
@@ -54,7 +54,7 @@ static const double *candidate_value(const tl_ledger *ledger, int64_t step, size
     return &ledger->current[(size_t)(step - ledger->step) * ledger->horizon->variables + variable];
 }
 
-/* Steps of an entry and of the candidate that can be compared: up to `length` of the candidate. */
+/* Comparable steps of an entry and of the candidate: up to `length` of the candidate. */
 static int64_t last_compared(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
     int64_t end = entry->first + ledger->horizon->prediction;
     int64_t present = ledger->step + length;
@@ -68,7 +68,8 @@ static const double *entry_value(const tl_ledger *ledger, size_t slot, int64_t s
     return &sequence[(size_t)(step - ledger->entries[slot].first) * horizon->variables + variable];
 }
 
-/* Holds an entry against what was committed since it was held against that the last time: that does not change any more. */
+/* Compares an entry with the steps committed since its last comparison: that result does not change
+ * any more. */
 static void compare_with_committed(const tl_ledger *ledger, size_t slot) {
     tl_ledger_entry *entry = &ledger->entries[slot];
     int64_t end = entry->first + ledger->horizon->prediction;
@@ -83,8 +84,8 @@ static void compare_with_committed(const tl_ledger *ledger, size_t slot) {
     }
 }
 
-/* The first absolute step at which a variable's u differs from that of the present course of things: what was committed before i, the
- * candidate's from i on. */
+/* The first absolute step at which a variable's u of an entry differs: from the committed steps
+ * before i, from the candidate from i on. */
 static int64_t variable_differs(const tl_ledger *ledger, size_t slot, size_t variable, uint32_t length) {
     const tl_ledger_entry *entry = &ledger->entries[slot];
     int64_t end = last_compared(ledger, entry, length);
@@ -104,15 +105,15 @@ static int64_t lesser(int64_t a, int64_t b) {
     return a < b ? a : b;
 }
 
-/* The sample that was or is shown at t_(step + after): of a committed step the one of its commit, at which, in mode ahead, the newest was that
- * of its own tick. */
+/* The sample delivered at t_(step + after). For a committed step that at its commit; in mode ahead
+ * the newest one was that of its own tick. */
 static int64_t present_sample(const tl_ledger *ledger, int64_t step, int64_t after) {
     int64_t newest = step < ledger->step && ledger->ahead ? step : ledger->plant->newest;
     return tl_plant_shown(ledger->plant, step + after, newest);
 }
 
-/* The first absolute step that begins with another value of a plant signal than it began with then: a sample that was
- * not there yet was stood for by the newest. */
+/* The first absolute step with another value of a plant signal than at that time: the newest sample
+ * had stood in for one that was not there yet. */
 static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, size_t signal, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
     int64_t first = entry->newest - ledger->plant->shift;
@@ -129,8 +130,8 @@ static int64_t signal_differs(const tl_ledger *ledger, const tl_ledger_entry *en
     return FOREVER;
 }
 
-/* The first absolute step at which the plant delivered a sample of another number. Of those that were there then, it delivers the same
- * ones; but in mode ahead, where what was committed knew fewer. */
+/* The first absolute step at which the plant delivered a sample of another number. Samples of that
+ * time are delivered again; but in mode ahead fewer were known at the commit. */
 static int64_t plant_differs(const tl_ledger *ledger, const tl_ledger_entry *entry, uint32_t length) {
     int64_t end = last_compared(ledger, entry, length);
     int64_t stood_for = entry->newest - ledger->plant->shift;
@@ -160,7 +161,8 @@ static void find_differences(const tl_ledger *ledger, size_t slot, uint32_t leng
     }
 }
 
-/* Up to which absolute step each node agrees with an earlier candidate, whose differences are known. */
+/* Last absolute step up to which each node agrees with an earlier candidate with known differences.
+ */
 static void find_until(tl_ledger *ledger, size_t slot, uint32_t length) {
     const tl_horizon *horizon = ledger->horizon;
     const tl_ledger_entry *entry = &ledger->entries[slot];
@@ -182,13 +184,13 @@ static void find_until(tl_ledger *ledger, size_t slot, uint32_t length) {
     until[plant] = lesser(until[plant], plant_differs(ledger, entry, length));
 }
 
-/* Two candidates that leave the same. */
+/* Whether two candidates leave the same results. */
 static bool are_alike(const tl_ledger *ledger, const tl_ledger_entry *a, const tl_ledger_entry *b) {
     return a->first == b->first && a->newest == b->newest && a->depth == b->depth && a->partial == b->partial &&
            memcmp(a->differs, b->differs, ledger->horizon->variables * sizeof *a->differs) == 0;
 }
 
-/* What the candidate at hand, up to `length`, need not execute. */
+/* Executions that the current candidate does not need, up to `length`. */
 static void compare_all(tl_ledger *ledger, uint32_t length) {
     const tl_ledger_entry *before = NULL;
     for (size_t k = 0; k < ledger->horizon->nodes; k++) {
@@ -288,8 +290,8 @@ void tl_ledger_walked(tl_ledger *ledger, uint32_t depth, size_t failed) {
     }
 }
 
-/* A candidate from which what was committed has parted in every variable, and that knew all its samples: what it leaves
- * does not depend on candidates to come. */
+/* Whether the committed steps differ from a candidate in every variable, and all its samples were
+ * known: what it leaves does not depend on later candidates. */
 static bool is_settled(const tl_ledger *ledger, const tl_ledger_entry *entry) {
     bool settled = entry->newest >= entry->first + (int64_t)ledger->horizon->prediction + ledger->plant->shift;
     for (size_t v = 0; v < ledger->horizon->variables && settled; v++) {
@@ -307,7 +309,7 @@ static void settle(tl_ledger *ledger, size_t slot) {
     }
 }
 
-/* A candidate that has ended says nothing any more, one that is settled all it ever will. */
+/* Whether an entry has ended, or has nothing more to contribute. */
 static bool is_done(tl_ledger *ledger, size_t slot) {
     const tl_ledger_entry *entry = &ledger->entries[slot];
     if (entry->first + (int64_t)ledger->horizon->prediction <= ledger->step) {
@@ -328,7 +330,7 @@ static void move_entry(tl_ledger *ledger, size_t to, size_t from) {
            sequence * sizeof *ledger->sequences);
 }
 
-/* After a commit. It is the oldest that mostly go, so that the others need not be moved. */
+/* After a commit. Mostly the oldest entries are removed, so that the others need not move. */
 static void tidy(tl_ledger *ledger) {
     while (ledger->count != 0 && is_done(ledger, ledger->oldest)) {
         ledger->oldest = (ledger->oldest + 1) % ledger->capacity;

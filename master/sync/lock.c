@@ -1,4 +1,4 @@
-/* One synchronised step: see lock.h. */
+/* Synchroniser: see lock.h. */
 #include "master/sync/lock.h"
 
 #include <math.h>
@@ -6,7 +6,7 @@
 
 #include "master/sync/attempt.h"
 
-/* Steps from one try of nominal to the next. */
+/* Steps between two tries of nominal. */
 enum { TL_NOMINAL_EVERY = 10 };
 
 /* ---- build ---- */
@@ -38,7 +38,8 @@ static bool take_memory(tl_lock *lock, tl_arena *arena) {
            take_all(arena, courses, 3, size_of_course(lock)) && take_all(arena, samples, 1, lock->objective.matched);
 }
 
-/* A guess may move the newest unknown of each variable: those before it keep what has been executed already. */
+/* A guess may move the newest unknown of each variable: earlier ones keep results that exist
+ * already. */
 static void find_free(tl_lock *lock) {
     const tl_horizon *horizon = &lock->horizon;
     for (size_t v = 0; v < horizon->variables; v++) {
@@ -56,7 +57,7 @@ static void place_bounds(tl_lock *lock) {
     }
 }
 
-/* What the solvers are told of each unknown. */
+/* Data of each unknown for the solvers. */
 static bool describe_space(tl_lock *lock, tl_arena *arena, const tl_plan *plan) {
     const tl_horizon *horizon = &lock->horizon;
     double *step = tl_arena_take(arena, horizon->count, sizeof *step);
@@ -146,7 +147,7 @@ static size_t size_of_sequence(const tl_lock *lock) {
     return lock->horizon.count * sizeof(double);
 }
 
-/* Into the bounds of the search. The nominal itself may lie outside: it is what the plant was told. */
+/* Clamps to the bounds of the search. Nominal itself may be outside: it is the plant's value. */
 static void clamp(const tl_lock *lock, double *u) {
     for (size_t i = 0; i < lock->horizon.count; i++) {
         u[i] = fmin(fmax(u[i], lock->space.lower[i]), lock->space.upper[i]);
@@ -157,7 +158,7 @@ static bool is_nominal(const tl_lock *lock, const double *u) {
     return memcmp(u, lock->memory.nominal, size_of_sequence(lock)) == 0;
 }
 
-/* The solver's own guess, from where the outputs seem to go if u goes on. */
+/* The solver's own guess, from the extrapolated outputs. */
 static bool guess_by_solver(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -177,16 +178,18 @@ static bool guess_by_solver(tl_attempt *attempt) {
     return guessed;
 }
 
-/* A u that is held as long as it is within tolerance is never asked whether it is still needed, and over an hour an integrator
- * behind the outputs may run away with it. A solver that knows no nominal is therefore made to try it, now and then. */
+/* A u that is held while it is within tolerance is never checked for being needed; over an hour an
+ * integrator behind the outputs may run away. So a solver that does not know nominal tries it in
+ * every tenth step. */
 static bool is_time_for_nominal(const tl_attempt *attempt) {
     const tl_optimiser_class *solver = attempt->lock->solver;
     return solver->guess == NULL && !solver->booleans && attempt->step % TL_NOMINAL_EVERY == 0;
 }
 
-/* What is evaluated first: by the solver, or nominal at T_P = T_D; else, and for Booleans, what was committed last, so
- * that horizons overlap, but for every tenth step. A budget of one evaluation is the nominal's, but in a repetition, which guesses as was guessed
- * then. True where the solver made it. */
+/* The first evaluation: the solver's guess, or nominal if T_P = T_D; else, and for Booleans, the u
+ * committed last, so that horizons overlap, except in every tenth step. A budget of one evaluation
+ * is for nominal, except in a repetition, which makes the same guess. Returns whether the solver
+ * made it. */
 static bool first_guess(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
@@ -205,7 +208,8 @@ static bool first_guess(tl_attempt *attempt) {
     return false;
 }
 
-/* A guess that moved u and changed nothing against the forecast: what is adjusted does not matter at present. */
+/* A guess that moved u and changed nothing against the forecast: the adjusted variables have no
+ * effect now. */
 static bool guess_was_blind(const tl_attempt *attempt, double value) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -217,7 +221,8 @@ static bool guess_was_blind(const tl_attempt *attempt, double value) {
            tl_objective_change(&lock->objective, memory->residuals, memory->forecast) < lock->noise_floor * move;
 }
 
-/* Where an FMU fails on the guess, the search had better begin at the last u, or at the nominal where that was it. */
+/* If an FMU fails at the guess, the search starts at the last u, or at nominal if that was the
+ * guess. */
 static double retreat(tl_attempt *attempt, double value) {
     const tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
@@ -235,7 +240,7 @@ static double retreat(tl_attempt *attempt, double value) {
 
 /* ---- search ---- */
 
-/* One solver from where `guess` is, or from the point within the bounds that is nearest to it. */
+/* One solver, from `guess` or the nearest point within the bounds. */
 static tl_search_end search_from(tl_attempt *attempt, const tl_optimiser_class *solver, tl_optimiser *optimiser,
                                  const double *from, double value, const double *residuals) {
     const tl_lock *lock = attempt->lock;
@@ -256,8 +261,8 @@ static tl_search_end search_from(tl_attempt *attempt, const tl_optimiser_class *
     return solver->minimise(optimiser, &search);
 }
 
-/* The configured solver; where it fails, stagnates or finds no more, the second one goes on from the best point, or where
- * there is none yet, from the guess. */
+/* The configured solver; if it fails, stagnates or finds nothing better, the second one continues
+ * from the best point, or from the guess if there is none. */
 static void search(tl_attempt *attempt, double value) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -274,9 +279,9 @@ static void search(tl_attempt *attempt, double value) {
     (void)search_from(attempt, lock->fallback, lock->second, from, attempt->best_value, memory->best_residuals);
 }
 
-/* A variable that turned out not to matter is at nominal in what is committed, also where the best candidate is older
- * than that insight. Not where time has ended the search: a cheaper candidate may still fit, but a repetition, which only
- * counts, would have searched on with it. */
+/* A variable without effect is committed at nominal, also if the best candidate is older than that
+ * finding. Not if time has ended the search: a cheaper candidate may still fit, but a repetition,
+ * which only counts, would have used it for the search. */
 static void settle_held(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     double *trial = lock->memory.trial;
@@ -294,7 +299,7 @@ static void settle_held(tl_attempt *attempt) {
     }
 }
 
-/* Evaluates nominal, if it was not and there is time; room in the budget was kept. */
+/* Evaluates nominal if that is not done and there is time; room in the budget is reserved. */
 static void evaluate_nominal(tl_attempt *attempt) {
     if (isnan(attempt->nominal_value) && attempt->fatal == TL_OK && !attempt->late &&
         !attempt->budget->without_nominal) {
@@ -304,8 +309,8 @@ static void evaluate_nominal(tl_attempt *attempt) {
     }
 }
 
-/* Out of tolerance: is the best so far worth committing? Never worse than not synchronising: what cannot be compared with
- * nominal is not committed. */
+/* Whether the best candidate outside the tolerance is worth committing. It must be better than
+ * nominal; without that comparison it is not committed. */
 static tl_outcome defend_nominal(tl_attempt *attempt) {
     tl_stop stop = attempt->stop;
     attempt->closing = true;
@@ -316,7 +321,8 @@ static tl_outcome defend_nominal(tl_attempt *attempt) {
     return better && !tl_attempt_is_blind(attempt) ? TL_BEST_SO_FAR : TL_NOMINAL;
 }
 
-/* The guess is out of tolerance. Where there is no room for what should be tried next, there is none for a search. */
+/* The guess is out of tolerance. If there is no time for the next evaluation, there is none for a
+ * search. */
 static tl_outcome improve(tl_attempt *attempt, double value) {
     tl_lock *lock = attempt->lock;
     value = retreat(attempt, value);
@@ -332,13 +338,13 @@ static tl_outcome improve(tl_attempt *attempt, double value) {
     return defend_nominal(attempt);
 }
 
-/* All is well, but a solver that can guess has not met this twin yet. Left alone until the first error that is too large, it
- * would let the twin wander within the tolerance for as long as the plant is calm. */
+/* All is within tolerance, but a solver that can guess has no data of this twin yet. Without them
+ * the twin would move freely within the tolerance until the first large error. */
 static bool is_stranger(const tl_lock *lock) {
     return !lock->met && lock->solver->is_new != NULL && lock->solver->is_new(lock->optimiser);
 }
 
-/* Once in a run. That a variable does not matter just now is no news while all is well. */
+/* Once per run. While all is well, a variable without effect is not news. */
 static tl_outcome acquaint(tl_attempt *attempt, double value) {
     tl_lock *lock = attempt->lock;
     lock->met = true;
@@ -352,8 +358,8 @@ static tl_outcome acquaint(tl_attempt *attempt, double value) {
     return searched ? TL_OPTIMISED : TL_FIRST_GUESS;
 }
 
-/* A forecast may agree with what came by chance; two candidates that were walked do not. Where there is no room for the second one
- * nothing is said. The better of them is where to go on from. */
+/* A forecast may agree by chance; two simulated candidates do not. Without room for the second one
+ * nothing is concluded. The better of them is the next start. */
 static bool nominal_agrees(tl_attempt *attempt) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -369,7 +375,7 @@ static bool nominal_agrees(tl_attempt *attempt) {
     return change < lock->noise_floor * move;
 }
 
-/* Does what is adjusted not matter at present? */
+/* Whether the adjusted variables have no effect now. */
 static bool is_blind_guess(tl_attempt *attempt, double value) {
     const tl_lock *lock = attempt->lock;
     const tl_lock_memory *memory = &lock->memory;
@@ -384,17 +390,17 @@ static bool is_blind_guess(tl_attempt *attempt, double value) {
     return blind;
 }
 
-/* Guess, then search. What is found is in memory.best, unless the outcome is nominal. A guess that time did not let finish
- * counts as one that was not begun: a repetition knows no difference. */
+/* Guess, then search. The result is in memory.best, unless the outcome is nominal. A guess that
+ * time has cut short counts as not started: a repetition sees no difference. */
 static tl_outcome find(tl_attempt *attempt) {
     tl_lock *lock = attempt->lock;
     double *guess = lock->memory.guess;
     bool by_solver = first_guess(attempt);
     if (attempt->stop == TL_STOP_TIME) {
-        return TL_NOMINAL; /* there was none for a guess */
+        return TL_NOMINAL; /* no time for a guess */
     }
     if (!is_nominal(lock, guess) && !attempt->budget->without_nominal && attempt->limit > 0) {
-        attempt->limit--; /* kept for the nominal */
+        attempt->limit--; /* reserved for nominal */
     }
     if (!tl_attempt_may_evaluate(attempt, guess)) {
         return TL_NOMINAL;
@@ -415,7 +421,7 @@ static tl_outcome find(tl_attempt *attempt) {
     return improve(attempt, value);
 }
 
-/* The twin that is left alone is the nearer one: nothing is searched, but how far off nominal is gets known. */
+/* The free-running twin is nearer: nothing is searched, but nominal is evaluated. */
 static tl_outcome rest(tl_attempt *attempt) {
     attempt->flags |= TL_FLAG_RESTS;
     evaluate_nominal(attempt);
@@ -430,7 +436,8 @@ static void record_outputs(const tl_lock *lock, tl_record *record) {
     }
 }
 
-/* Under a clock: what has passed is committing's, unless it was an execution's. */
+/* With a clock: the time since the last reading belongs to the commit, unless executions took it.
+ */
 static void take_time(tl_lock *lock) {
     if (lock->exchange->costs.now != NULL) {
         lock->times.beside += tl_costs_lap(&lock->exchange->costs);
@@ -462,8 +469,8 @@ static tl_status commit(tl_attempt *attempt, const double *u, tl_record *record)
     return TL_OK;
 }
 
-/* What the outputs do along the horizon of what was committed, if it was a candidate; one step on they can be read off in
- * any case. */
+/* Outputs along the horizon of the committed candidate. One step on, they can be read in any case.
+ */
 static void remember_course(tl_lock *lock, const double *u) {
     tl_lock_memory *memory = &lock->memory;
     size_t samples = tl_objective_samples(&lock->objective);
@@ -484,7 +491,7 @@ static void remember_course(tl_lock *lock, const double *u) {
     lock->courses = at_hand || u == memory->best ? lock->courses + (lock->courses < 2) : 0;
 }
 
-/* What the next step begins with. */
+/* Start of the next step. */
 static void remember(tl_lock *lock, const double *u, const tl_record *record) {
     tl_lock_memory *memory = &lock->memory;
     memmove(memory->committed, u, size_of_sequence(lock));
@@ -502,7 +509,8 @@ static void remember(tl_lock *lock, const double *u, const tl_record *record) {
     }
 }
 
-/* Commits u; where that fails though it did not as a candidate, or nothing was tried, nominal. */
+/* Commits u. If that fails although it did not as a candidate, or if nothing was tried, commits
+ * nominal. */
 static tl_status commit_found(tl_attempt *attempt, const double *u, tl_record *record) {
     tl_lock *lock = attempt->lock;
     const double *nominal = lock->memory.nominal;
@@ -570,7 +578,7 @@ tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget) {
     return costs->read - budget->started;
 }
 
-/* Begins the step; then û is known. */
+/* Starts the step; then û is known. */
 static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record,
                        tl_error *error) {
     tl_lock_refresh(lock, step);
@@ -584,7 +592,7 @@ static tl_status begin(tl_attempt *attempt, tl_lock *lock, int64_t step, const t
     return tl_track_begin(lock->track, error);
 }
 
-/* Did time keep nominal from being evaluated? A repetition must know. */
+/* Whether time has prevented the evaluation of nominal: a repetition must know. */
 static bool is_without_nominal(const tl_attempt *attempt, tl_outcome outcome) {
     return isnan(attempt->nominal_value) && (attempt->stop == TL_STOP_TIME || outcome == TL_NOMINAL);
 }
@@ -593,7 +601,8 @@ static double finite_or_nan(double value) {
     return isfinite(value) ? value : (double)NAN;
 }
 
-/* What did not matter and is not at nominal in what was committed was not held: there was no room to try that. */
+/* A variable without effect that is not committed at nominal was not held: there was no room to try
+ * that. */
 static void forget_unheld(const tl_lock *lock, tl_record *record) {
     for (size_t v = 0; v < lock->horizon.variables && record->held != 0; v++) {
         if (memcmp(&record->u[v], &record->u_hat[v], sizeof record->u[v]) != 0) {
@@ -646,7 +655,7 @@ static void extrapolate(const tl_lock *lock, const double *nominal, double *valu
     }
 }
 
-/* One step with what is known before; u NULL: the last Δu. */
+/* One step without a search; u NULL: with the last Δu. */
 static tl_status step_unsearched(tl_lock *lock, int64_t step, tl_outcome outcome, const double *u, tl_record *record,
                                  tl_error *error) {
     if (lock->horizon.variables == 0) {
@@ -704,7 +713,7 @@ void tl_lock_forget(tl_lock *lock) {
     tl_ledger_forget(&lock->ledger);
 }
 
-/* u stays where it is: so it is as far from another nominal as it is. */
+/* u stays, so its distance from another nominal changes. */
 static void move_nominal(tl_lock *lock, size_t variable, const tl_tuning_adjust *adjust) {
     double before = tl_exchange_nominal(lock->exchange, variable);
     bool moves = adjust->has_nominal != 0 && (adjust->nominal < before || adjust->nominal > before);

@@ -1,11 +1,14 @@
-/* One synchronised step: guess, search, commit (algorithm 3 of the thesis, with DESIGN.md's decisions).
+/* Synchroniser: one synchronised step of guess, search and commit (algorithm 3 of the thesis, with
+ *               the decisions of DESIGN.md).
  *
- * Purpose: finds the u of step i within a budget and commits the step with it; never worse than nominal, never later
- *          than the budget, never nothing.
- * Time:    what a candidate will cost is known before it is begun, from the executions the ledger expects, the time that
- *          executions have taken, and all that is done beside them; room is kept for the solver's thinking after it, for the
- *          committing step, and for nominal's evaluation where that is to come. A candidate that turns out slower is left between
- *          two macro steps. The clock is read once for each macro step, once or twice for each question, and a few times a step.
+ * Purpose: finds the u of step i within a budget and commits the step with it. The result is never
+ *          worse than nominal, never later than the budget, and there always is one.
+ * Time:    the cost of a candidate is predicted before it starts: from the executions in the
+ *          ledger, their measured durations, and the overhead beside them. Time is reserved for the
+ *          solver after it, for the committed step, and for the evaluation of nominal if that is
+ *          still to come. A candidate that is slower than predicted is aborted between two macro
+ *          steps. The clock is read once per macro step, once or twice per evaluation, and a few
+ *          times per step.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_LOCK_H
@@ -22,55 +25,60 @@
 #include "master/sync/lock_state.h"
 #include "master/sync/record.h"
 
-/* What a lock is made of, beside what the plan says. Horizon, adjusted and penalties are copied; all else must outlive it. */
+/* Parts of a synchroniser beside those in the plan. Horizon, adjusted and penalties are copied; all
+ * else must outlive it. */
 typedef struct tl_lock_settings {
-    tl_exchange *exchange; /* its values are placed, and the adjusted inputs are known to it */
-    tl_track *track;       /* NULL where nothing is adjusted */
+    tl_exchange *exchange; /* initialised, with the adjusted inputs placed */
+    tl_track *track;       /* NULL if nothing is adjusted */
     tl_horizon horizon;
     const tl_objective_term *terms; /* plan->match_count */
     tl_adjusted adjusted[TL_MAX_ADJUST];
     tl_objective_penalty penalties[TL_MAX_ADJUST];
-    const tl_optimiser_class *solver;   /* NULL where nothing is adjusted */
+    const tl_optimiser_class *solver;   /* NULL if nothing is adjusted */
     const tl_optimiser_class *fallback; /* NULL: none */
 } tl_lock_settings;
 
-/* Creates the solvers and takes what the lock needs. False when memory is out; tl_lock_end() must be called all the same. */
+/* Creates the solvers and allocates all memory. Returns false if memory is out; tl_lock_end() must
+ * be called in any case. */
 bool tl_lock_init(tl_lock *lock, tl_arena *arena, const tl_plan *plan, const tl_lock_settings *settings);
 
-/* A zeroed lock is allowed. */
+/* Frees the solvers. A zeroed object is allowed. */
 void tl_lock_end(tl_lock *lock);
 
-/* Finds and commits step i. Fills the record but y_hat and `used`. */
+/* Finds and commits step i. Fills the record except y_hat and `used`. */
 tl_status tl_lock_step(tl_lock *lock, int64_t step, const tl_budget *budget, tl_record *record, tl_error *error);
 
-/* Before step i: what the plant feeds is that of t_i, also if it was stood for (mode ahead) when step i − 1 was computed. Done by each of the
- * next three itself. */
+/* Before step i: delivers the plant's sample of t_i, if the newest one stood in for it (mode ahead)
+ *                in step i − 1. The next three functions do this themselves. */
 void tl_lock_refresh(tl_lock *lock, int64_t step);
 
-/* The step's record is made: ns since the budget was begun. There must be a clock. */
+/* Time that the step took, ns since the start of the budget. Called when the record is complete;
+ * needs a clock. */
 tl_time tl_lock_end_step(tl_lock *lock, const tl_budget *budget);
 
-/* Commits step i with nominal and the Δu committed last, without a search. */
+/* Commits step i without a search, with nominal plus the Δu committed last. */
 tl_status tl_lock_make_up(tl_lock *lock, int64_t step, tl_record *record, tl_error *error);
 
-/* Commits step i with this u, which an earlier run has committed, without a search. */
+/* Commits step i without a search, with this u of an earlier run. */
 tl_status tl_lock_follow(tl_lock *lock, int64_t step, const double *u, tl_record *record, tl_error *error);
 
-/* All FMUs have begun anew at the committed instant, with nominal u: what was learned of the twin is forgotten. What is known of the
- * measurements and of what things take stays. */
+/* After a reset of all FMUs at the committed instant, with nominal u: drops what was learned of the
+ * twin. Keeps the noise of the measurements and the durations. */
 void tl_lock_begin_anew(tl_lock *lock);
 
-/* The FMUs have come to another state at the committed instant: where the outputs seemed to go means nothing any more. */
+/* The FMUs have another state at the committed instant: drops the extrapolation of the outputs. */
 void tl_lock_go_on_elsewhere(tl_lock *lock);
 
-/* Between steps: what tl_lock_archive() does not keep is forgotten, but for what things take. */
+/* Between steps: drops all that tl_lock_archive() does not keep, except durations. */
 void tl_lock_forget(tl_lock *lock);
 
-/* From the next step on. The tuning was checked, and fits; its bounds are within those that the FMUs declare. `terms` are those of the settings.
- * What was learned of the twin, and what was committed, stays. */
+/* Applies a tuning from the next step on. The tuning is checked and fits, and its bounds are within
+ * those of the FMUs. `terms` are those of the settings. All that was learned and committed stays.
+ */
 void tl_lock_retune(tl_lock *lock, tl_objective_term *terms, const tl_tuning *tuning);
 
-/* What a step without a search needs of the steps before it, and the noise of the measurements; solvers begin anew. */
+/* Archives what steps without a search need of earlier steps, and the noise of the measurements.
+ * Solvers start empty. */
 void tl_lock_archive(tl_lock *lock, tl_archive *archive);
 
 #endif

@@ -1,4 +1,4 @@
-/* The objective: see objective.h. */
+/* Objective: see objective.h. */
 #include "master/sync/objective.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@ size_t tl_objective_samples(const tl_objective *objective) {
     return objective->horizon->prediction - objective->horizon->distance + 1;
 }
 
-/* What does not change from step to step. */
+/* Sets what is constant over steps. */
 static void place_target(const tl_objective *objective, const tl_objective_term *term, tl_objective_target *target) {
     if (term->port->type == TL_REAL) {
         target->real = tl_exchange_output(objective->exchange, term->port);
@@ -33,7 +33,7 @@ static void place_targets(tl_objective *objective) {
     }
 }
 
-/* Whether there are any, and how many residuals there are then. */
+/* Whether there are penalties, and the number of residuals. */
 static void count_residuals(tl_objective *objective) {
     size_t count = tl_objective_samples(objective) * objective->matched + objective->damping_count;
     objective->penalised = false;
@@ -71,12 +71,12 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
 
 /* ---- another tuning ---- */
 
-/* Of a residual that is there now and then; one that was not there is not known, which is a slope of nothing. */
+/* Factor of a residual that may be absent; an absent one is unknown, which is a slope of zero. */
 static double growth(double before, double now) {
     return before > 0.0 ? now / before : 1.0;
 }
 
-/* Of the samples, whose terms are still those of before. */
+/* Of the samples; the terms still have their old values. */
 static double *compare_terms(const tl_objective *objective, const tl_tuning *tuning, double *factors) {
     for (size_t sample = 0; sample < tl_objective_samples(objective); sample++) {
         for (size_t i = 0; i < objective->term_count; i++) {
@@ -130,7 +130,7 @@ static void watch_noise(const tl_objective *objective) {
     }
 }
 
-/* Whether a measurement shows unknown `m` of a variable as soon as it can be felt. */
+/* Whether a measurement shows unknown `m` of a variable at its first effect. */
 static bool is_seen(const tl_objective *objective, size_t variable, uint32_t m) {
     const tl_horizon *horizon = objective->horizon;
     size_t i = 0;
@@ -185,7 +185,7 @@ static double y_of(const tl_objective_target *target) {
     return target->real != NULL ? *target->real : (double)*target->integer;
 }
 
-/* Beyond the bend the square of the residual grows linearly. */
+/* Beyond the limit the square of the residual grows linearly. */
 static double bend(double difference, double huber) {
     double size = fabs(difference);
     return size <= huber ? difference : copysign(sqrt(huber * (2.0 * size - huber)), difference);
@@ -225,7 +225,8 @@ double tl_objective_sample(const tl_objective *objective, int64_t tick, const do
     return sum;
 }
 
-/* All of them are filled, so that whoever remembers how they change need not care which belong to J. */
+/* All of them are filled, so that a solver that stores their changes need not know which belong to
+ * J. */
 static double damp(const tl_objective *objective, const double *u, const double *before, double *residuals) {
     const tl_horizon *horizon = objective->horizon;
     double sum = 0.0;

@@ -1,14 +1,16 @@
-/* The objective: how far the simulated outputs are from the measured ones, in units of their tolerances.
+/* Objective: distance of the simulated from the measured outputs, in units of their tolerances.
  *
- * Purpose: J = Σ residuals² (eq. 4.3, DESIGN.md). A residual is √weight·(y − ŷ)/tolerance at one horizon sample from the
- *          output's own T_D to T_P, beyond `huber` tolerances √weight·√(2·huber·|d| − huber²) with its sign; or a penalty,
- *          √factor·(u − û)/step or √factor·(u − the u before)/step. J < 1 reads "within tolerance" at one sample. A ŷ
- *          whose quality is not good has no weight.
- * Unseen:  in a dynamic horizon a sample may be missing at the instant at which an unknown is first felt, as between two messages. Only the sum of
- *          several unknowns is seen then, and they may swing against each other. So such an unknown is damped: √TL_UNSEEN_RATE·(u − the u
- *          before)/step belongs to J, if the penalty of its rate is not that large anyway.
- * Use:     once per step tl_objective_prepare(); then, for each candidate, tl_objective_at() at each depth and
- *          tl_objective_penalise() once.
+ * Purpose: J = Σ residuals² (eq. 4.3, DESIGN.md). A residual is √weight·(y − ŷ)/tolerance at one
+ *          horizon sample, from the output's own T_D to T_P. Beyond `huber` tolerances it is
+ *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
+ *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A
+ *          ŷ that is not good has weight 0.
+ * Unseen:  in a dynamic horizon the sample may be missing at which an unknown first has an effect,
+ *          as between two messages. Then only the sum of several unknowns is observable, and they
+ *          may swing against each other. Such an unknown is damped: √TL_UNSEEN_RATE·(u − u
+ *          before)/step is added to J, unless the rate penalty is larger.
+ * Use:     tl_objective_prepare() once per step; then for each candidate tl_objective_at() at each
+ *          depth and tl_objective_penalise() once.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_SYNC_OBJECTIVE_H
@@ -30,7 +32,7 @@ typedef struct tl_objective_term {
     double tolerance;
     double weight; /* 0: compared only */
     double huber;  /* 0: none */
-    int32_t shift; /* ŷ of t_j is in the sample of tick j + shift (Δo); before tick 0 there is none */
+    int32_t shift; /* ŷ of t_j is in the sample of tick j + shift (Δo); there is none before tick 0 */
 } tl_objective_term;
 
 /* Penalties of one adjusted variable. */
@@ -40,13 +42,13 @@ typedef struct tl_objective_penalty {
     double step;
 } tl_objective_penalty;
 
-/* Of unknowns that no sample sees; measured: a tenth of it is too little at T_P = 6. */
+/* Damping of unknowns that no sample sees. Measured: a tenth of it is too little at T_P = 6. */
 #define TL_UNSEEN_RATE 1e-2
 
-/* One matched output at one horizon sample, as prepared. */
+/* One matched output at one horizon sample, prepared for the step. */
 typedef struct tl_objective_target {
-    const double *real;         /* where y is; NULL: */
-    const fmi2Integer *integer; /* here */
+    const double *real;         /* address of y; NULL: it is an integer */
+    const fmi2Integer *integer; /* address of y; NULL: it is Real */
     double value;               /* ŷ, in y's unit */
     double scale;               /* 1/tolerance; 0: not measured */
     double root_weight;
@@ -64,62 +66,65 @@ typedef struct tl_objective {
     tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
     tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
     size_t damping_count;         /* residuals of unknowns that may be unseen: all of a dynamic horizon, or none */
-    bool *damped;                 /* of each of these: in this step it belongs to J */
-    size_t residual_count;        /* of the samples, of the damping, then of the penalties, */
-    size_t residual_most;         /* and if there were penalties */
+    bool *damped;                 /* of each of these: it belongs to J in this step */
+    size_t residual_count;        /* of samples, damping and penalties, in this order */
+    size_t residual_most;         /* the same with all penalties */
 } tl_objective;
 
-/* What an objective is made of. The penalties are copied; all else must outlive it. */
+/* Parts of an objective. The penalties are copied; all else must outlive it. */
 typedef struct tl_objective_settings {
-    const tl_exchange *exchange; /* its values are placed */
+    const tl_exchange *exchange; /* initialised */
     const tl_horizon *horizon;
     const tl_objective_term *terms;
     size_t term_count;
     const tl_objective_penalty *penalties; /* one for each adjusted variable */
-    bool damps; /* unknowns that no sample sees: not Boolean ones, which cannot move a little */
+    bool damps; /* damps unknowns that no sample sees; not for Booleans, which cannot move a little */
 } tl_objective_settings;
 
-/* False when memory is out. */
+/* Returns false if memory is out. */
 bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_objective_settings *settings);
 
-/* From the next step on. `terms` are those of the objective, which get these values; the penalties are copied. factors[i], of residual_most, is how
- * much larger residual i of the same difference is than it was. */
+/* Applies a tuning from the next step on. `terms` are those of the objective and get the new
+ * values; the penalties are copied. factors[i], of residual_most, is by how much residual i of the
+ * same difference has grown. */
 void tl_objective_retune(tl_objective *objective, tl_objective_term *terms, const tl_tuning *tuning, double *factors);
 
-/* Looks up the measurements that step i is matched with, and which unknowns they do not see; false where none of them is good. */
+/* Looks up the measurements for step i, and which unknowns they do not see. Returns false if none
+ * of them is good. */
 bool tl_objective_prepare(tl_objective *objective, int64_t step);
 
-/* What the outputs as they stand contribute `depth` steps (T_D … T_P) after t_i; fills their part of the residuals, and of
- * the course: the y themselves, `matched` of them at each sample. */
+/* Contribution of the present outputs to J, `depth` steps (T_D … T_P) after t_i. Fills their part
+ * of the residuals and of the course: `matched` values of y per sample. */
 double tl_objective_at(const tl_objective *objective, uint32_t depth, double *residuals, double *course);
 
-/* What u costs beside: its rate if it is damped, its distance from nominal and its rate; fills the rest of the residuals, also of what is not damped in this
- * step. `before` is the u of the step before, by variable. */
+/* Contribution of u itself to J: damping, deviation from nominal, and rate. Fills the rest of the
+ * residuals, also those that do not belong to J in this step. `before`: u of the step before, by
+ * variable. */
 double tl_objective_penalise(const tl_objective *objective, const double *u, const double *nominal,
                              const double *before, double *residuals);
 
-/* The residuals of the samples to be expected one step after a candidate with this course was committed, if its u is held: its
- * samples come one nearer, and the outputs go on from the last one as they went from `earlier` (the y of the sample before)
- * to it. Penalties are left out. */
+/* Residuals to be expected one step after a candidate with this course is committed and its u held.
+ * Its samples shift by one; the new last one extrapolates from `earlier` (y of the sample before)
+ * through the last. Penalties are left out. */
 void tl_objective_forecast(const tl_objective *objective, const double *course, const double *earlier,
                            double *residuals);
 
-/* What the noise of the measurements contributes to the square of each residual, on average; penalties have none. */
+/* Mean contribution of the measurement noise to the square of each residual; 0 for penalties. */
 void tl_objective_noise(const tl_objective *objective, double *squares);
 
-/* What these y of the matched outputs cost against the plant of `tick`, wherever that lies. */
+/* Cost of these y of the matched outputs, compared with the plant at `tick`. */
 double tl_objective_sample(const tl_objective *objective, int64_t tick, const double *y);
 
 /* Samples of the horizon: T_P − T_D + 1. */
 size_t tl_objective_samples(const tl_objective *objective);
 
-/* The largest change of a sample's residual between two candidates, in tolerances. */
+/* Largest change of a sample's residual between two candidates, in tolerances. */
 double tl_objective_change(const tl_objective *objective, const double *residuals, const double *others);
 
-/* y of each matched term as it stands now. */
+/* y of each matched term now. */
 void tl_objective_matched(const tl_objective *objective, double *y);
 
-/* y of one term as it stands, and the ŷ that is paired with y at t_tick; ŷ in y's unit. */
+/* y of one term now; and the ŷ that is paired with the y of t_tick, in the unit of y. */
 double tl_objective_y(const tl_objective *objective, size_t term);
 double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
 

@@ -1,4 +1,4 @@
-/* The proof of rollback before a run, and the choice of the faster of two exact methods: see proof.h. */
+/* Rollback proof, and choice of the faster of two exact methods: see proof.h. */
 #include "master/sync/proof.h"
 
 #include <math.h>
@@ -7,16 +7,16 @@
 #include "master/sync/attempt.h"
 #include "master/sync/verifier.h"
 
-/* ---- faster way ---- */
+/* ---- faster method ---- */
 
-/* ns: less is not worth a change, and on a slow machine chance decides on it. */
+/* ns: a smaller gain is not worth a change, and on a slow machine it would be random. */
 static const tl_time WORTH = 10000;
 
-/* ns: of one way, once there are rounds enough to have a middle. */
+/* ns for one method, once there are enough rounds for a median. */
 static const tl_time LONGEST = 20000000;
 enum { FEWEST = 3 };
 
-/* One component's. */
+/* Of one component. */
 typedef struct race {
     tl_exchange *exchange;
     size_t index;
@@ -72,7 +72,8 @@ static void put(tl_time *times, int count, tl_time time) {
     times[i] = time;
 }
 
-/* The middle one of some rounds; not the first, which may have to allocate. 0: a step fails, which the proof has seen or need not see. */
+/* Median of some rounds without the first, which may allocate. 0: a step failed, which the proof
+ * reports or need not report. */
 static tl_time take_time(race *self) {
     tl_time times[TL_FASTER_WAY_ROUNDS];
     tl_time took;
@@ -87,7 +88,7 @@ static tl_time take_time(race *self) {
     return status == TL_OK ? times[count / 2] : 0;
 }
 
-/* To the copy, which knows of no state of its own: none is left. */
+/* Switches to the copy, which has no state of its own: all states are freed. */
 static tl_status begin_anew(race *self) {
     tl_component_forget(self->component, &self->state);
     self->by_copy = true;
@@ -123,9 +124,11 @@ static tl_status choose(race *self, bool *taken) {
     return status;
 }
 
-/* While a proof goes on (tl_exchange_keep()), with all components where it began, at the beginning of step `first`, proved by their states, and none of these states but those of tl_exchange_save() there:
- * decides for each that has a choice. `now`: ns. *taken: for a copy, of one at least. Everything stands where it stood, and is saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be led back there, and
- * exchange->failed is which. */
+/* During a proof (tl_exchange_keep()), with all components at the start of step `first`, proved by
+ * their states, and with no other states than those of tl_exchange_save(): decides for each
+ * component that has a choice. `now`: ns. *taken: at least one uses a copy. All are where they
+ * were, and saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored, and
+ * *culprit is its index. */
 static tl_status tl_faster_way_choose(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock), void *clock,
                                       bool *taken, tl_error *error) {
     bool any = false;
@@ -168,7 +171,9 @@ static void note_outputs(const tl_exchange *exchange, const tl_graph *graph, dou
 
 #define NOBODY SIZE_MAX
 
-/* After `step` + 1 steps from a state. Compares the outputs of all FMUs with those noted, to the bit. What one does with another's wrong output comes a step later: the first is the culprit. */
+/* After `step` + 1 steps from a state: compares the outputs of all FMUs with the noted ones, to the
+ * bit. A wrong output affects others one step later, so the first one that differs is the culprit.
+ */
 static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *graph, const double *outputs, int step,
                                  size_t *culprit, tl_error *error) {
     for (size_t i = 0; i < graph->port_count; i++) {
@@ -190,7 +195,7 @@ static tl_status compare_outputs(const tl_exchange *exchange, const tl_graph *gr
     return TL_OK;
 }
 
-/* ---- elsewhere ---- */
+/* ---- other inputs ---- */
 
 /* Within so many first steps of the search: as far as it may soon go. */
 static const double FAR = 4.0;
@@ -199,7 +204,7 @@ static double within(const tl_adjusted *adjusted, double value) {
     return fmin(fmax(value, adjusted->lower), adjusted->upper);
 }
 
-/* Leads all states away from where they were: a horizon with other inputs. It may fail, as any candidate may. */
+/* Moves all states away: a horizon with other inputs. It may fail, as any candidate may. */
 static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error) {
     double *u = lock->memory.trial;
     tl_status status = TL_OK;
@@ -218,7 +223,7 @@ static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* Far up, far down, and back; what is Boolean, off and on. */
+/* Far up, far down, and back; Booleans false and true. */
 static double swept(const tl_adjusted *adjusted, double now, int step) {
     if (adjusted->is_boolean) {
         return step % 2 == 0 ? 1.0 - now : now;
@@ -233,7 +238,7 @@ static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size
     }
 }
 
-/* As fast as inputs may change, and as far. It may fail, too. */
+/* As fast and as far as inputs may change. It may fail, too. */
 static tl_status sweep(const tl_proof *proof, const tl_lock *lock, int64_t first, size_t noted, tl_error *error) {
     double now[TL_MAX_ADJUST];
     tl_status status = TL_OK;
@@ -250,9 +255,9 @@ static tl_status sweep(const tl_proof *proof, const tl_lock *lock, int64_t first
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* ---- there and back ---- */
+/* ---- rollback ---- */
 
-/* The one whose state could not be saved or restored. */
+/* The component whose state could not be saved or restored. */
 static size_t find_failed(const tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->component_count; i++) {
         if (exchange->components[i].mode == TL_MODE_FAILED) {
@@ -262,18 +267,18 @@ static size_t find_failed(const tl_exchange *exchange) {
     return NOBODY;
 }
 
-/* What is under way. */
+/* State of a proof. */
 typedef struct proof_attempt {
     tl_proof *proof;
     tl_lock *lock;
     const tl_graph *graph;
     int64_t first;
-    int steps; /* that could be made */
+    int steps; /* steps that were possible */
     size_t culprit;
-    tl_restore_cause cause; /* as far as it shows in how it failed */
+    tl_restore_cause cause; /* the cause, as far as the kind of failure shows it */
 } proof_attempt;
 
-/* Who is to blame for a failure that was no step's. */
+/* The culprit of a failure that is not a step's. */
 static tl_status blame(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
         const tl_exchange *exchange = self->lock->exchange;
@@ -289,7 +294,8 @@ static tl_status save_midst(proof_attempt *self, tl_error *error) {
     return blame(self, tl_snapshot_take(&self->proof->midst, error));
 }
 
-/* After a step from the beginning. Who was led there otherwise than by states, and not exactly, does not do what it did at first. */
+/* After a step from the start: a component that was restored otherwise than by states, and not
+ * exactly, does not repeat its first outputs. */
 static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
     tl_proof *proof = self->proof;
     double *outputs = &proof->outputs[(size_t)self->steps * self->graph->port_count];
@@ -301,7 +307,8 @@ static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
     return TL_OK;
 }
 
-/* Steps as they are, their outputs noted. Of the first one a failure is one, of a later one the end, unless it is fatal. */
+/* Steps with the present inputs, their outputs noted. A failure of the first one is an error, of a
+ * later one the end, unless it is fatal. */
 static tl_status take_steps(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->lock->exchange;
     tl_status saved = TL_OK;
@@ -317,7 +324,7 @@ static tl_status take_steps(proof_attempt *self, tl_error *error) {
     return saved != TL_OK ? saved : goes_on ? TL_OK : status;
 }
 
-/* Led back, one fails in a step that it had done. */
+/* After a rollback a component fails in a step that it had executed. */
 static tl_status tell_refusal(proof_attempt *self, tl_error *error) {
     const tl_error failed = *error;
     self->culprit = find_failed(self->lock->exchange);
@@ -342,7 +349,7 @@ static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
     return status;
 }
 
-/* To where it began. Who cannot even be led there is to blame. */
+/* Restores the start. A component that cannot be restored is the culprit. */
 static tl_status attempt_go_back(proof_attempt *self, tl_error *error) {
     return blame(self, tl_exchange_restore(self->lock->exchange, error));
 }
@@ -374,7 +381,7 @@ static tl_status prove(proof_attempt *self, tl_error *error) {
     status = status == TL_OK ? attempt_go_back(self, error) : status;
     status = status == TL_OK ? repeat_steps(self, 0, error) : status;
     status = status == TL_OK ? attempt_go_back(self, error) : status;
-    return status == TL_OK ? attempt_save(self, error) : status; /* it may have done what no copy takes back */
+    return status == TL_OK ? attempt_save(self, error) : status; /* it may have done something that no copy undoes */
 }
 
 void tl_proof_end(tl_proof *proof) {
@@ -384,9 +391,10 @@ void tl_proof_end(tl_proof *proof) {
     proof->has_midst = false;
 }
 
-/* ---- why ---- */
+/* ---- cause ---- */
 
-/* What the culprit is given in the steps, and in those that lead elsewhere; all are led back by what is no state. */
+/* Inputs of the culprit in the steps, and in those that lead elsewhere; all are restored without
+ * states. */
 static bool note_ways(const proof_attempt *self) {
     tl_exchange *exchange = self->lock->exchange;
     tl_error ignored;
@@ -405,7 +413,7 @@ static bool note_ways(const proof_attempt *self) {
            tl_exchange_come_back(exchange, self->culprit, NULL);
 }
 
-/* It is asked only if all that it knows can be copied. */
+/* Called only if there can be a full copy. */
 static tl_restore_cause find_cause(const proof_attempt *self) {
     tl_exchange *exchange = self->lock->exchange;
     tl_component *culprit = &exchange->components[self->culprit];
@@ -430,13 +438,15 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
     return found != TL_CAUSE_UNKNOWN ? found : cause;
 }
 
-/* Whether there is another way for who is to blame, by which all stand where they began. Else the error says in which way it is wrong. */
+/* Whether the culprit has another method, by which all are restored to the start. Otherwise the
+ * error names the cause. */
 static bool take_other_way(proof_attempt *self, tl_error *error) {
     tl_exchange *exchange = self->lock->exchange;
     tl_restore_cause cause = find_cause(self);
     const char *why = tl_restore_cause_text(cause);
     if (tl_exchange_come_back(exchange, self->culprit, why)) {
-        /* Led there by a copy it is where it was, and may yet go on otherwise: nobody else's exceptions are seen by it any more. */
+        /* A component that is restored by a copy is where it was, but may continue differently: it
+         * does not see the exception flags of others any more. */
         self->proof->noted =
             tl_component_keeping_takes(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
         return true;
@@ -447,7 +457,7 @@ static bool take_other_way(proof_attempt *self, tl_error *error) {
     return false;
 }
 
-/* ---- the whole ---- */
+/* ---- one proof ---- */
 
 bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph) {
     *proof = (tl_proof){.value_bytes = 1};
@@ -466,9 +476,9 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
                             exchange->values_size);
 }
 
-/* ---- what is proved of those that have a copy as well ---- */
+/* ---- proof of components that also have a copy ---- */
 
-/* NOBODY: nobody has. */
+/* NOBODY: none has. */
 static size_t find_choice(const tl_exchange *exchange) {
     size_t i = 0;
     while (i < exchange->component_count &&
@@ -485,7 +495,8 @@ static void let_say_final(const tl_exchange *exchange, bool final) {
     }
 }
 
-/* The same steps, each said to be final, which a trial is not, and most that are committed are. No state leads back from there: those that have a copy come back by that. */
+/* The same steps, each marked as final; candidates are not, most committed steps are. No state
+ * restores from there: components with a copy are restored by it. */
 static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error) {
     tl_exchange *exchange = self->lock->exchange;
     let_say_final(exchange, true);
@@ -502,7 +513,8 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
     return status == TL_OK ? tl_exchange_save(exchange, error) : status;
 }
 
-/* States are proved. Who is led back by a copy from now on may go on otherwise, see above. If nobody is (*taken), there are as many states as there were. */
+/* States are proved. A component that uses a copy from now on may continue differently, see above.
+ * Without one (*taken), there are as many states as before. */
 static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
     tl_proof *proof = self->proof;
     bool had_midst = proof->has_midst;
@@ -527,7 +539,7 @@ static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *
     return status;
 }
 
-/* ---- the whole, again and again ---- */
+/* ---- repeated proofs ---- */
 
 tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error) {
@@ -548,7 +560,7 @@ tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *g
             is_settled = status == TL_OK;
         }
         if (status != TL_OK) {
-            tl_proof_end(proof); /* who comes back otherwise has no states of this kind any more */
+            tl_proof_end(proof); /* a component with another method has no states of this kind any more */
             again = status == TL_FMU_FAILED && attempt.culprit != NOBODY && take_other_way(&attempt, error);
         }
         proof->culprit = attempt.culprit;

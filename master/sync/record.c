@@ -1,4 +1,4 @@
-/* How a record begins; names of outcomes, of reasons to stop, and of flags. */
+/* Initial record; names of outcomes, of reasons to stop, and of flags. */
 #include "master/sync/record.h"
 
 #include <math.h>

@@ -1,4 +1,4 @@
-/* Verification of restored states, and which cause a difference has: see verifier.h. */
+/* Verification of restored states, and the cause of a difference: see verifier.h. */
 #include "master/sync/verifier.h"
 
 #include <string.h>
@@ -27,9 +27,9 @@ const char *tl_restore_cause_text(tl_restore_cause cause) {
     return texts[cause];
 }
 
-/* ---- ways to go ---- */
+/* ---- experiments ---- */
 
-/* A twentieth more of each input that is a real number. */
+/* Each Real input plus a twentieth. */
 static void move_inputs(tl_ports *inputs) {
     for (size_t i = 0; i < inputs->real_count; i++) {
         inputs->reals[i] += ASTRAY * (inputs->reals[i] < 0.0 || inputs->reals[i] > 0.0 ? inputs->reals[i] : 1.0);
@@ -45,7 +45,7 @@ static tl_status take_step(const tl_restore_trial *trial, int64_t step, tl_error
     return tl_component_step(trial->component, tl_seconds(at), tl_seconds(trial->macro_step), false, error);
 }
 
-/* *same NULL: the outputs are noted; else whether they are those that were. */
+/* *same NULL: notes the outputs; else whether they are equal to the noted ones. */
 static tl_status take_steps(const tl_restore_trial *trial, bool *same, tl_error *error) {
     tl_component *component = trial->component;
     tl_status status = TL_OK;
@@ -61,7 +61,7 @@ static tl_status take_steps(const tl_restore_trial *trial, bool *same, tl_error 
     return status;
 }
 
-/* What lies between save and restore. */
+/* What happens between save and restore. */
 typedef enum between { NOTHING, VALUES, NEAR, STATE, FAR } between;
 
 static tl_status set_values(const tl_restore_trial *trial, tl_error *error) {
@@ -100,7 +100,8 @@ static tl_status come_back(const tl_restore_trial *trial, tl_error *error) {
                : tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", trial->component->name);
 }
 
-/* Saved and restored, with that between; then whether they are the same. The caller's handle is as it was once the FMU is back; others are given back. */
+/* Saves, executes that, restores, and compares. The caller's handle is valid again once the FMU is
+ * restored; others are freed. */
 static tl_status lead_back(const tl_restore_trial *trial, between how, bool *same, tl_error *error) {
     tl_component *component = trial->component;
     fmi2FMUstate state = trial->state;
@@ -116,7 +117,7 @@ static tl_status lead_back(const tl_restore_trial *trial, between how, bool *sam
     return status;
 }
 
-/* What is tried, one after the other: the first that is not the same is the cause. */
+/* Experiments in this order: the first that differs is the cause. */
 static tl_status try(const tl_restore_trial *trial, tl_restore_cause which, bool *same, tl_error *error) {
     static const between ways[TL_RESTORE_CAUSES] = {[TL_CAUSE_COLD] = NOTHING,
                                                     [TL_CAUSE_PARAMETERS] = VALUES,
@@ -133,7 +134,7 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
     tl_error ignored;
     *cause = TL_CAUSE_UNKNOWN;
     tl_status status = take_steps(trial, NULL, error);
-    bool failed = status == TL_FMU_FAILED; /* which says nothing of a restore */
+    bool failed = status == TL_FMU_FAILED; /* says nothing about a restore */
     status = status == TL_FMU_FATAL ? status : come_back(trial, error);
     for (tl_restore_cause which = TL_CAUSE_UNSTEADY;
          which <= TL_CAUSE_EVENTS && status == TL_OK && !failed && *cause == TL_CAUSE_UNKNOWN; which++) {
@@ -147,13 +148,14 @@ tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause 
 
 /* ---- verifier ---- */
 
-/* Places beside those of the steps that are noted: what a step gives again, and what is in the ports between two ticks. */
+/* Entries beside the noted steps: the repeated outputs, and the port values between two ticks. */
 enum { AGAIN = TL_VERIFIED_STEPS, PRESENT, PLACES };
 
-/* States that it keeps of each component: the earlier one, and where it is. */
+/* States of each component: the earlier one, and the present one. */
 enum { STATES = 2 };
 
-/* Bytes of a copy of all that an FMU knows, its states among it, that are taken only to look at it. Dymola's 13 MiB are less. */
+/* Largest copy of an FMU, including its states, that is made only for verification. Dymola's 13 MiB
+ * are below it. */
 static const size_t MOST_COPIED = (size_t)16 << 20;
 
 static size_t greater(size_t a, size_t b) {
@@ -196,7 +198,7 @@ static void enter(tl_verifier *verifier, tl_verifier_phase phase) {
     verifier->waited = 0;
 }
 
-/* The next step that is committed is noted. */
+/* The next committed step is noted. */
 static void note_next(tl_verifier *verifier) {
     verifier->note = (tl_exchange_note){.component = verifier->component,
                                         .inputs = inputs_of(verifier, verifier->noted),
@@ -247,13 +249,14 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
             enter(verifier, TL_VERIFIER_REPEATS);
         }
     } else if (verifier->phase != TL_VERIFIER_RESTS && verifier->waited >= verifier->every) {
-        end_turn(verifier); /* there was no time for so long, or its state is not kept: another one's turn */
+        end_turn(
+            verifier); /* there was no time for so long, or its state is not available: the next component's turn */
     }
 }
 
-/* ---- there and back ---- */
+/* ---- rollback and return ---- */
 
-/* Where it is now, to come back to. */
+/* The present state, to be restored. */
 static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
     *is_kept = tl_component_keeping_takes(at_hand(verifier)) <= MOST_COPIED && tl_component_keep(at_hand(verifier));
     return *is_kept ? TL_OK
@@ -268,7 +271,7 @@ static tl_status verifier_come_back(tl_verifier *verifier, bool is_kept, tl_erro
                    : tl_component_restore(at_hand(verifier), verifier->verified[verifier->component].aside, error);
 }
 
-/* Makes the states of one; how long the way is. */
+/* Creates the states of one component and measures the duration of a rollback. */
 static tl_status try_way(tl_verifier *verifier, tl_error *error) {
     fmi2FMUstate *earlier = &verifier->verified[verifier->component].earlier;
     bool is_kept = false;
@@ -284,7 +287,7 @@ tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_e
     size_t count = verifier->every != 0 ? verifier->exchange->component_count : 0;
     for (size_t i = 0; i < count && status == TL_OK; i++) {
         verifier->component = i;
-        status = try_way(verifier, error); /* what is done first takes longest: that is not its time */
+        status = try_way(verifier, error); /* the first run takes longest and is not typical */
         tl_time begun = has_clock ? budget->now(budget->context) : 0;
         status = status == TL_OK ? try_way(verifier, error) : status;
         verifier->verified[i].there_and_back = has_clock ? budget->now(budget->context) - begun : 0;
@@ -304,7 +307,7 @@ static bool has_time(const tl_verifier *verifier, const tl_budget *budget, tl_ti
     return budget->now(budget->context) - budget->started + TL_VERIFIER_ROOM * need < budget->time;
 }
 
-/* A component that is left out, or that a candidate has made fail, has no turn. */
+/* An excluded component, or one that a candidate has made fail, has no turn. */
 static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error *error) {
     tl_verified *one = &verifier->verified[verifier->component];
     bool taken = false;
@@ -326,7 +329,8 @@ static tl_status begin(tl_verifier *verifier, const tl_budget *budget, tl_error 
     return status;
 }
 
-/* The first output that is not what was noted. Its values in the ports are as noted afterwards. */
+/* The first output that differs from the noted one. Afterwards its values in the ports are the
+ * noted ones. */
 static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_finding *finding) {
     const tl_exchange *exchange = verifier->exchange;
     const tl_ports *outputs = &at_hand(verifier)->outputs;
@@ -352,7 +356,8 @@ static bool differs(const tl_verifier *verifier, size_t place, tl_verifier_findi
     return true;
 }
 
-/* All that was noted once more, from the earlier state. A failure is a finding, unless it is fatal. */
+/* Executes all noted steps again from the earlier state. A failure is a finding, unless it is
+ * fatal. */
 static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *finding, bool *found, tl_error *error) {
     tl_component *component = at_hand(verifier);
     tl_exchange *exchange = verifier->exchange;
@@ -369,7 +374,7 @@ static tl_status execute_again(tl_verifier *verifier, tl_verifier_finding *findi
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* What is in the places of the steps is needed no more. */
+/* The noted steps are not needed any more. */
 static tl_status find_cause(tl_verifier *verifier, tl_restore_cause *cause, tl_error *error) {
     const tl_restore_trial trial = {
         .component = at_hand(verifier),
@@ -393,7 +398,7 @@ static void count(tl_verifier *verifier, uint64_t executions, bool found) {
     component->executions = executions;
 }
 
-/* The component's values and its count are put back as well. */
+/* Restores the component's values and count as well. */
 static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
                         tl_error *error) {
     tl_component *component = at_hand(verifier);

@@ -1,4 +1,4 @@
-/* Verification of restored states, and which cause a difference has.
+/* Verification of restored states during the run, and the cause of a difference.
  *
  * Thread:  the one that steps the twin.
  */
@@ -16,74 +16,81 @@
 #include "master/graph/graph.h"
 #include "master/sync/record.h"
 
-/* ---- Why an FMU does not come back to where it was: found out by leading it back in several ways.
+/* ---- Cause of an inexact rollback.
  *
- * Purpose: a word for who asks the FMU's vendor, or reads of it. Each is by what was seen, and not by what exporter it is. It takes a copy of all that the FMU knows
- *          beside its states (tl_component_keep()), to which it always comes back.
- * Thread:  the twin's. It takes some twenty steps, and so the time of none that has a deadline.
+ * Purpose: names the cause for the user and the FMU's vendor, from experiments and not from the
+ *          exporter's name. It needs a full copy of the FMU besides its states
+ *          (tl_component_keep()), from which it can always be restored.
+ * Thread:  the twin's. Takes some twenty steps, so it never runs in a cycle with a deadline.
  */
 
-/* A component that stands at the beginning of `step`, and what it is given in `steps` steps from there on. */
+/* A component at the beginning of `step`, and its inputs for `steps` steps from there on. */
 typedef struct tl_restore_trial {
     tl_component *component;
     tl_time macro_step; /* ns */
     int64_t step;
     unsigned steps;
-    fmi2FMUstate state;          /* one that there is, or NULL */
-    const unsigned char *inputs; /* of the steps, one behind the other, so many bytes apart; */
+    fmi2FMUstate state;          /* an existing state, or NULL */
+    const unsigned char *inputs; /* of the steps, one after the other, each of input_bytes */
     size_t input_bytes;
-    const unsigned char *elsewhere; /* what leads it far from there, in as many steps; NULL: that is not tried */
-    unsigned char *outputs;         /* scratch: the same, of steps + 1 */
+    const unsigned char *elsewhere; /* inputs that lead it far away in as many steps; NULL: not tried */
+    unsigned char *outputs;         /* scratch: outputs of steps + 1 steps */
     size_t output_bytes;
 } tl_restore_trial;
 
-/* What that means, for people: "incomplete state: …"; "" of one that says nothing. */
+/* Description of a cause: "incomplete state: …"; "" if it is unknown. */
 const char *tl_restore_cause_text(tl_restore_cause cause);
 
-/* The component has been kept, and stands where it did afterwards; what is in its ports is anything. Errors: TL_FMU_FAILED: it could not be brought back;
- * TL_FMU_FATAL. */
+/* Determines the cause. The component must have been kept and is left where it was; its port values
+ * are undefined. Errors: TL_FMU_FAILED if it could not be restored; TL_FMU_FATAL. */
 tl_status tl_restore_cause_find(const tl_restore_trial *trial, tl_restore_cause *cause, tl_error *error);
 
-/* ---- Whether FMUs still come back to where they were: for as long as a twin runs, committed steps are executed again, and must give the same bits.
+/* ---- Verification: executes committed steps again after a rollback and compares the bits, for as
+ * long as a twin runs.
  *
- * Purpose: the proof (proof.h) sees an FMU where it begins, and some are exact there and wrong later. So one component after the other takes its turn: its
- *          state at the committed instant is saved, what it is given in the next TL_VERIFIED_STEPS committed steps is noted, and what it gives;
- *          then it is led back, is given the same again, and is led to where it was.
- * No harm:  if there is a copy of all that it knows beside its own states (tl_fmi2_aside), of 16 MiB at most, that copy leads it to where it was, and not a state of the kind
- *          that is in question. Values, caches and counts of executions are as if nothing had been: what is executed here is counted apart.
- * Time:    between two ticks, a turn's work is done at once or not begun: it needs TL_VERIFIER_ROOM times what it is expected to take.
- * Not:     for a twin that adjusts nothing, since it never goes back; nor with an event horizon, which holds states of its own.
- * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, made at its start.
+ * Purpose: the proof (proof.h) tests an FMU at its start, but some become inexact later. So the
+ *          components are verified in turn: the state of one is saved at the committed instant, and
+ *          its inputs and outputs of the next TL_VERIFIED_STEPS committed steps are noted. Then it
+ *          is rolled back, executes them again, and is restored to where it was.
+ * No harm: if there is a full copy besides its own states (tl_fmi2_aside) of at most 16 MiB, it is
+ *          restored from that copy, not from a state of the kind in question. Values, caches and
+ *          counts of executions are unchanged; these executions are counted separately.
+ * Time:    the work of a turn is done between two ticks, whole or not at all: it needs
+ *          TL_VERIFIER_ROOM times its expected duration.
+ * Not for: a twin that adjusts nothing, since it never rolls back; an event horizon, which holds
+ *          states of its own.
+ * Thread:  the twin's. Memory: the arena, at start-up; two states of each FMU, created at its
+ *          start.
  */
 
 enum {
-    TL_VERIFIED_STEPS = 3, /* a solver that begins anew shows it in the second */
+    TL_VERIFIED_STEPS = 3, /* an internal solver that restarts shows it in the second */
     TL_VERIFIER_ROOM = 2
 };
 
-/* What was found: an output that is not the same. */
+/* A finding: an output that differs. */
 typedef struct tl_verifier_finding {
     size_t component;
     const tl_port *port; /* NULL: the FMU failed, which it had not done before */
-    int64_t step;        /* that was executed again, */
-    unsigned after;      /* 1 … TL_VERIFIED_STEPS: the how manieth since the state was saved */
+    int64_t step;        /* the step that was executed again */
+    unsigned after;      /* 1 … TL_VERIFIED_STEPS: number of steps since the saved state */
     double committed;
     double again;
-    tl_restore_cause cause; /* looked for only if there is time enough, and a copy of its memory */
+    tl_restore_cause cause; /* determined only if there is enough time and a full copy */
 } tl_verifier_finding;
 
 typedef struct tl_verifier_counts {
-    uint64_t turns; /* that came to their end */
-    uint64_t found; /* of them, with a finding */
+    uint64_t turns; /* completed */
+    uint64_t found; /* of these, with a finding */
     uint64_t executions;
 } tl_verifier_counts;
 
-/* One component's. */
+/* State of one component. */
 typedef struct tl_verified {
     fmi2FMUstate earlier; /* NULL: none yet */
     fmi2FMUstate aside;
     tl_time there_and_back; /* ns, without steps; 0: not known */
-    bool differs;           /* and has no other way: it gets no turn any more */
+    bool differs;           /* it has no other method and is not verified any more */
 } tl_verified;
 
 typedef enum tl_verifier_phase {
@@ -93,47 +100,50 @@ typedef enum tl_verifier_phase {
     TL_VERIFIER_REPEATS
 } tl_verifier_phase;
 
-/* Fields are private. Zeroed: one that verifies nothing. */
+/* Fields are private. Zeroed: verifies nothing. */
 typedef struct tl_verifier {
     tl_exchange *exchange;
     const tl_graph *graph;
     tl_verified *verified; /* one per component */
-    uint32_t every;        /* committed steps from one turn's end to the next one's beginning; 0: there are no turns */
+    uint32_t every;        /* committed steps from the end of one turn to the start of the next; 0: no turns */
     tl_verifier_phase phase;
     uint32_t waited;  /* committed steps in this phase */
-    size_t component; /* whose turn it is */
-    int64_t first;    /* step of those noted */
+    size_t component; /* the component of this turn */
+    int64_t first;    /* first noted step */
     uint32_t noted;
-    tl_exchange_note note; /* where the step to come is noted */
-    size_t input_bytes;    /* of the component with the most, */
+    tl_exchange_note note; /* where the next step is noted */
+    size_t input_bytes;    /* of the component with the most */
     size_t output_bytes;
-    unsigned char *inputs; /* of the steps noted, one behind the other, and of the present */
+    unsigned char *inputs; /* of the noted steps, one after the other, and of the present */
     unsigned char *outputs;
     tl_verifier_counts counts;
 } tl_verifier;
 
-/* For an exchange whose values are placed. False when memory is out. */
+/* For an exchange that is initialised. Returns false if memory is out. */
 bool tl_verifier_init(tl_verifier *verifier, tl_arena *arena, tl_exchange *exchange, const tl_graph *graph,
                       uint32_t every);
 
-/* The FMUs stand where the twin begins, and are proved. Makes their states; if `budget` has a clock, takes the time of it. */
+/* At the start of the twin, after the proof: creates the states. If `budget` has a clock, the
+ * duration is measured. */
 tl_status tl_verifier_start(tl_verifier *verifier, const tl_budget *budget, tl_error *error);
 
-/* This step was committed. */
+/* Reports a committed step. */
 void tl_verifier_committed(tl_verifier *verifier, int64_t step);
 
-/* Between two ticks: goes on, if what is left of `budget` is enough (no clock: it is). *found: there is a finding. Errors: TL_FMU_FAILED: a component could not be
- * brought to where it was; TL_FMU_FATAL. */
+/* Between two ticks: continues if the rest of `budget` is long enough (always without a clock).
+ * *found: there is a finding. Errors: TL_FMU_FAILED: a component could not be restored;
+ * TL_FMU_FATAL. */
 tl_status tl_verifier_go_on(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
                             tl_error *error);
 
-/* The component of a finding has no other way. */
+/* Excludes the component of a finding that has no other rollback method. */
 void tl_verifier_leave_out(tl_verifier *verifier, size_t component);
 
-/* The FMUs begin anew: what was noted is of no use. */
+/* After a reset of the FMUs: drops what was noted. */
 void tl_verifier_abandon(tl_verifier *verifier);
 
-/* Gives a component's states back, and what is kept of it, before it is freed or its states are worth nothing. They are made again when they are needed. */
+/* Frees a component's states and notes, before it is freed or if its states have become invalid.
+ * They are created again when needed. */
 void tl_verifier_end_component(tl_verifier *verifier, size_t component);
 
 #endif

@@ -1,4 +1,4 @@
-/* The account of a twin: see account.h. */
+/* Account of a twin: see account.h. */
 #include "master/twin/account.h"
 
 #include <string.h>
@@ -6,7 +6,7 @@
 #include "master/base/text.h"
 #include "master/twin/twin_parts.h"
 
-/* Repaired, if an FMU has a unit that a terminal would obey, and cut before a character that would not be whole. */
+/* Replaces characters that a terminal would obey, and cuts before an incomplete character. */
 static void copy_text(char to[TL_ACCOUNT_TEXT], const char *from) {
     size_t left = strlen(from);
     size_t end = 0;
@@ -99,7 +99,7 @@ void tl_account_take(const tl_twin *twin, tl_account *account) {
     take_ports(twin, account);
 }
 
-/* It ends, and a terminal shows it as it is. */
+/* Whether it ends and can be shown as it is. */
 static bool is_text(const char text[TL_ACCOUNT_TEXT]) {
     size_t i = 0;
     while (i < TL_ACCOUNT_TEXT && text[i] != '\0') {
@@ -113,7 +113,7 @@ static bool is_text(const char text[TL_ACCOUNT_TEXT]) {
     return i < TL_ACCOUNT_TEXT;
 }
 
-/* Of an enemy's memory an enumeration may hold anything. */
+/* An enumeration in another process's memory may hold any value. */
 static bool is_type(tl_type type) {
     return (unsigned)type <= (unsigned)TL_ENUMERATION;
 }

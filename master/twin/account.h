@@ -1,9 +1,9 @@
-/* The account of a twin: what is known of it, as plain data.
+/* Account of a twin: its names, units and counts as plain data.
  *
- * Purpose: whoever tells of a run (recorder, report, summary) needs names, units and counts, not the twin. The twin may live in another
- *          process, whose memory is an enemy's; so there are no pointers in here, texts end within their arrays, and
- *          tl_account_is_sound() says whether an account is one.
- * Size:    fixed; some 10 KB.
+ * Purpose: recorder, report and summary need names, units and counts, not the twin. The twin may be
+ *          in another process whose memory is hostile. So there are no pointers, texts end within
+ *          their arrays, and tl_account_is_sound() checks an account.
+ * Size:    fixed; about 10 KB.
  * Thread:  plain data.
  */
 #ifndef TL_MASTER_TWIN_ACCOUNT_H
@@ -21,7 +21,7 @@ enum {
     TL_ACCOUNT_TEXT = 128       /* bytes of a name or a unit, cut */
 };
 
-/* What one component was executed for; the plant is the last one. As in tl_twin_ledger. */
+/* Executions of one component; the plant is the last one. As in tl_twin_ledger. */
 typedef struct tl_account_component {
     char name[TL_ACCOUNT_TEXT];
     uint64_t plain;
@@ -33,7 +33,7 @@ typedef struct tl_account_component {
 } tl_account_component;
 
 typedef struct tl_account_match {
-    char unit[TL_ACCOUNT_TEXT]; /* as the FMU declares it; "": it does not */
+    char unit[TL_ACCOUNT_TEXT]; /* as the FMU declares it; "": none */
     tl_type type;
     tl_metrics metrics;
     tl_metrics readings; /* as tl_twin_readings() */
@@ -63,26 +63,28 @@ typedef struct tl_account {
     uint32_t adjusts;      /* at most TL_MAX_ADJUST */
     uint32_t prediction;   /* T_P in force */
     uint32_t lead;         /* step i is computed at tick i + lead */
-    uint8_t complete;      /* 1: the ledger is; 0: what it predicts is too high */
-    uint8_t has_free_twin; /* 1: one was led beside */
-    uint64_t verified;     /* as in tl_twin_facts, */
+    uint8_t complete;      /* 1: the ledger is complete; 0: its prediction is too high */
+    uint8_t has_free_twin; /* 1: the free-run check is on */
+    uint64_t verified;     /* as in tl_twin_facts */
     uint64_t verified_executions;
     uint64_t differed;
     tl_free_twin_counts free_twin;
-    uint64_t replayed;          /* steps by which FMUs were led back by replay, which no other count has */
-    tl_account_finding finding; /* the newest of these */
+    uint64_t replayed;          /* steps executed by rollback by replay; no other count includes them */
+    tl_account_finding finding; /* the newest finding */
     tl_twin_delay delay;
-    char algorithm[TL_ACCOUNT_TEXT]; /* the solver in force; "": nothing is adjusted */
+    char algorithm[TL_ACCOUNT_TEXT]; /* the solver in use; "": nothing is adjusted */
     char fallback[TL_ACCOUNT_TEXT];
     tl_account_component component[TL_ACCOUNT_COMPONENTS];
     tl_account_match match[TL_MAX_MATCH];
     tl_account_adjust adjust[TL_MAX_ADJUST];
 } tl_account;
 
-/* The account of this twin as it stands. What cannot be shown of names and units is "?" in it. */
+/* The present account of a twin. Characters of names and units that cannot be shown are replaced by
+ * "?". */
 void tl_account_take(const tl_twin *twin, tl_account *account);
 
-/* Counts within their arrays; texts that end and can be shown (text.h); types and states that exist. Numbers are not judged. */
+/* Checks counts, ends and characters of texts (text.h), types and states. Numbers are not checked.
+ */
 bool tl_account_is_sound(const tl_account *account);
 
 /* Executions of all components. */

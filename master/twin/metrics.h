@@ -1,7 +1,7 @@
-/* MSE and MAX of a simulated output against the plant, paired by instant.
+/* MSE and MAX of a simulated output, compared with the plant at the same instants.
  *
- * Source: thesis eq. 5.2 (MSE = Σ_{i=0..n}(y_i − ŷ_i)²/n, n + 1 pairs) and 5.3. Pairs whose ŷ is not good are
- *         left out and counted.
+ * Source: thesis eq. 5.2 (MSE = Σ_{i=0..n}(y_i − ŷ_i)²/n, n + 1 pairs) and 5.3. Pairs whose ŷ is
+ *         not good are left out and counted.
  */
 #ifndef TL_MASTER_TWIN_METRICS_H
 #define TL_MASTER_TWIN_METRICS_H
@@ -19,7 +19,7 @@ typedef struct tl_metrics {
 
 void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality);
 
-/* What was seen elsewhere, too. */
+/* Adds the metrics of another period. */
 void tl_metrics_join(tl_metrics *metrics, const tl_metrics *other);
 
 /* Σ/(pairs − 1); 0 with fewer than two pairs. */

@@ -1,9 +1,9 @@
-/* A twin against readings between its steps: see reading_meter.h. */
+/* Reading meter: see reading_meter.h. */
 #include "master/twin/reading_meter.h"
 
 #include <math.h>
 
-/* One that waits. */
+/* A waiting reading. */
 typedef struct waiting {
     tl_time time;
     double value;
@@ -12,11 +12,11 @@ typedef struct waiting {
 struct tl_reading_meter {
     tl_time step;
     size_t room;
-    size_t count;   /* of those that wait, the oldest first */
-    tl_time newest; /* time of the newest that was seen */
+    size_t count;   /* waiting readings, the oldest first */
+    tl_time newest; /* time of the newest reading */
     bool has_y;
-    tl_time end; /* of the last step, */
-    double y;    /* and the output there */
+    tl_time end; /* of the last step */
+    double y;    /* output at that time */
     waiting *waiting;
 };
 

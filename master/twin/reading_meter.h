@@ -1,11 +1,15 @@
-/* How far a twin is from each reading of the plant at that reading's own instant, between the twin's steps.
+/* Reading meter: error of a twin at each reading of the plant, at the instant of that reading
+ *                between the twin's steps.
  *
- * Purpose: MSE holds the twin against what it was matched with, which may have been filtered, or lie on a line between readings. This holds it against
- *          the readings themselves as they came, so that no filter can flatter it. A twin that follows the plant exactly is off by their noise.
- * Between: two steps the twin is on the line between what was committed at both ends. Where it began anew between them it is nowhere.
- * Waiting: a reading waits until the step that it falls into is committed. One of a step that was committed before is left out, and so is the oldest if
- *          more wait than there is room for.
- * Units:   of the output. Times in ns since t_start, of the twin: a delay between plant and twin is taken off by who calls.
+ * Purpose: MSE compares the twin with what it was matched with, which may be filtered or
+ *          interpolated. This compares it with the readings as they came, so no filter can improve
+ *          the figure. The error of a perfect twin is their noise.
+ * Between: the twin is interpolated linearly between two steps. If it was reset between them, it
+ *          has no value there.
+ * Waiting: a reading waits until the step that contains it is committed. A reading of an earlier
+ *          step is left out, and so is the oldest one if there is no room.
+ * Units:   of the output. Times in ns since t_start of the twin; the caller subtracts a delay
+ *          between plant and twin.
  * Thread:  the twin's. Memory: the arena, at start-up.
  */
 #ifndef TL_MASTER_TWIN_READING_METER_H
@@ -22,17 +26,18 @@
 
 typedef struct tl_reading_meter tl_reading_meter;
 
-/* For so many readings that wait, > 0. NULL when memory is out. */
+/* `room`: most waiting readings, > 0. NULL if memory is out. */
 tl_reading_meter *tl_reading_meter_create(tl_arena *arena, tl_time step, size_t room);
 
-/* What is known of the newest reading at a tick: the same time as before is no new one. One that was rejected (TL_OUTLIER) is counted as left out; no
- * other that is not good counts. */
+/* Adds the newest reading at a tick; a repeated time is ignored. A rejected one (TL_OUTLIER) counts
+ * as left out; others that are not good do not count. */
 void tl_reading_meter_see(tl_reading_meter *meter, tl_time time, double value, tl_quality quality, tl_metrics *metrics);
 
-/* The step that ends at `end` is committed with y there. `goes_on`: from where the step before has ended. */
+/* Reports the step that ends at `end` with y there. `goes_on`: it continues from the end of the
+ * step before. */
 void tl_reading_meter_step(tl_reading_meter *meter, tl_time end, double y, bool goes_on, tl_metrics *metrics);
 
-/* All that it knows; the metrics are the caller's. */
+/* Archives all data; the metrics belong to the caller. */
 void tl_reading_meter_archive(tl_reading_meter *meter, tl_archive *archive);
 
 #endif

@@ -1,4 +1,4 @@
-/* The twin: see twin.h. */
+/* Twin: see twin.h. */
 #include "master/twin/twin.h"
 
 #include <assert.h>
@@ -31,7 +31,8 @@ static uint32_t horizon_steps(const tl_twin *twin) {
     return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
 }
 
-/* Those of the caches, and of each component one more, where candidates begin, kept for the proof at the start and for checkpoints; and the verifier's. */
+/* States of the caches; of each component one more where candidates start, for the proof and for
+ * checkpoints; and those of the verifier. */
 static uint64_t state_memory(const tl_twin *twin) {
     const tl_exchange *exchange = &twin->exchange;
     uint64_t sum = 0;
@@ -81,7 +82,7 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
     return facts;
 }
 
-/* What the graph says of one component, under what is saved. */
+/* What the graph says of one component with the configured saving. */
 static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *entry) {
     const tl_horizon *horizon = &twin->lock.horizon;
     if (horizon->variables == 0) {
@@ -196,10 +197,12 @@ const char *tl_twin_adjust_unit(const tl_twin *twin, size_t adjust) {
     return unit_name(twin->adjust_ports[adjust]);
 }
 
-/* ---- A twin that begins anew in the middle of its run:
+/* ---- Reset of a twin in the middle of its run.
  *
- * States: a reset ends none of those that were saved (FMI 2.0.4, 2.1.8: a handle is the FMU's until it is freed), so their handles are used
- *         again. They end with an instance, which must have them back before. */
+ * States: a reset keeps saved states valid (FMI 2.0.4, 2.1.8: a handle is the FMU's until it is
+ *         freed), so their handles are reused. They end with an instance, so they are freed before
+ *         it.
+ */
 
 void tl_twin_reset(tl_twin *twin) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
@@ -219,7 +222,7 @@ static tl_status reset(tl_twin *twin, size_t component, tl_error *error) {
     return status == TL_FMU_FAILED ? renew(twin, component, error) : status;
 }
 
-/* All of them in that way; then they are initialised. */
+/* Resets all of them in that way; then initialises them. */
 static tl_status begin(tl_twin *twin, int64_t step, tl_status (*way)(tl_twin *, size_t, tl_error *), tl_error *error) {
     tl_exchange *exchange = &twin->exchange;
     tl_status status = TL_OK;
@@ -236,7 +239,7 @@ static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
     tl_verifier_abandon(&twin->verifier);
     tl_status status = begin(twin, step, reset, error);
     if (status == TL_FMU_FAILED) {
-        status = begin(twin, step, renew, error); /* an FMU may say that it was reset, and not be able to begin */
+        status = begin(twin, step, renew, error); /* an FMU may report a successful reset and then fail to initialise */
     }
     if (status != TL_OK) {
         return status;
@@ -249,12 +252,14 @@ static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
     return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
 }
 
-/* ---- A twin that takes another tuning between two ticks:
+/* ---- Another tuning between two ticks.
  *
- * What changes is what the next search reads: targets, bounds, margin, nominal. What is remembered of steps is kept in units of its own (y, u), or
- * is brought into the new ones: the solver's slope, and how far u is from nominal. */
+ * The next search reads what changes: targets, bounds, margin, nominal. Values of earlier steps are
+ * stored in units of their own (y, u), or are converted: the solver's slope, and the distance of u
+ * from nominal.
+ */
 
-/* The bounds in force: those that are wanted within those that the FMU declares. A Boolean has none. */
+/* Bounds in use: the configured ones within the declared ones of the FMU. A Boolean has none. */
 static tl_status place_bounds(const tl_twin *twin, size_t v, tl_tuning_adjust *adjust, tl_error *error) {
     const tl_variable *variable = twin->adjust_ports[v]->variable;
     if (twin->lock.adjusted[v].is_boolean) {
@@ -285,7 +290,7 @@ static tl_status check(const tl_twin *twin, tl_tuning *tuning, tl_error *error) 
     return status;
 }
 
-/* Before the FMUs have begun they are to begin with it. */
+/* Before the start of the FMUs: they start with it. */
 static void place_nominal(tl_twin *twin, size_t v, const tl_tuning_adjust *adjust, bool begun) {
     if (adjust->has_nominal != 0) {
         tl_exchange_set_nominal(&twin->exchange, v, adjust->nominal);
@@ -324,7 +329,8 @@ void tl_twin_get_tuning(const tl_twin *twin, tl_tuning *tuning) {
 
 /* ---- twin verify ---- */
 
-/* Of a tolerance: what is less says that the FMU is not exact, and does no harm to what is matched. */
+/* Part of a tolerance: a smaller difference shows that the FMU is not exact, but does not harm the
+ * matching. */
 static const double HARMLESS = 0.01;
 
 /* Of the first match of that output. */
@@ -352,7 +358,7 @@ static void describe(const tl_twin *twin, const tl_verifier_finding *found, tl_t
     };
 }
 
-/* It goes over to the other way, if it has one that it does not go already; else it is not asked again. */
+/* Switches to the other method if there is one that is not in use; else excludes the component. */
 static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, tl_error *error) {
     int64_t next = twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
     bool prefers_copy = twin->graph.components[component].prefers_copy;
@@ -422,7 +428,7 @@ static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) 
 
 /* ---- a measured delay ---- */
 
-/* A hundredth of a first step of the search, or less, is no correction. */
+/* A correction of less than a hundredth of a first step of the search is none. */
 static bool is_free(const tl_twin *twin, const tl_record *record) {
     static const double least = 0.01;
     bool free = true;
@@ -432,7 +438,7 @@ static bool is_free(const tl_twin *twin, const tl_record *record) {
     return free;
 }
 
-/* From the next step on. What is in the sample at a tick was seen at a fixed time before it, so only whole steps can change. */
+/* From the next step on. Values in a sample have a fixed age, so only whole steps can change. */
 static void use_delay(tl_twin *twin) {
     tl_time delay = twin->delay.delay;
     tl_time range = twin->measure.range;
@@ -442,7 +448,7 @@ static void use_delay(tl_twin *twin) {
     }
 }
 
-/* The first matched output that knows it; one that has lost it only where none does. */
+/* The first matched output that knows it; one that has lost it only if none does. */
 static void judge_delay(tl_twin *twin) {
     tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
     for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
@@ -508,14 +514,14 @@ static uint64_t count_executions(const tl_twin *twin) {
     return twin->exchange.executions + twin->exchange.plant.executions;
 }
 
-/* How a tick's step comes about. */
+/* How a tick's step is computed. */
 typedef struct tick_way {
-    const tl_budget *budget; /* it is searched within; NULL: it is not searched */
+    const tl_budget *budget; /* budget of the search; NULL: no search */
     bool follows;            /* an earlier run, */
-    const double *u;         /* which has committed this; NULL where nothing is adjusted. Else it is made up */
+    const double *u;         /* with this committed u; NULL if nothing is adjusted. Else the tick was missed */
 } tick_way;
 
-/* As of a step that is followed, with nominal u: what goes back to a stroke's beginning is given up. */
+/* As a followed step, with nominal u: a saved start of a stroke is dropped. */
 static tl_status step_free_by_event(tl_twin *twin, int64_t step, tl_record *record, tl_error *error) {
     bool given_up = tl_event_horizon_begin_anew(twin->event);
     tl_status status =
@@ -544,7 +550,7 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
                                : tl_lock_step(&twin->lock, step, way->budget, record, error);
 }
 
-/* Whether there is a way back from as far as a search may go. If not, nothing is tried and nothing looked at. */
+/* Whether a rollback is possible for a whole search. If not, nothing is tried or verified. */
 static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
     bool searches = twin->lock.horizon.variables != 0;
     const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, horizon_steps(twin)) : NULL;
@@ -577,7 +583,8 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
     return status;
 }
 
-/* The free twin goes on beside; from the next step on u may rest, or the twin go on from there. */
+/* The free-running twin continues in parallel; from the next step on u may rest, or the twin
+ * continue from there. */
 static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_error *error) {
     tl_contest_verdict verdict;
     tl_status status = tl_free_twin_follow(&twin->free_twin, record, &verdict, error);
@@ -590,7 +597,7 @@ static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_err
     return tl_exchange_begin_anew(&twin->exchange, record->step + 1, error);
 }
 
-/* A reading that the sample shows, at the twin's own time. */
+/* A reading in the sample, at the twin's own time. */
 static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
     const tl_objective_term *term = &twin->terms[match];
     size_t signal = twin->reading_signals[match];
@@ -603,7 +610,7 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
     }
 }
 
-/* The sample, for all that look at it. */
+/* Passes the sample to all meters. */
 static void push(tl_twin *twin, const tl_sample *sample) {
     tl_plant *plant = &twin->exchange.plant;
     tl_plant_push(plant, sample);
@@ -620,7 +627,7 @@ static void push(tl_twin *twin, const tl_sample *sample) {
     }
 }
 
-/* In mode ahead: what was computed a tick ago is complete now. */
+/* In mode ahead: completes the step computed a tick ago. */
 static void hand_over_pending(tl_twin *twin, tl_record *record, bool *ready) {
     *record = twin->pending;
     complete(twin, record);

@@ -1,4 +1,4 @@
-/* A twin from a plan: see twin.h. */
+/* Building a twin from a plan: see twin.h. */
 #include <math.h>
 #include <string.h>
 
@@ -37,7 +37,7 @@ static void check_state(const tl_plan *plan, tl_report *report) {
     }
 }
 
-/* Bounds and first step of a Real: those configured within those the FMU declares. */
+/* Bounds and first step of a Real: the configured ones within the declared ones of the FMU. */
 static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, const tl_variable *variable,
                        tl_report *report) {
     adjusted->step = adjust->step;
@@ -60,7 +60,7 @@ static void build_real(tl_adjusted *adjusted, const tl_plan_adjust *adjust, cons
     }
 }
 
-/* Whole steps that last at least so long; what is longer than can be counted rests that long. */
+/* Whole steps that last at least so long, at most as many as can be counted. */
 static uint32_t steps_for(tl_time time, tl_time step) {
     tl_time steps = time / step + (time % step != 0);
     return steps < UINT32_MAX ? (uint32_t)steps : UINT32_MAX;
@@ -92,7 +92,7 @@ static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_lock_settings 
     }
 }
 
-/* A solver by name; NULL where it is unknown, or not for what is adjusted. */
+/* A solver by name; NULL if it is unknown, or not for these variables. */
 static const tl_optimiser_class *find_solver(const tl_twin *twin, const tl_plan *plan, const char *name,
                                              const char *where, tl_report *report) {
     const tl_optimiser_class *solver = tl_optimiser_find(name);
@@ -125,7 +125,7 @@ static void build_solvers(const tl_twin *twin, const tl_plan *plan, tl_lock_sett
     }
 }
 
-/* What goes with an event horizon is searched without a memory, from one number to the next. */
+/* An event horizon is searched by solvers without memory, in one Real variable. */
 static void check_event_solver(const tl_plan *plan, const tl_optimiser_class *solver, tl_report *report) {
     if (solver != NULL && solver != &tl_nelder_mead && solver != &tl_bobyqa && solver != &tl_sbplx) {
         tl_report_add(report, TL_BAD_DATA, "synchronise.algorithm",
@@ -179,7 +179,7 @@ static bool has_all_ports(const tl_twin *twin, const tl_plan *plan) {
     return all;
 }
 
-/* Of all that may come out of measuring, where that is done. */
+/* The longest possible measured delay, if it is measured. */
 static int32_t most_output_ticks(const tl_plan *plan) {
     const tl_plan_measure *measure = &plan->measure;
     if (measure->lags == 0 || plan->step <= 0) {
@@ -198,7 +198,7 @@ static int32_t least_output_ticks(const tl_plan *plan) {
     return least < plan->output_ticks ? least : plan->output_ticks;
 }
 
-/* Ticks until all that belongs to an instant is there: inputs, and conditioned measurements. */
+/* Ticks until all data of an instant is there: inputs and conditioned measurements. */
 static uint32_t find_wait(const tl_plan *plan) {
     int64_t longest = plan->input_ticks > 0 ? plan->input_ticks : 0;
     for (size_t i = 0; i < plan->match_count; i++) {
@@ -207,14 +207,14 @@ static uint32_t find_wait(const tl_plan *plan) {
     return (uint32_t)longest;
 }
 
-/* Ticks by which what is looked up may be older than the instant it is for. */
+/* Ticks by which a look-up may be older than its instant. */
 static size_t find_age(const tl_plan *plan) {
     int32_t outputs = least_output_ticks(plan);
     int32_t oldest = plan->input_ticks < outputs ? plan->input_ticks : outputs;
     return oldest < 0 ? (size_t)-oldest : 0;
 }
 
-/* Paths, T_D, T_P; and at which tick a step is computed. */
+/* Paths, T_D, T_P; and the tick at which a step is computed. */
 static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_horizon *horizon, tl_report *report) {
     if (!has_all_ports(twin, plan)) {
         return;
@@ -229,7 +229,7 @@ static void build_horizon(tl_twin *twin, const tl_plan *plan, tl_horizon *horizo
     }
 }
 
-/* What the plant delivers before there is a good reading: configured, or the start value of what it drives. */
+/* Value of the plant before a good reading: configured, or the start value of what it drives. */
 static void build_initial_values(tl_twin *twin, const tl_plan *plan) {
     for (size_t i = 0; i < plan->signal_count; i++) {
         double initial = plan->signals[i].has_initial ? plan->signals[i].initial : 0.0;
@@ -252,7 +252,7 @@ static double number_of(const tl_value *value, tl_type type) {
     return type == TL_REAL ? value->real : (double)(value->integer != 0);
 }
 
-/* û of an adjusted variable that nothing delivers: configured, else set, else its start value. */
+/* û of an adjusted variable without a connection: configured, else set, else its start value. */
 static bool find_nominal(const tl_plan *plan, const tl_plan_adjust *adjust, const tl_port *port, double *nominal) {
     const tl_plan_component *component = &plan->components[port->node];
     *nominal = number_of(&port->variable->start, port->type);
@@ -286,7 +286,7 @@ static void place_adjusted(tl_twin *twin, const tl_plan *plan, tl_report *report
     }
 }
 
-/* As they are set now, and whenever the FMU begins anew. */
+/* Start values, set now and after each reset. */
 static bool place_starts(tl_twin *twin, const tl_plan_component *description, tl_component *component) {
     tl_start_value *starts = tl_arena_take(&twin->arena, description->set_count, sizeof *starts);
     for (size_t i = 0; i < description->set_count && starts != NULL; i++) {
@@ -319,7 +319,7 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     }
 }
 
-/* Everything that needs no FMU call, problems to the report. False where there was one. */
+/* Everything that needs no FMU call; reports problems. Returns false if there was one. */
 static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     size_t before = report->count;
     tl_graph_build(&twin->graph, &twin->arena, plan, report);
@@ -362,7 +362,7 @@ static size_t find_signal(const tl_plan *plan, const char *reference) {
     return i;
 }
 
-/* Of an event horizon the past of a step may change. Room is for one reading a tick. */
+/* With an event horizon the past of a step may change. Room is for one reading per tick. */
 static bool create_readers(tl_twin *twin, const tl_plan *plan) {
     bool placed = true;
     twin->look_back = plan->output_look_back;
@@ -377,15 +377,16 @@ static bool create_readers(tl_twin *twin, const tl_plan *plan) {
     return placed;
 }
 
-/* Fewer would not hold a horizon's way and the next one's. */
+/* Fewer would not hold the path of one horizon and of the next. */
 static uint64_t nodes_least(const tl_horizon *horizon) {
     return 3 * (uint64_t)horizon->prediction + 3;
 }
 
-/* Nodes that a component can need at once: the root and the horizon, what each candidate adds, and what is left of earlier
- * ones when the root moves on; with outputs only, the way back to the last state as well. Candidates differ in a component
- * only from `nearest` steps on: all of them stay for as many ticks, and then one node less of each from tick to tick. The
- * same goes for courses that began with values which stood for later ones: T_P²/4 at most. */
+/* Nodes that a component can need at once: the root and the horizon, the nodes of each candidate,
+ * and the rest of earlier candidates when the root advances; with outputs only, also the path to
+ * the last state. Candidates differ in a component only from `nearest` steps on: all of them stay
+ * for as many ticks, then one node less of each per tick. The same holds for courses with values
+ * that stood in for later ones: T_P²/4 at most. */
 static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size_t node) {
     uint64_t evaluations = tl_tuning_room(plan->evaluations);
     uint32_t reach = plan->saving.structure ? horizon->reach[node] : horizon->prediction;
@@ -395,7 +396,7 @@ static uint64_t nodes_worst(const tl_horizon *horizon, const tl_plan *plan, size
     return worst + (span == 0 ? 0 : evaluations * (span * horizon->nearest[node] + span * (span + 1) / 2));
 }
 
-/* Of those, what there is to be room for. */
+/* Of these, the number with room. */
 static uint32_t nodes_kept(const tl_horizon *horizon, const tl_plan *plan, uint64_t worst) {
     static const uint64_t most = 4096;
     uint64_t limit = plan->saving.nodes != 0 ? plan->saving.nodes : most;
@@ -404,7 +405,7 @@ static uint32_t nodes_kept(const tl_horizon *horizon, const tl_plan *plan, uint6
     return (uint32_t)(wanted > least ? wanted : least);
 }
 
-/* What is saved where something is adjusted; a free run executes everything once anyway. */
+/* Saving, if something is adjusted; a free run executes everything once anyway. */
 static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock) {
     if (plan->adjust_count == 0) {
         return true;
@@ -444,7 +445,7 @@ static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
 
 static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
     tl_error error;
-    /* As far back as a candidate that is remembered may have been fed. */
+    /* As far back as the samples of a remembered candidate. */
     bool by_event = plan->event.start.signal != NULL;
     size_t back = by_event ? tl_event_plan_window(plan) : lock->horizon.prediction;
     twin->age = (uint32_t)find_age(plan);
@@ -472,7 +473,7 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
     }
 }
 
-/* Everything but the twin's own memory. */
+/* Everything except the twin's own memory. */
 static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
     tl_lock_settings lock = {0};
@@ -501,7 +502,7 @@ tl_twin *tl_twin_build(const tl_plan *plan, tl_report *report) {
     twin->state_bytes = plan->state_bytes;
     twin->heap = plan->heap;
     twin->now = plan->now;
-    if (plan->match_count <= TL_MAX_MATCH && plan->adjust_count <= TL_MAX_ADJUST) { /* or nothing is built */
+    if (plan->match_count <= TL_MAX_MATCH && plan->adjust_count <= TL_MAX_ADJUST) { /* otherwise nothing is built */
         tl_tuning_of(plan, &twin->built);
         twin->tuning = twin->built;
     }

@@ -1,19 +1,20 @@
-/* A twin as bytes, and from where an earlier run has ended: see twin.h.
+/* Serialising a twin, and starting where an earlier run ended: see twin.h.
  *
- * Bytes: a head that says of what twin they are, what is ours, then the FMUs' states and all port values (snapshot.h). The
- *        caches are not in it: they begin anew at the root. Nor is what the solver has learned, which costs one search.
- * Trust: none in the bytes: what was loaded is looked at before it is used. Only an FMU knows its own state; what it makes of
- *        foreign bytes is its own affair.
+ * Format: a head that identifies the twin, our data, then the FMUs' states and all port values
+ *         (snapshot.h). Caches and the solver's memory are not included: caches start at the root,
+ *         and the solver costs one search.
+ * Trust:  none in the bytes: loaded values are checked before use. Only an FMU can check its own
+ *         state.
  */
 #include <string.h>
 
 #include "master/base/archive.h"
 #include "master/twin/twin_parts.h"
 
-/* ns; sums and differences of a few times below it are in range. */
+/* ns; sums and differences of a few times below it cannot overflow. */
 static const tl_time FAR = INT64_MAX / 4;
 
-/* Of what twin, and when. All must be equal but `first`, which is taken over. */
+/* Identifies the twin and the tick. All must be equal except `first`, which is loaded. */
 typedef struct head {
     char magic[8]; /* its last character changes with the layout */
     uint64_t components, signals, matches, adjusted, values, window, guard;
@@ -36,7 +37,7 @@ static head head_of(const tl_twin *twin, int64_t tick) {
     };
 }
 
-/* Whether a shift of look-ups is one that a delay in the range that is measured can make. */
+/* Whether a shift of look-ups is possible for a delay in the measured range. */
 static bool is_shift(const tl_twin *twin, int32_t shift, int32_t configured) {
     if (twin->measure.lags == 0 || twin->delay.state == TL_DELAY_UNKNOWN) {
         return shift == configured;
@@ -70,7 +71,7 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
     }
 }
 
-/* All that is ours and not a port value. */
+/* All our data except port values. */
 static void archive_ours(tl_twin *twin, tl_archive *archive) {
     int32_t configured[TL_MAX_MATCH] = {0};
     tl_plant_archive(&twin->exchange.plant, archive);
@@ -115,7 +116,8 @@ bool tl_twin_can_save(const tl_twin *twin) {
     return can;
 }
 
-/* One whose own states were found to be wrong goes another way since, and what bytes there are of them are of no use. */
+/* A component whose own states were found to be wrong uses another method, and its bytes are
+ * useless. */
 static tl_status require_bytes(const tl_twin *twin, tl_error *error) {
     for (size_t i = 0; i < twin->graph.component_count; i++) {
         if (!tl_component_can_serialize(&twin->graph.components[i])) {
@@ -127,7 +129,7 @@ static tl_status require_bytes(const tl_twin *twin, tl_error *error) {
     return TL_OK;
 }
 
-/* An FMU that has answered an error can be led back to the state that was to become bytes. */
+/* An FMU that has returned an error can be restored to the state that was to be serialised. */
 static tl_status refused(tl_twin *twin, tl_status status) {
     tl_error ignored;
     twin->ended = status == TL_FMU_FATAL ? status : tl_exchange_return(&twin->exchange, &ignored);
@@ -172,7 +174,8 @@ static tl_status load_head(tl_twin *twin, int64_t tick, tl_archive *archive, tl_
     return TL_OK;
 }
 
-/* The FMUs are initialised where they once were, with what the plant shows now; then they get their states. */
+/* Initialises the FMUs at their first instant with the present plant; then they get their states.
+ */
 static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *error) {
     tl_status status = tl_twin_start(twin, twin->exchange.plant.newest, error);
     status = status == TL_OK ? require_bytes(twin, error) : status;
@@ -200,13 +203,13 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
     return status == TL_OK ? tl_verifier_start(&twin->verifier, NULL, error) : status;
 }
 
-/* The one that is computed after `tick`, or the first. */
+/* The step that is computed after `tick`, or the first one. */
 static int64_t next_step(const tl_twin *twin, int64_t tick) {
     int64_t next = tick + 1 - (int64_t)twin->lead;
     return next > twin->first ? next : twin->first;
 }
 
-/* Mode ahead: the step that waits for its measurement was the earlier run's, and so is what it cost. */
+/* Mode ahead: the waiting step and its cost belong to the earlier run. */
 static void disown_pending(tl_twin *twin) {
     tl_record *pending = &twin->pending;
     pending->outcome = TL_FOLLOWED;

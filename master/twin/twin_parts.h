@@ -1,6 +1,7 @@
-/* What a twin is made of.
+/* Private data of a twin.
  *
- * Purpose: private to twin.c (the life of a twin, tick by tick), twin_build.c (from a plan) and twin_checkpoint.c (from and to bytes).
+ * Purpose: shared by twin.c (tick by tick), twin_build.c (from a plan) and twin_checkpoint.c (from
+ *          and to bytes).
  */
 #ifndef TL_MASTER_TWIN_TWIN_PARTS_H
 #define TL_MASTER_TWIN_TWIN_PARTS_H
@@ -21,54 +22,54 @@ struct tl_twin {
     tl_arena arena;
     tl_graph graph;
     tl_exchange exchange;
-    bool cannot_return; /* the proof of the rollback has failed */
+    bool cannot_return; /* the rollback proof has failed */
     tl_lock lock;
-    tl_event_horizon *event; /* in place of the lock's own steps; NULL: no event horizon */
+    tl_event_horizon *event; /* in place of the synchroniser's steps; NULL: no event horizon */
     tl_objective_term terms[TL_MAX_MATCH];
     const tl_port *match_ports[TL_MAX_MATCH];
     const tl_port *adjust_ports[TL_MAX_ADJUST];
     uint32_t *capacity; /* nodes of each component's cache; NULL: sequences are not saved */
-    uint64_t *worst;    /* and how many it can need at once */
+    uint64_t *worst;    /* nodes that each can need at once */
     const tl_port *outputs[TL_MAX_SIGNALS];
     tl_metrics metrics[TL_MAX_MATCH];
-    tl_metrics readings[TL_MAX_MATCH]; /* the same at readings, */
-    tl_metrics due[TL_MAX_MATCH];      /* and what of it no record has yet */
-    tl_reading_meter
-        *readers[TL_MAX_MATCH]; /* for which these look; NULL: there is no line between steps, or nothing shows them */
-    size_t reading_signals[TL_MAX_MATCH]; /* where they do */
-    tl_time look_back;                    /* of what is matched */
+    tl_metrics readings[TL_MAX_MATCH];       /* at the plant's readings */
+    tl_metrics due[TL_MAX_MATCH];            /* the part of it that no record holds yet */
+    tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: there are no values between steps, or no readings */
+    size_t reading_signals[TL_MAX_MATCH];    /* signals with these readings */
+    tl_time look_back;                       /* of matched signals */
     tl_measurements measurements;
     tl_plan_measure measure;
-    tl_delay_meter *meters[TL_MAX_MATCH]; /* where Δo is measured */
+    tl_delay_meter *meters[TL_MAX_MATCH]; /* if Δo is measured */
     tl_twin_delay delay;
     tl_time step;
     uint32_t lead;        /* step i is computed at tick i + lead */
-    uint32_t age;         /* ticks by which what is looked up may be older than the instant it is for */
-    int64_t first;        /* step: that which the FMUs are initialised for */
-    int64_t begin;        /* tick at which they are */
-    uint64_t state_bytes; /* that saved states may take; 0: there is no bound */
-    size_t (*heap)(void); /* as in the plan, */
+    uint32_t age;         /* ticks by which a look-up may be older than the instant it is for */
+    int64_t first;        /* the step that the FMUs are initialised for */
+    int64_t begin;        /* tick of the initialisation */
+    uint64_t state_bytes; /* bound of saved states; 0: no bound */
+    size_t (*heap)(void); /* as in the plan */
     tl_time (*now)(void *clock);
-    tl_tuning built;  /* with which the twin was built: what of it cannot change, */
-    tl_tuning tuning; /* and which is in force */
+    tl_tuning built;  /* as it was built: its fixed parts */
+    tl_tuning tuning; /* in use */
     tl_proof proof;
-    bool resets; /* the FMUs begin anew before the next step */
-    const char *
-        runs_free; /* the component that keeps it from being synchronised since the step last computed; NULL: none does */
+    bool resets;           /* the FMUs are reset before the next step */
+    const char *runs_free; /* the component because of which the twin runs free since the last step; NULL: none */
     tl_verifier verifier;
     tl_free_twin free_twin;
     tl_twin_finding finding; /* the newest; no component: none */
-    uint32_t marks;          /* flags of the next step's record, */
-    uint32_t lasting;        /* and of all */
-    tl_status ended;         /* not TL_OK: a step has failed, nothing may follow */
-    bool has_pending;        /* mode ahead: computed, its measurement not there yet */
+    uint32_t marks;          /* flags of the next step's record */
+    uint32_t lasting;        /* flags of all records */
+    tl_status ended;         /* not TL_OK: a step has failed, and no other may follow */
+    bool has_pending;        /* mode ahead: a computed step whose measurement has not come yet */
     tl_record pending;
 };
 
-/* The FMUs stand initialised at t_first, with the sample of tick `shown`, and their rollback is tested; not known to the caches yet. */
+/* Initialises the FMUs at t_first with the sample of tick `shown` and proves their rollback. The
+ * caches are not started yet. */
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error);
 
-/* fmi2Fatal is for all instances of an FMU: none of them may be called any more. */
+/* True if an instance of this component's FMU has returned fmi2Fatal: that is valid for all of its
+ * instances. */
 bool tl_twin_is_lost(const tl_twin *twin, const tl_component *component);
 
 #endif

@@ -1,4 +1,4 @@
-/* States that another process reads back: see twin_read_back.h. */
+/* Test of serialised states in another process: see twin_read_back.h. */
 #include "master/twin/twin_read_back.h"
 
 #include <math.h>
@@ -7,14 +7,15 @@
 #include "master/base/archive.h"
 #include "master/twin/twin_parts.h"
 
-/* What is told of a component: this, its state, and of each step what it was given, then what it gave. Where it lies, nothing is aligned. */
+/* Data of a component: this, its state, and of each step its inputs, then its outputs. Not aligned.
+ */
 typedef struct told_head {
     uint64_t state; /* bytes */
     uint64_t steps;
     int64_t first;
 } told_head;
 
-/* One component's in place. */
+/* Addresses of one component's data. */
 typedef struct told_part {
     told_head head;
     const unsigned char *state;
@@ -22,7 +23,7 @@ typedef struct told_part {
     const unsigned char *outputs;
 } told_part;
 
-/* ---- what a component gives ---- */
+/* ---- outputs ---- */
 
 static bool is_output_of(const tl_port *port, size_t component) {
     return port->variable != NULL && !port->input && port->node == component;
@@ -48,7 +49,7 @@ static void note_outputs(const tl_twin *twin, size_t component, unsigned char *t
     }
 }
 
-/* True: one is another than was noted. */
+/* True: one differs from the noted value. */
 static bool differs(const tl_twin *twin, size_t component, const unsigned char *noted, tl_read_back *read) {
     for (size_t i = 0; i < twin->graph.port_count; i++) {
         const tl_port *port = &twin->graph.ports[i];
@@ -66,13 +67,13 @@ static bool differs(const tl_twin *twin, size_t component, const unsigned char *
     return false;
 }
 
-/* ---- a component is led ---- */
+/* ---- execution ---- */
 
 static int64_t next_step(const tl_twin *twin) {
     return twin->exchange.plant.newest + 1 - (int64_t)twin->lead;
 }
 
-/* From where it stands. */
+/* From its present state. */
 static void lead(const tl_twin *twin, size_t index, const told_part *told, tl_read_back *read) {
     const tl_exchange *exchange = &twin->exchange;
     tl_component *component = &exchange->components[index];
@@ -95,7 +96,7 @@ static size_t steps_size(const tl_twin *twin, size_t component) {
            (tl_ports_size(&twin->exchange.components[component].inputs) + outputs_size(twin, component));
 }
 
-/* False: there is none, or it is none. */
+/* False: there is no data, or it is invalid. */
 static bool find(const tl_twin *twin, const unsigned char *bytes, size_t size, size_t component, told_part *found) {
     tl_archive archive = tl_archive_loading(bytes, size);
     for (size_t i = 0; i <= component; i++) {
@@ -112,7 +113,7 @@ static bool find(const tl_twin *twin, const unsigned char *bytes, size_t size, s
     return true;
 }
 
-/* ---- telling ---- */
+/* ---- writer ---- */
 
 /* Its state, and zeros for the rest. */
 static tl_status tell_state(const tl_twin *twin, size_t index, tl_archive *archive, tl_error *error) {
@@ -134,7 +135,7 @@ static tl_status tell_state(const tl_twin *twin, size_t index, tl_archive *archi
     return tl_component_serialize(component, state, room, size, error);
 }
 
-/* Up and down around what they are; what is Boolean, off and on. */
+/* Up and down around the present values; Booleans false and true. */
 static void move_inputs(tl_twin *twin, const double *now, uint64_t step) {
     for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
         const tl_adjusted *adjusted = &twin->lock.adjusted[v];
@@ -144,7 +145,7 @@ static void move_inputs(tl_twin *twin, const double *now, uint64_t step) {
     }
 }
 
-/* What all are given in a step, or what they gave in it; then it counts. */
+/* Inputs or outputs of all components in a step; then it counts. */
 static void note(const tl_twin *twin, unsigned char *bytes, size_t size, uint64_t step, bool inputs) {
     unsigned char *at = bytes;
     told_part told;
@@ -180,7 +181,7 @@ static tl_status tell_steps(tl_twin *twin, unsigned char *bytes, size_t size, tl
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
 
-/* Each on its own goes back and does it again, in the process that has told. */
+/* Restores each component alone and repeats the steps, in the writing process. */
 static tl_status control(const tl_twin *twin, const unsigned char *bytes, size_t size, tl_read_back *here,
                          tl_error *error) {
     tl_status status = TL_OK;
@@ -227,7 +228,7 @@ tl_status tl_twin_tell_states(tl_twin *twin, unsigned char *bytes, size_t capaci
     return TL_OK;
 }
 
-/* ---- reading ---- */
+/* ---- reader ---- */
 
 tl_status tl_twin_begin_to_read(tl_twin *twin, tl_error *error) {
     tl_plant *plant = &twin->exchange.plant;

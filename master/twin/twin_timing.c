@@ -1,9 +1,9 @@
-/* How long a component takes: see twin_timing.h. */
+/* Timing of a component: see twin_timing.h. */
 #include "master/twin/twin_timing.h"
 
 #include "master/twin/twin_parts.h"
 
-/* Of one kind, in order. */
+/* Durations of one kind, sorted. */
 typedef struct sorted_times {
     uint32_t count;
     tl_time time[TL_TWIN_TIMINGS];
@@ -12,7 +12,7 @@ typedef struct sorted_times {
 typedef struct stopwatch {
     tl_component *component;
     tl_time size; /* of a step */
-    int64_t next; /* step */
+    int64_t next; /* next step */
     tl_time (*now)(void *clock);
     void *clock;
     fmi2FMUstate state;
