@@ -11,7 +11,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/config/problems.h"
+#include "firmware/config/config.h"
 #include "firmware/retune/box_texts.h"
 
 /* ---- steps ---- */
