@@ -62,7 +62,7 @@ void tl_reaper_leave(tl_reaper *reaper) {
 /* ---- child ---- */
 
 void tl_child_prepare(tl_child *child) {
-    tl_heartbeats_clear(child->beats);
+    memset(child->beats, 0, sizeof *child->beats);
     child->seen = (tl_heartbeats_seen){0};
     child->end = (tl_child_end){.known = false};
     child->killed = false;

@@ -214,7 +214,7 @@ void tl_live_samples_look(tl_live_samples *self, const char *path) {
     if (wish != 0 && wish != self->answered && !begun) {
         answer(self, wish, path);
     } else if (begun && self->is_filled) {
-        tl_block_forget(self->past, 0, self->past->size);
+        tl_block_forget(self->past);
         self->is_filled = false;
     }
 }

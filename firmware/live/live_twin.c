@@ -736,7 +736,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
+    tl_fmu_calls_use(&self.pulse->beats.calls);
     self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
     tl_live_role_open_journal(&self.journal, &self.outbox);
     self.is_shadow = self.job.is_shadow;

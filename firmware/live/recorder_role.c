@@ -197,7 +197,7 @@ static void look_at_wishes(recorder *self) {
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
         tl_past_history_close(self->history); /* nobody needs it any more */
         self->history = NULL;
-        tl_block_forget(self->past, 0, self->past->size);
+        tl_block_forget(self->past);
     }
 }
 

@@ -214,7 +214,7 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
         .fmus = place->fmus,
         .which = job->place,
         .title = title,
-        .calls = tl_heartbeats_calls(&place->pulse->beats),
+        .calls = &place->pulse->beats.calls,
         .memory_limit = self->settings->memory_limit,
         .tasks = self->settings->tasks,
         .hear = job->place == 0 ? hear_refusal : hear_refusal_of_other,

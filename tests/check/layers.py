@@ -40,7 +40,7 @@ OWNERS = {
     "microhttpd.h": ("firmware/serve",),
     "gnutls.h": ("firmware/serve/certificate.c",),
     "x509.h": ("firmware/serve/certificate.c",),
-    "grp.h": ("firmware/process/privileges.c", "firmware/rollback/fmu_heap.c"),
+    "grp.h": ("firmware/process/confine.c", "firmware/rollback/fmu_heap.c"),
     "pwd.h": ("firmware/retune/talk.c", "firmware/rollback/fmu_heap.c"),
     "iconv.h": ("firmware/rollback/fmu_heap.c",),
     "libintl.h": ("firmware/rollback/fmu_heap.c",),
