@@ -35,7 +35,6 @@ OWNERS = {
     "seccomp.h": ("firmware/process",),
     "landlock.h": ("firmware/process",),
     "dlfcn.h": ("master/example", "firmware/fmu", "firmware/rollback/fmu_heap.c"),
-    "sd-daemon.h": ("firmware/process/service_systemd.c",),
     "watchdog.h": ("board/watchdog",),
     "microhttpd.h": ("firmware/serve",),
     "gnutls.h": ("firmware/serve/certificate.c",),
