@@ -169,10 +169,6 @@ void tl_child_bury(tl_child *child) {
     child->pid = 0;
 }
 
-bool tl_child_is_buried(tl_child *child) {
-    return tl_reaper_rests(&child->reaper);
-}
-
 /* ---- onlooker ---- */
 
 /* The first lines of a thread's status, with its name, which nobody can put a line's end into, its state and who traces it. */

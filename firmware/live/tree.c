@@ -621,12 +621,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
         (void)snprintf(self.job.allowed, sizeof self.job.allowed, "%s", settings->allowed);
     }
-    (void)sigemptyset(&asked);
-    (void)sigaddset(&asked, SIGCHLD);
-    (void)sigaddset(&asked, SIGTERM);
-    (void)sigaddset(&asked, SIGINT);
-    (void)sigaddset(&asked, SIGHUP);
-    (void)pthread_sigmask(SIG_BLOCK, &asked, NULL); /* from now on they wait for the supervisor */
+    tl_supervisor_block_signals(&asked, NULL); /* from now on they wait for the supervisor */
     tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
         tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
     if (status == TL_OK) {
