@@ -15,11 +15,9 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
-#include "firmware/live/live_blocks.h"
 #include "firmware/live/live_change.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/live/saved_states.h"
 #include "firmware/live/supervisor.h"
 #include "firmware/live/voice.h"
@@ -36,7 +34,7 @@ typedef struct tl_tree {
     const tl_tree_settings *settings;
     tl_config config;                /* as the processes have it, with what the command line changes */
     tl_live_job job;                 /* what does not change from start to start */
-    tl_block blocks[TL_LIVE_BLOCKS]; /* but those of places; they outlive each process that writes them */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* they outlive each process that writes them */
     tl_live_place places[TL_LIVE_PLACES];
     tl_live_change change;
     uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
@@ -106,22 +104,15 @@ static void hear_refusal_of_other(void *context, const char *text) {
 
 /* ---- descriptors ---- */
 
-static const tl_block *find_block(const tl_tree *self, int number) {
-    const unsigned of_place = (unsigned)(number - TL_LIVE_TWIN_PULSE);
-    const tl_live_place *place = &self->places[of_place % TL_LIVE_PLACES];
-    const tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past, &place->outbox};
-    return number < TL_LIVE_TWIN_PULSE ? &self->blocks[number] : blocks[of_place / TL_LIVE_PLACES];
-}
-
 /* Descriptors for a process of the job: to be closed here once it has them. */
 static void give(const tl_tree *self, tl_live_kind kind, const tl_live_job *job, int given[TL_ROLE_DESCRIPTORS]) {
     const tl_live_access access = tl_live_access_of(kind, job);
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         given[i] = -1;
         if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
-            given[i] = fcntl(find_block(self, i)->descriptor, F_DUPFD_CLOEXEC, 0);
+            given[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
         } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
-            given[i] = tl_block_reader(find_block(self, i));
+            given[i] = tl_block_reader(&self->blocks[i]);
         }
     }
 }
@@ -144,8 +135,11 @@ static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_er
     tl_role role = {.pid = 0};
     (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
     self->job.place = place;
-    tl_status status =
-        tl_live_job_make(&self->job, self->settings->config->path, self->places[place].text, &job, error);
+    size_t size = 0;
+    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->places[place].text, &size);
+    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
+                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
+    free(bytes);
     give(self, kind, &self->job, given);
     given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
@@ -196,7 +190,8 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
 static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     size_t live_size = 0;
-    unsigned char *live = tl_live_job_pack(job, job->is_shadow ? self->places[1 - job->place].text : "", &live_size);
+    const char *of_run = job->is_shadow ? self->places[1 - job->place].text : "";
+    unsigned char *live = tl_live_job_pack(job, self->settings->config->path, of_run, &live_size);
     if (live == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
     }
@@ -250,7 +245,7 @@ static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start
     switch (which) {
     case TL_MEMBER_TWIN:
         self->urgent = 0;
-        tl_live_change_note_hold(&self->change, start->hold);
+        self->change.holds = start->hold;
         return start_twin(self, tl_tree_place_of(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
         pid = start_twin(self, tl_tree_place_of(self, which), true, start, error);
@@ -293,6 +288,12 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
         {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_TWIN_PULSE, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST, "twinlock past", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST + 1, "twinlock past", true, TL_BLOCK_SPARSE},
     };
     const bool records = tl_tree_records(self);
     tl_config begun = *self->settings->config; /* whose text is in force first, */
@@ -307,8 +308,9 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
             status = tl_block_make(made[i].name, size, made[i].writer, block, error);
         }
     }
-    for (size_t i = 0; i < TL_LIVE_PLACES && status == TL_OK; i++) {
-        status = tl_live_place_make(records, &self->places[i], error);
+    for (size_t i = 0; i < TL_LIVE_PLACES; i++) { /* outboxes are made for a configuration */
+        self->places[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        self->places[i].outbox = &self->blocks[TL_LIVE_OUTBOX + i];
     }
     if (status == TL_OK) {
         status = tl_live_place_move_in(&self->places[0], &begun, self->settings->unconfined, error);
@@ -333,7 +335,7 @@ static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, ch
     tl_voice_clear(self->voice, place->twin);
     place->twin = NULL;
     place->pid = 0;
-    /* A checkpoint that it had loaded may be to blame (live_wire.h). */
+    /* A checkpoint that it had loaded may be to blame. */
     bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
     place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
     return is_to_blame ? place->pulse->fmus : 0;
@@ -449,13 +451,6 @@ static tl_time damaged(void *context, tl_member which) {
 
 static tl_status open_all(tl_tree *self, tl_error *error) {
     const tl_tree_settings *settings = self->settings;
-    const tl_saved_states_settings states = {
-        .config = settings->config,
-        .folder = settings->supervised ? settings->state : NULL, /* without an account nothing would be remembered */
-        .unconfined = settings->unconfined,
-        .memory_limit = settings->memory_limit,
-        .be = settings->be,
-    };
     tl_error ignored;
     if (settings->database != NULL) {
         (void)snprintf(self->job.database, sizeof self->job.database, "%s", settings->database);
@@ -463,23 +458,27 @@ static tl_status open_all(tl_tree *self, tl_error *error) {
         (void)tl_config_file_path(&self->config, self->config.record_file, self->job.database,
                                   sizeof self->job.database);
     }
-    tl_saved_states_open(&states, &self->states);
+    self->states = (tl_saved_states){.config = settings->config,
+                                     .unconfined = settings->unconfined,
+                                     .memory_limit = settings->memory_limit,
+                                     .be = settings->be};
+    /* Without an account nothing would be remembered. */
+    tl_saved_states_open(settings->supervised ? settings->state : NULL, &self->states);
     tl_status status = make_memory(self, error);
     if (status == TL_OK && settings->control != NULL &&
         tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
         tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
     }
     if (status == TL_OK) {
-        const tl_live_change_settings change = {.stage = tl_tree_stage(self),
-                                                .places = self->places,
-                                                .orders = activator_pulse(self),
-                                                .candidate = &self->blocks[TL_LIVE_CANDIDATE],
-                                                .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
-                                                .step = self->config.step,
-                                                .unconfined = settings->unconfined,
-                                                .context = self,
-                                                .tell = tell_of_flip};
-        self->change = (tl_live_change){.settings = change};
+        self->change = (tl_live_change){.stage = tl_tree_stage(self),
+                                        .places = self->places,
+                                        .orders = activator_pulse(self),
+                                        .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+                                        .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
+                                        .step = self->config.step,
+                                        .unconfined = settings->unconfined,
+                                        .context = self,
+                                        .tell = tell_of_flip};
         status = tl_voice_start(&tl_tree_place_of_run(self)->pulse->beats, settings->status, &self->voice, error);
     }
     return status;
@@ -557,8 +556,8 @@ static void close_all(tl_tree *self) {
         (void)close(self->listener);
         (void)unlink(self->settings->control);
     }
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
-        tl_live_place_close(&self->places[i]);
+    for (size_t i = 0; i < TL_LIVE_PLACES && self->places[i].outbox != NULL; i++) {
+        tl_live_place_move_out(&self->places[i]);
     }
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&self->blocks[i]);
