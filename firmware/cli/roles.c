@@ -6,7 +6,6 @@
 
 #include "firmware/cli/check_page.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_twin.h"
 #include "firmware/retune/worker.h"
 #include "firmware/twin/twin_child.h"
 

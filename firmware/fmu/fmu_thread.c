@@ -109,7 +109,6 @@ tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_err
     (void)pthread_cond_init(&made->changed, &attributes);
     (void)pthread_condattr_destroy(&attributes);
     made->watch = watch;
-    tl_fmu_patience_init(&made->patience, 0);
     int result = make_thread(made);
     if (result != 0) {
         destroy(made);

@@ -4,29 +4,22 @@
 #include "firmware/base/log.h"
 #include "firmware/live/live_host.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
 #include "firmware/retune/activator.h"
-#include "firmware/twin/journal.h"
-#include "firmware/twin/live_tuning.h"
 
 /* A worn-out memory card takes its time for one version. */
 static const tl_time PATIENCE = 60 * TL_SECOND;
 
 typedef struct activator_process {
     tl_live_given given;
-    tl_outbox outbox;
-    tl_journal journal;
-    tl_heart *heart;
     tl_live_host host;
     tl_activation_host functions;
     tl_activator *activator;
 } activator_process;
 
 static void open_host(activator_process *self) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_live_given *given = &self->given;
+    tl_live_given *given = &self->given;
     tl_live_host *host = &self->host;
     *host = (tl_live_host){.pulse = given->blocks[TL_LIVE_ACTIVATOR_PULSE].bytes,
                            .recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes,
@@ -36,16 +29,12 @@ static void open_host(activator_process *self) {
                            .text = given->config.text,
                            .text_hash = given->config.hash,
                            .step = given->config.step,
-                           .journal = &self->journal};
+                           .journal = &given->journal};
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
         host->twins[i] = given->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
         host->tunings[i] = given->blocks[TL_LIVE_TUNING + i].bytes;
         memcpy(host->hash[i], given->job.hash[i], sizeof host->hash[i]);
     }
-    tl_outbox_open(&events, given->blocks[TL_LIVE_ACTIVATOR_EVENTS].bytes,
-                   host->recorder != NULL ? &host->recorder->state.taken[TL_LIVE_OUTBOX_ACTIVATOR] : NULL,
-                   &self->outbox);
-    tl_live_role_open_journal(&self->journal, &self->outbox);
 }
 
 static tl_status open_activator(activator_process *self, tl_error *error) {
@@ -59,16 +48,6 @@ static tl_status open_activator(activator_process *self, tl_error *error) {
     return tl_activator_open(TL_LIVE_KNOCKER, self->given.job.state, &settings, &self->activator, error);
 }
 
-static void work(activator_process *self) {
-    bool goes_on = true;
-    while (goes_on && tl_interrupt_requested() == NULL) {
-        goes_on = tl_activator_work(self->activator);
-        tl_live_host_look(&self->host);
-        tl_heart_beat(self->heart);
-        tl_journal_drain(&self->journal);
-    }
-}
-
 int tl_activator_role_run(void) {
     static activator_process self; /* one for the process */
     tl_error error;
@@ -78,16 +57,21 @@ int tl_activator_role_run(void) {
         return tl_exit_code(status);
     }
     open_host(&self);
-    self.heart = tl_heart_begin(&self.host.pulse->beats, "activator", PATIENCE);
+    tl_heart *heart = tl_heart_begin(&self.host.pulse->beats, "activator", PATIENCE);
     status = open_activator(&self, &error);
     bool was_ready = status == TL_OK;
     if (was_ready) {
         tl_heartbeats_set_ready(&self.host.pulse->beats);
-        work(&self);
+        for (bool goes_on = true; goes_on && tl_interrupt_requested() == NULL;) {
+            goes_on = tl_activator_work(self.activator);
+            tl_live_host_look(&self.host);
+            tl_heart_beat(heart);
+            tl_journal_drain(&self.given.journal);
+        }
         tl_activator_close(self.activator);
     } else {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    tl_journal_drain(&self.journal);
+    tl_journal_drain(&self.given.journal);
     return tl_live_role_end(&self.host.pulse->beats, was_ready, tl_exit_code(status));
 }

@@ -62,7 +62,7 @@ void tl_reaper_leave(tl_reaper *reaper) {
 /* ---- child ---- */
 
 void tl_child_prepare(tl_child *child) {
-    tl_heartbeats_clear(child->beats);
+    memset(child->beats, 0, sizeof *child->beats);
     child->seen = (tl_heartbeats_seen){0};
     child->end = (tl_child_end){.known = false};
     child->killed = false;
@@ -167,10 +167,6 @@ void tl_child_bury(tl_child *child) {
         tl_reaper_take(&child->reaper, child->pid);
     }
     child->pid = 0;
-}
-
-bool tl_child_is_buried(tl_child *child) {
-    return tl_reaper_rests(&child->reaper);
 }
 
 /* ---- onlooker ---- */

@@ -59,17 +59,16 @@ typedef struct tl_child_end {
     int code; /* announced */
 } tl_child_end;
 
-/* A zeroed one with a name and heartbeats is none yet. */
+/* A zeroed one with heartbeats is none yet. */
 typedef struct tl_child {
-    const char *name;
     tl_heartbeats *beats; /* in memory that it writes */
     pid_t pid;            /* 0: none */
     tl_child_end end;     /* of the last one */
     bool asked;           /* it was asked to end */
     bool killed;          /* by us */
     tl_heartbeats_seen seen;
+    tl_reaper reaper; /* rests once the one before is reaped */
     /* private */
-    tl_reaper reaper;
     char fault[TL_RESTARTS_REASON];
     tl_time blamed; /* the FMU call that is to blame has lasted for so long */
     tl_time asking; /* what has passed since it was asked to end the last time, of its life */
@@ -104,9 +103,6 @@ bool tl_child_kept_its_word(const tl_child *child);
 
 /* Has it reaped; its number is nobody's any more. */
 void tl_child_bury(tl_child *child);
-
-/* It is reaped, or there was nothing to reap. */
-bool tl_child_is_buried(tl_child *child);
 
 /* ---- Somebody who looks at a process: it is silent because he holds it, and not because it hangs.
  *

@@ -13,13 +13,12 @@
 #include <unistd.h>
 
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/config/drivers.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/twin/journal.h"
 
 enum { LOOK_MS = 50, KINDS = TL_MAX_DRIVERS };
 
@@ -35,8 +34,6 @@ static const tl_time PATIENCE = 30 * TL_SECOND;
 typedef struct io {
     tl_live_given given;
     tl_heartbeats *beats;
-    tl_outbox outbox;
-    tl_journal journal;
     tl_live_plant *plant;
     unsigned kinds; /* of sources that this process reads */
     reader readers[KINDS];
@@ -46,17 +43,7 @@ typedef struct io {
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
     io *self = context;
-    tl_journal_event(&self->journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
-}
-
-/* Without a recorder nobody takes the events; they are logged all the same. */
-static void open_outbox(io *self) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_live_recorder_pulse *recorder = self->given.blocks[TL_LIVE_RECORDER_PULSE].bytes;
-    self->beats = self->given.blocks[TL_LIVE_IO_BEATS].bytes;
-    tl_outbox_open(&events, self->given.blocks[TL_LIVE_IO_EVENTS].bytes,
-                   recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_IO] : NULL, &self->outbox);
-    tl_live_role_open_journal(&self->journal, &self->outbox);
+    tl_journal_event(&self->given.journal, -1, up ? TL_EVENT_INFO : TL_EVENT_WARNING, "plant", "%s: %s", source, text);
 }
 
 static tl_status open_plant(io *self, tl_error *error) {
@@ -150,11 +137,8 @@ static tl_status await_readers(io *self, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < self->reader_count && status == TL_OK; i++) {
         char opened = 0;
-        ssize_t count = -1;
-        do {
-            count = read(self->readers[i].line, &opened, 1);
-        } while (count < 0 && errno == EINTR);
-        status = count == 1 ? TL_OK : lose_reader(&self->readers[i], error);
+        status =
+            tl_file_bytes_read(self->readers[i].line, &opened, 1) == 1 ? TL_OK : lose_reader(&self->readers[i], error);
     }
     return status;
 }
@@ -201,7 +185,7 @@ static tl_status read_until_told(io *self, tl_heart *heart, tl_error *error) {
     tl_status status = TL_OK;
     while (!is_over(self, error, &status)) {
         tl_heart_beat(heart);
-        tl_journal_drain(&self->journal);
+        tl_journal_drain(&self->given.journal);
     }
     return status;
 }
@@ -213,16 +197,14 @@ int tl_io_role_run(void) {
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
-    open_outbox(&self);
+    self.beats = self.given.blocks[TL_LIVE_IO_BEATS].bytes;
     status = start_readers(&self, &error);
     tl_heart *heart = tl_heart_begin(self.beats, "io", PATIENCE);
     if (status == TL_OK) {
         status = tl_live_places_confine_io(&self.given.config, self.kinds, &error);
     }
-    bool is_open = false;
     if (status == TL_OK) {
         status = open_plant(&self, &error);
-        is_open = status == TL_OK;
     }
     if (status == TL_OK) {
         status = announce(&self, &error);
@@ -236,11 +218,9 @@ int tl_io_role_run(void) {
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
     }
-    if (is_open) {
-        tl_live_plant_close(self.plant);
-    }
+    tl_live_plant_close(self.plant);
     end_readers(&self);
-    tl_journal_drain(&self.journal);
+    tl_journal_drain(&self.given.journal);
     const int code = tl_exit_code(status);
     return self.first >= 0 ? code : tl_live_role_end(self.beats, was_ready, code);
 }

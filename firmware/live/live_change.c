@@ -10,35 +10,31 @@ static const tl_time TICKS_BEFORE =
 /* ---- what there is ---- */
 
 static tl_live_place *place_of_run(const tl_live_change *self) {
-    return &self->settings.places[self->settings.stage->place];
-}
-
-static uint32_t other(uint32_t place) {
-    return place == 0 ? 1 : 0;
+    return &self->places[self->stage->place];
 }
 
 static tl_live_place *place_of_shadow(const tl_live_change *self) {
-    return &self->settings.places[other(self->settings.stage->place)];
+    return &self->places[1 - self->stage->place];
 }
 
 static bool is_recorder_behind(const tl_live_change *self) {
-    return self->settings.recorder != NULL && self->recorder_flips != self->settings.stage->flips;
+    return self->recorder != NULL && self->recorder_flips != self->stage->flips;
 }
 
 static bool has_drained(const tl_live_change *self) {
     return is_recorder_behind(self) && self->recorder_flips != self->done &&
-           __atomic_load_n(&self->settings.recorder->drained, __ATOMIC_ACQUIRE) == self->recorder_flips + 1;
+           __atomic_load_n(&self->recorder->drained, __ATOMIC_ACQUIRE) == self->recorder_flips + 1;
 }
 
 /* ---- answers ---- */
 
 static void obey(tl_live_change *self, uint32_t number) {
     self->waiting = 0;
-    __atomic_store_n(&self->settings.stage->order, number, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->stage->order, number, __ATOMIC_RELEASE);
 }
 
 static void show_shadow(tl_live_change *self, tl_live_shadow shadow, const char *why) {
-    tl_live_stage *stage = self->settings.stage;
+    tl_live_stage *stage = self->stage;
     (void)snprintf(stage->why, sizeof stage->why, "%.*s", TL_LIVE_STAGE_WHY - 1, why);
     __atomic_store_n(&stage->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
 }
@@ -74,13 +70,12 @@ static void let_in(tl_live_change *self, uint32_t number, const tl_live_needs *n
     const tl_live_place *run = place_of_run(self);
     tl_live_place *place = place_of_shadow(self);
     tl_error error = {0};
-    tl_status status =
-        tl_live_place_move_in_candidate(place, self->settings.candidate, needs, self->settings.step, &error);
+    tl_status status = tl_live_place_move_in_candidate(place, self->candidate, needs, self->step, &error);
     if (status != TL_OK) {
         refuse_shadow(self, number, error.text);
         return;
     }
-    place->unconfined = place->unconfined && self->settings.unconfined;
+    place->unconfined = place->unconfined && self->unconfined;
     place->start = run->pulse->start;
     place->started = run->pulse->started;
     self->wants_shadow = true;
@@ -106,7 +101,7 @@ static void want_shadow(tl_live_change *self, uint32_t number, const tl_live_nee
 
 /* The first tick that is far enough ahead, and that the run's twin has not come to; below 0: none can be told. */
 static int64_t tick_of_flip(const tl_live_change *self, tl_time start, tl_time now) {
-    const tl_time step = self->settings.step;
+    const tl_time step = self->step;
     tl_run_status figures = {.tick = 0};
     if (start <= 0 || start > now) {
         return -1;
@@ -120,11 +115,11 @@ static int64_t tick_of_flip(const tl_live_change *self, tl_time start, tl_time n
 }
 
 static void announce(tl_live_change *self, int64_t tick, tl_time now) {
-    tl_live_stage *stage = self->settings.stage;
+    tl_live_stage *stage = self->stage;
     const tl_live_place *to = place_of_shadow(self);
-    const tl_time step = self->settings.step;
+    const tl_time step = self->step;
     char text[160];
-    __atomic_store_n(&stage->to, other(stage->place), __ATOMIC_RELAXED);
+    __atomic_store_n(&stage->to, 1 - stage->place, __ATOMIC_RELAXED);
     __atomic_store_n(&stage->tick, tick, __ATOMIC_RELAXED);
     __atomic_store_n(&stage->flips, stage->flips + 1, __ATOMIC_RELEASE);
     self->until = to->start + tick * step + tl_live_stage_ahead(step);
@@ -132,7 +127,7 @@ static void announce(tl_live_change *self, int64_t tick, tl_time now) {
     (void)snprintf(text, sizeof text,
                    "from tick %" PRId64 " on the run goes on with another twin, of configuration %.12s", tick,
                    to->hash);
-    self->settings.tell(self->settings.context, text);
+    self->tell(self->context, text);
 }
 
 /* Why there can be none; NULL: it can. */
@@ -157,18 +152,17 @@ static void flip(tl_live_change *self, uint32_t number, tl_time now) {
     const char *refusal = find_refusal(self);
     int64_t tick = refusal == NULL ? tick_of_flip(self, place_of_shadow(self)->start, now) : -1;
     if (tick < 0) {
-        show_shadow(self, (tl_live_shadow)self->settings.stage->shadow, /* what there was of a shadow stays */
+        show_shadow(self, (tl_live_shadow)self->stage->shadow, /* what there was of a shadow stays */
                     refusal != NULL ? refusal : "the run's ticks are not to be believed");
-        obey(self, number);
-        return;
+    } else {
+        announce(self, tick, now);
     }
-    announce(self, tick, now);
     obey(self, number);
 }
 
 /* Both are who they are to be now. */
 static void swap(tl_live_change *self, tl_orders *orders) {
-    tl_live_stage *stage = self->settings.stage;
+    tl_live_stage *stage = self->stage;
     tl_live_place *before = place_of_run(self);
     bool is_dead = before->pid == 0;
     before->start = place_of_shadow(self)->start;
@@ -177,13 +171,13 @@ static void swap(tl_live_change *self, tl_orders *orders) {
     self->wants_shadow = !is_dead;
     show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
                 is_dead ? "it had died before another twin took over" : "");
-    __atomic_store_n(&stage->place, other(stage->place), __ATOMIC_RELEASE);
+    __atomic_store_n(&stage->place, 1 - stage->place, __ATOMIC_RELEASE);
     orders->swap = true;
 }
 
 static void look_at_flip(tl_live_change *self, tl_time now, bool ends, tl_orders *orders) {
     const tl_live_place *before = place_of_run(self);
-    bool has_flipped = __atomic_load_n(&before->pulse->flipped, __ATOMIC_ACQUIRE) == self->settings.stage->flips;
+    bool has_flipped = __atomic_load_n(&before->pulse->flipped, __ATOMIC_ACQUIRE) == self->stage->flips;
     bool is_dead = before->pid == 0 && !ends; /* who is asked to end has ended the last run */
     if (has_flipped || is_dead) {
         swap(self, orders);
@@ -196,10 +190,10 @@ static void look_at_flip(tl_live_change *self, tl_time now, bool ends, tl_orders
 /* ---- orders ---- */
 
 static void look_at_order(tl_live_change *self, tl_time now) {
-    const tl_live_order *order = &self->settings.orders->order;
+    const tl_live_order *order = &self->orders->order;
     uint32_t number = __atomic_load_n(&order->number, __ATOMIC_ACQUIRE);
     tl_live_needs needs = order->needs;
-    if (number == self->settings.stage->order) {
+    if (number == self->stage->order) {
         return;
     }
     switch (order->verb) {
@@ -218,17 +212,13 @@ static void look_at_order(tl_live_change *self, tl_time now) {
 }
 
 void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orders *orders) {
-    if (change->settings.stage->flips != change->done) {
+    if (change->stage->flips != change->done) {
         look_at_flip(change, now, ends, orders);
     } else if (!ends) {
         look_at_order(change, now);
     }
     orders->shadow = change->wants_shadow && !change->holds;
     orders->recorder = has_drained(change);
-}
-
-void tl_live_change_note_hold(tl_live_change *change, bool holds) {
-    change->holds = holds;
 }
 
 void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason) {
@@ -241,6 +231,6 @@ void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reaso
 void tl_live_change_begin_recorder(tl_live_change *change) {
     if (has_drained(change)) {
         change->recorder_flips++;
-        change->recorder_place = other(change->recorder_place);
+        change->recorder_place = 1 - change->recorder_place;
     }
 }

@@ -18,28 +18,24 @@
 #include <stdbool.h>
 
 #include "firmware/live/live_places.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/live/supervisor.h"
 
 #define TL_LIVE_CHANGE_PATIENCE (30 * TL_SECOND)
 
-typedef struct tl_live_change_settings {
+/* Begins with what its user sets, and zeros. */
+typedef struct tl_live_change {
     tl_live_stage *stage;
-    tl_live_place *places;                 /* TL_LIVE_PLACES; the run's own configuration has moved into the first */
-    const tl_live_activator_pulse *orders; /* */
+    tl_live_place *places; /* TL_LIVE_PLACES; the run's own configuration has moved into the first */
+    const tl_live_activator_pulse *orders;
     const tl_block *candidate;
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
     tl_time step;                           /* of the run: it does not change */
     bool unconfined;                        /* FMUs may do what the user can, if their configuration says so */
     void *context;
     void (*tell)(void *context, const char *text); /* a flip is announced: an event, and a line of the log */
-} tl_live_change_settings;
-
-/* Private; begins with its settings, and zeros. */
-typedef struct tl_live_change {
-    tl_live_change_settings settings;
+    bool holds;                                    /* also set by its user: the twin of the run is in safe hold */
+    /* private */
     bool wants_shadow;
-    bool holds;
     uint32_t done;    /* number of the newest flip that is done; another one than that of the stage: it is under way, */
     tl_time until;    /* and whoever has not done its part by then is killed */
     uint32_t waiting; /* number of the order that waits, */
@@ -50,9 +46,6 @@ typedef struct tl_live_change {
 
 /* As often as the supervisor looks. */
 void tl_live_change_look(tl_live_change *change, tl_time now, bool ends, tl_orders *orders);
-
-/* The run's twin is begun, in safe hold or not. */
-void tl_live_change_note_hold(tl_live_change *change, bool holds);
 
 /* The shadow has ended, or could not be begun. */
 void tl_live_change_note_end_of_shadow(tl_live_change *change, const char *reason);

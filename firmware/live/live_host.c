@@ -7,6 +7,7 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/text.h"
 #include "firmware/config/config.h"
+#include "firmware/twin/twin_recorder.h"
 
 /* ---- places ---- */
 
@@ -109,17 +110,6 @@ static bool running_text(void *context, const char *hash, char *text, size_t *si
 
 /* ---- the FMUs' files ---- */
 
-static void digest_files(const tl_config *config, char digest[TL_SHA256_TEXT]) {
-    static char paths[TL_IDENTITY_FILES][PATH_MAX];
-    const char *names[TL_IDENTITY_FILES];
-    size_t count = config->component_count < TL_IDENTITY_FILES ? config->component_count : TL_IDENTITY_FILES;
-    for (size_t i = 0; i < count; i++) {
-        (void)tl_config_fmu_path(config, config->components[i].fmu, paths[i], sizeof paths[i]);
-        names[i] = paths[i];
-    }
-    tl_identity_files(names, count, digest);
-}
-
 /* The text is in force, and so was validated. */
 static bool has_other_fmus(void *context, const char *text, size_t size) {
     const tl_live_host *self = context;
@@ -133,7 +123,7 @@ static bool has_other_fmus(void *context, const char *text, size_t size) {
         tl_config_read_text(self->path, text, size, &config, &problems.report) != TL_OK) {
         return false;
     }
-    digest_files(&config, now);
+    tl_twin_recorder_identify(&config, now);
     tl_config_free(&config);
     return now[0] != '\0' && strcmp(now, loaded) != 0;
 }
@@ -162,10 +152,6 @@ static uint32_t newest_tuning(const tl_live_host *self) {
     return newest;
 }
 
-static void copy_words(char *to, size_t room, const char *from) {
-    (void)snprintf(to, room, "%s", from);
-}
-
 static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
     tl_latest_publish(&tuning_of_run(context)->yardstick, yardstick, sizeof *yardstick);
 }
@@ -176,10 +162,10 @@ static bool tune(void *context, const tl_version *version, const char *why, cons
     if (!is_kept(self)) {
         return false;
     }
-    copy_words(head.hash, sizeof head.hash, version->hash);
-    copy_words(head.who, sizeof head.who, version->who);
-    copy_words(head.origin, sizeof head.origin, tl_change_origins[version->origin]);
-    copy_words(head.why, sizeof head.why, why);
+    (void)snprintf(head.hash, sizeof head.hash, "%s", version->hash);
+    (void)snprintf(head.who, sizeof head.who, "%s", version->who);
+    (void)snprintf(head.origin, sizeof head.origin, "%s", tl_change_origins[version->origin]);
+    (void)snprintf(head.why, sizeof head.why, "%s", why);
     tl_live_tuning_skip(tuning_of_run(self), newest_tuning(self));
     self->given = tl_live_tuning_write(tuning_of_run(self), &head, text);
     return true;
@@ -215,8 +201,8 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     }
     self->candidate->size = (uint32_t)candidate->size;
     memcpy(self->candidate->text, candidate->text, candidate->size + 1);
-    copy_words(self->candidate->hash, sizeof self->candidate->hash, candidate->hash);
-    copy_words(self->hash[place], sizeof self->hash[place], candidate->hash);
+    (void)snprintf(self->candidate->hash, sizeof self->candidate->hash, "%s", candidate->hash);
+    (void)snprintf(self->hash[place], sizeof self->hash[place], "%s", candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
     tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
     self->pulse->order.needs = candidate->needs;
@@ -242,10 +228,6 @@ static bool flip(void *context) {
     return true;
 }
 
-static void copy_why(const tl_live_host *self, char why[TL_ACTIVATION_WHY]) {
-    (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_LIVE_STAGE_WHY - 1, self->stage->why);
-}
-
 /* Also of a flip that an activator before this one has ordered. */
 static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
@@ -254,7 +236,7 @@ static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]
         return TL_ACTIVATION_WAITS;
     }
     if (__atomic_load_n(&stage->flips, __ATOMIC_ACQUIRE) == self->pulse->flips) {
-        copy_why(self, why);
+        (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_LIVE_STAGE_WHY - 1, stage->why);
         return TL_ACTIVATION_REFUSED;
     }
     return place_of_run(self) == __atomic_load_n(&stage->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN
@@ -271,7 +253,7 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
     } else if (state == TL_LIVE_SHADOW_ENDED) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
-        copy_why(self, shadow->why);
+        (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_LIVE_STAGE_WHY - 1, self->stage->why);
     } else if (state == TL_LIVE_SHADOW_LIVES) {
         read_status(self->twins[1 - place_of_run(self)], &shadow->work);
         shadow->phase = shadow->work.phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE

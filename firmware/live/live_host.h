@@ -10,7 +10,7 @@
 #ifndef TL_FIRMWARE_LIVE_LIVE_HOST_H
 #define TL_FIRMWARE_LIVE_LIVE_HOST_H
 
-#include "firmware/live/live_wire.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/retune/activation.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/live_tuning.h"

@@ -17,22 +17,8 @@
 
 /* ---- live place ---- */
 
-tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error) {
-    *place = (tl_live_place){.pulse = NULL};
-    tl_status status =
-        tl_block_make("twinlock twin", sizeof *place->pulse, TL_BLOCK_THEY_WRITE, &place->pulse_block, error);
-    if (status == TL_OK) {
-        place->pulse = place->pulse_block.bytes;
-        status = tl_block_make("twinlock tuning", sizeof(tl_live_tuning), TL_BLOCK_SPARSE, &place->tuning, error);
-    }
-    if (status == TL_OK && records) {
-        status = tl_block_make("twinlock past", TL_LIVE_PAST_BYTES, TL_BLOCK_SPARSE, &place->past, error);
-    }
-    return status;
-}
-
-static void move_out(tl_live_place *place) {
-    tl_block_close(&place->outbox);
+void tl_live_place_move_out(tl_live_place *place) {
+    tl_block_close(place->outbox);
     free(place->copy);
     place->copy = NULL;
     place->text = NULL;
@@ -41,7 +27,7 @@ static void move_out(tl_live_place *place) {
 
 static tl_status make_outbox(tl_live_place *place, const tl_outbox_settings *settings, tl_error *error) {
     place->outbox_settings = *settings;
-    return tl_block_make("twinlock outbox", tl_outbox_bytes(settings), TL_BLOCK_SPARSE, &place->outbox, error);
+    return tl_block_make("twinlock outbox", tl_outbox_bytes(settings), TL_BLOCK_SPARSE, place->outbox, error);
 }
 
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error) {
@@ -101,7 +87,7 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *
                                      .match = needs->match,
                                      .adjust = needs->adjust,
                                      .components = (size_t)needs->components + 1};
-    move_out(place);
+    tl_live_place_move_out(place);
     tl_status status = check_needs(needs, error);
     if (status == TL_OK) {
         status = copy_text(place, candidate, error);
@@ -111,7 +97,7 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *
         status = make_outbox(place, &settings, error);
     }
     if (status != TL_OK) {
-        move_out(place);
+        tl_live_place_move_out(place);
         return status;
     }
     place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
@@ -129,20 +115,12 @@ uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_ta
     tl_block outbox = {.descriptor = -1};
     tl_error error;
     uint64_t count = 0;
-    if (place->outbox.size != 0 && tl_block_take(tl_block_reader(&place->outbox), place->outbox.size, TL_BLOCK_WE_WRITE,
-                                                 &outbox, &error) == TL_OK) {
+    if (place->outbox->size != 0 && tl_block_take(tl_block_reader(place->outbox), place->outbox->size,
+                                                  TL_BLOCK_WE_WRITE, &outbox, &error) == TL_OK) {
         count = tl_outbox_rest_count(&place->outbox_settings, outbox.bytes, taken);
     }
     tl_block_close(&outbox);
     return count;
-}
-
-void tl_live_place_close(tl_live_place *place) {
-    move_out(place);
-    tl_block_close(&place->pulse_block);
-    tl_block_close(&place->tuning);
-    tl_block_close(&place->past);
-    place->pulse = NULL;
 }
 
 /* ---- live places ---- */

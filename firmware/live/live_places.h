@@ -6,29 +6,25 @@
 #define TL_FIRMWARE_LIVE_LIVE_PLACES_H
 
 #include "firmware/config/config.h"
-#include "firmware/live/live_wire.h"
+#include "firmware/live/live_blocks.h"
 #include "firmware/process/block.h"
 #include "firmware/twin/twin_process.h"
 #include "master/base/status.h"
 
-/* ---- A place for a twin: the memory in which it lives and is talked to, and of which configuration it is.
+/* ---- A place for a twin: its pulse, its outbox, and of which configuration it is.
  *
- * Purpose: there are two (live_stage.h), made at the start of the run. The twin that the run begins with lives in the first; another configuration *moves in*
+ * Purpose: there are two (live_stage.h). The twin that the run begins with lives in the first; another configuration *moves in*
  *          where no twin is now. What is in the memory outlives each twin's process: its successor goes on with it.
- * Memory:  pulse, tuning and past are there for as long as the run is. The outbox has the size of the configuration, and is made when that moves in. All but
- *          the pulse takes memory only as far as it is used.
+ * Memory:  the outbox has the size of the configuration, and is made when that moves in. It takes memory only as far as it is used.
  * Trust:   a candidate is copied, and its text is that of its digest; it is not read. Its numbers are another process's, and bounded here: what is wrong in
  *          them its own twin finds, since its memory does not fit.
  * Thread:  the supervisor's.
  */
 
-/* A zeroed one is none. `start`, `started`, `twin` and `pid` are its user's. */
+/* Begins with `pulse` and `outbox`, and zeros. `start`, `started`, `twin` and `pid` are its user's. */
 typedef struct tl_live_place {
     tl_live_twin_pulse *pulse;
-    tl_block pulse_block;
-    tl_block tuning;
-    tl_block past;   /* none if nothing is recorded */
-    tl_block outbox; /* none before a configuration has moved in */
+    tl_block *outbox; /* none before a configuration has moved in */
     tl_outbox_settings outbox_settings;
     const char *text; /* of the configuration; NULL: none */
     char hash[TL_SHA256_TEXT];
@@ -41,9 +37,6 @@ typedef struct tl_live_place {
     char *copy;            /* private: the text, if it is ours */
 } tl_live_place;
 
-/* What does not depend on a configuration. Errors: TL_TRY_AGAIN; then it can be closed. */
-tl_status tl_live_place_make(bool records, tl_live_place *place, tl_error *error);
-
 /* The run's own configuration, which was read here and stays. Errors: TL_TRY_AGAIN. */
 tl_status tl_live_place_move_in(tl_live_place *place, const tl_config *config, bool unconfined, tl_error *error);
 
@@ -55,7 +48,8 @@ tl_status tl_live_place_move_in_candidate(tl_live_place *place, const tl_block *
 /* Samples, steps and events in the outbox that nobody has taken. Its twin is dead. */
 uint64_t tl_live_place_count_rest(const tl_live_place *place, const tl_outbox_taken *taken);
 
-void tl_live_place_close(tl_live_place *place);
+/* Frees the text and the outbox; also of a place that is empty. */
+void tl_live_place_move_out(tl_live_place *place);
 
 /* ---- What io and the recorder give up: all files and system calls that their work does not need.
  *

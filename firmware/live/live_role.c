@@ -6,6 +6,26 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/role.h"
 
+static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
+    tl_outbox_event(context, tick, severity, source, text);
+}
+
+void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox) {
+    tl_journal_init(journal, NULL);
+    tl_journal_listen(journal, put_event, outbox);
+}
+
+/* Without a recorder nobody takes the events; they are logged all the same. */
+static void open_events(tl_live_kind kind, tl_live_given *given) {
+    const tl_outbox_settings events = tl_live_event_outbox();
+    const tl_live_recorder_pulse *recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+    const bool is_io = kind == TL_LIVE_IS_IO;
+    const size_t number = is_io ? TL_LIVE_OUTBOX_IO : TL_LIVE_OUTBOX_ACTIVATOR;
+    tl_outbox_open(&events, given->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_ACTIVATOR_EVENTS].bytes,
+                   recorder != NULL ? &recorder->state.taken[number] : NULL, &given->outbox);
+    tl_live_role_open_journal(&given->journal, &given->outbox);
+}
+
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
     tl_error error;
     tl_log_use_levels();
@@ -18,17 +38,10 @@ tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
+    } else if (kind != TL_LIVE_IS_RECORDER) {
+        open_events(kind, given);
     }
     return status;
-}
-
-static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
-}
-
-void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox) {
-    tl_journal_init(journal, NULL);
-    tl_journal_listen(journal, put_event, outbox);
 }
 
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {

@@ -1,4 +1,4 @@
-/* The processes of a run, from within: io, recorder, activator; the twin is in live_twin.h.
+/* The processes of a run, from within: twin, io, recorder, activator.
  *
  * Purpose: what main() becomes in a process that the tree (tree.h) has started with such a role.
  * Order:   the same in each: log, parent, shared memory, places, confinement, signals, then the work. Told to end by SIGTERM.
@@ -8,9 +8,10 @@
 #define TL_FIRMWARE_LIVE_LIVE_ROLE_H
 
 #include "firmware/live/live_blocks.h"
-#include "firmware/process/heartbeat.h"
-#include "firmware/store/outbox.h"
+#include "firmware/process/confine.h"
+#include "firmware/twin/assembly.h"
 #include "firmware/twin/journal.h"
+#include "firmware/twin/twin_role.h"
 
 /* Titles begin with these. */
 #define TL_LIVE_IO "io"
@@ -29,12 +30,17 @@ int tl_recorder_role_run(void);
 /* Answers at the control socket, and changes the configuration (activator.h), until nothing is to be done. */
 int tl_activator_role_run(void);
 
-/* What each of them has from its supervisor. */
+/* Holds the FMUs and the real-time cycle: for tl_twin_role_tasks, what its process does once it is confined. An exit code, which was announced. */
+int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
+
+/* What each of them but the twin has from its supervisor. */
 typedef struct tl_live_given {
     tl_block job_block;
     tl_live_job job;
     tl_config config;
     tl_block blocks[TL_LIVE_BLOCKS]; /* by their numbers; those that it does not have are zeroed */
+    tl_outbox outbox;                /* of events; not of the recorder, as the next one */
+    tl_journal journal;
 } tl_live_given;
 
 /* First in each of them: the log is for who reads the pipe, the process ends with its parent, and takes what it was given. What goes wrong is logged. */

@@ -1,6 +1,14 @@
-/* The twin of a live run, in the process with the FMUs: see live_twin.h. */
-#include "firmware/live/live_twin.h"
-
+/* The live twin: the process of a run that holds the FMUs and the real-time cycle.
+ *
+ * Purpose: builds the twin, goes on where an earlier one was ended, keeps it locked to the plant until it is told to end, and hands all that is
+ *          to be kept to the recorder. Or, told to hold: reads and records the plant's samples without any FMU.
+ * Holds:   nothing but that (confine.h). It reads the mailboxes that io writes; it writes its outbox and its pulse.
+ * Past:    if a process before it has died in the same run, it goes on from the newest checkpoint in the outbox and what was put since. Else
+ *          it asks the recorder, who reads the database.
+ * Shadow:  a twin of another configuration beside the run's, in the other place (live_stage.h): it is led over what is recorded, then over the plant's
+ *          ticks. What happens in it goes to the log only; a flip makes it the run's twin, and the run's twin a shadow. One that cannot keep pace ends.
+ * Thread:  the main thread of its process; FMUs and cycle have another one.
+ */
 #include <inttypes.h>
 #include <sched.h>
 #include <stdio.h>
@@ -12,7 +20,6 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_thread.h"
-#include "firmware/live/live_blocks.h"
 #include "firmware/live/live_role.h"
 #include "firmware/live/recorded_course.h"
 #include "firmware/process/interrupt.h"
@@ -99,11 +106,12 @@ static void open_outbox(live_twin *self) {
 
 /* `config` gets what the job changes. */
 static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config *config, tl_error *error) {
-    const char *of_run = "";
-    tl_status status = tl_live_job_unpack(job->live, job->live_size, &self->job, &of_run, error);
+    const char *path = NULL;
+    const char *of_run = NULL;
+    tl_status status = tl_live_job_unpack(job->live, job->live_size, &self->job, &path, &of_run, error);
     if (status == TL_OK) {
         tl_live_job_apply(&self->job, config);
-        status = self->job.is_shadow ? tl_live_job_read(&self->job, config->path, of_run, &self->run, error) : TL_OK;
+        status = self->job.is_shadow ? tl_live_job_read(&self->job, path, of_run, &self->run, error) : TL_OK;
     }
     if (status == TL_OK) {
         status = tl_live_blocks_take(TL_LIVE_IS_TWIN, &self->job, config, self->blocks, error);
@@ -735,7 +743,7 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         tl_log(TL_LOG_ERROR, "%s", error.text);
         return tl_exit_code(status);
     }
-    tl_fmu_calls_use(tl_heartbeats_calls(&self.pulse->beats));
+    tl_fmu_calls_use(&self.pulse->beats.calls);
     self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
     tl_live_role_open_journal(&self.journal, &self.outbox);
     self.is_shadow = self.job.is_shadow;

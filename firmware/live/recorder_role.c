@@ -9,10 +9,8 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/live/live_blocks.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/store/recorder_writer.h"
@@ -195,7 +193,7 @@ static void look_at_wishes(recorder *self) {
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
         tl_past_history_close(self->history); /* nobody needs it any more */
         self->history = NULL;
-        tl_block_forget(self->past, 0, self->past->size);
+        tl_block_forget(self->past);
     }
 }
 

@@ -15,55 +15,42 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 
-enum { FILE_BYTES = 4096, TRIES_COUNTED = 1000 };
+enum { TRIES_COUNTED = 1000 };
 
 /* ---- the file ---- */
 
-/* What the supervisor before this one left. */
-typedef struct kept {
-    uint64_t starts, restarts, failures;
-    bool running; /* it did not end in order */
-    uint64_t unreadable, tries;
-    char boot[TL_IDENTITY_TEXT];
-} kept;
-
-static bool understand(const char *text, size_t size, kept *before) {
-    tl_json_reader reader = tl_json_reader_of(text, size);
-    before->starts = tl_json_count(&reader, "starts");
-    before->restarts = tl_json_count(&reader, "restarts");
-    before->failures = tl_json_count(&reader, "failures");
-    before->running = tl_json_truth(&reader, "running");
-    (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
-    before->unreadable =
-        strtoull(tl_json_text(&reader, "unreadable"), NULL, 16); /* more than a number of JSON's holds */
-    before->tries = tl_json_count(&reader, "tries");
-    bool right = reader.right;
-    tl_json_reader_free(&reader);
-    return right;
+static unsigned at_most(uint64_t count, unsigned most) {
+    return count < most ? (unsigned)count : most;
 }
 
-/* False where there is none, or none that can be understood. */
-static bool read_kept(const char *path, kept *before) {
-    char text[FILE_BYTES];
-    FILE *file = fopen(path, "r");
-    *before = (kept){0};
-    if (file == NULL) {
-        return false;
+/* What the supervisor before this one left; nothing if there is no file, or none that can be understood. */
+static void read_account(tl_restarts *restarts, bool watchdog) {
+    tl_json_reader reader = tl_json_file_read(restarts->path);
+    tl_restarts kept = *restarts;
+    kept.starts = tl_json_count(&reader, "starts");
+    kept.restarts = tl_json_count(&reader, "restarts");
+    kept.failures = at_most(tl_json_count(&reader, "failures"), TL_RESTARTS_MOST);
+    kept.tries = at_most(tl_json_count(&reader, "tries"), TRIES_COUNTED);
+    kept.unreadable = strtoull(tl_json_text(&reader, "unreadable"), NULL, 16); /* more than a number of JSON's holds */
+    kept.interrupted = tl_json_truth(&reader, "running");
+    bool is_same_boot = kept.boot[0] != '\0' && strcmp(kept.boot, tl_json_text(&reader, "boot")) == 0;
+    if (kept.interrupted) {
+        tl_restarts_excuse(&kept, is_same_boot ? "the supervisor was killed"
+                                  : watchdog   ? "the box was reset by its watchdog"
+                                               : "the box was reset, or lost its power");
     }
-    size_t size = fread(text, 1, FILE_BYTES, file);
-    (void)fclose(file);
-    bool right = understand(text, size, before);
-    if (!right) {
-        tl_log(TL_LOG_WARNING, "%s: is damaged; restarts are counted anew", path);
-        *before = (kept){0};
+    if (reader.right) {
+        *restarts = kept;
+    } else if (access(restarts->path, F_OK) == 0) {
+        tl_log(TL_LOG_WARNING, "%s: is damaged; restarts are counted anew", restarts->path);
     }
-    return right;
+    tl_json_reader_free(&reader);
 }
 
 /* The same length always, so that one can be written over another. */
 enum { ACCOUNT_BYTES = 256 };
 
-static int write_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
+static void print_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
     int length = snprintf(text, ACCOUNT_BYTES + 1,
                           "{\"starts\": %" PRIu64 ", \"restarts\": %" PRIu64
                           ", \"failures\": %u, \"running\": %s, \"boot\": \"%s\", \"unreadable\": \"%" PRIx64
@@ -72,41 +59,38 @@ static int write_account(const tl_restarts *restarts, bool running, char text[AC
                           restarts->boot, restarts->unreadable, restarts->tries);
     memset(text + length, ' ', (size_t)(ACCOUNT_BYTES - 1 - length));
     text[ACCOUNT_BYTES - 1] = '\n';
-    return ACCOUNT_BYTES;
 }
 
 /* On a full disk: over the bytes that are there, which takes no room. Not whole if the power fails just now, so it is for an end only. */
-static bool write_over(const tl_restarts *restarts, bool running) {
-    char text[ACCOUNT_BYTES + 1];
-    int length = write_account(restarts, running, text);
-    int file = open(restarts->path, O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
-    bool is_written = file >= 0 && write(file, text, (size_t)length) == length && fdatasync(file) == 0;
+static bool write_over(const char *path, const char *text) {
+    int file = open(path, O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
+    bool is_written = file >= 0 && tl_file_bytes_write(file, text, ACCOUNT_BYTES) && fdatasync(file) == 0;
     if (file >= 0) {
         (void)close(file);
     }
     return is_written;
 }
 
-static tl_status write_file(const tl_restarts *restarts, bool running, tl_error *error) {
+static tl_status write_file(const char *path, const char *text, tl_error *error) {
     tl_new_file file;
-    tl_status status = tl_new_file_open(restarts->path, &file, error);
+    tl_status status = tl_new_file_open(path, &file, error);
     if (status != TL_OK) {
         return status;
     }
-    char text[ACCOUNT_BYTES + 1];
-    int length = write_account(restarts, running, text);
-    (void)fwrite(text, 1, (size_t)length, file.file);
+    (void)fwrite(text, 1, ACCOUNT_BYTES, file.file);
     return tl_new_file_keep(&file, error);
 }
 
 /* A full disk does not keep anybody from going on; it is told once. */
 static void keep(tl_restarts *restarts, bool running) {
+    char text[ACCOUNT_BYTES + 1];
     tl_error error;
     if (restarts->path[0] == '\0') {
         return;
     }
-    bool failed = write_file(restarts, running, &error) != TL_OK;
-    failed = failed && (running || !write_over(restarts, running));
+    print_account(restarts, running, text);
+    bool failed = write_file(restarts->path, text, &error) != TL_OK;
+    failed = failed && (running || !write_over(restarts->path, text));
     if (failed && !restarts->unwritten) {
         tl_log(TL_LOG_WARNING, "restarts are not kept: %s", error.text);
     }
@@ -147,26 +131,11 @@ static tl_status set_folder(const char *folder, tl_restarts *restarts, tl_error 
 }
 
 tl_status tl_restarts_open(const char *folder, bool watchdog, tl_restarts *restarts, tl_error *error) {
-    kept before;
     *restarts = (tl_restarts){.reason = "it was told to", .lock = -1};
     tl_identity_boot(restarts->boot);
-    if (folder == NULL) {
-        return TL_OK;
-    }
-    tl_status status = set_folder(folder, restarts, error);
-    if (status == TL_OK && read_kept(restarts->path, &before)) {
-        restarts->starts = before.starts;
-        restarts->restarts = before.restarts;
-        restarts->unreadable = before.unreadable;
-        restarts->failures = (unsigned)(before.failures < TL_RESTARTS_MOST ? before.failures : TL_RESTARTS_MOST);
-        restarts->tries = (unsigned)(before.tries < TRIES_COUNTED ? before.tries : TRIES_COUNTED);
-        restarts->interrupted = before.running;
-        if (before.running) {
-            bool is_same_boot = restarts->boot[0] != '\0' && strcmp(restarts->boot, before.boot) == 0;
-            tl_restarts_excuse(restarts, is_same_boot ? "the supervisor was killed"
-                                         : watchdog   ? "the box was reset by its watchdog"
-                                                      : "the box was reset, or lost its power");
-        }
+    tl_status status = folder == NULL ? TL_OK : set_folder(folder, restarts, error);
+    if (status == TL_OK && folder != NULL) {
+        read_account(restarts, watchdog);
     }
     return status;
 }

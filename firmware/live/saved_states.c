@@ -36,7 +36,7 @@ static void make_key(const tl_config *config, const char *digest, char key[TL_SH
 
 /* The key stays "" if one cannot be read. */
 static void identify(tl_saved_states *states) {
-    const tl_config *config = states->settings.config;
+    const tl_config *config = states->config;
     int descriptors[TL_IDENTITY_FILES] = {0};
     char digest[TL_SHA256_TEXT];
     const size_t count =
@@ -84,16 +84,15 @@ static void keep(const tl_saved_states *states) {
 /* ---- the trial ---- */
 
 static void begin_trial(tl_saved_states *states) {
-    const tl_saved_states_settings *settings = &states->settings;
     tl_error error;
     const tl_worker_settings worker = {
-        .plant = settings->config->name,
+        .plant = states->config->name,
         .job = {.kind = TL_WORKER_STATES,
-                .text = {[TL_WORKER_PATH] = settings->config->path, [TL_WORKER_CANDIDATE] = settings->config->text},
-                .memory_limit = settings->memory_limit,
-                .unconfined = settings->unconfined},
+                .text = {[TL_WORKER_PATH] = states->config->path, [TL_WORKER_CANDIDATE] = states->config->text},
+                .memory_limit = states->memory_limit,
+                .unconfined = states->unconfined},
         .limit = LIMIT,
-        .be = settings->be,
+        .be = states->be,
     };
     states->is_due = tl_worker_start(&states->worker, &worker, &error) == TL_OK;
     states->begun = tl_clock_now(NULL);
@@ -152,10 +151,9 @@ void tl_saved_states_stop(tl_saved_states *states) {
     states->is_due = false;
 }
 
-void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states) {
-    *states = (tl_saved_states){.settings = *settings};
-    if (settings->folder == NULL || settings->config->record_resume == 0 ||
-        snprintf(states->path, PATH_MAX, "%s/states.json", settings->folder) >= PATH_MAX) {
+void tl_saved_states_open(const char *folder, tl_saved_states *states) {
+    if (folder == NULL || states->config->record_resume == 0 ||
+        snprintf(states->path, PATH_MAX, "%s/states.json", folder) >= PATH_MAX) {
         return;
     }
     identify(states);

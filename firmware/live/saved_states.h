@@ -22,19 +22,14 @@
 #include "firmware/live/supervisor.h"
 #include "firmware/retune/worker.h"
 
-typedef struct tl_saved_states_settings {
-    const tl_config *config; /* as it was read */
-    const char *folder;      /* NULL: there is none */
+typedef struct tl_saved_states {
+    const tl_config *config; /* as it was read; this and the next three are set by the user, the rest is zeroed */
     bool unconfined;
     uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
     int (*be)(const char *title, void *context); /* where there is no exec (role.h) */
-} tl_saved_states_settings;
-
-typedef struct tl_saved_states {
     uint64_t files; /* number of the FMU files whose saved states are of no use; 0: nothing is known against them */
     char why[TL_TWIN_CHECK_WHY]; /* then: why */
     /* private */
-    tl_saved_states_settings settings;
     uint64_t number;          /* of the FMU files */
     char key[TL_SHA256_TEXT]; /* by which they are remembered */
     char path[PATH_MAX];
@@ -44,8 +39,8 @@ typedef struct tl_saved_states {
     bool is_told;  /* that it takes long */
 } tl_saved_states;
 
-/* Reads the FMU files and what is remembered of them. What is pointed to must stay. */
-void tl_saved_states_open(const tl_saved_states_settings *settings, tl_saved_states *states);
+/* Reads the FMU files and what is remembered of them. Without a folder (NULL) nothing is tried. The configuration must stay. */
+void tl_saved_states_open(const char *folder, tl_saved_states *states);
 
 /* Does not wait. Begins the trial if it is due, and tells whether the twin has to wait for it: TL_WAIT_LONG after 10 s. After 3 s the log says so. */
 tl_wait tl_saved_states_look(tl_saved_states *states);

@@ -13,6 +13,7 @@
 #include "board/watchdog/watchdog.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
+#include "firmware/base/text.h"
 #include "firmware/live/child.h"
 #include "firmware/process/fmu_patience.h"
 #include "firmware/process/interrupt.h"
@@ -165,15 +166,13 @@ static void stroke(supervisor *self, tl_time now) {
 /* The text is of a process with FMUs: a second line in it would be another message to the service manager. */
 static void tell_status(supervisor *self, tl_time now) {
     char text[TL_HEARTBEAT_STATUS];
-    char line[TL_HEARTBEAT_STATUS + 16];
+    char line[4 * TL_HEARTBEAT_STATUS + 16] = "STATUS="; /* each byte may take four */
+    const size_t begun = strlen(line);
     if (now - self->told < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) || text[0] == '\0') {
         return;
     }
     self->told = now;
-    int length = snprintf(line, sizeof line, "STATUS=%.*s", (int)sizeof text - 1, text);
-    for (int i = 0; i < length; i++) {
-        line[i] = (char)((unsigned char)line[i] < ' ' || line[i] == '\x7f' ? ' ' : line[i]);
-    }
+    (void)tl_clean_text(text, strnlen(text, sizeof text), line + begun, sizeof line - begun);
     (void)tl_service_tell(line);
 }
 
@@ -209,21 +208,29 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
+/* On the log, and as an event if it is told. */
+static void put_failure(supervisor *self, tl_member which, const char *when, const char *reason, bool is_followed,
+                        bool is_told) {
+    char text[TL_RESTARTS_REASON + 128];
+    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which], when, reason,
+                   is_followed ? "; another one is begun" : "");
+    tl_log(TL_LOG_ERROR, "%s", text);
+    if (is_told) {
+        self->settings->tell(self->settings->context, text);
+    }
+}
+
 /* Failures of a member that is begun again: the first one at once, those after it once a minute. */
 static void say_failures(supervisor *self, tl_member which, tl_time now) {
     member *failed = self->members[which];
     char times[48] = "";
-    char text[TL_RESTARTS_REASON + 128];
     if (failed->unsaid == 0 || (failed->said != 0 && now - failed->said < QUIET)) {
         return;
     }
     if (failed->said != 0 && failed->unsaid > 1) {
         (void)snprintf(times, sizeof times, " %u more times, the last time", failed->unsaid);
     }
-    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which], times, failed->failure,
-                   failed->state == ABSENT ? "" : "; another one is begun");
-    tl_log(TL_LOG_ERROR, "%s", text);
-    self->settings->tell(self->settings->context, text);
+    put_failure(self, which, times, failed->failure, failed->state != ABSENT, true);
     failed->unsaid = 0;
     failed->said = now;
 }
@@ -326,15 +333,9 @@ static bool was_told_early(const supervisor *self, tl_member which) {
 
 /* On the log, and for the database; there the next twin tells itself why there is one. */
 static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
-    const tl_child *child = &self->members[which]->child;
-    char text[TL_RESTARTS_REASON + 96];
-    (void)snprintf(text, sizeof text, "%s failed%s: %s%s", name_of[which],
-                   self->is_ending && child->asked ? " when it was to end" : "", reason,
-                   is_followed ? "; another one is begun" : "");
-    tl_log(TL_LOG_ERROR, "%s", text);
-    if (which != TL_MEMBER_TWIN || !is_followed) {
-        self->settings->tell(self->settings->context, text);
-    }
+    bool was_asked = self->is_ending && self->members[which]->child.asked;
+    put_failure(self, which, was_asked ? " when it was to end" : "", reason, is_followed,
+                which != TL_MEMBER_TWIN || !is_followed);
 }
 
 /* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
@@ -604,7 +605,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
 /* It begins again when its time has come, or not at all if all ends; a recorder has something left to write then. */
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
-    bool is_buried = tl_child_is_buried(&resting->child);
+    bool is_buried = tl_reaper_rests(&resting->child.reaper);
     bool waits = which == TL_MEMBER_TWIN && wait_of(self) == TL_WAIT_BRIEF;
     tl_time pause = self->is_ending && resting->pause > PAUSE_IN_END ? PAUSE_IN_END : resting->pause;
     bool is_worth_a_stroke =
@@ -676,7 +677,7 @@ static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_ti
         return;
     }
     bool is_due = ordered->state == ABSENT || (ordered->state == RESTING && now - ordered->ended >= PAUSE_OF_CLIENT);
-    if (is_due && shall_be && tl_child_is_buried(&ordered->child)) {
+    if (is_due && shall_be && tl_reaper_rests(&ordered->child.reaper)) {
         begin(self, which, now);
     }
 }
@@ -686,8 +687,6 @@ static void swap(supervisor *self, tl_time now) {
     member *after = shadow_of(self);
     self->members[TL_MEMBER_TWIN] = after;
     self->members[TL_MEMBER_SHADOW] = before;
-    after->child.name = name_of[TL_MEMBER_TWIN];
-    before->child.name = name_of[TL_MEMBER_SHADOW];
     before->state = before->state == LIVING ? LIVING : ABSENT;
     before->reason[0] = '\0';
     self->held = false;
@@ -737,7 +736,7 @@ static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
         member *member_ = self->members[which];
-        is_about = is_about || (member_->state == RESTING && !tl_child_is_buried(&member_->child)) ||
+        is_about = is_about || (member_->state == RESTING && !tl_reaper_rests(&member_->child.reaper)) ||
                    (member_->state == LIVING && !tl_heartbeats_is_ready(member_->child.beats));
     }
     return is_about;
@@ -814,7 +813,7 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     self->restarts.lock = -1;
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         self->members[which] = &self->processes[which];
-        self->members[which]->child = (tl_child){.name = name_of[which], .beats = self->settings->beats[which]};
+        self->members[which]->child = (tl_child){.beats = self->settings->beats[which]};
     }
     tl_status status = open_watchdog(self, error);
     if (status == TL_OK) {
@@ -840,23 +839,22 @@ static void close_all(supervisor *self) {
     tl_restarts_close(&self->restarts);
 }
 
-static void wait_for_signals(supervisor *self) {
-    (void)sigemptyset(&self->signals);
-    (void)sigaddset(&self->signals, SIGCHLD);
-    (void)sigaddset(&self->signals, SIGTERM);
-    (void)sigaddset(&self->signals, SIGINT);
+void tl_supervisor_block_signals(sigset_t *blocked, sigset_t *before) {
+    (void)sigemptyset(blocked);
+    (void)sigaddset(blocked, SIGCHLD);
+    (void)sigaddset(blocked, SIGTERM);
+    (void)sigaddset(blocked, SIGINT);
     if (!tl_interrupt_ignores_hangup()) {
-        (void)sigaddset(&self->signals, SIGHUP);
+        (void)sigaddset(blocked, SIGHUP);
     }
-    (void)pthread_sigmask(SIG_BLOCK, &self->signals, &self->before);
-    (void)signal(SIGCHLD,
-                 SIG_DFL); /* whoever started us may have ignored it, and the kernel tells nobody of an end then */
+    (void)pthread_sigmask(SIG_BLOCK, blocked, before);
 }
 
 int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
     supervisor self = {.settings = settings};
     tl_error error = {0};
-    wait_for_signals(&self);
+    tl_supervisor_block_signals(&self.signals, &self.before);
+    (void)signal(SIGCHLD, SIG_DFL); /* whoever started us may have ignored it: the kernel tells nobody of an end then */
     int code = 0;
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {

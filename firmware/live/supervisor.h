@@ -45,6 +45,7 @@
 #ifndef TL_FIRMWARE_LIVE_SUPERVISOR_H
 #define TL_FIRMWARE_LIVE_SUPERVISOR_H
 
+#include <signal.h>
 #include <stdbool.h>
 #include <sys/types.h>
 
@@ -113,7 +114,10 @@ typedef struct tl_supervisor_settings {
 
 /* *stopped (NULL: not wanted): the signal by which it was asked to end; 0: it was not. Returns an exit code once no process runs any more: the one that the twin announced at last, or the recorder if that is worse; 75 if a process
  * had to be killed in its end; 70 if the twin failed and was alone. A process that ended last is not reaped, which is done when this one ends. SIGCHLD is
- * as by default from now on. Threads of the caller's must have SIGCHLD, SIGTERM, SIGINT and SIGHUP blocked. */
+ * as by default from now on. Threads of the caller's must have its signals blocked. */
 int tl_supervise(const tl_supervisor_settings *settings, int *stopped);
+
+/* Blocks the signals that a supervisor waits for. `before`: the mask until now; NULL: not wanted. */
+void tl_supervisor_block_signals(sigset_t *blocked, sigset_t *before);
 
 #endif

@@ -4,25 +4,27 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <poll.h>
+#include <pthread.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/eventfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
-#include "firmware/live/live_blocks.h"
+#include "firmware/base/relay.h"
+#include "firmware/base/text.h"
 #include "firmware/live/live_change.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/live_wire.h"
 #include "firmware/live/saved_states.h"
 #include "firmware/live/supervisor.h"
-#include "firmware/live/voice.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/role.h"
 #include "firmware/report/summary.h"
@@ -30,13 +32,238 @@
 #include "firmware/store/outbox.h"
 #include "firmware/twin/twin_process.h"
 
+/* ---- the voice: the one thread by which the processes reach standard error ---- */
+
+/* io, recorder and activator print into pipes; what comes out is logged here, line by line. So only the supervisor holds the terminal, and no line
+ * is smeared by the status line, which is drawn here as well. A process that is begun again prints the lines of the one before: from the third
+ * process on each such line is logged once a minute, with a count. All but speak() and what it calls is the supervisor's thread; only the end waits
+ * for the voice, which has an ordinary priority, whatever that of the supervisor is. */
+
+enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, DEAD = 8, LINES = 16, EARS = 3 };
+
+/* A line that a later process repeats is logged again after this time. */
+static const tl_time QUIET = 60 * TL_SECOND;
+
+/* A line that was logged. */
+typedef struct logged_line {
+    uint64_t hash;
+    unsigned process; /* that printed it the last time */
+    unsigned repeats; /* by later processes, which were not logged */
+    bool is_loop;     /* a later process has repeated it within QUIET */
+    tl_time time;
+} logged_line;
+
+/* What processes of one kind print, one after the other. */
+typedef struct ear {
+    tl_relay relay;
+    int pipe;         /* the end into which they print; 0: there is none */
+    unsigned process; /* number of the process that prints */
+    logged_line lines[LINES];
+} ear;
+
+/* Dead processes are left in places that the thread empties, since to clear them away may wait. */
+typedef struct voice {
+    const tl_heartbeats *beats; /* of the twin: its status */
+    bool status;
+    bool terminal;
+    bool speaks; /* there is a thread */
+    pthread_t thread;
+    int wake; /* eventfd */
+    bool stop;
+    ear ears[EARS];
+    tl_twin_process *dead[DEAD]; /* to be cleared away */
+    tl_time drawn;
+} voice;
+
+/* FNV-1a. */
+static uint64_t hash_of(const char *line) {
+    uint64_t hash = 0xcbf29ce484222325;
+    for (; *line != '\0'; line++) {
+        hash = (hash ^ (unsigned char)*line) * 0x100000001b3;
+    }
+    return hash;
+}
+
+/* The entry of this line; if there is none, the oldest one is used for it. */
+static logged_line *find_line(ear *listening, uint64_t hash) {
+    logged_line *oldest = &listening->lines[0];
+    for (int i = 0; i < LINES; i++) {
+        logged_line *line = &listening->lines[i];
+        if (line->hash == hash) {
+            return line;
+        }
+        oldest = line->time < oldest->time ? line : oldest;
+    }
+    *oldest = (logged_line){.hash = hash};
+    return oldest;
+}
+
+/* A process may repeat itself, and so may its first successor. What further ones repeat is counted instead. */
+static bool is_to_be_counted(ear *listening, logged_line *line, tl_time now) {
+    const unsigned process = __atomic_load_n(&listening->process, __ATOMIC_RELAXED);
+    bool is_repeated = line->process != process && line->time != 0 && now - line->time < QUIET;
+    bool was_loop = line->is_loop;
+    line->process = process;
+    line->is_loop = is_repeated || (was_loop && line->repeats > 0);
+    return is_repeated && was_loop;
+}
+
+static void pass(void *context, const char *line) {
+    ear *listening = context;
+    const char *text = NULL;
+    char times[64] = "";
+    int level = tl_log_level_of(line, &text);
+    tl_time now = tl_clock_now(NULL);
+    logged_line *entry = find_line(listening, hash_of(line));
+    if (is_to_be_counted(listening, entry, now)) {
+        entry->repeats++;
+        return;
+    }
+    if (entry->repeats > 0) {
+        (void)snprintf(times, sizeof times, " (and %u times in between)", entry->repeats);
+    }
+    entry->repeats = 0;
+    entry->time = now;
+    if (level == TL_LOG_FOREIGN) {
+        tl_log_plain(text);
+    } else {
+        tl_log((tl_log_level)level, "%s%s", text, times);
+    }
+}
+
+static void clear_dead(voice *self) {
+    for (int i = 0; i < DEAD; i++) {
+        tl_twin_process_close(__atomic_exchange_n(&self->dead[i], NULL, __ATOMIC_ACQ_REL));
+    }
+}
+
+/* Its text is of a process with FMUs. */
+static void draw(voice *self) {
+    char text[TL_HEARTBEAT_STATUS];
+    char clean[TL_RELAY_CLEAN];
+    tl_time now = tl_clock_now(NULL);
+    tl_time interval = (self->terminal ? TERMINAL_MS : STATUS_MS) * (TL_SECOND / 1000);
+    if ((!self->terminal && !self->status) || now - self->drawn < interval ||
+        !tl_heartbeats_get_status(__atomic_load_n(&self->beats, __ATOMIC_ACQUIRE), text)) {
+        return;
+    }
+    text[sizeof text - 1] = '\0';
+    (void)tl_clean_text(text, strlen(text), clean, sizeof clean);
+    if (clean[0] == '\0') {
+        return;
+    }
+    self->drawn = now;
+    if (self->terminal) {
+        tl_log_status(clean);
+    } else {
+        tl_log_plain(clean);
+    }
+}
+
+static void *speak(void *context) {
+    voice *self = context;
+    bool stop = false;
+    while (!stop) {
+        struct pollfd watched[1 + EARS] = {{.fd = self->wake, .events = POLLIN}};
+        for (int i = 0; i < EARS; i++) {
+            watched[1 + i] = (struct pollfd){.fd = self->ears[i].relay.descriptor, .events = POLLIN};
+        }
+        (void)poll(watched, 1 + EARS, TERMINAL_MS);
+        uint64_t count = 0;
+        (void)!read(self->wake, &count, sizeof count);
+        stop = __atomic_load_n(&self->stop, __ATOMIC_ACQUIRE);
+        for (int i = 0; i < EARS; i++) {
+            (void)tl_relay_drain(&self->ears[i].relay);
+        }
+        clear_dead(self);
+        draw(self);
+    }
+    return NULL;
+}
+
+static void wake(const voice *self) {
+    const uint64_t one = 1;
+    (void)!write(self->wake, &one, sizeof one);
+}
+
+static bool open_pipes(voice *self) {
+    int ends[2];
+    self->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
+    bool is_open = self->wake >= 0;
+    for (int i = 0; i < EARS && is_open; i++) {
+        is_open = pipe2(ends, O_CLOEXEC) == 0;
+        if (is_open) {
+            self->ears[i].pipe = ends[1];
+            tl_relay_open(&self->ears[i].relay, ends[0], pass, &self->ears[i]);
+        }
+    }
+    return is_open;
+}
+
+/* The pipe for a process of a kind that is about to begin: what it prints there is logged. It stays the voice's. */
+static int pipe_for(voice *self, tl_live_kind kind) {
+    (void)__atomic_add_fetch(&self->ears[kind].process, 1, __ATOMIC_RELAXED);
+    return self->ears[kind].pipe;
+}
+
+/* `beats`: of the twin, at first. `status`: a status line also if standard error is no terminal. Errors: TL_TRY_AGAIN. */
+static tl_status start_voice(voice *self, const tl_heartbeats *beats, bool status, tl_error *error) {
+    self->beats = beats;
+    self->status = status;
+    self->terminal = isatty(STDERR_FILENO) == 1;
+    int failure = open_pipes(self) ? tl_side_thread_start(&self->thread, STACK, speak, self) : errno;
+    self->speaks = failure == 0;
+    return self->speaks
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "the processes of the run cannot be heard: %s", strerror(failure));
+}
+
+/* Clears away a process that is dead and let go of. */
+static void bury(voice *self, tl_twin_process *process) {
+    for (int i = 0; i < DEAD; i++) {
+        tl_twin_process *free_place = NULL;
+        if (__atomic_compare_exchange_n(&self->dead[i], &free_place, process, false, __ATOMIC_ACQ_REL,
+                                        __ATOMIC_RELAXED)) {
+            wake(self);
+            return;
+        }
+    }
+    tl_twin_process_close(process); /* nobody has cleared away for so long: it must not pile up */
+}
+
+/* Passes on what is left, takes the status line away, and ends. Again, or before it has begun, it does nothing. */
+static void stop_voice(voice *self) {
+    if (self->speaks) {
+        __atomic_store_n(&self->stop, true, __ATOMIC_RELEASE);
+        wake(self);
+        (void)pthread_join(self->thread, NULL);
+        self->speaks = false;
+        clear_dead(self);
+        tl_log_status(NULL);
+    }
+    for (int i = 0; i < EARS; i++) {
+        ear *listening = &self->ears[i];
+        if (listening->pipe != 0) {
+            (void)close(listening->pipe);
+            listening->pipe = 0;
+            (void)tl_relay_drain(
+                &listening->relay); /* of processes that are gone: all that they have printed is there */
+            tl_relay_close(&listening->relay);
+        }
+    }
+    if (self->wake > 0) {
+        (void)close(self->wake);
+        self->wake = 0;
+    }
+}
+
 /* ---- the data: used by the supervisor's thread, but for tl_tree_put_event() ---- */
 
 typedef struct tl_tree {
     const tl_tree_settings *settings;
     tl_config config;                /* as the processes have it, with what the command line changes */
     tl_live_job job;                 /* what does not change from start to start */
-    tl_block blocks[TL_LIVE_BLOCKS]; /* but those of places; they outlive each process that writes them */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* they outlive each process that writes them */
     tl_live_place places[TL_LIVE_PLACES];
     tl_live_change change;
     uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
@@ -47,7 +274,7 @@ typedef struct tl_tree {
     bool again;             /* the run is to begin anew */
     int stopped;            /* by this signal; 0: by none */
     tl_outbox outbox;       /* of the supervisor */
-    tl_voice *voice;
+    voice voice;
     int32_t urgent; /* the thread of the run's twin that has the priority; 0: none */
     FILE *output;
     tl_time began;
@@ -106,22 +333,15 @@ static void hear_refusal_of_other(void *context, const char *text) {
 
 /* ---- descriptors ---- */
 
-static const tl_block *find_block(const tl_tree *self, int number) {
-    const unsigned of_place = (unsigned)(number - TL_LIVE_TWIN_PULSE);
-    const tl_live_place *place = &self->places[of_place % TL_LIVE_PLACES];
-    const tl_block *const blocks[] = {&place->pulse_block, &place->tuning, &place->past, &place->outbox};
-    return number < TL_LIVE_TWIN_PULSE ? &self->blocks[number] : blocks[of_place / TL_LIVE_PLACES];
-}
-
 /* Descriptors for a process of the job: to be closed here once it has them. */
 static void give(const tl_tree *self, tl_live_kind kind, const tl_live_job *job, int given[TL_ROLE_DESCRIPTORS]) {
     const tl_live_access access = tl_live_access_of(kind, job);
     for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
         given[i] = -1;
         if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
-            given[i] = fcntl(find_block(self, i)->descriptor, F_DUPFD_CLOEXEC, 0);
+            given[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
         } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
-            given[i] = tl_block_reader(find_block(self, i));
+            given[i] = tl_block_reader(&self->blocks[i]);
         }
     }
 }
@@ -144,12 +364,15 @@ static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_er
     tl_role role = {.pid = 0};
     (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
     self->job.place = place;
-    tl_status status =
-        tl_live_job_make(&self->job, self->settings->config->path, self->places[place].text, &job, error);
+    size_t size = 0;
+    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->places[place].text, &size);
+    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
+                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
+    free(bytes);
     give(self, kind, &self->job, given);
     given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
-        given[1] = fcntl(tl_voice_pipe(self->voice, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
+        given[1] = fcntl(pipe_for(&self->voice, kind), F_DUPFD_CLOEXEC, 0);
         given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
@@ -196,7 +419,8 @@ static tl_live_job job_of_twin(const tl_tree *self, const tl_live_place *place, 
 static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     size_t live_size = 0;
-    unsigned char *live = tl_live_job_pack(job, job->is_shadow ? self->places[1 - job->place].text : "", &live_size);
+    const char *of_run = job->is_shadow ? self->places[1 - job->place].text : "";
+    unsigned char *live = tl_live_job_pack(job, self->settings->config->path, of_run, &live_size);
     if (live == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
     }
@@ -214,7 +438,7 @@ static tl_status start_with_job(tl_tree *self, tl_live_place *place, const tl_li
         .fmus = place->fmus,
         .which = job->place,
         .title = title,
-        .calls = tl_heartbeats_calls(&place->pulse->beats),
+        .calls = &place->pulse->beats.calls,
         .memory_limit = self->settings->memory_limit,
         .tasks = self->settings->tasks,
         .hear = job->place == 0 ? hear_refusal : hear_refusal_of_other,
@@ -250,7 +474,7 @@ static pid_t tl_tree_begin(void *context, tl_member which, const tl_start *start
     switch (which) {
     case TL_MEMBER_TWIN:
         self->urgent = 0;
-        tl_live_change_note_hold(&self->change, start->hold);
+        self->change.holds = start->hold;
         return start_twin(self, tl_tree_place_of(self, which), false, start, error);
     case TL_MEMBER_SHADOW:
         pid = start_twin(self, tl_tree_place_of(self, which), true, start, error);
@@ -293,6 +517,12 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
         {TL_LIVE_ACTIVATOR_PULSE, "twinlock activator", false, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
         {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_TWIN_PULSE, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST, "twinlock past", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST + 1, "twinlock past", true, TL_BLOCK_SPARSE},
     };
     const bool records = tl_tree_records(self);
     tl_config begun = *self->settings->config; /* whose text is in force first, */
@@ -307,8 +537,9 @@ static tl_status make_memory(tl_tree *self, tl_error *error) {
             status = tl_block_make(made[i].name, size, made[i].writer, block, error);
         }
     }
-    for (size_t i = 0; i < TL_LIVE_PLACES && status == TL_OK; i++) {
-        status = tl_live_place_make(records, &self->places[i], error);
+    for (size_t i = 0; i < TL_LIVE_PLACES; i++) { /* outboxes are made for a configuration */
+        self->places[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        self->places[i].outbox = &self->blocks[TL_LIVE_OUTBOX + i];
     }
     if (status == TL_OK) {
         status = tl_live_place_move_in(&self->places[0], &begun, self->settings->unconfined, error);
@@ -330,10 +561,10 @@ static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, ch
         (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);
     }
     tl_twin_process_let_go(place->twin);
-    tl_voice_clear(self->voice, place->twin);
+    bury(&self->voice, place->twin);
     place->twin = NULL;
     place->pid = 0;
-    /* A checkpoint that it had loaded may be to blame (live_wire.h). */
+    /* A checkpoint that it had loaded may be to blame. */
     bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
     place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
     return is_to_blame ? place->pulse->fmus : 0;
@@ -407,7 +638,7 @@ static void look(void *context, bool ends, tl_orders *orders) {
     if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
         schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
         self->urgent = 0;
-        tl_voice_watch(self->voice, &tl_tree_place_of_run(self)->pulse->beats);
+        __atomic_store_n(&self->voice.beats, &tl_tree_place_of_run(self)->pulse->beats, __ATOMIC_RELEASE);
         self->twins_place = ends ? self->twins_place : tl_tree_stage(self)->place;
     }
     if (ends) {
@@ -449,13 +680,6 @@ static tl_time damaged(void *context, tl_member which) {
 
 static tl_status open_all(tl_tree *self, tl_error *error) {
     const tl_tree_settings *settings = self->settings;
-    const tl_saved_states_settings states = {
-        .config = settings->config,
-        .folder = settings->supervised ? settings->state : NULL, /* without an account nothing would be remembered */
-        .unconfined = settings->unconfined,
-        .memory_limit = settings->memory_limit,
-        .be = settings->be,
-    };
     tl_error ignored;
     if (settings->database != NULL) {
         (void)snprintf(self->job.database, sizeof self->job.database, "%s", settings->database);
@@ -463,24 +687,28 @@ static tl_status open_all(tl_tree *self, tl_error *error) {
         (void)tl_config_file_path(&self->config, self->config.record_file, self->job.database,
                                   sizeof self->job.database);
     }
-    tl_saved_states_open(&states, &self->states);
+    self->states = (tl_saved_states){.config = settings->config,
+                                     .unconfined = settings->unconfined,
+                                     .memory_limit = settings->memory_limit,
+                                     .be = settings->be};
+    /* Without an account nothing would be remembered. */
+    tl_saved_states_open(settings->supervised ? settings->state : NULL, &self->states);
     tl_status status = make_memory(self, error);
     if (status == TL_OK && settings->control != NULL &&
         tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
         tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
     }
     if (status == TL_OK) {
-        const tl_live_change_settings change = {.stage = tl_tree_stage(self),
-                                                .places = self->places,
-                                                .orders = activator_pulse(self),
-                                                .candidate = &self->blocks[TL_LIVE_CANDIDATE],
-                                                .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
-                                                .step = self->config.step,
-                                                .unconfined = settings->unconfined,
-                                                .context = self,
-                                                .tell = tell_of_flip};
-        self->change = (tl_live_change){.settings = change};
-        status = tl_voice_start(&tl_tree_place_of_run(self)->pulse->beats, settings->status, &self->voice, error);
+        self->change = (tl_live_change){.stage = tl_tree_stage(self),
+                                        .places = self->places,
+                                        .orders = activator_pulse(self),
+                                        .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+                                        .recorder = tl_tree_records(self) ? tl_tree_recorder_pulse(self) : NULL,
+                                        .step = self->config.step,
+                                        .unconfined = settings->unconfined,
+                                        .context = self,
+                                        .tell = tell_of_flip};
+        status = start_voice(&self->voice, &tl_tree_place_of_run(self)->pulse->beats, settings->status, error);
     }
     return status;
 }
@@ -551,14 +779,14 @@ static int supervise(tl_tree *self) {
 }
 
 static void close_all(tl_tree *self) {
-    tl_voice_stop(self->voice);
+    stop_voice(&self->voice);
     tl_saved_states_stop(&self->states);
     if (self->listener >= 0) {
         (void)close(self->listener);
         (void)unlink(self->settings->control);
     }
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
-        tl_live_place_close(&self->places[i]);
+    for (size_t i = 0; i < TL_LIVE_PLACES && self->places[i].outbox != NULL; i++) {
+        tl_live_place_move_out(&self->places[i]);
     }
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&self->blocks[i]);
@@ -591,8 +819,7 @@ static void say_rest(tl_tree *self) {
 static int finish(tl_tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
-    tl_voice_stop(self->voice); /* all that the processes have said comes before what is said of them */
-    self->voice = NULL;
+    stop_voice(&self->voice); /* all that the processes have said comes before what is said of them */
     if (code != 0) {
         say_rest(self);
     }
@@ -621,12 +848,7 @@ int tl_tree_run(const tl_tree_settings *settings, tl_tree_end *end) {
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
         (void)snprintf(self.job.allowed, sizeof self.job.allowed, "%s", settings->allowed);
     }
-    (void)sigemptyset(&asked);
-    (void)sigaddset(&asked, SIGCHLD);
-    (void)sigaddset(&asked, SIGTERM);
-    (void)sigaddset(&asked, SIGINT);
-    (void)sigaddset(&asked, SIGHUP);
-    (void)pthread_sigmask(SIG_BLOCK, &asked, NULL); /* from now on they wait for the supervisor */
+    tl_supervisor_block_signals(&asked, NULL); /* from now on they wait for the supervisor */
     tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
         tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
     if (status == TL_OK) {

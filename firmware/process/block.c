@@ -11,6 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
+
 #if !defined(MFD_NOEXEC_SEAL)
 #define MFD_NOEXEC_SEAL 0x0008U /* Linux 6.3 */
 #endif
@@ -95,25 +97,13 @@ int tl_block_reader(const tl_block *block) {
 }
 
 /* By the descriptor: madvise() refuses to take locked memory away. */
-void tl_block_forget(tl_block *block, size_t offset, size_t size) {
-    size_t page = (size_t)sysconf(_SC_PAGESIZE);
-    size_t from = (offset + page - 1) / page * page;
-    size_t until = (offset + size) / page * page;
-    if (from < until) {
-        (void)fallocate(block->descriptor, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, (off_t)from,
-                        (off_t)(until - from));
-    }
+void tl_block_forget(tl_block *block) {
+    (void)fallocate(block->descriptor, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, (off_t)block->size);
 }
 
 tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_block *block, tl_error *error) {
     *block = (tl_block){.size = size, .descriptor = make_file(name)};
-    size_t done = 0;
-    ssize_t now = block->descriptor < 0 ? -1 : 0;
-    while (now >= 0 && done < size) {
-        now = write(block->descriptor, (const char *)bytes + done, size - done);
-        done += now > 0 ? (size_t)now : 0;
-    }
-    if (now < 0) {
+    if (block->descriptor < 0 || !tl_file_bytes_write(block->descriptor, bytes, size)) {
         return fail_make(name, block, error);
     }
     seal(block, F_SEAL_WRITE);

@@ -50,9 +50,9 @@ tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_
  * has seals; of one that is mapped to be read only, `writer` says what else must be sealed. The descriptor is the block's, on failure too. */
 tl_status tl_block_take(int descriptor, size_t size, tl_block_writer writer, tl_block *block, tl_error *error);
 
-/* In the process that writes it, mapped: the whole pages within these bytes are zero again, and their memory is the machine's, also where memory
- * is locked. Where a machine cannot do that, nothing happens. */
-void tl_block_forget(tl_block *block, size_t offset, size_t size);
+/* In the process that writes it, mapped: all bytes are zero again, and their memory is the machine's, also if memory is locked. If a machine
+ * cannot do that, nothing happens. */
+void tl_block_forget(tl_block *block);
 
 /* Unmaps, and closes the descriptor. A zeroed block is allowed. */
 void tl_block_close(tl_block *block);

@@ -154,8 +154,7 @@ static bool is_broken(const tl_channel *channel) {
 static uint32_t check_count(tl_channel *channel, uint32_t count) {
     if (count > TL_CHANNEL_DEPTH && !is_broken(channel)) {
         (void)tl_fail(&channel->fault, TL_FMU_FAILED, "%s counts %u messages in a ring of %d",
-                      channel->side == TL_PARENT ? "the process of the FMUs" : "the program", count,
-                      (int)TL_CHANNEL_DEPTH);
+                      side_names[other_side(channel)], count, (int)TL_CHANNEL_DEPTH);
     }
     return count <= TL_CHANNEL_DEPTH ? count : 0;
 }

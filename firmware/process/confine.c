@@ -1,14 +1,157 @@
 /* Confinement, in its order: see confine.h. */
 #include "firmware/process/confine.h"
 
+#include <dirent.h>
 #include <errno.h>
+#include <grp.h>
+#include <linux/capability.h>
+#include <linux/securebits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/prctl.h>
+#include <sys/syscall.h>
 #include <unistd.h>
 
-#include "firmware/process/privileges.h"
+#include "firmware/process/sanitizer.h"
+
+/* ---- privileges ---- */
+
+#define NO_ROOT                                                                                                        \
+    (SECBIT_NOROOT | SECBIT_NOROOT_LOCKED | SECBIT_NO_SETUID_FIXUP_LOCKED | SECBIT_KEEP_CAPS_LOCKED |                  \
+     SECBIT_NO_CAP_AMBIENT_RAISE | SECBIT_NO_CAP_AMBIENT_RAISE_LOCKED)
+
+static bool read_capabilities(struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3]) {
+    struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
+    memset(data, 0, _LINUX_CAPABILITY_U32S_3 * sizeof *data);
+    return syscall(SYS_capget, &header, data) == 0;
+}
+
+static bool has(unsigned capability) {
+    struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
+    return read_capabilities(data) && (data[CAP_TO_INDEX(capability)].effective & CAP_TO_MASK(capability)) != 0;
+}
+
+static bool has_none(void) {
+    struct __user_cap_data_struct data[_LINUX_CAPABILITY_U32S_3];
+    uint32_t all = 0;
+    bool known = read_capabilities(data);
+    for (size_t i = 0; i < _LINUX_CAPABILITY_U32S_3; i++) {
+        all |= data[i].effective | data[i].permitted | data[i].inheritable;
+    }
+    return known && all == 0;
+}
+
+static bool may_change_user(void) {
+    return has(CAP_SETUID) && has(CAP_SETGID);
+}
+
+/* What could come back by starting a program: not without CAP_SETPCAP, and then there is none to lose but for what we have. */
+static bool drop_to_come(void) {
+    if (!has(CAP_SETPCAP)) {
+        return true;
+    }
+    for (unsigned long capability = 0; prctl(PR_CAPBSET_READ, capability) >= 0; capability++) {
+        if (prctl(PR_CAPBSET_DROP, capability) != 0) {
+            return false;
+        }
+    }
+    return prctl(PR_SET_SECUREBITS, NO_ROOT) == 0;
+}
+
+/* Who has none needs none to be dropped: a service's filter refuses that to start with. */
+static bool drop_present(void) {
+    if (has_none()) {
+        return true;
+    }
+    struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
+    struct __user_cap_data_struct none[_LINUX_CAPABILITY_U32S_3];
+    memset(none, 0, sizeof none);
+    (void)prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* before Linux 4.3 there are none */
+    return syscall(SYS_capset, &header, none) == 0;
+}
+
+static tl_status drop_privileges(tl_error *error) {
+    return drop_to_come() && drop_present()
+               ? TL_OK
+               : tl_fail(error, TL_TRY_AGAIN, "capabilities could not be given up: %s", strerror(errno));
+}
+
+/* Becomes user and group `user` (> 0), without other groups and without any capability. Sets PR_SET_PDEATHSIG again, which the kernel forgets
+ * when the user changes. */
+static tl_status become_user(uint32_t user, tl_error *error) {
+    int signal = 0;
+    const pid_t parent = getppid();
+    (void)prctl(PR_GET_PDEATHSIG, &signal);
+    if (!drop_to_come() || setgroups(0, NULL) != 0 || setresgid(user, user, user) != 0 ||
+        setresuid(user, user, user) != 0 || !drop_present() || prctl(PR_SET_PDEATHSIG, signal) != 0) {
+        return tl_fail(error, TL_TRY_AGAIN, "the user could not be changed to %lu: %s", (unsigned long)user,
+                       strerror(errno));
+    }
+    return signal == 0 || getppid() == parent
+               ? TL_OK
+               : tl_fail(error, TL_INTERRUPTED, "the process that started this one has ended");
+}
+
+/* ---- limits ---- */
+
+/* Where there is no limit: more than any main thread needs. The stack does not count as data, and the main thread's grows by itself. */
+#define LARGEST_STACK ((rlim_t)64 * 1024 * 1024)
+
+/* Not with a sanitizer, whose own memory is larger. */
+static const bool HOLDS_MEMORY = TL_HAS_SANITIZER == 0;
+
+/* Never more than there is: what somebody else has limited stays so. */
+static bool limit(int resource, rlim_t most) {
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0) {
+        return false;
+    }
+    if (now.rlim_max == RLIM_INFINITY || now.rlim_max > most) {
+        now.rlim_max = most;
+    }
+    now.rlim_cur = now.rlim_max;
+    return setrlimit((__rlimit_resource_t)resource, &now) == 0;
+}
+
+/* All numbers of open descriptors are below this; where nobody can tell (no /proc), the limit as it is. */
+static rlim_t open_descriptors(void) {
+    rlim_t most = 0;
+    DIR *folder = opendir("/proc/self/fd");
+    if (folder == NULL) {
+        return RLIM_INFINITY - TL_PROCESS_LIMITS_DESCRIPTORS;
+    }
+    for (const struct dirent *entry = readdir(folder); entry != NULL; entry = readdir(folder)) {
+        rlim_t number = strtoul(entry->d_name, NULL, 10);
+        most = number >= most ? number + 1 : most;
+    }
+    (void)closedir(folder);
+    return most;
+}
+
+static tl_status set_limits(uint64_t memory, uint64_t file, tl_error *error) {
+    struct rlimit stack;
+    bool has_stack = getrlimit(RLIMIT_STACK, &stack) == 0 && stack.rlim_cur != RLIM_INFINITY;
+    bool done = (memory == 0 || !HOLDS_MEMORY || limit(RLIMIT_DATA, (rlim_t)memory)) &&
+                (file == 0 || limit(RLIMIT_FSIZE, (rlim_t)file)) && limit(RLIMIT_CORE, 0) &&
+                limit(RLIMIT_STACK, has_stack ? stack.rlim_cur : LARGEST_STACK) && limit(RLIMIT_MSGQUEUE, 0) &&
+                limit(RLIMIT_SIGPENDING, TL_PROCESS_LIMITS_SIGNALS) &&
+                limit(RLIMIT_NOFILE, open_descriptors() + TL_PROCESS_LIMITS_DESCRIPTORS) &&
+                prctl(PR_SET_DUMPABLE, 0) == 0;
+    return done ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "limits of the process could not be set: %s", strerror(errno));
+}
+
+void tl_process_limits_permit(int resource, rlim_t least) {
+    struct rlimit now;
+    if (getrlimit((__rlimit_resource_t)resource, &now) != 0 || now.rlim_cur >= least) {
+        return;
+    }
+    const struct rlimit wanted = {.rlim_cur = least, .rlim_max = now.rlim_max < least ? least : now.rlim_max};
+    if (setrlimit((__rlimit_resource_t)resource, &wanted) != 0) {
+        now.rlim_cur = now.rlim_max;
+        (void)setrlimit((__rlimit_resource_t)resource, &now);
+    }
+}
 
 /* ---- what there is ---- */
 
@@ -17,8 +160,8 @@ void tl_confine_probe(tl_confine_facts *facts) {
         .filter = tl_filter_is_offered(),
         .notifies = tl_filter_can_notify(),
         .landlock = tl_landlock_version(),
-        .memory = tl_process_limits_hold_memory(),
-        .user = tl_privileges_may_change_user(),
+        .memory = HOLDS_MEMORY,
+        .user = may_change_user(),
     };
 }
 
@@ -35,9 +178,9 @@ uint64_t tl_confine_fair_memory(void) {
 /* Devices, and files of another user, may be open to capabilities only. */
 static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
     if (settings->user != 0) {
-        return tl_privileges_become(settings->user, error);
+        return become_user(settings->user, error);
     }
-    return settings->plant != NULL || settings->keeps_files ? TL_OK : tl_privileges_drop(error);
+    return settings->plant != NULL || settings->keeps_files ? TL_OK : drop_privileges(error);
 }
 
 static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
@@ -48,7 +191,7 @@ static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_
         *facts = (tl_confine_facts){.filter = filters,
                                     .notifies = listener != NULL && *listener >= 0,
                                     .landlock = settings->landlock,
-                                    .memory = settings->memory != 0 && tl_process_limits_hold_memory(),
+                                    .memory = settings->memory != 0 && HOLDS_MEMORY,
                                     .user = settings->user != 0};
     }
     return status;
@@ -67,7 +210,7 @@ tl_status tl_confine(const tl_confine_settings *settings, tl_confine_facts *fact
         return tl_fail(error, TL_BAD_USAGE, "%.300s: cannot be entered: %s", own.folder, strerror(errno));
     }
     tl_status status = give_up_privileges(&own, error);
-    status = status != TL_OK ? status : tl_process_limits_set(own.memory, own.file_bytes, error);
+    status = status != TL_OK ? status : set_limits(own.memory, own.file_bytes, error);
     if (status == TL_OK && prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) != 0) {
         status = tl_fail(error, TL_TRY_AGAIN, "setuid programs could not be given up: %s", strerror(errno));
     }

@@ -3,8 +3,8 @@
  * Purpose: after tl_confine() the process computes, starts threads, reads what programs are made of, and writes below one folder. It
  *          starts no program, opens no socket, signals, traces and reads no other process, and changes no file elsewhere, whatever an
  *          FMU in it does. There is no way back.
- * Means:   a list of the system calls that are allowed (filter.c), Landlock for the places of files (landlock.c), limits (privileges.h), a
- *          process that others of the same user cannot look into, and, for root, a user of its own (privileges.h).
+ * Means:   a list of the system calls that are allowed (filter.c), Landlock for the places of files (landlock.c), limits, a
+ *          process that others of the same user cannot look into, and, for root, a user of its own.
  * Missing: what the kernel does not offer is a fact, told by tl_confine_describe(), never a failure. So the program goes on in an
  *          emulator, in a container and on an old kernel.
  * Left open, since no kernel holds it: names, sizes and dates of files can be seen anywhere (Landlock knows reading, not looking); time on
@@ -25,6 +25,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/resource.h>
 
 #include "board/io/plant_access.h"
 #include "master/base/status.h"
@@ -117,5 +118,16 @@ int tl_landlock_version(void);
 /* The places and ports of the settings, by `settings->landlock` > 0: the kernel's version, or an older one. Places that are missing are passed over. Needs
  * PR_SET_NO_NEW_PRIVS. TL_TRY_AGAIN: it failed. */
 tl_status tl_landlock_restrict(const tl_confine_settings *settings, tl_error *error);
+
+/* ---- Limits: memory and the length of a file as the settings say, no message queue, no core, no stack that grows without end, and as below.
+ *
+ * Thread:  they hold for the whole process.
+ */
+
+/* More descriptors than are open when it confines itself, and timers and signals under way, at most. */
+enum { TL_PROCESS_LIMITS_DESCRIPTORS = 256, TL_PROCESS_LIMITS_SIGNALS = 256 };
+
+/* At least so much of a resource (RLIMIT_…) from now on, also when capabilities are given up; as much of it as may be had, if that is less. */
+void tl_process_limits_permit(int resource, rlim_t least);
 
 #endif

@@ -10,10 +10,6 @@
 /* Signals that come within this time, from a terminal and a supervisor, ask once. */
 static const tl_time AGAIN = TL_SECOND;
 
-void tl_fmu_patience_init(tl_fmu_patience *patience, tl_time limit) {
-    *patience = (tl_fmu_patience){.limit = limit};
-}
-
 static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *view) {
     tl_time passed = patience->looked == 0 ? 0 : view->now - patience->looked;
     bool same = view->call != NULL && view->call->begun == patience->begun;

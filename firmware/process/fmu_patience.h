@@ -25,7 +25,7 @@
 /* Nothing may come of a process with FMUs for as long as so many calls may last: whoever is not in a call, or says so, does not escape. */
 enum { TL_FMU_PATIENCE_CALLS = 10 };
 
-/* Fields are private. */
+/* Zeroed at first. Fields are private, but for `limit`. */
 typedef struct tl_fmu_patience {
     tl_time limit;  /* ns of one call; 0: none */
     tl_time looked; /* 0: never */
@@ -34,9 +34,6 @@ typedef struct tl_fmu_patience {
     tl_time asked;  /* how long ago the program was asked to end, */
     unsigned times; /* and how often, within the first second */
 } tl_fmu_patience;
-
-/* `limit`: ns of one call; 0: none. */
-void tl_fmu_patience_init(tl_fmu_patience *patience, tl_time limit);
 
 /* What is seen in a look. */
 typedef struct tl_fmu_patience_view {

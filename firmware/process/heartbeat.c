@@ -2,13 +2,8 @@
 #include "firmware/process/heartbeat.h"
 
 #include <stdio.h>
-#include <string.h>
 
 enum { FAREWELL_BITS = 8 };
-
-void tl_heartbeats_clear(tl_heartbeats *beats) {
-    memset(beats, 0, sizeof *beats);
-}
 
 /* ---- in the process that beats ---- */
 
@@ -57,10 +52,6 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
 
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code) {
     __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
-}
-
-tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats) {
-    return &beats->calls;
 }
 
 /* ---- in the supervisor ---- */

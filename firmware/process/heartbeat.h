@@ -40,13 +40,13 @@ typedef struct tl_heart {
     char name[TL_HEARTBEAT_NAME];
 } tl_heart;
 
-/* All that a process shows of its life. Fields are private. */
+/* All that a process shows of its life. It is zeroed before another process begins. Fields are private, but for `calls`. */
 typedef struct tl_heartbeats {
     tl_heart hearts[TL_HEARTBEATS];
     size_t count;
     bool ready;
-    uint32_t farewell; /* exit code · 256 + why */
-    tl_fmu_calls calls;
+    uint32_t farewell;  /* exit code · 256 + why */
+    tl_fmu_calls calls; /* for tl_fmu_calls_use() */
     tl_latest status;
 } tl_heartbeats;
 
@@ -58,9 +58,6 @@ typedef enum tl_farewell {
     TL_FAREWELL_REFUSED, /* it could not begin: a configuration, an FMU, a source */
     TL_FAREWELL_FAILED   /* it was ready, and could not go on */
 } tl_farewell;
-
-/* For a process that begins anew: no heart, no status, no call, not ready, nothing announced. */
-void tl_heartbeats_clear(tl_heartbeats *beats);
 
 /* ---- in the process that beats; tl_heart_… take NULL, and do nothing then: nobody listens ---- */
 
@@ -79,9 +76,6 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
 
 /* Its work is done, all that was to be kept is kept, and it will end with this exit code, 0 … 255. Once. */
 void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code);
-
-/* For tl_fmu_calls_use(). */
-tl_fmu_calls *tl_heartbeats_calls(tl_heartbeats *beats);
 
 /* ---- in the supervisor ---- */
 

@@ -131,7 +131,7 @@ void tl_private_folder_leave(void) {
 }
 
 void tl_private_folder_remove(tl_private_folder *folder) {
-    if (folder->path[0] != '\0' && folder->is_left) {
+    if (folder->path[0] != '\0' && leaves) {
         (void)close(folder->descriptor);
     } else if (folder->path[0] != '\0') {
         remove_tree(folder->descriptor, folder->path);
@@ -238,7 +238,7 @@ static tl_status claim(uint32_t user, tl_private_folder *folder, tl_error *error
 tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error) {
     const char *name = NULL;
     char parent[PATH_MAX];
-    *folder = (tl_private_folder){.descriptor = -1, .is_left = leaves};
+    *folder = (tl_private_folder){.descriptor = -1};
     if (!find_parent(&name, parent)) {
         return tl_fail(error, TL_TRY_AGAIN, "the folder for temporary files, %s, cannot be used: %s; set TMPDIR", name,
                        strerror(errno));

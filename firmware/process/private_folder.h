@@ -13,7 +13,6 @@
 #define TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
 
 #include <limits.h>
-#include <stdbool.h>
 #include <stdint.h>
 
 #include "master/base/status.h"
@@ -24,7 +23,6 @@ enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes that a path has left below it *
 typedef struct tl_private_folder {
     char path[PATH_MAX]; /* absolute, without links and without a slash at the end; "" where there is none */
     int descriptor;      /* of the folder, which it locks */
-    bool is_left;        /* private: another process removes it */
 } tl_private_folder;
 
 /* `kind`: letters, "fmu". `user`: who shares it, as the group of that number, which takes root; 0: nobody. On failure nothing remains. */

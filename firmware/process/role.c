@@ -12,6 +12,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/process_end.h"
 
@@ -173,15 +174,11 @@ static void be_child(const launch *start) __attribute__((noreturn));
 static void be_child(const launch *start) {
     reset_signals();
     (void)setsid();
-    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0) {
+    if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || !place_all(start)) {
         tell(start->news[1], errno);
         _exit(NOT_EXECUTED);
     }
     if (getppid() != start->parent) {
-        _exit(NOT_EXECUTED);
-    }
-    if (!place_all(start)) {
-        tell(start->news[1], errno);
         _exit(NOT_EXECUTED);
     }
     int code = program_fault;
@@ -256,11 +253,7 @@ static pid_t fork_child(const launch *start) {
 /* What the child has told of its exec: 0: it was executed. */
 static int hear(int news) {
     int code = 0;
-    ssize_t size = 0;
-    do {
-        size = read(news, &code, sizeof code);
-    } while (size < 0 && errno == EINTR);
-    return size == (ssize_t)sizeof code ? code : 0;
+    return tl_file_bytes_read(news, (char *)&code, sizeof code) == (ssize_t)sizeof code ? code : 0;
 }
 
 static tl_status fail_start(const tl_role_settings *settings, int code, tl_error *error) {

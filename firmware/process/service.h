@@ -1,5 +1,4 @@
-/* The service manager that started us: systemd, where it is there and this program was built with libsystemd; else nobody, and
- * all of this does nothing.
+/* The service manager that started us: systemd, or one that speaks its protocol (sd_notify(3)). If there is none, all of this does nothing.
  *
  * Purpose: tells it that the start is over, that we are alive, how we are, that we end.
  * Thread:  one thread, of the process that it started.

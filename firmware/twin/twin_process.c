@@ -545,7 +545,7 @@ tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twi
         made->budgets[i] = (budget){.left = OUTPUT_MOST, .looked = tl_clock_now(NULL)};
     }
     (void)pthread_mutex_init(&made->lock, NULL);
-    tl_fmu_patience_init(&made->patience, settings->call_limit);
+    made->patience.limit = settings->call_limit;
     tl_status status = start(made, error);
     if (status != TL_OK) {
         tl_twin_process_close(made);

@@ -11,10 +11,10 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/fmu/fmu_store.h"
 #include "firmware/fmu/fmu_thread.h"
+#include "firmware/process/confine.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
-#include "firmware/process/privileges.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 

@@ -10,7 +10,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/config/config.h"
-#include "firmware/live/live_wire.h"
+#include "firmware/live/live_blocks.h"
 
 enum { SKIPPED = 77 };
 

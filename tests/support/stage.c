@@ -64,8 +64,7 @@ static void crash(void) {
 }
 
 static void spoil_name(tl_heartbeats *beats) {
-    tl_fmu_calls *calls = tl_heartbeats_calls(beats);
-    memset(calls->names, '\n', sizeof calls->names);
+    memset(beats->calls.names, '\n', sizeof beats->calls.names);
 }
 
 /* What an FMU does. */
@@ -208,7 +207,7 @@ static void be_child(tl_member which, const tl_start *start, pid_t parent) {
     sigset_t none;
     (void)sigemptyset(&none);
     (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
-    tl_fmu_calls_use(tl_heartbeats_calls(&played->beats));
+    tl_fmu_calls_use(&played->beats.calls);
     (void)signal(SIGTERM, note);
     (void)signal(SIGINT, SIG_IGN);
     (void)sigprocmask(SIG_SETMASK, &none, NULL);

@@ -151,16 +151,18 @@ static void test_a_mail_of_another_size(void) {
 }
 
 static void test_jobs_that_are_none(void) {
+    const char *path = NULL;
     const char *text = NULL;
-    unsigned char bytes[sizeof job + 2];
-    memcpy(bytes, &job, sizeof job);
-    bytes[sizeof job] = 'x';
-    bytes[sizeof job + 1] = 'y';
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, sizeof job, &job, &text, &error));
-    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, sizeof bytes, &job, &text, &error));
-    bytes[sizeof job + 1] = '\0';
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_unpack(bytes, sizeof bytes, &job, &text, &error));
-    TEST_ASSERT_EQUAL_STRING("x", text);
+    size_t size = 0;
+    unsigned char *bytes = tl_live_job_pack(&job, "x", "y", &size);
+    TEST_ASSERT_NOT_NULL(bytes);
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_job_unpack(bytes, size, &job, &path, &text, &error));
+    TEST_ASSERT_EQUAL_STRING("x", path);
+    TEST_ASSERT_EQUAL_STRING("y", text);
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, sizeof job, &job, &path, &text, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, size - 1, &job, &path, &text, &error));
+    TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_unpack(bytes, size - 2, &job, &path, &text, &error));
+    free(bytes);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, tl_live_job_read(&job, "x.json", "{ no configuration", &own.config, &error));
 }
 

@@ -16,6 +16,7 @@ enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };
 
 static tl_config config;
 static tl_live_stage stage;
+static tl_block blocks[TL_LIVE_BLOCKS];
 static tl_live_place places[TL_LIVE_PLACES];
 static tl_live_activator_pulse activator;
 static tl_live_recorder_pulse recorder;
@@ -33,7 +34,7 @@ static void tell(void *context, const char *text) {
 
 static void play_ready(tl_live_place *place, pid_t pid, tl_time start) {
     place->pid = pid;
-    tl_heartbeats_clear(&place->pulse->beats);
+    memset(&place->pulse->beats, 0, sizeof place->pulse->beats);
     tl_heartbeats_set_ready(&place->pulse->beats);
     place->pulse->start = start;
     place->pulse->started = 77;
@@ -49,26 +50,29 @@ void setUp(void) {
     now = 1000 * TL_SECOND;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
-        TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_place_make(true, &places[i], &error));
+        tl_block *pulse = &blocks[TL_LIVE_TWIN_PULSE + i];
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("twin", sizeof *places->pulse, TL_BLOCK_THEY_WRITE, pulse, &error));
+        places[i] = (tl_live_place){.pulse = pulse->bytes, .outbox = &blocks[TL_LIVE_OUTBOX + i]};
     }
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_place_move_in(&places[0], &config, false, &error));
     TEST_ASSERT_EQUAL_INT(TL_OK,
                           tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
     candidate = candidate_block.bytes;
-    change = (tl_live_change){.settings = {.stage = &stage,
-                                           .places = places,
-                                           .orders = &activator,
-                                           .candidate = &candidate_block,
-                                           .recorder = &recorder,
-                                           .step = config.step,
-                                           .unconfined = false,
-                                           .tell = tell}};
+    change = (tl_live_change){.stage = &stage,
+                              .places = places,
+                              .orders = &activator,
+                              .candidate = &candidate_block,
+                              .recorder = &recorder,
+                              .step = config.step,
+                              .unconfined = false,
+                              .tell = tell};
     play_ready(&places[0], RUN, 900 * TL_SECOND);
 }
 
 void tearDown(void) {
     for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
-        tl_live_place_close(&places[i]);
+        tl_live_place_move_out(&places[i]);
+        tl_block_close(&blocks[TL_LIVE_TWIN_PULSE + i]);
     }
     tl_block_close(&candidate_block);
     tl_config_free(&config);
@@ -135,7 +139,7 @@ static void test_a_candidate_moves_in(void) {
     TEST_ASSERT_EQUAL_size_t(config.signal_count, places[1].outbox_settings.shape.plant);
     TEST_ASSERT_EQUAL_size_t(2, places[1].outbox_settings.shape.match);
     TEST_ASSERT_EQUAL_size_t(4, places[1].outbox_settings.shape.components);
-    TEST_ASSERT_EQUAL_size_t(tl_outbox_bytes(&places[1].outbox_settings), places[1].outbox.size);
+    TEST_ASSERT_EQUAL_size_t(tl_outbox_bytes(&places[1].outbox_settings), places[1].outbox->size);
     TEST_ASSERT_EQUAL_INT64(900 * TL_SECOND, places[1].start);
     TEST_ASSERT_EQUAL_INT64(77, places[1].started);
     TEST_ASSERT_EQUAL_UINT32(6, places[1].pulse->number);
@@ -157,7 +161,7 @@ static void refuse_candidate(const char *why) {
     TEST_ASSERT_FALSE(orders.shadow);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
     TEST_ASSERT_NULL(places[1].text);
-    TEST_ASSERT_EQUAL_size_t(0, places[1].outbox.size);
+    TEST_ASSERT_EQUAL_size_t(0, places[1].outbox->size);
     expect_refused(why);
 }
 
@@ -258,7 +262,7 @@ static void test_no_order_is_one(void) {
 
 static void test_safe_hold(void) {
     begin_shadow(SHADOW);
-    tl_live_change_note_hold(&change, true);
+    change.holds = true;
     look();
     TEST_ASSERT_FALSE(orders.shadow);
     order(TL_LIVE_FLIP);
@@ -376,7 +380,7 @@ static void test_flips_that_cannot_be(void) {
     order(TL_LIVE_FLIP);
     expect_refused("there is no shadow");
     begin_shadow(SHADOW);
-    tl_heartbeats_clear(&places[1].pulse->beats);
+    memset(&places[1].pulse->beats, 0, sizeof places[1].pulse->beats);
     order(TL_LIVE_FLIP);
     expect_refused("the shadow has not begun");
     tl_heartbeats_set_ready(&places[1].pulse->beats);
@@ -520,7 +524,7 @@ static void test_nobody_moves_in_before_the_recorder_is_that_far(void) {
 }
 
 static void test_without_a_recorder_nobody_waits_for_it(void) {
-    change.settings.recorder = NULL;
+    change.recorder = NULL;
     begin_shadow(SHADOW);
     flip(1);
     places[0].pid = 0;

@@ -12,7 +12,7 @@ static tl_fmu_call call;
 static char text[256];
 
 void setUp(void) {
-    tl_fmu_patience_init(&patience, 3 * TL_SECOND);
+    patience = (tl_fmu_patience){.limit = 3 * TL_SECOND};
     call = (tl_fmu_call){.begun = 7, .function = "fmi2DoStep", .fmu = "motor"};
     view = (tl_fmu_patience_view){.now = TL_SECOND, .call = &call};
     text[0] = '\0';

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/process/privileges.h"
+#include "firmware/process/confine.h"
 
 enum { SOFT = 20, BETWEEN = 30 };
 
