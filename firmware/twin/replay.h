@@ -10,8 +10,8 @@
 
 #include "firmware/config/config.h"
 #include "firmware/plant/recording.h"
+#include "firmware/report/show.h"
 #include "firmware/report/summary.h"
-#include "firmware/report/trajectory.h"
 #include "firmware/store/recorder.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/twin_feed.h"
