@@ -246,7 +246,7 @@ void tl_new_file_discard(tl_new_file *new_file) {
 /* ---- listening ---- */
 
 int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint16_t *port) {
-    struct sockaddr_storage own = {.ss_family = AF_UNSPEC};
+    struct sockaddr_in6 own = {.sin6_port = 0};
     socklen_t own_size = sizeof own;
     int on = 1;
     int made = socket(address->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
@@ -260,7 +260,7 @@ int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint
         errno = cause;
         return -1;
     }
-    *port = ntohs(((const struct sockaddr_in *)(const void *)&own)->sin_port); /* where that of IPv6 is, too */
+    *port = ntohs(own.sin6_port); /* stands where that of IPv4 does */
     return made;
 }
 
