@@ -42,7 +42,6 @@ CHECK_TIMES = (
     (re.compile(r"measured by \d+ free steps"), "measured by * free steps"),
     (re.compile(r"looked at \d+ times?, \S+ \u2026 \S+ s from the start"), "looked at * times"),
     (re.compile(r"\b(same values in) \d+ steps?"), r"\1 * steps"),
-    (re.compile(r"^(    (?:step|save|restore)) +\S+ +\S+ +\S+$", re.MULTILINE), r"\1 *"),
     (re.compile(r"(  states +)\S+ (\w+ of the FMUs' own at most; one of \w+ takes) \S+"), r"\1* \2 *"),
 )
 WARNED_BY_TIME = re.compile(r"\S+ ms here\b")

@@ -8,6 +8,7 @@
 #include <libgen.h>
 #include <locale.h>
 #include <malloc.h>
+#include <netinet/in.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdlib.h>
@@ -230,6 +231,27 @@ void tl_new_file_discard(tl_new_file *new_file) {
         (void)unlink(new_file->name);
     }
     new_file->file = NULL;
+}
+
+/* ---- listening ---- */
+
+int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint16_t *port) {
+    struct sockaddr_in6 own = {.sin6_port = 0};
+    socklen_t own_size = sizeof own;
+    int on = 1;
+    int made = socket(address->sa_family, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
+    if (made < 0 || setsockopt(made, SOL_SOCKET, SO_REUSEADDR, &on, sizeof on) != 0 ||
+        setsockopt(made, SOL_SOCKET, SO_KEEPALIVE, &on, sizeof on) != 0 || bind(made, address, (socklen_t)size) != 0 ||
+        listen(made, backlog) != 0 || getsockname(made, (struct sockaddr *)&own, &own_size) != 0) {
+        int cause = errno;
+        if (made >= 0) {
+            (void)close(made);
+        }
+        errno = cause;
+        return -1;
+    }
+    *port = ntohs(own.sin6_port); /* stands where that of IPv4 does */
+    return made;
 }
 
 /* ---- other case ---- */

@@ -113,6 +113,15 @@ bool tl_new_file_is(const char *path, const char *other);
 /* A zeroed one is allowed. */
 void tl_new_file_discard(tl_new_file *new_file);
 
+/* ---- A TCP socket that listens.
+ *
+ * Thread:  any.
+ */
+
+/* Listens at an address, without blocking. *port: the one it has, also if 0 was asked for. Returns the socket; −1 and errno if it failed. */
+struct sockaddr;
+int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint16_t *port);
+
 /* ---- A file that is not there, but is with other letters' case.
  *
  * Purpose: who comes from a system that takes Config.json and config.json for one file is told which of them is there.

@@ -5,12 +5,10 @@
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
-#include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/cli/advice.h"
 #include "firmware/config/config.h"
@@ -18,16 +16,8 @@
 #include "firmware/live/live_blocks.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_process.h"
-#include "firmware/twin/twin_trial.h"
-#include "master/twin/twin_timing.h"
 
-/* ---- The delays of a configuration, for people: chains, modes, densities as a line of text.
- *
- * Purpose: what `check` tells of `delays`. At most 79 columns, unless a participant's name alone is longer.
- * Thread:  one thread.
- */
-
-/* ---- delay page ---- */
+/* ---- Delays: chains, modes, and densities as a line of text. At most 79 columns, unless a participant's name alone is longer. */
 
 enum { WIDTH = 79, COLUMNS = 48, NAME = 80 };
 
@@ -150,9 +140,6 @@ static void tl_delay_page_print(const tl_config *config, FILE *file) {
 }
 
 /* ---- check page ---- */
-
-/* For the timing of one component. */
-static const tl_time LONGEST_TIMING = TL_SECOND / 10;
 
 static void print_start(const tl_variable *variable, FILE *output) {
     if (!variable->has_start) {
@@ -406,39 +393,6 @@ static void print_size(FILE *output, double bytes) {
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
-static void print_timing(const tl_twin_ledger *entry, const tl_twin_timing *timing, FILE *output) {
-    static const char *const names[] = {"step", "save", "restore"};
-    const tl_twin_spread *const spreads[] = {&timing->step, &timing->save, &timing->restore};
-    (void)fprintf(output, "  %-27s", entry->name);
-    if (entry->state_size != 0) {
-        (void)fputs(" a state takes ", output);
-        print_size(output, (double)entry->state_size);
-        (void)fprintf(output, ", %" PRIu32 " of them ", entry->states);
-        print_size(output, (double)entry->state_size * entry->states);
-    }
-    (void)fputs("\n", output);
-    for (size_t i = 0; i < sizeof spreads / sizeof spreads[0]; i++) {
-        (void)fprintf(output, "    %-8s %10.2f %10.2f %10.2f\n", names[i], tl_seconds(spreads[i]->median) * 1e6,
-                      tl_seconds(spreads[i]->high) * 1e6, tl_seconds(spreads[i]->worst) * 1e6);
-    }
-}
-
-/* Of each component that is rolled back, what a search has of it. The FMUs step on: after all else that is measured. */
-static void print_timings(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
-    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-    bool has_title = false;
-    for (size_t k = 0; k + 1 < facts.components && facts.unknowns != 0 && prognosis->steps != 0; k++) {
-        tl_twin_timing timing;
-        tl_twin_ledger entry = tl_twin_get_ledger(assembly->twin, k);
-        tl_twin_time_component(assembly->twin, k, tl_clock_now, NULL, LONGEST_TIMING, &timing);
-        if (timing.rounds != 0) {
-            (void)fputs(has_title ? "" : "going back, \302\265s   median       99 %      worst\n", output);
-            has_title = true;
-            print_timing(&entry, &timing, output);
-        }
-    }
-}
-
 /* They are the FMUs' own, beside `memory`. */
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -505,20 +459,16 @@ static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *progno
 }
 
 /* Of plants that are read live. */
-static void print_blocks(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
-    tl_live_blocks blocks;
-    if (assembly->config.source_count == 0) {
-        return;
-    }
-    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
-    print_block("mail", blocks.mail, "for the plant's newest readings, in `run`", output);
-    print_block("outbox", blocks.outbox, "for what waits for the recorder, in `run`", output);
-    print_block("checkpoint", blocks.checkpoints, "for the saved twin, in `run`", output);
-    print_block("past", blocks.past, "at most, while `run` goes on with an earlier one", output);
-    print_block("shadow", blocks.shadow, "more, at most, for a second twin beside that of `run`", output);
+static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
+    print_block("mail", blocks->mail, "for the plant's newest readings, in `run`", output);
+    print_block("outbox", blocks->outbox, "for what waits for the recorder, in `run`", output);
+    print_block("checkpoint", blocks->checkpoints, "for the saved twin, in `run`", output);
+    print_block("past", blocks->past, "at most, while `run` goes on with an earlier one", output);
+    print_block("shadow", blocks->shadow, "more, at most, for a second twin beside that of `run`", output);
 }
 
-static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
+static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_live_blocks *blocks,
+                        FILE *output) {
     const tl_config *config = &assembly->config;
     (void)fputs("cost\n", output);
     (void)fprintf(output, "  free step    %" PRIu64 " executions\n", prognosis->step);
@@ -544,7 +494,9 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
                   config->realtime_lock_memory ? ", all of it resident in `run`" : "");
     print_states(assembly, output);
     print_replays(assembly, prognosis, output);
-    print_blocks(assembly, prognosis, output);
+    if (config->source_count != 0) {
+        print_blocks(blocks, output);
+    }
     if (prognosis->steps != 0) {
         (void)fprintf(output, "  measured by %zu free steps on the plant's initial values, without a solver\n",
                       prognosis->steps);
@@ -615,24 +567,16 @@ static void print_read_back(const tl_assembly *assembly, const tl_read_back_repo
     }
 }
 
-/* For a program. */
-static void find_cost(const tl_assembly *assembly, const tl_prognosis *prognosis, tl_twin_check *found) {
-    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
-    tl_live_blocks blocks;
-    tl_live_blocks_of(&assembly->config, saved_size(assembly, prognosis), &blocks);
-    found->least = prognosis->step_time;
-    found->worst = prognosis->worst_time;
-    found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints;
-}
-
 static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job, const tl_read_back_host *host,
                             FILE *output, tl_twin_check *found) {
     const tl_config *config = &assembly->config;
     tl_prognosis prognosis;
+    tl_live_blocks blocks;
     tl_far_look look = {.times = 0};
     tl_read_back_report states;
     tl_prognosis_make(assembly, &prognosis);
-    if (tl_twin_get_facts(assembly->twin).cannot_return || prognosis.error.status == TL_FMU_FATAL) {
+    tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
+    if (facts.cannot_return || prognosis.error.status == TL_FMU_FATAL) {
         tl_log(TL_LOG_ERROR, "%s", prognosis.error.text);
         return prognosis.error.status;
     }
@@ -642,21 +586,21 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     print_synchronisation(assembly, output);
     tl_delay_page_print(config, output);
     print_needs(assembly, &prognosis, output);
-    print_costs(assembly, &prognosis, output);
+    tl_live_blocks_of(config, saved_size(assembly, &prognosis), &blocks);
+    print_costs(assembly, &prognosis, &blocks, output);
     if (prognosis.steps != 0 && !job->brief) {
         tl_far_look_take(assembly, prognosis.next_tick, &look);
     }
     print_far_look(assembly, &look, output);
     tl_read_back_take(assembly, prognosis.steps != 0 ? host : NULL, &states);
     print_read_back(assembly, &states, output);
-    if (!job->brief) {
-        print_timings(assembly, &prognosis, output);
-    }
     if (!job->unconfined) {
         print_places(assembly, job->memory, output);
     }
     found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
-    find_cost(assembly, &prognosis, found);
+    found->least = prognosis.step_time;
+    found->worst = prognosis.worst_time;
+    found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints;
     return TL_OK;
 }
 

@@ -7,7 +7,6 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
@@ -24,26 +23,22 @@ static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
 
 #define PROGRAM "twinlock-serve"
 
-typedef struct verb_program {
+static const struct {
     const char *name;
     const char *purpose; /* half a line */
-} verb_program;
-
-static const verb_program PROGRAMS[] = {
+} PROGRAMS[] = {
     {"serve", "take changed configurations by HTTPS"},
     {"token", "manage access tokens"},
 };
 
 enum { PROGRAM_COUNT = sizeof PROGRAMS / sizeof PROGRAMS[0] };
 
-/* NULL if there is none. */
-static const verb_program *find_program(const char *name) {
-    for (size_t i = 0; i < PROGRAM_COUNT; i++) {
-        if (strcmp(name, PROGRAMS[i].name) == 0) {
-            return &PROGRAMS[i];
-        }
+static bool is_program(const char *name) {
+    size_t i = 0;
+    while (i < PROGRAM_COUNT && strcmp(name, PROGRAMS[i].name) != 0) {
+        i++;
     }
-    return NULL;
+    return i < PROGRAM_COUNT;
 }
 
 /* Beside this program, wherever that is. False: nobody knows where. */
@@ -57,30 +52,18 @@ static bool find_beside(const char *program, char path[PATH_MAX]) {
     return snprintf(path, PATH_MAX, "%s/%s", dirname(own), program) < PATH_MAX;
 }
 
-/* Becomes it; argv[0] is the verb. Returns only if that fails, which it says: the exit code of the process. */
-static int run_program(const verb_program *verb, int argc, char **argv) {
+/* Executes the program with the words of the command line: argv[1] is the verb. If that fails, logs why and returns the exit code. */
+static int run_program(char **argv) {
     char path[PATH_MAX];
-    char **words = calloc((size_t)argc + 2, sizeof *words);
     char name[] = PROGRAM;
-    size_t count = 0;
-    if (words == NULL) {
-        tl_log(TL_LOG_ERROR, "out of memory");
-        return tl_exit_code(TL_TRY_AGAIN);
-    }
-    words[count++] = name;
-    if (strcmp(verb->name, "token") == 0) {
-        words[count++] = argv[0];
-    }
-    memcpy(&words[count], &argv[1], (size_t)argc * sizeof *words); /* with the NULL at their end */
+    argv[0] = name;
     if (find_beside(PROGRAM, path)) {
-        (void)execv(path, words);
+        (void)execv(path, argv);
     } else {
-        (void)execvp(PROGRAM, words);
+        (void)execvp(PROGRAM, argv);
     }
-    int cause = errno;
-    free(words);
     tl_log(TL_LOG_ERROR, "`twinlock %s` is the program %s, which is not here: %s; install the package twinlock-serve",
-           verb->name, PROGRAM, strerror(cause));
+           argv[1], PROGRAM, strerror(errno));
     return tl_exit_code(TL_BAD_USAGE);
 }
 
@@ -152,30 +135,24 @@ static int refuse_verb(const char *name) {
     return tl_exit_code(TL_BAD_USAGE);
 }
 
-/* `twinlock help`, `twinlock help VERB`. */
-static int help(const char *name) {
-    tl_verb verb = name != NULL ? find_verb(name) : TL_VERB_COUNT;
-    const verb_program *program = name != NULL ? find_program(name) : NULL;
-    if (program != NULL) {
-        char verb_name[] = "token";
+/* `twinlock help VERB`: argv[2] is the verb. */
+static int help(char **argv) {
+    tl_verb verb = find_verb(argv[2]);
+    if (is_program(argv[2])) {
         char option[] = "--help";
-        char *words[] = {verb_name, option, NULL};
-        return run_program(program, 2, words);
+        char *words[] = {argv[0], argv[2], option, NULL};
+        return run_program(words);
     }
-    if (name == NULL) {
-        print_usage(stdout);
-    } else if (verb == TL_VERB_COUNT) {
-        return refuse_verb(name);
-    } else {
-        tl_options_print_help(&tl_verb_table, verb);
+    if (verb == TL_VERB_COUNT) {
+        return refuse_verb(argv[2]);
     }
+    tl_options_print_help(&tl_verb_table, verb);
     return tl_exit_code(TL_OK);
 }
 
 int tl_command_line_run(int argc, char **argv) {
     const char *first = argc > 1 ? argv[1] : "";
     tl_verb verb = find_verb(first);
-    const verb_program *program = find_program(first);
     if (argc < 2) {
         print_usage(stderr);
         return tl_exit_code(TL_BAD_USAGE);
@@ -186,14 +163,15 @@ int tl_command_line_run(int argc, char **argv) {
         return outcome == TL_OPTIONS_READ ? RUN[verb](&options)
                                           : tl_exit_code(outcome == TL_OPTIONS_HELPED ? TL_OK : TL_BAD_USAGE);
     }
-    if (program != NULL) {
-        return run_program(program, argc - 1, argv + 1);
+    if (is_program(first)) {
+        return run_program(argv);
     }
-    if (strcmp(first, "help") == 0) {
-        return help(argc > 2 ? argv[2] : NULL);
+    if (strcmp(first, "help") == 0 && argc > 2) {
+        return help(argv);
     }
-    if (strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0) {
-        return help(NULL);
+    if (strcmp(first, "help") == 0 || strcmp(first, "--help") == 0 || strcmp(first, "-h") == 0) {
+        print_usage(stdout);
+        return tl_exit_code(TL_OK);
     }
     if (strcmp(first, "--version") == 0) {
         (void)puts("twinlock " TL_VERSION);

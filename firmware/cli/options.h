@@ -7,9 +7,7 @@
 
 #include <limits.h>
 #include <stdbool.h>
-#include <stddef.h>
 #include <stdint.h>
-#include <stdio.h>
 
 #include "firmware/base/program_options.h"
 #include "firmware/config/config.h"

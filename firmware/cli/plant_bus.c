@@ -156,18 +156,13 @@ tl_plant_bus_counts tl_plant_bus_count(const tl_plant_bus *bus) {
 
 /* ---- open and close ---- */
 
-static bool needs_fd(const tl_plant_bus *bus) {
-    for (size_t i = 0; i < bus->frame_count; i++) {
-        if (bus->frames[i].fd) {
-            return true;
-        }
-    }
-    return false;
-}
-
 static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) {
     tl_can_state state;
+    bool needs_fd = false;
     char path[64 + IFNAMSIZ]; /* interfaces without hardware are there */
+    for (size_t i = 0; i < bus->frame_count; i++) {
+        needs_fd = needs_fd || bus->frames[i].fd;
+    }
     (void)snprintf(path, sizeof path, "/sys/devices/virtual/net/%s", bus->interface);
     bus->socket = open_socket(bus);
     if (bus->socket < 0) {
@@ -182,7 +177,7 @@ static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) 
                        "its bus: use a virtual interface (vcan), or say --real-bus where that is meant",
                        bus->interface);
     }
-    if (needs_fd(bus) && !(tl_can_interface_look(bus->socket, bus->interface, &state) && state.fd)) {
+    if (needs_fd && !(tl_can_interface_look(bus->socket, bus->interface, &state) && state.fd)) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "CAN interface %s does not take frames of CAN FD: for a virtual one, "
                        "`ip link set %s mtu 72` while it is down",

@@ -55,10 +55,9 @@ struct tl_plant_server {
     region *regions;
     size_t region_count;
     client clients[TL_PLANT_SERVER_CLIENTS]; /* of the thread; the first client_count are connected */
-    pthread_mutex_t lock;                    /* of what follows, and of the words */
     size_t client_count;
-    uint64_t requests;
-    uint64_t refused_writes;
+    pthread_mutex_t lock; /* of the counts and the words */
+    tl_plant_server_counts counts;
 };
 
 /* ---- the registers ---- */
@@ -183,8 +182,8 @@ static size_t answer(tl_plant_server *server, const uint8_t *request, size_t siz
         const region *own = find_region(server, request[HEADER - 1], function);
         end += put_values(own, word_at(request + HEADER + 1), word_at(request + HEADER + 3), reply + end);
     }
-    server->requests++;
-    server->refused_writes += is_write(function) ? 1 : 0;
+    server->counts.requests++;
+    server->counts.refused_writes += is_write(function) ? 1 : 0;
     (void)pthread_mutex_unlock(&server->lock);
     put_word(reply + 4, (unsigned)(end - PREFIX));
     return end;
@@ -223,12 +222,6 @@ static bool serve(tl_plant_server *server, client *from) {
 
 /* ---- the thread ---- */
 
-static void set_client_count(tl_plant_server *server, size_t count) {
-    (void)pthread_mutex_lock(&server->lock);
-    server->client_count = count;
-    (void)pthread_mutex_unlock(&server->lock);
-}
-
 static void welcome(tl_plant_server *server) {
     int one = 1;
     int guest = accept4(server->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
@@ -243,7 +236,7 @@ static void welcome(tl_plant_server *server) {
     (void)setsockopt(guest, IPPROTO_TCP, TCP_NODELAY, &one, sizeof one);
     server->clients[server->client_count].socket = guest;
     server->clients[server->client_count].used = 0;
-    set_client_count(server, server->client_count + 1);
+    server->client_count++;
 }
 
 static void *run(void *context) {
@@ -267,8 +260,8 @@ static void *run(void *context) {
         for (size_t i = server->client_count; i-- > 0;) {
             if (ready[2 + i].revents != 0 && !serve(server, &server->clients[i])) {
                 (void)close(server->clients[i].socket);
-                server->clients[i] = server->clients[server->client_count - 1];
-                set_client_count(server, server->client_count - 1);
+                server->client_count--;
+                server->clients[i] = server->clients[server->client_count];
             }
         }
         if (ready[1].revents != 0) {
@@ -278,32 +271,6 @@ static void *run(void *context) {
 }
 
 /* ---- start and stop ---- */
-
-/* A socket that listens at one address, or −1. */
-static int listen_at(const struct addrinfo *address) {
-    int one = 1;
-    int listener =
-        socket(address->ai_family, address->ai_socktype | SOCK_NONBLOCK | SOCK_CLOEXEC, address->ai_protocol);
-    if (listener < 0) {
-        return -1;
-    }
-    (void)setsockopt(listener, SOL_SOCKET, SO_REUSEADDR, &one, sizeof one);
-    if (bind(listener, address->ai_addr, address->ai_addrlen) != 0 || listen(listener, TL_PLANT_SERVER_CLIENTS) != 0) {
-        int failure = errno;
-        (void)close(listener);
-        errno = failure;
-        return -1;
-    }
-    return listener;
-}
-
-static uint16_t port_of(int listener) {
-    struct sockaddr_storage own;
-    memset(&own, 0, sizeof own);
-    socklen_t size = sizeof own;
-    (void)getsockname(listener, (struct sockaddr *)&own, &size);
-    return ntohs(((const struct sockaddr_in *)(const void *)&own)->sin_port); /* where that of IPv6 is, too */
-}
 
 static tl_status open_listener(tl_plant_server *server, const tl_plant_server_settings *settings, tl_error *error) {
     struct addrinfo hints = {
@@ -316,7 +283,7 @@ static tl_status open_listener(tl_plant_server *server, const tl_plant_server_se
         return tl_fail(error, TL_BAD_DATA, "emulated Modbus device: %s is no address to listen at: %s", settings->host,
                        gai_strerror(resolved));
     }
-    server->listener = listen_at(addresses);
+    server->listener = tl_tcp_listen(addresses->ai_addr, addresses->ai_addrlen, TL_PLANT_SERVER_CLIENTS, &server->port);
     int failure = errno;
     freeaddrinfo(addresses);
     if (server->listener < 0) {
@@ -324,7 +291,6 @@ static tl_status open_listener(tl_plant_server *server, const tl_plant_server_se
                        (unsigned)settings->port, strerror(failure),
                        failure == EACCES ? "; ports below 1024 are for root" : "");
     }
-    server->port = port_of(server->listener);
     return TL_OK;
 }
 
@@ -386,8 +352,7 @@ uint16_t tl_plant_server_port(const tl_plant_server *server) {
 
 tl_plant_server_counts tl_plant_server_count(tl_plant_server *server) {
     (void)pthread_mutex_lock(&server->lock);
-    tl_plant_server_counts counts = {
-        .requests = server->requests, .refused_writes = server->refused_writes, .clients = server->client_count};
+    tl_plant_server_counts counts = server->counts;
     (void)pthread_mutex_unlock(&server->lock);
     return counts;
 }

@@ -32,7 +32,6 @@ typedef struct tl_plant_server_settings {
 typedef struct tl_plant_server_counts {
     uint64_t requests;       /* of any kind that were answered */
     uint64_t refused_writes; /* of these: functions 5, 6, 15, 16, 22, 23 */
-    size_t clients;          /* connected now */
 } tl_plant_server_counts;
 
 typedef struct tl_plant_server tl_plant_server;

@@ -16,6 +16,9 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
     if (status == TL_OK) {
+        if (job->order.tells == TL_TELLS_OUTPUTS) { /* a plant has no delays */
+            tl_config_forget_delays(&job->config);
+        }
         tl_config_use_lookups(&job->config);
         job->order.path = options->subject;
         job->order.text = job->config.text;
@@ -24,10 +27,10 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
     return status;
 }
 
-tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_config *config, FILE *page) {
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *page) {
     return (tl_twin_child_settings){
         .job = &job->order,
-        .config = config,
+        .config = &job->config,
         .page = page,
         .print_page = tl_check_page_print,
         .call_limit = tl_time_of_seconds(job->options->call_limit_s),
@@ -35,9 +38,9 @@ tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_con
     };
 }
 
-tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error) {
-    const tl_twin_child_settings settings = tl_verb_job_settings(job, config, page);
-    return tl_twin_child_start(&settings, &job->child, error);
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *page) {
+    const tl_twin_child_settings settings = tl_verb_job_settings(job, page);
+    return tl_twin_child_start(&settings, &job->child, &job->error);
 }
 
 /* A failure that comes of FMUs, as they are or as they were let. */
@@ -47,6 +50,16 @@ static bool is_of_fmus(tl_status status) {
 
 int tl_verb_job_end(tl_verb_job *job, tl_status status) {
     tl_error error;
+    if (job->child != NULL && job->order.task == TL_TASK_STEP) {
+        tl_status ended = tl_twin_child_end(job->child, NULL, &error);
+        if (status == TL_OK && ended != TL_OK) {
+            job->error = error;
+            status = ended;
+        }
+    }
+    if (status != TL_OK && job->error.text[0] != '\0') {
+        tl_log(TL_LOG_ERROR, "%s", job->error.text);
+    }
     if (job->child != NULL && tl_twin_child_wait(job->child, &error) != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         status = status == TL_OK || status == TL_NOT_LOCKED ? error.status : status;

@@ -20,18 +20,19 @@ typedef struct tl_verb_job {
     tl_config config;     /* of the subject */
     tl_twin_job order;    /* for the process; path, text and what options say are filled in by read */
     tl_twin_child *child;
+    tl_error error; /* why the verb fails; "": the log has it already */
 } tl_verb_job;
 
-/* Installs what hears signals, and reads the configuration; what is wrong with it was said on the log. */
+/* Installs the signal handlers and reads the configuration. Problems are reported on the log. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
-/* Starts the process. `config`: as its twin takes it (twin_child.h). `page`: where a check prints to; else NULL. */
-tl_status tl_verb_job_start(tl_verb_job *job, const tl_config *config, FILE *page, tl_error *error);
+/* Starts the process. `page`: where a check prints to; else NULL. Errors: TL_TRY_AGAIN, in job->error. */
+tl_status tl_verb_job_start(tl_verb_job *job, FILE *page);
 
-/* With what it is started. */
-tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, const tl_config *config, FILE *page);
+/* Settings of a process with these FMUs. */
+tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *page);
 
-/* Ends the process, if there is one, and frees all. Says on the log what it did wrong in its end. The exit code. */
+/* Ends the process, if there is one, and frees all. Logs job->error, and a failure of the process at its end. Returns the exit code. */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);
 
 #endif

@@ -25,10 +25,8 @@ typedef struct served_source {
 } served_source;
 
 typedef struct player {
-    const tl_options *options;
     tl_verb_job *job;
     tl_config listener; /* whose signals are served, with --for */
-    tl_config model;    /* of the FMUs: the plant's, without its delays */
     tl_account account;
     tl_emulation *emulation;
     tl_plant_stream *stream;
@@ -36,46 +34,24 @@ typedef struct player {
     size_t served_count;
 } player;
 
-/* The process with the plant's FMUs, and the twin built there. */
-static tl_status build_model(player *self, tl_error *error) {
-    tl_verb_job *job = self->job;
-    tl_problems problems;
-    tl_problems_init(&problems, job->config.path);
-    tl_status status = tl_config_read_text(job->config.path, job->config.text, strlen(job->config.text), &self->model,
-                                           &problems.report);
-    if (status != TL_OK) {
-        return tl_fail(error, status, "%s: not enough memory", job->config.path);
-    }
-    tl_config_forget_delays(&self->model);
-    tl_config_use_lookups(&self->model);
-    job->order.task = TL_TASK_STEP;
-    job->order.tells = TL_TELLS_OUTPUTS;
-    status = tl_verb_job_start(job, &self->model, NULL, error);
-    if (status == TL_OK) {
-        status = tl_twin_child_build(job->child, &self->account, error);
-        if (status != TL_OK && error->text[0] == '\0') {
-            return tl_fail(error, status, "%s: the plant's model could not be built", job->config.path);
-        }
-    }
-    return status;
-}
-
 /* The rows: from FMUs if the configuration has `emulate`, else from its recording. */
 static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
     char path[PATH_MAX];
-    tl_status status = tl_options_find_recording(self->options, config, path, error);
+    tl_verb_job *job = self->job;
+    tl_status status = tl_options_find_recording(self->job->options, config, path, error);
     if (status != TL_OK) {
         return status;
     }
     if (config->emulated_count == 0) {
         return tl_emulation_open_recording(path, config, &self->emulation, error);
     }
-    status = build_model(self, error);
+    status = tl_verb_job_start(job, NULL);
+    status = status == TL_OK ? tl_twin_child_build(job->child, &self->account, error) : status;
     if (status != TL_OK) {
         return status;
     }
-    const tl_twin_feed_settings model = {.config = &self->model, .account = &self->account, .child = self->job->child};
-    return tl_emulation_open_model(&model, path, self->options->seed, &self->emulation, error);
+    const tl_twin_feed_settings model = {.config = config, .account = &self->account, .child = job->child};
+    return tl_emulation_open_model(&model, path, self->job->options->seed, &self->emulation, error);
 }
 
 static size_t find_column(const tl_emulation *emulation, const char *name) {
@@ -126,7 +102,7 @@ static tl_status open_source(const player *self, const tl_config_source *source,
         return status;
     }
     const tl_can_settings *can = source->settings;
-    const tl_plant_bus_settings settings = {can->interface, self->options->real_bus, channels, count};
+    const tl_plant_bus_settings settings = {can->interface, self->job->options->real_bus, channels, count};
     tl_status status = tl_plant_bus_open(&settings, &served->bus, error);
     if (status == TL_OK) {
         tl_log(TL_LOG_NOTICE, "%s: %zu signal%s by CAN at %s; playing starts at once", source->name, count, plural,
@@ -184,8 +160,8 @@ static tl_status open_stream(player *self, const tl_config *listener, tl_error *
         columns[i] = tl_emulation_column(self->emulation, i);
     }
     const tl_plant_stream_settings settings = {
-        .path = self->options->fifo != NULL ? self->options->fifo : self->options->record,
-        .make_fifo = self->options->fifo != NULL,
+        .path = self->job->options->fifo != NULL ? self->job->options->fifo : self->job->options->record,
+        .make_fifo = self->job->options->fifo != NULL,
         .time_column = listener->recording_time_column,
         .columns = columns,
         .column_count = count,
@@ -237,7 +213,7 @@ static tl_status play(player *self, tl_error *error) {
     tl_time started = tl_clock_now(NULL);
     tl_progress_begin(&progress, "row", 0);
     while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
-        if (self->options->record == NULL && rows != 0) { /* a file is written as fast as it can be */
+        if (self->job->options->record == NULL && rows != 0) { /* a file is written as fast as it can be */
             tl_clock_sleep_until(started + row.time);
         }
         if (tl_interrupt_requested() != NULL) {
@@ -278,7 +254,7 @@ static void close_all(player *self) {
     }
     if (self->stream != NULL) {
         tl_plant_stream_counts counts = tl_plant_stream_count(self->stream);
-        if (self->options->fifo != NULL) {
+        if (self->job->options->fifo != NULL) {
             tl_log(TL_LOG_NOTICE, "%" PRIu64 " rows written, %" PRIu64 " dropped for want of a reader", counts.written,
                    counts.dropped);
         } else {
@@ -287,11 +263,10 @@ static void close_all(player *self) {
         tl_plant_stream_close(self->stream);
     }
     tl_emulation_close(self->emulation);
-    tl_config_free(&self->model);
 }
 
 static tl_status run(player *self, const tl_config *config, const tl_config *listener, tl_error *error) {
-    bool writes = self->options->fifo != NULL || self->options->record != NULL;
+    bool writes = self->job->options->fifo != NULL || self->job->options->record != NULL;
     tl_status status = open_emulation(self, config, error);
     if (status == TL_OK) {
         status = writes ? open_stream(self, listener, error) : open_servers(self, listener, error);
@@ -301,48 +276,27 @@ static tl_status run(player *self, const tl_config *config, const tl_config *lis
 
 /* Reads the listener's configuration where it is another one, then plays. */
 static tl_status run_for_listener(player *self, const tl_config *config, tl_error *error) {
-    if (self->options->listener == NULL) {
+    if (self->job->options->listener == NULL) {
         return run(self, config, config, error);
     }
     tl_problems problems;
-    tl_problems_init(&problems, self->options->listener);
-    tl_status status = tl_config_read(self->options->listener, &self->listener, &problems.report);
+    tl_problems_init(&problems, self->job->options->listener);
+    tl_status status = tl_config_read(self->job->options->listener, &self->listener, &problems.report);
     if (status != TL_OK) {
-        return tl_fail(error, status, "%s cannot be used with --for", self->options->listener);
+        return tl_fail(error, status, "%s cannot be used with --for", self->job->options->listener);
     }
     status = run(self, config, &self->listener, error);
     tl_config_free(&self->listener);
     return status;
 }
 
-static tl_status be_plant(tl_verb_job *job) {
-    tl_error error = {TL_OK, ""};
-    player *self = calloc(1, sizeof *self);
-    if (self == NULL) {
-        tl_log(TL_LOG_ERROR, "not enough memory");
-        return TL_TRY_AGAIN;
-    }
-    self->options = job->options;
-    self->job = job;
-    tl_status status = run_for_listener(self, &job->config, &error);
-    if (job->child != NULL && !tl_twin_child_is_gone(job->child)) {
-        tl_error later;
-        tl_status ended = tl_twin_child_end(job->child, NULL, &later);
-        if (status == TL_OK && ended != TL_OK) {
-            error = later;
-            status = ended;
-        }
-    }
-    if (status != TL_OK) {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-    }
-    close_all(self);
-    free(self);
-    return status;
-}
-
 int tl_verb_plant(const tl_options *options) {
-    tl_verb_job job = {.options = options};
+    tl_verb_job job = {.options = options, .order = {.task = TL_TASK_STEP, .tells = TL_TELLS_OUTPUTS}};
+    player self = {.job = &job};
     tl_status status = tl_verb_job_read(&job);
-    return tl_verb_job_end(&job, status == TL_OK ? be_plant(&job) : status);
+    if (status == TL_OK) {
+        status = run_for_listener(&self, &job.config, &job.error);
+        close_all(&self);
+    }
+    return tl_verb_job_end(&job, status);
 }

@@ -1,6 +1,5 @@
 /* twinlock replay: a recording through the twin. */
 #include <limits.h>
-#include <stdlib.h>
 #include <string.h>
 
 #include "firmware/base/log.h"
@@ -9,7 +8,7 @@
 #include "firmware/cli/verb_job.h"
 #include "firmware/plant/recording.h"
 #include "firmware/process/interrupt.h"
-#include "firmware/report/trajectory.h"
+#include "firmware/report/show.h"
 #include "firmware/store/recorder.h"
 #include "firmware/twin/journal.h"
 #include "firmware/twin/replay.h"
@@ -189,7 +188,7 @@ static tl_status run(replayer *self, tl_error *error) {
 }
 
 /* What the process is told of where the recorded run began. */
-static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_error *error) {
+static tl_status order_beginning(tl_verb_job *job, tl_recording *recording) {
     const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
     if (beginning == NULL) {
         return TL_OK;
@@ -200,11 +199,12 @@ static tl_status order_beginning(tl_verb_job *job, tl_recording *recording, tl_e
         job->order.checkpoint = beginning->checkpoint->bytes;
         job->order.checkpoint_size = beginning->checkpoint->size;
     }
-    return tl_replay_check(&job->config, beginning, error);
+    return tl_replay_check(&job->config, beginning, &job->error);
 }
 
-static tl_status open_recording(replayer *self, tl_error *error) {
+static tl_status open_recording(replayer *self) {
     tl_verb_job *job = self->job;
+    tl_error *error = &job->error;
     tl_status status = tl_options_find_recording(job->options, &job->config, self->path, error);
     status = status == TL_OK ? check_outputs(job->options, self->path, error) : status;
     status = status == TL_OK ? tl_recording_open(self->path, &job->config, &self->recording, error) : status;
@@ -214,18 +214,23 @@ static tl_status open_recording(replayer *self, tl_error *error) {
     const tl_recording_tunings tunings = tl_recording_get_tunings(self->recording);
     job->order.tunings = (const unsigned char *)tunings.list;
     job->order.tunings_size = tunings.count * sizeof *tunings.list;
-    return order_beginning(job, self->recording, error);
+    return order_beginning(job, self->recording);
 }
 
-/* With a recording that could be opened, or could not: what is wrong with the FMUs is told before that. */
-static tl_status replay_with(replayer *self, tl_status opened, tl_error *error) {
+/* Starts the process also if the recording could not be opened: an error of the FMUs is told before that. */
+static tl_status replay(replayer *self) {
     tl_verb_job *job = self->job;
-    tl_error later = {TL_OK, ""};
-    tl_status status = tl_verb_job_start(job, &job->config, NULL, &later);
-    status = status == TL_OK ? tl_twin_child_build(job->child, &self->account, &later) : status;
-    if (status != TL_OK || opened != TL_OK) {
-        *error = status != TL_OK ? later : *error;
-        return status != TL_OK ? status : opened;
+    tl_status opened = open_recording(self);
+    const tl_error why = job->error;
+    job->error = (tl_error){TL_OK, ""};
+    tl_status status = tl_verb_job_start(job, NULL);
+    status = status == TL_OK ? tl_twin_child_build(job->child, &self->account, &job->error) : status;
+    if (status == TL_OK && opened != TL_OK) {
+        job->error = why;
+        status = opened;
+    }
+    if (status != TL_OK) {
+        return status;
     }
     const tl_twin_feed_settings settings = {
         .config = &job->config,
@@ -238,41 +243,24 @@ static tl_status replay_with(replayer *self, tl_status opened, tl_error *error) 
                                .account = &self->account,
                                .recording = self->recording,
                                .realtime = job->options->realtime};
-    status = tl_twin_feed_open(&settings, &self->replay.feed, error);
-    status = status == TL_OK ? run(self, error) : status;
+    status = tl_twin_feed_open(&settings, &self->replay.feed, &job->error);
+    status = status == TL_OK ? run(self, &job->error) : status;
     tl_twin_feed_close(self->replay.feed);
     return status;
 }
 
-static tl_status replay(tl_verb_job *job) {
-    const tl_options *options = job->options;
-    tl_error error = {TL_OK, ""};
-    replayer *self = calloc(1, sizeof *self);
-    if (self == NULL) {
-        tl_log(TL_LOG_ERROR, "not enough memory");
-        return TL_TRY_AGAIN;
-    }
-    self->job = job;
-    job->config.recording_run = (int64_t)options->run;
-    job->order.task = TL_TASK_STEP;
-    job->order.tells = options->database != NULL ? TL_TELLS_COUNTS : TL_TELLS_RECORDS;
-    job->order.plain = options->plain;
-    tl_status opened = open_recording(self, &error);
-    tl_status status = replay_with(self, opened, &error);
-    tl_recording_close(self->recording);
-    if (status != TL_OK && error.text[0] != '\0') {
-        tl_log(TL_LOG_ERROR, "%s", error.text);
-    }
-    if (job->child != NULL && !tl_twin_child_is_gone(job->child)) {
-        tl_error unsaid;
-        (void)tl_twin_child_end(job->child, NULL, &unsaid);
-    }
-    free(self);
-    return status;
-}
-
 int tl_verb_replay(const tl_options *options) {
-    tl_verb_job job = {.options = options, .output = tl_output_claim()};
+    tl_verb_job job = {.options = options,
+                       .output = tl_output_claim(),
+                       .order = {.task = TL_TASK_STEP,
+                                 .tells = options->database != NULL ? TL_TELLS_COUNTS : TL_TELLS_RECORDS,
+                                 .plain = options->plain}};
+    replayer self = {.job = &job};
     tl_status status = tl_verb_job_read(&job);
-    return tl_verb_job_end(&job, status == TL_OK ? replay(&job) : status);
+    if (status == TL_OK) {
+        job.config.recording_run = (int64_t)options->run;
+        status = replay(&self);
+        tl_recording_close(self.recording);
+    }
+    return tl_verb_job_end(&job, status);
 }

@@ -5,18 +5,24 @@
 #include <stdlib.h>
 #include <string.h>
 
+static void clear(tl_envelope *envelope, size_t from, size_t count) {
+    for (size_t i = from; i < from + count; i++) {
+        envelope->values[2 * i] = (double)NAN;
+        envelope->values[2 * i + 1] = (double)NAN;
+    }
+    memset(&envelope->marks[from], 0, count);
+}
+
 tl_status tl_envelope_init(tl_envelope *envelope, size_t channels, size_t room, tl_error *error) {
     size_t count = channels * room;
     *envelope = (tl_envelope){.channels = channels, .room = room, .width = 1};
     envelope->values = malloc((count + 1) * 2 * sizeof *envelope->values);
-    envelope->marks = calloc(count + 1, 1);
+    envelope->marks = malloc(count + 1);
     if (envelope->values == NULL || envelope->marks == NULL) {
         tl_envelope_free(envelope);
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for %zu curves of %zu points", channels, room);
     }
-    for (size_t i = 0; i < count * 2; i++) {
-        envelope->values[i] = (double)NAN;
-    }
+    clear(envelope, 0, count);
     return TL_OK;
 }
 
@@ -50,14 +56,6 @@ static void merge(tl_envelope *envelope, size_t to, size_t first, size_t second)
     widen_pair(pair, later[1]);
     memcpy(&envelope->values[2 * to], pair, sizeof pair);
     envelope->marks[to] = envelope->marks[first] | envelope->marks[second];
-}
-
-static void clear(tl_envelope *envelope, size_t from, size_t count) {
-    for (size_t i = from; i < from + count; i++) {
-        envelope->values[2 * i] = (double)NAN;
-        envelope->values[2 * i + 1] = (double)NAN;
-    }
-    memset(&envelope->marks[from], 0, count);
 }
 
 static void widen(tl_envelope *envelope) {

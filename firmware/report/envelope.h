@@ -9,7 +9,6 @@
 #ifndef TL_FIRMWARE_REPORT_ENVELOPE_H
 #define TL_FIRMWARE_REPORT_ENVELOPE_H
 
-#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 

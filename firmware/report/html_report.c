@@ -511,12 +511,14 @@ static void put_adjusted(const tl_html_report *report, const tl_run_figures *fig
     end_table(file);
 }
 
-static void put_ledger_row(FILE *file, const char *name, size_t index, const tl_recorder_component *entry) {
+static void put_ledger_row(FILE *file, const char *row, const char *name, size_t index,
+                           const tl_recorder_component *entry) {
+    (void)fputs(row, file);
     put_name_cell(file, name);
     put_count_cell(file, "ledger", index, "executions", entry->executions);
     put_count_cell(file, "ledger", index, "plain", entry->plain);
     (void)fprintf(file, "<td class=\"n\">%.1f %%</td>", saved_share(entry));
-    (void)fprintf(file, "<td class=\"n\">%" PRId64 "</td>", tl_run_component_difference(entry));
+    (void)fprintf(file, "<td class=\"n\">%" PRId64 "</td></tr>\n", tl_run_component_difference(entry));
 }
 
 static void put_ledger(const tl_run_figures *figures, FILE *file) {
@@ -529,13 +531,9 @@ static void put_ledger(const tl_run_figures *figures, FILE *file) {
                 "<th class=\"n\">saved</th><th class=\"n\" title=\"executions done less those predicted\">"
                 "off the ledger</th>");
     for (size_t i = 0; i < figures->ledger_count; i++) {
-        (void)fputs("<tr>", file);
-        put_ledger_row(file, figures->ledger[i].name, i, &figures->ledger[i].counts);
-        (void)fputs("</tr>\n", file);
+        put_ledger_row(file, "<tr>", figures->ledger[i].name, i, &figures->ledger[i].counts);
     }
-    (void)fputs("<tr class=\"total\">", file);
-    put_ledger_row(file, "all", figures->ledger_count, &total);
-    (void)fputs("</tr>\n", file);
+    put_ledger_row(file, "<tr class=\"total\">", "all", figures->ledger_count, &total);
     end_table(file);
 }
 

@@ -2,6 +2,7 @@
  *
  * A line of samples has the signals' names (without "plant.") as columns, and "time" in front: `replay --recording` takes it. A value that was
  * missing or old at its tick is left empty there; its quality is in a column beside it. Control characters become "?". */
+#include <errno.h>
 #include <inttypes.h>
 #include <math.h>
 #include <string.h>
@@ -67,7 +68,8 @@ static void put_text(FILE *file, const char *text) {
     put_field(file, text, "");
 }
 
-void tl_show_csv_name(FILE *file, const char *name, const char *what) {
+/* A comma and a cell of a header: a name, and what of it. */
+static void put_name(FILE *file, const char *name, const char *what) {
     (void)fputc(',', file);
     put_field(file, name, what);
 }
@@ -155,7 +157,7 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
     for (size_t i = 0; i < line->table->per_signal; i++) {
         const csv_column *column = &line->table->columns[i];
         const char *name = line->table->rows == TL_HISTORY_SAMPLES ? column_of(signal->name) : signal->name;
-        tl_show_csv_name(line->file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
+        put_name(line->file, !column->is_to ? name : signal->to != NULL ? signal->to : "", column->what);
     }
 }
 
@@ -293,4 +295,54 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     }
     line.table = &tables[table];
     return print_rows(&line, error);
+}
+
+/* ---- The trajectory of a replay ------------------------------------------------------------------------------------ */
+
+tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *config, FILE **file, tl_error *error) {
+    *file = strcmp(path, "-") == 0 ? output : fopen(path, "w");
+    if (*file == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "%s: cannot be written: %s", path, strerror(errno));
+    }
+    (void)fputs("time,step,outcome,evaluations,J", *file);
+    for (size_t i = 0; i < config->match_count; i++) {
+        put_name(*file, config->match[i].variable, "");
+        put_name(*file, config->match[i].to, "");
+        put_name(*file, config->match[i].to, " quality");
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        put_name(*file, config->adjust[i].variable, "");
+        put_name(*file, config->adjust[i].variable, " nominal");
+    }
+    (void)fputc('\n', *file);
+    return TL_OK;
+}
+
+void tl_trajectory_add(FILE *file, const tl_config *config, const tl_record *record) {
+    (void)fprintf(file, "%.9f,%" PRId64 ",%s,%" PRIu32 ",",
+                  tl_seconds(tl_time_of_step(0, config->step, record->step + 1)), record->step,
+                  tl_outcome_name(record->outcome), record->evaluations);
+    if (isfinite(record->objective)) {
+        (void)fprintf(file, "%.17g", record->objective);
+    }
+    for (size_t i = 0; i < config->match_count; i++) {
+        (void)fprintf(file, ",%.17g,%.17g,%s", record->y[i], record->y_hat[i],
+                      tl_quality_name((tl_quality)record->y_hat_quality[i]));
+    }
+    for (size_t i = 0; i < config->adjust_count; i++) {
+        (void)fprintf(file, ",%.17g,%.17g", record->u[i], record->u_hat[i]);
+    }
+    (void)fputc('\n', file);
+}
+
+tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_error *error) {
+    bool failed = ferror(file) != 0;
+    errno = EIO; /* what an earlier failure is called where closing finds nothing left to fail */
+    if (file == output) {
+        failed = fflush(file) != 0 || failed;
+    } else {
+        failed = fclose(file) != 0 || failed;
+    }
+    return failed ? tl_fail(error, TL_TRY_AGAIN, "%s: not everything could be written: %s", path, strerror(errno))
+                  : TL_OK;
 }

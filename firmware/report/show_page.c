@@ -1,6 +1,7 @@
 /* The page of `show`: for somebody who looks after the plant. First the runs, then what was recorded of the chosen one,
  * how well the twin followed, what had to be corrected and since when, and what happened. */
 #include <math.h>
+#include <stdarg.h>
 #include <string.h>
 #include <sys/stat.h>
 
@@ -9,7 +10,7 @@
 #include "firmware/report/show_summary.h"
 #include "firmware/store/history.h"
 
-enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, TEXT = 64, HASH_SHOWN = 12 };
+enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, HASH_SHOWN = 12, TEXTS = 16, TEXT = 512 };
 
 /* The page while it is printed. */
 typedef struct show_page {
@@ -33,14 +34,49 @@ int64_t tl_show_instant(const tl_history_run *run, int64_t step) {
     return after > 1e14 ? started : started + (int64_t)floor(after + 0.5);
 }
 
-static void heading(const show_page *page, const char *text) {
-    bool colour = page->request->style.colour;
-    (void)fprintf(page->file, "\n%s%s%s\n", colour ? "\x1b[1m" : "", text, colour ? "\x1b[0m" : "");
+/* ---- Texts of one line: each stays valid until TEXTS more of them were made. `show` has one thread. */
+
+static char *next_text(void) {
+    static char texts[TEXTS][TEXT];
+    static size_t next;
+    return texts[next++ % TEXTS];
 }
 
-static const char *clean(const show_page *page, const char *text, char *buffer, size_t size) {
-    tl_show_clean(page->request->style, text, buffer, size);
-    return buffer;
+static const char *clean(const show_page *page, const char *text) {
+    char *made = next_text();
+    tl_show_clean(page->request->style, text, made, TEXT);
+    return made;
+}
+
+static const char *number(double value, bool sign) {
+    char *made = next_text();
+    tl_show_number(value, sign, made, TEXT);
+    return made;
+}
+
+static const char *duration(double seconds) {
+    char *made = next_text();
+    tl_show_duration(seconds, made, TEXT);
+    return made;
+}
+
+/* "2026-11-21 10:02:03" of "2026-11-21T10:02:03.456Z". */
+static const char *short_time(const char *utc) {
+    char *made = next_text();
+    (void)snprintf(made, TEXT, "%.10s %.8s", utc, strlen(utc) > 11 ? utc + 11 : "");
+    return made;
+}
+
+static void heading(const show_page *page, const char *format, ...) TL_PRINTF(2, 3);
+
+static void heading(const show_page *page, const char *format, ...) {
+    bool colour = page->request->style.colour;
+    va_list arguments;
+    (void)fputs(colour ? "\n\x1b[1m" : "\n", page->file);
+    va_start(arguments, format);
+    (void)vfprintf(page->file, format, arguments);
+    va_end(arguments);
+    (void)fputs(colour ? "\x1b[0m\n" : "\n", page->file);
 }
 
 static void begin_table(tl_show_table *table, const show_page *page, const char *alignment, const char *const *names) {
@@ -52,37 +88,28 @@ static void begin_table(tl_show_table *table, const show_page *page, const char 
 
 /* ---- Runs -------------------------------------------------------------------------------------------------------- */
 
-/* "2026-11-21 10:02:03" of "2026-11-21T10:02:03.456Z". */
-static void short_time(const char *utc, char *text, size_t size) {
-    (void)snprintf(text, size, "%.10s %.8s", utc, strlen(utc) > 11 ? utc + 11 : "");
-}
-
 static double seconds_between(const char *from, const char *until) {
     int64_t first = 0;
     int64_t last = 0;
     return tl_utc_parse(from, &first) && tl_utc_parse(until, &last) ? (double)(last - first) / 1e3 : (double)NAN;
 }
 
-/* When it began, and how long it was. */
-static void find_times(const tl_history_run *run, char started[TEXT], char lasted[TEXT]) {
-    char own[TL_UTC_TEXT];
+/* UTC of its beginning: t_start may be that of a run that it goes on with. */
+static const char *own_start(const tl_history_run *run) {
+    static char made[TL_UTC_TEXT];
     if (run->resumption.from == TL_RESUMED_NOT) {
-        (void)snprintf(own, TL_UTC_TEXT, "%s", run->started);
-    } else { /* t_start may be that of a run that it goes on with */
-        tl_utc_text(tl_show_instant(run, run->resumption.tick), own);
+        return run->started;
     }
-    short_time(own, started, TEXT);
-    tl_show_duration(seconds_between(own, run->committed), lasted, TEXT);
+    tl_utc_text(tl_show_instant(run, run->resumption.tick), made);
+    return made;
 }
 
 static void add_run(tl_show_table *table, const show_page *page, const tl_history_run *run) {
-    char started[TEXT];
-    char lasted[TEXT];
-    find_times(run, started, lasted);
+    const char *started = own_start(run);
     tl_show_table_add(table, "%s", run->run == page->request->run->run ? ">" : "");
     tl_show_table_add(table, "%lld", (long long)run->run);
-    tl_show_table_add(table, "%s", started);
-    tl_show_table_add(table, "%s", lasted);
+    tl_show_table_add(table, "%s", short_time(started));
+    tl_show_table_add(table, "%s", duration(seconds_between(started, run->committed)));
     tl_show_table_add(table, "%s", run->verb);
     tl_show_table_add(table, "%s", run->name);
     tl_show_table_add(table, "%.*s", HASH_SHOWN, run->configuration_hash);
@@ -116,15 +143,11 @@ static tl_status print_runs(const show_page *page, tl_error *error) {
 
 static void print_when(const show_page *page) {
     const tl_history_run *run = page->request->run;
-    char started[TEXT];
-    char until[TEXT];
-    char lasted[TEXT];
-    char reason[TEXT * 2];
-    find_times(run, started, lasted);
-    short_time(run->committed, until, sizeof until);
-    (void)fprintf(page->file, "  when           %s %s %s UTC, %s; %s%s\n", started, page->until, until, lasted,
+    const char *started = own_start(run);
+    (void)fprintf(page->file, "  when           %s %s %s UTC, %s; %s%s\n", short_time(started), page->until,
+                  short_time(run->committed), duration(seconds_between(started, run->committed)),
                   run->ended == NULL ? "is being written, or was killed" : "ended: ",
-                  run->ended == NULL ? "" : clean(page, run->ended_reason, reason, sizeof reason));
+                  run->ended == NULL ? "" : clean(page, run->ended_reason));
 }
 
 static void print_steps(const show_page *page) {
@@ -132,13 +155,11 @@ static void print_steps(const show_page *page) {
     const tl_run_figures *figures = &page->summary.figures;
     uint64_t steps = tl_run_figures_committed(figures);
     bool strokes = figures->outcomes[TL_HELD] > 0;
-    char step[TEXT];
-    char model[TEXT];
-    tl_show_duration(tl_seconds(run->step), step, sizeof step);
-    tl_show_duration(tl_seconds(run->step) * (double)steps, model, sizeof model);
+    double step = tl_seconds(run->step);
     (void)fprintf(page->file, "  steps          %llu of %s, which is %s of the plant; looks %s%u %s%s (%s)\n",
-                  (unsigned long long)steps, step, model, strokes ? "at strokes of at most " : "",
-                  (unsigned)run->prediction, run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
+                  (unsigned long long)steps, duration(step), duration(step * (double)steps),
+                  strokes ? "at strokes of at most " : "", (unsigned)run->prediction,
+                  run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
                   tl_measurements_names[run->measurements]);
     if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
         (void)fputc('\n', page->file);
@@ -191,15 +212,10 @@ static void print_recorded(const show_page *page) {
 
 static void print_run(const show_page *page) {
     const tl_history_run *run = page->request->run;
-    char name[TEXT * 4];
-    char title[TEXT * 5];
-    char version[TEXT];
-    (void)snprintf(title, sizeof title, "Run %lld: %s", (long long)run->run, clean(page, run->name, name, sizeof name));
-    heading(page, title);
+    heading(page, "Run %lld: %s", (long long)run->run, clean(page, run->name));
     print_when(page);
     (void)fprintf(page->file, "  configuration  %.*s, run by twinlock %s\n", HASH_SHOWN,
-                  clean(page, run->configuration_hash, name, sizeof name),
-                  clean(page, run->version, version, sizeof version));
+                  clean(page, run->configuration_hash), clean(page, run->version));
     print_steps(page);
     if (tl_lock_tally_total(&page->summary.lock) > 0) {
         char text[TL_LOCK_SENTENCE];
@@ -215,9 +231,7 @@ static void print_run(const show_page *page) {
 /* MSE at the plant's own readings, and how many these were. */
 static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
     const tl_metrics *readings = &figures->readings[match];
-    char mse[TEXT];
-    tl_show_number(tl_run_figures_mse_readings(figures, match), false, mse, sizeof mse);
-    tl_show_table_add(table, "%s", mse);
+    tl_show_table_add(table, "%s", number(tl_run_figures_mse_readings(figures, match), false));
     tl_show_table_add(table, "%llu", (unsigned long long)readings->pairs);
     tl_show_table_add(table, "%llu", (unsigned long long)readings->left_out);
 }
@@ -234,16 +248,12 @@ static tl_status print_match(const show_page *page, tl_error *error) {
     for (size_t i = 0; i < page->summary.match_count; i++) {
         const tl_recorder_signal *signal = &page->summary.match[i];
         const tl_run_figures *figures = &page->summary.figures;
-        char mse[TEXT];
-        char largest[TEXT];
-        tl_show_number(tl_run_figures_mse(figures, i), false, mse, sizeof mse);
-        tl_show_number(tl_run_figures_maximum(figures, i), false, largest, sizeof largest);
         tl_show_table_add(&table, "%s", signal->name);
         tl_show_table_add(&table, "%s", signal->to == NULL ? "" : signal->to);
         tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].pairs);
         tl_show_table_add(&table, "%llu", (unsigned long long)figures->match[i].left_out);
-        tl_show_table_add(&table, "%s", mse);
-        tl_show_table_add(&table, "%s", largest);
+        tl_show_table_add(&table, "%s", number(tl_run_figures_mse(figures, i), false));
+        tl_show_table_add(&table, "%s", number(tl_run_figures_maximum(figures, i), false));
         add_readings(&table, figures, i);
         tl_show_table_add(&table, "%s", signal->unit);
     }
@@ -262,9 +272,7 @@ static void add_numbers(tl_show_table *table, const tl_show_summary *summary, si
         adjusted->first, adjusted->last,  tl_run_figures_mean(&summary->figures, adjust),
         detail->least,   detail->largest, fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* not its rounding */
     for (size_t i = 0; i < NUMBERS; i++) {
-        char text[TEXT];
-        tl_show_number(adjusted->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS, text, sizeof text);
-        tl_show_table_add(table, "%s", text);
+        tl_show_table_add(table, "%s", number(adjusted->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS));
     }
 }
 
@@ -292,49 +300,44 @@ static void print_curve(const show_page *page, size_t adjust) {
     double means[TL_SHOW_POINTS];
     double least = (double)INFINITY;
     double largest = (double)-INFINITY;
-    char name[TEXT * 2];
+    const char *name = clean(page, page->summary.adjust[adjust].name);
     char curve[TL_SHOW_CURVE];
-    char low[TEXT];
-    char high[TEXT];
     for (size_t i = 0; i < page->summary.points; i++) {
         means[i] = tl_show_part_mean(&page->summary.detail[adjust].points[i]);
         least = means[i] < least ? means[i] : least;
         largest = means[i] > largest ? means[i] : largest;
     }
     tl_show_curve(page->request->style, means, page->summary.points, curve, sizeof curve);
-    tl_show_number(least, true, low, sizeof low);
-    tl_show_number(largest, true, high, sizeof high);
-    (void)clean(page, page->summary.adjust[adjust].name, name, sizeof name);
     if (largest > least) {
-        (void)fprintf(page->file, "  %s: %su from %s to %s\n    |%s|\n", name, page->delta, low, high, curve);
+        (void)fprintf(page->file, "  %s: %su from %s to %s\n    |%s|\n", name, page->delta, number(least, true),
+                      number(largest, true), curve);
     } else {
-        (void)fprintf(page->file, "  %s: %su %s throughout\n", name, page->delta, low);
+        (void)fprintf(page->file, "  %s: %su %s throughout\n", name, page->delta, number(least, true));
     }
 }
 
 /* ---- What has changed since when --------------------------------------------------------------------------------- */
 
 /* When a step began: in the world where the run was live, else in the run. */
-static void say_instant(const show_page *page, int64_t step, char *text, size_t size) {
+static const char *instant(const show_page *page, int64_t step) {
     const tl_history_run *run = page->request->run;
     if (tl_show_is_live(run)) {
         char utc[TL_UTC_TEXT];
         tl_utc_text(tl_show_instant(run, step), utc);
-        short_time(utc, text, size);
-    } else {
-        double window = tl_seconds(run->step) * (double)(page->summary.range[1] - page->summary.range[0] + 1) /
-                        (double)page->summary.windows;
-        double digits = fmin(fmax(ceil(2.0 - log10(window)), 0.0), 6.0);
-        (void)snprintf(text, size, "%.*f s", (int)digits, tl_seconds(run->step) * (double)step);
+        return short_time(utc);
     }
+    double window = tl_seconds(run->step) * (double)(page->summary.range[1] - page->summary.range[0] + 1) /
+                    (double)page->summary.windows;
+    double digits = fmin(fmax(ceil(2.0 - log10(window)), 0.0), 6.0);
+    char *made = next_text();
+    (void)snprintf(made, TEXT, "%.*f s", (int)digits, tl_seconds(run->step) * (double)step);
+    return made;
 }
 
 static tl_status print_windows(const show_page *page, tl_error *error) {
     const tl_show_summary *summary = &page->summary;
     tl_show_table table;
-    char title[TEXT];
-    (void)snprintf(title, sizeof title, "What has changed since when: mean %su", page->delta);
-    heading(page, title);
+    heading(page, "What has changed since when: mean %su", page->delta);
     tl_show_table_begin(&table, page->request->style, "rrrrrrrrr");
     table.columns = 1 + summary->adjust_count;
     tl_show_table_add(&table, "from");
@@ -342,12 +345,9 @@ static tl_status print_windows(const show_page *page, tl_error *error) {
         tl_show_table_add(&table, "%s", summary->adjust[i].name);
     }
     for (size_t window = 0; window < summary->windows; window++) {
-        char text[TEXT];
-        say_instant(page, tl_show_window_start(summary, window), text, sizeof text);
-        tl_show_table_add(&table, "%s", text);
+        tl_show_table_add(&table, "%s", instant(page, tl_show_window_start(summary, window)));
         for (size_t i = 0; i < summary->adjust_count; i++) {
-            tl_show_number(tl_show_part_mean(&summary->detail[i].windows[window]), true, text, sizeof text);
-            tl_show_table_add(&table, "%s", text);
+            tl_show_table_add(&table, "%s", number(tl_show_part_mean(&summary->detail[i].windows[window]), true));
         }
     }
     return tl_show_table_end(&table, page->file, error);
@@ -357,21 +357,16 @@ static void print_change(const show_page *page, size_t adjust) {
     const tl_recorder_signal *signal = &page->summary.adjust[adjust];
     const tl_show_part *windows = page->summary.detail[adjust].windows;
     size_t window = tl_show_largest_change(&page->summary, adjust);
-    char name[TEXT * 2];
-    char unit[TEXT];
-    char when[TEXT];
-    char before[TEXT];
-    char after[TEXT];
-    (void)clean(page, signal->name, name, sizeof name);
+    const char *name = clean(page, signal->name);
     if (window == 0) {
         (void)fprintf(page->file, "  %s: no change stands out\n", name);
         return;
     }
-    say_instant(page, tl_show_window_start(&page->summary, window), when, sizeof when);
-    tl_show_number(tl_show_part_mean(&windows[window - 1]), true, before, sizeof before);
-    tl_show_number(tl_show_part_mean(&windows[window]), true, after, sizeof after);
-    (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s%s%s\n", name, when, before, page->arrow, after,
-                  signal->unit[0] == '\0' ? "" : " ", clean(page, signal->unit, unit, sizeof unit));
+    (void)fprintf(page->file, "  %s: changed most at %s, %s %s %s%s%s\n", name,
+                  instant(page, tl_show_window_start(&page->summary, window)),
+                  number(tl_show_part_mean(&windows[window - 1]), true), page->arrow,
+                  number(tl_show_part_mean(&windows[window]), true), signal->unit[0] == '\0' ? "" : " ",
+                  clean(page, signal->unit));
 }
 
 static tl_status print_corrections(const show_page *page, tl_error *error) {
@@ -395,15 +390,10 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
 /* ---- Tunings ----------------------------------------------------------------------------------------------------- */
 
 static void print_tuning(const show_page *page, const tl_history_tuning *tuning) {
-    char when[TEXT];
-    char who[TEXT];
-    char origin[TEXT];
-    char why[TEXT * 8];
-    short_time(tuning->at, when, sizeof when);
-    (void)fprintf(page->file, "  %s  tick %-10lld  configuration %.12s  %s%s%s%s%s\n", when, (long long)tuning->tick,
-                  tuning->hash, clean(page, tuning->who, who, sizeof who), tuning->origin[0] != '\0' ? ", " : "",
-                  clean(page, tuning->origin, origin, sizeof origin), tuning->why[0] != '\0' ? ": " : "",
-                  clean(page, tuning->why, why, sizeof why));
+    (void)fprintf(page->file, "  %s  tick %-10lld  configuration %.12s  %s%s%s%s%s\n", short_time(tuning->at),
+                  (long long)tuning->tick, tuning->hash, clean(page, tuning->who),
+                  tuning->origin[0] != '\0' ? ", " : "", clean(page, tuning->origin),
+                  tuning->why[0] != '\0' ? ": " : "", clean(page, tuning->why));
 }
 
 /* None in most runs. */
@@ -428,18 +418,13 @@ static void take_event(void *context, const tl_history_event *event) {
     const char *paint = strcmp(event->severity, "error") == 0     ? "\x1b[31m"
                         : strcmp(event->severity, "warning") == 0 ? "\x1b[33m"
                                                                   : "";
-    char when[TEXT];
-    char word[TEXT];
-    char source[TEXT];
-    char text[TEXT * 8];
-    char tick[TEXT] = "";
-    short_time(event->at, when, sizeof when);
+    (void)fprintf(page->file, "  %s  %s%-7s%s  %-8s  %s", short_time(event->at), colour ? paint : "",
+                  clean(page, event->severity), colour && paint[0] != '\0' ? "\x1b[0m" : "", clean(page, event->source),
+                  clean(page, event->text));
     if (event->has_tick) {
-        (void)snprintf(tick, sizeof tick, " (tick %lld)", (long long)event->tick);
+        (void)fprintf(page->file, " (tick %lld)", (long long)event->tick);
     }
-    (void)fprintf(page->file, "  %s  %s%-7s%s  %-8s  %s%s\n", when, colour ? paint : "",
-                  clean(page, event->severity, word, sizeof word), colour && paint[0] != '\0' ? "\x1b[0m" : "",
-                  clean(page, event->source, source, sizeof source), clean(page, event->text, text, sizeof text), tick);
+    (void)fputc('\n', page->file);
 }
 
 static tl_status print_events(show_page *page, tl_error *error) {
@@ -456,16 +441,15 @@ static tl_status print_events(show_page *page, tl_error *error) {
 /* ---- All of it --------------------------------------------------------------------------------------------------- */
 
 static void print_title(const show_page *page) {
-    char path[TEXT * 8];
-    char size[TEXT];
+    char log_path[TEXT];
+    char *size = next_text();
     struct stat file;
     struct stat log;
-    char log_path[sizeof path + 8];
     (void)snprintf(log_path, sizeof log_path, "%s-wal", page->request->path);
     double bytes = stat(page->request->path, &file) == 0 ? (double)file.st_size : 0.0;
     bytes += stat(log_path, &log) == 0 ? (double)log.st_size : 0.0;
-    tl_show_bytes(bytes, size, sizeof size);
-    (void)fprintf(page->file, "%s, %s\n", clean(page, page->request->path, path, sizeof path), size);
+    tl_show_bytes(bytes, size, TEXT);
+    (void)fprintf(page->file, "%s, %s\n", clean(page, page->request->path), size);
 }
 
 tl_status tl_show_page(const tl_show_request *request, FILE *file, tl_error *error) {

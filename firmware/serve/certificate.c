@@ -76,16 +76,11 @@ static bool write_fingerprint(gnutls_x509_crt_t certificate, tl_fingerprint *fin
 
 /* Of the first certificate of the chain, which is the server's. */
 static bool find_fingerprint(const gnutls_datum_t *chain, tl_fingerprint *fingerprint) {
-    gnutls_x509_crt_t *list = NULL;
-    unsigned count = 0;
-    if (gnutls_x509_crt_list_import2(&list, &count, chain, GNUTLS_X509_FMT_PEM, 0) < 0) {
-        return false;
-    }
-    bool is_found = count > 0 && write_fingerprint(list[0], fingerprint);
-    for (unsigned i = 0; i < count; i++) {
-        gnutls_x509_crt_deinit(list[i]);
-    }
-    gnutls_free(list);
+    gnutls_x509_crt_t first = NULL;
+    bool is_found = gnutls_x509_crt_init(&first) >= 0 &&
+                    gnutls_x509_crt_import(first, chain, GNUTLS_X509_FMT_PEM) >= 0 &&
+                    write_fingerprint(first, fingerprint);
+    gnutls_x509_crt_deinit(first); /* allows NULL */
     return is_found;
 }
 
@@ -191,12 +186,8 @@ static int print_new(FILE *file) {
                                                          GNUTLS_CURVE_TO_BITS(GNUTLS_ECC_CURVE_SECP256R1), 0);
     failure = failure < 0 ? failure : describe(made, key);
     failure = failure < 0 ? failure : print_pair(made, key, file);
-    if (made != NULL) {
-        gnutls_x509_crt_deinit(made);
-    }
-    if (key != NULL) {
-        gnutls_x509_privkey_deinit(key);
-    }
+    gnutls_x509_crt_deinit(made);
+    gnutls_x509_privkey_deinit(key);
     return failure;
 }
 

@@ -14,9 +14,9 @@
 #include <stddef.h>
 
 #include "firmware/serve/http_request.h"
-#include "master/base/status.h"
 
-enum { TL_DIALOGUE_MOST = 512 * 1024 };
+/* Bytes of an answer, and of one line of it: each byte of a text may take six, as \u0007 does, or four as \x07 whose backslash is escaped. */
+enum { TL_DIALOGUE_MOST = 512 * 1024, TL_ANSWER_LINE = 16 * 1024 };
 
 /* A zeroed one is none. */
 typedef struct tl_dialogue {
@@ -59,5 +59,12 @@ size_t tl_dialogue_take(tl_dialogue *dialogue, char *to, size_t room);
 
 /* Frees, hangs up, and leaves none. None is allowed. */
 void tl_dialogue_close(tl_dialogue *dialogue);
+
+/* A reply of the control socket as a JSON object in one line, with the newline. Its members have the words of control.h; "reply" says which kind it is.
+ * Texts are cleaned (text.h): the line is valid UTF-8. Returns the length; 0 if memory is out. */
+size_t tl_answer_line(const tl_control_reply *reply, char line[TL_ANSWER_LINE]);
+
+/* The HTTP status of a request that ended with this tl_control_result. */
+tl_http_status tl_answer_status(uint32_t result);
 
 #endif

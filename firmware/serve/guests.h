@@ -11,7 +11,6 @@
 #define TL_FIRMWARE_SERVE_GUESTS_H
 
 #include <stdbool.h>
-#include <stddef.h>
 
 #include "firmware/serve/address.h"
 #include "master/base/simtime.h"

@@ -178,7 +178,7 @@ static bool read_query(const char *query, const char *allowed, tl_control_reques
 
 static const char ROOT[] = "/api/v1/plants";
 
-/* What there is: below /api/v1/plants/NAME. */
+/* What there is: below /api/v1/plants/NAME. The first row stands for /api/v1/plants, too. */
 typedef struct route {
     const char *path; /* behind the name; one that ends in "/" has a number behind it */
     const char *method;
@@ -200,9 +200,6 @@ static const route ROUTES[] = {
      false},
     {"/change", "DELETE", "why wait", TL_CONTROL_RETURN, true, false},
 };
-
-/* The list of all plants. */
-static const route PLANTS = {"", "GET", "", TL_CONTROL_SHOW, false, false};
 
 static tl_http_status refuse(char *sentence, tl_http_status status, const char *why) {
     (void)snprintf(sentence, TL_HTTP_SENTENCE, "%s", why);
@@ -234,16 +231,10 @@ static bool fits(const route *one, const char *path, uint64_t *version) {
 
 static tl_http_status find_route(const char *path, const char *method, tl_http_request *request, const route **found,
                                  char *sentence) {
-    const char *rest = NULL;
+    const char *rest = "";
     bool is_there = false;
-    if (path[0] == '\0' || strcmp(path, "/") == 0) {
-        request->wants_plants = true;
-        *found = &PLANTS;
-        return strcmp(method, PLANTS.method) == 0
-                   ? TL_HTTP_OK
-                   : refuse(sentence, TL_HTTP_WRONG_METHOD, "this address has no such method");
-    }
-    if (!split_name(path, request, &rest)) {
+    request->wants_plants = path[0] == '\0' || strcmp(path, "/") == 0;
+    if (!request->wants_plants && !split_name(path, request, &rest)) {
         return refuse(sentence, TL_HTTP_NOT_FOUND,
                       "there is nothing here: a plant's name has letters, digits, - _ and .");
     }

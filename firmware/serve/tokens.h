@@ -5,7 +5,6 @@
 #ifndef TL_FIRMWARE_SERVE_TOKENS_H
 #define TL_FIRMWARE_SERVE_TOKENS_H
 
-#include <stdbool.h>
 #include <stddef.h>
 
 #include "firmware/base/change.h"

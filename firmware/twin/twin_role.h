@@ -61,7 +61,7 @@ typedef struct tl_twin_job {
     uint32_t user;       /* to become; 0: stay */
     bool plain;          /* save no executions */
     bool variables;      /* the page lists them */
-    bool brief;          /* a check without a far look, and without the times of the machine */
+    bool brief;          /* a check without a far look */
     bool
         states_only; /* a check finds only whether another process can use the FMUs' states (tl_twin_check.why); nothing else is heard */
     bool reads_back; /* the process has a block for it: of TL_TASK_CHECK; of TL_TASK_READ, always */

@@ -9,8 +9,8 @@
 
 #include <cjson/cJSON.h>
 
+#include "firmware/report/show.h"
 #include "firmware/report/summary.h"
-#include "firmware/report/trajectory.h"
 #include "firmware/twin/twin_recorder.h"
 #include "firmware/twin/twin_step.h"
 #include "tests/fuzz/harness.h"

@@ -60,8 +60,6 @@ def test_large():
     code, out, err = run(["check", keeper_fmu.config(large)])
     size = re.search(r"one of keeper0 takes (\d+)\.\d KiB", out)
     expect(code == 0 and size is not None and int(size[1]) < 1024, f"a state takes more than its pages:\n{out}{err}")
-    figures = {name: [float(value) for value in re.search(rf"^    {name} +([\d.]+) +([\d.]+) +([\d.]+)$", out, re.M).groups()] for name in ("step", "save", "restore")}
-    expect(all(0 < median <= high <= worst for median, high, worst in figures.values()), f"{figures}")
     saved = steps_of(keeper_fmu.config(large))
     expect(saved.count("\n") > 90 and saved == steps_of(keeper_fmu.config(large), "--plain"), "other values with what is saved")
 

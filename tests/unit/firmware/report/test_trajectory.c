@@ -9,7 +9,7 @@
 
 #include <unity.h>
 
-#include "firmware/report/trajectory.h"
+#include "firmware/report/show.h"
 #include "tests/support/config_text.h"
 #include "tests/support/scratch.h"
 

@@ -1,5 +1,5 @@
 /* Replies as lines: each kind, whatever its texts hold; and which status a result is. */
-#include "firmware/serve/answer.h"
+#include "firmware/serve/dialogue.h"
 
 #include <string.h>
 
@@ -74,21 +74,11 @@ static void texts_are_cleaned(void) {
     expect_text(&reply, "text", "a\\x1B[2J\\xFF\\x0A\\u{202E}");
 }
 
-static void a_change_is_under_way_behind_its_validation(void) {
-    for (uint32_t step = 0; step < TL_CONTROL_STEPS; step++) {
-        tl_control_reply reply = {.kind = TL_CONTROL_STEP, .as.progress.step = step};
-        TEST_ASSERT_EQUAL(step > TL_CONTROL_VALIDATE, tl_answer_is_under_way(&reply));
-        reply.kind = TL_CONTROL_CHANGE;
-        TEST_ASSERT_FALSE(tl_answer_is_under_way(&reply));
-    }
-}
-
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(each_kind_says_what_it_is);
     RUN_TEST(results_are_words);
     RUN_TEST(the_longest_reply_fits);
     RUN_TEST(texts_are_cleaned);
-    RUN_TEST(a_change_is_under_way_behind_its_validation);
     return UNITY_END();
 }
