@@ -34,7 +34,7 @@ typedef struct logged_line {
 typedef struct ear {
     tl_relay relay;
     int pipe;         /* the end into which they print; 0: there is none */
-    unsigned process; /* number of the process that prints */
+    unsigned process; /* number of the process whose lines are read */
     logged_line lines[LINES];
 } ear;
 
@@ -75,16 +75,20 @@ static logged_line *find_line(ear *listening, uint64_t hash) {
 
 /* A process may repeat itself, and so may its first successor. What further ones repeat is counted instead. */
 static bool is_to_be_counted(ear *listening, logged_line *line, tl_time now) {
-    const unsigned process = __atomic_load_n(&listening->process, __ATOMIC_RELAXED);
-    bool is_repeated = line->process != process && line->time != 0 && now - line->time < QUIET;
+    bool is_repeated = line->process != listening->process && line->time != 0 && now - line->time < QUIET;
     bool was_loop = line->is_loop;
-    line->process = process;
+    line->process = listening->process;
     line->is_loop = is_repeated || (was_loop && line->repeats > 0);
     return is_repeated && was_loop;
 }
 
+/* An empty line stands before the output of each process. */
 static void pass(void *context, const char *line) {
     ear *listening = context;
+    if (line[0] == '\0') {
+        listening->process++;
+        return;
+    }
     const char *text = NULL;
     char times[64] = "";
     int level = tl_log_level_of(line, &text);
@@ -215,8 +219,11 @@ tl_status tl_voice_start(const tl_heartbeats *beats, bool status, tl_voice **voi
 }
 
 int tl_voice_pipe(tl_voice *voice, unsigned which) {
-    (void)__atomic_add_fetch(&voice->ears[which].process, 1, __ATOMIC_RELAXED);
-    return voice->ears[which].pipe;
+    struct pollfd input = {.fd = voice->ears[which].pipe, .events = POLLOUT};
+    if (poll(&input, 1, 0) == 1) {         /* the write cannot block, since no other process writes now */
+        (void)!write(input.fd, "\n\n", 2); /* ends a line that the process before left unfinished */
+    }
+    return input.fd;
 }
 
 void tl_voice_watch(tl_voice *voice, const tl_heartbeats *beats) {

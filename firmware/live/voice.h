@@ -22,7 +22,8 @@ typedef struct tl_voice tl_voice;
 /* `beats`: of the twin, at first. `status`: a status line also if standard error is no terminal. Errors: TL_TRY_AGAIN. */
 tl_status tl_voice_start(const tl_heartbeats *beats, bool status, tl_voice **voice, tl_error *error);
 
-/* The pipe for a process of a kind that is about to begin, below TL_VOICE_PIPES: what it prints there is logged. It stays the voice's. */
+/* The pipe for a process of a kind, below TL_VOICE_PIPES, that is about to begin after the one before has ended: what it prints there is logged. Empty lines
+ * are dropped. The pipe stays the voice's. */
 int tl_voice_pipe(tl_voice *voice, unsigned which);
 
 /* From now on the status is that of another twin. */
