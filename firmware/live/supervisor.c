@@ -657,7 +657,7 @@ static bool go_on_ending(supervisor *self, tl_time now) {
         if (next->state == LIVING && !next->child.asked && !is_young) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (end_order[i] == TL_MEMBER_IO || end_order[i] == TL_MEMBER_RECORDER) {
+        if (twin_of(self)->state == ABSENT) { /* while it lives, its own heartbeats decide about strokes */
             stroke(self, now);
         }
         return false;
