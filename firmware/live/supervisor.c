@@ -592,6 +592,9 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
         return;
     }
     stroke(self, now);
+    if (living->child.asked && !tl_fmu_calls_is_asked(tl_heartbeats_calls(living->child.beats))) {
+        (void)kill(living->child.pid, living->child.signal);
+    }
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
         if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may begin */
