@@ -34,9 +34,12 @@ static bool understand(const char *text, size_t size, kept *before) {
     before->failures = tl_json_count(&reader, "failures");
     before->running = tl_json_truth(&reader, "running");
     (void)snprintf(before->boot, sizeof before->boot, "%s", tl_json_text(&reader, "boot"));
-    before->unreadable =
-        strtoull(tl_json_text(&reader, "unreadable"), NULL, 16); /* more than a number of JSON's holds */
-    before->tries = tl_json_count(&reader, "tries");
+    if (tl_json_has(&reader, "unreadable")) { /* as text: a number in JSON holds 53 bits only */
+        before->unreadable = strtoull(tl_json_text(&reader, "unreadable"), NULL, 16);
+    }
+    if (tl_json_has(&reader, "tries")) {
+        before->tries = tl_json_count(&reader, "tries");
+    }
     bool right = reader.right;
     tl_json_reader_free(&reader);
     return right;
