@@ -35,21 +35,26 @@ static volatile sig_atomic_t told;
 
 static void note(int signal) {
     told = signal;
-    tl_fmu_calls_note_asked();
+}
+
+static void beat(tl_heart *heart) {
+    tl_heart_beat(heart);
+    tl_stage_pause_ms(10);
+    if (told != 0) {
+        tl_fmu_calls_note_asked();
+    }
 }
 
 static void be_well(tl_heart *heart) {
     for (int i = 0; told == 0 && i < 3000; i++) {
-        tl_heart_beat(heart);
-        tl_stage_pause_ms(10);
+        beat(heart);
     }
 }
 
 /* Whenever it was told to end: at its start, too. */
 static void be_well_and_deaf(tl_heart *heart) {
     for (int i = 0; i < 3000; i++) {
-        tl_heart_beat(heart);
-        tl_stage_pause_ms(10);
+        beat(heart);
     }
 }
 

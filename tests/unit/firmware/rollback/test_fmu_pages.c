@@ -33,15 +33,15 @@ static unsigned char *fixed(void) {
 /* The kernel notes writes to this address: "uw" in its mapping's flags is userfaultfd's write protection. */
 static bool is_watched(const void *address) {
     char line[1024];
-    unsigned long begin = 0;
-    unsigned long end = 0;
     bool is_here = false;
     bool found = false;
     FILE *file = fopen("/proc/self/smaps", "r");
     TEST_ASSERT_NOT_NULL(file);
     while (!found && fgets(line, sizeof line, file) != NULL) {
-        if (sscanf(line, "%lx-%lx ", &begin, &end) == 2) {
-            is_here = begin <= (unsigned long)address && (unsigned long)address < end;
+        char *rest = NULL;
+        unsigned long begin = strtoul(line, &rest, 16);
+        if (rest > line && *rest == '-') { /* "55d0c0a00000-55d0c0a21000 rw-p …": a mapping begins */
+            is_here = begin <= (unsigned long)address && (unsigned long)address < strtoul(rest + 1, NULL, 16);
         }
         found = is_here && strncmp(line, "VmFlags:", 8) == 0;
     }
