@@ -407,6 +407,10 @@ tl_json_reader tl_json_file_read(const char *path) {
     return reader;
 }
 
+bool tl_json_has(const tl_json_reader *reader, const char *key) {
+    return cJSON_HasObjectItem(reader->root, key) != 0;
+}
+
 uint64_t tl_json_count(tl_json_reader *reader, const char *key) {
     const cJSON *item = cJSON_GetObjectItemCaseSensitive(reader->root, key);
     if (cJSON_IsNumber(item) && item->valuedouble >= 0.0 && item->valuedouble < LIMIT) {

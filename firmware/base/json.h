@@ -68,6 +68,7 @@ tl_json_reader tl_json_file_read(const char *path);
 
 /* Of the first member with this key. A count is a number of at least 0, below 9e15, rounded down. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
+bool tl_json_has(const tl_json_reader *reader, const char *key); /* an older version may not have written it */
 double tl_json_number(tl_json_reader *reader, const char *key);
 bool tl_json_truth(tl_json_reader *reader, const char *key);
 const char *tl_json_text(tl_json_reader *reader, const char *key);

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "firmware/base/text.h"
+#include "master/base/text.h"
 
 /* ---- Lines ---- */
 
@@ -16,6 +17,17 @@ static void pass_on(const tl_relay *relay, size_t size) {
     if (relay->pass != NULL) {
         relay->pass(relay->context, clean);
     }
+}
+
+/* Bytes at the end of a full line that begin a UTF-8 character without completing it. */
+static size_t count_incomplete(const tl_relay *relay) {
+    uint32_t code = 0;
+    size_t back = 1;
+    while (back < 4 && ((unsigned char)relay->line[relay->used - back] & 0xC0U) == 0x80U) {
+        back++;
+    }
+    const char *first = relay->line + relay->used - back;
+    return (unsigned char)*first >= 0xC0U && tl_utf8_read(first, back, &code) == 0 ? back : 0;
 }
 
 static void add(tl_relay *relay, const char *bytes, size_t size) {
@@ -30,8 +42,11 @@ static void add(tl_relay *relay, const char *bytes, size_t size) {
         memcpy(relay->line + relay->used, bytes, length);
         relay->used += length;
         if (end != NULL || length < size) {
+            size_t rest = end != NULL ? 0 : count_incomplete(relay);
+            relay->used -= rest;
             pass_on(relay, relay->used);
-            relay->used = 0;
+            memmove(relay->line, relay->line + relay->used, rest);
+            relay->used = rest;
             length += end != NULL ? 1 : 0;
         }
         bytes += length;

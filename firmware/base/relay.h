@@ -1,7 +1,7 @@
 /* A relay: what another process prints into a pipe, as lines that can be shown.
  *
  * Purpose: nothing that an FMU prints can command the terminal, forge a line's end or turn its direction (text.h).
- * Lines:   whole ones. One that is longer than TL_RELAY_LINE bytes comes in pieces, each as a line.
+ * Lines:   whole ones. One that is longer than TL_RELAY_LINE bytes comes in pieces, each as a line; no piece ends within a UTF-8 character.
  * Bounds:  a drain reads at most TL_RELAY_DRAIN bytes, so that who never stops printing does not keep it. There is no limit per second:
  *          what is not read stays in the pipe, and who prints waits.
  * Owner:   the caller places a relay; the descriptor is the relay's.

@@ -102,6 +102,7 @@ void tl_child_let_be(tl_child *child) {
 
 void tl_child_ask(tl_child *child, int signal) {
     child->asked = true;
+    child->signal = signal;
     child->asking = 0;
     (void)kill(child->pid, signal);
 }

@@ -64,7 +64,8 @@ typedef struct tl_child {
     tl_heartbeats *beats; /* in memory that it writes */
     pid_t pid;            /* 0: none */
     tl_child_end end;     /* of the last one */
-    bool asked;           /* it was asked to end */
+    bool asked;           /* it was asked to end, */
+    int signal;           /* by this signal */
     bool killed;          /* by us */
     tl_heartbeats_seen seen;
     tl_reaper reaper; /* rests once the one before is reaped */

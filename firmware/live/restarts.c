@@ -30,8 +30,12 @@ static void read_account(tl_restarts *restarts, bool watchdog) {
     kept.starts = tl_json_count(&reader, "starts");
     kept.restarts = tl_json_count(&reader, "restarts");
     kept.failures = at_most(tl_json_count(&reader, "failures"), TL_RESTARTS_MOST);
-    kept.tries = at_most(tl_json_count(&reader, "tries"), TRIES_COUNTED);
-    kept.unreadable = strtoull(tl_json_text(&reader, "unreadable"), NULL, 16); /* more than a number of JSON's holds */
+    if (tl_json_has(&reader, "tries")) { /* an older version does not write these two */
+        kept.tries = at_most(tl_json_count(&reader, "tries"), TRIES_COUNTED);
+    }
+    if (tl_json_has(&reader, "unreadable")) { /* as text: a number in JSON holds 53 bits only */
+        kept.unreadable = strtoull(tl_json_text(&reader, "unreadable"), NULL, 16);
+    }
     kept.interrupted = tl_json_truth(&reader, "running");
     bool is_same_boot = kept.boot[0] != '\0' && strcmp(kept.boot, tl_json_text(&reader, "boot")) == 0;
     if (kept.interrupted) {

@@ -593,6 +593,9 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
         return;
     }
     stroke(self, now);
+    if (living->child.asked && !tl_fmu_calls_is_asked(tl_heartbeats_calls(living->child.beats))) {
+        (void)kill(living->child.pid, living->child.signal);
+    }
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
         if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may begin */
@@ -658,7 +661,7 @@ static bool go_on_ending(supervisor *self, tl_time now) {
         if (next->state == LIVING && !next->child.asked && !is_young) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (end_order[i] == TL_MEMBER_IO || end_order[i] == TL_MEMBER_RECORDER) {
+        if (twin_of(self)->state == ABSENT) { /* while it lives, its own heartbeats decide about strokes */
             stroke(self, now);
         }
         return false;

@@ -25,8 +25,9 @@
  *          holds only for this time is none that ran: the one after it may still be refused.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
  *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (child.h) for as long as it likes.
- * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 16 s
- *          later is killed, some seconds after it would have given up an FMU that does not return (fmu_patience.h). An orderly end in any case: all failures are forgiven.
+ * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 6 s
+ *          later is killed, a second after it would have given up an FMU that does not return (fmu_patience.h). An FMU may ignore or take the signal that the twin
+ *          gets, so it is sent again until the twin has received it. An orderly end in any case: all failures are forgiven.
  *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
  * Shadow:  there on order, and asked to end once it is not ordered any more. Watched as the others are; but it is not begun again by itself, and its end,
  *          of which who orders it is told, is nobody's failure: no stroke, account, exit code or safe hold depends on it. When all end it is the first, and is

@@ -4,25 +4,20 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
-#include <poll.h>
-#include <pthread.h>
 #include <sched.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/eventfd.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/output.h"
-#include "firmware/base/relay.h"
-#include "firmware/base/text.h"
 #include "firmware/live/live_change.h"
 #include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
+#include "firmware/live/log_relay.h"
 #include "firmware/live/saved_states.h"
 #include "firmware/live/supervisor.h"
 #include "firmware/plant/live_plant.h"
@@ -31,231 +26,6 @@
 #include "firmware/retune/control.h"
 #include "firmware/store/outbox.h"
 #include "firmware/twin/twin_process.h"
-
-/* ---- the voice: the one thread by which the processes reach standard error ---- */
-
-/* io, recorder and activator print into pipes; what comes out is logged here, line by line. So only the supervisor holds the terminal, and no line
- * is smeared by the status line, which is drawn here as well. A process that is begun again prints the lines of the one before: from the third
- * process on each such line is logged once a minute, with a count. All but speak() and what it calls is the supervisor's thread; only the end waits
- * for the voice, which has an ordinary priority, whatever that of the supervisor is. */
-
-enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000, DEAD = 8, LINES = 16, EARS = 3 };
-
-/* A line that a later process repeats is logged again after this time. */
-static const tl_time QUIET = 60 * TL_SECOND;
-
-/* A line that was logged. */
-typedef struct logged_line {
-    uint64_t hash;
-    unsigned process; /* that printed it the last time */
-    unsigned repeats; /* by later processes, which were not logged */
-    bool is_loop;     /* a later process has repeated it within QUIET */
-    tl_time time;
-} logged_line;
-
-/* What processes of one kind print, one after the other. */
-typedef struct ear {
-    tl_relay relay;
-    int pipe;         /* the end into which they print; 0: there is none */
-    unsigned process; /* number of the process that prints */
-    logged_line lines[LINES];
-} ear;
-
-/* Dead processes are left in places that the thread empties, since to clear them away may wait. */
-typedef struct voice {
-    const tl_heartbeats *beats; /* of the twin: its status */
-    bool status;
-    bool terminal;
-    bool speaks; /* there is a thread */
-    pthread_t thread;
-    int wake; /* eventfd */
-    bool stop;
-    ear ears[EARS];
-    tl_twin_process *dead[DEAD]; /* to be cleared away */
-    tl_time drawn;
-} voice;
-
-/* FNV-1a. */
-static uint64_t hash_of(const char *line) {
-    uint64_t hash = 0xcbf29ce484222325;
-    for (; *line != '\0'; line++) {
-        hash = (hash ^ (unsigned char)*line) * 0x100000001b3;
-    }
-    return hash;
-}
-
-/* The entry of this line; if there is none, the oldest one is used for it. */
-static logged_line *find_line(ear *listening, uint64_t hash) {
-    logged_line *oldest = &listening->lines[0];
-    for (int i = 0; i < LINES; i++) {
-        logged_line *line = &listening->lines[i];
-        if (line->hash == hash) {
-            return line;
-        }
-        oldest = line->time < oldest->time ? line : oldest;
-    }
-    *oldest = (logged_line){.hash = hash};
-    return oldest;
-}
-
-/* A process may repeat itself, and so may its first successor. What further ones repeat is counted instead. */
-static bool is_to_be_counted(ear *listening, logged_line *line, tl_time now) {
-    const unsigned process = __atomic_load_n(&listening->process, __ATOMIC_RELAXED);
-    bool is_repeated = line->process != process && line->time != 0 && now - line->time < QUIET;
-    bool was_loop = line->is_loop;
-    line->process = process;
-    line->is_loop = is_repeated || (was_loop && line->repeats > 0);
-    return is_repeated && was_loop;
-}
-
-static void pass(void *context, const char *line) {
-    ear *listening = context;
-    const char *text = NULL;
-    char times[64] = "";
-    int level = tl_log_level_of(line, &text);
-    tl_time now = tl_clock_now(NULL);
-    logged_line *entry = find_line(listening, hash_of(line));
-    if (is_to_be_counted(listening, entry, now)) {
-        entry->repeats++;
-        return;
-    }
-    if (entry->repeats > 0) {
-        (void)snprintf(times, sizeof times, " (and %u times in between)", entry->repeats);
-    }
-    entry->repeats = 0;
-    entry->time = now;
-    if (level == TL_LOG_FOREIGN) {
-        tl_log_plain(text);
-    } else {
-        tl_log((tl_log_level)level, "%s%s", text, times);
-    }
-}
-
-static void clear_dead(voice *self) {
-    for (int i = 0; i < DEAD; i++) {
-        tl_twin_process_close(__atomic_exchange_n(&self->dead[i], NULL, __ATOMIC_ACQ_REL));
-    }
-}
-
-/* Its text is of a process with FMUs. */
-static void draw(voice *self) {
-    char text[TL_HEARTBEAT_STATUS];
-    char clean[TL_RELAY_CLEAN];
-    tl_time now = tl_clock_now(NULL);
-    tl_time interval = (self->terminal ? TERMINAL_MS : STATUS_MS) * (TL_SECOND / 1000);
-    if ((!self->terminal && !self->status) || now - self->drawn < interval ||
-        !tl_heartbeats_get_status(__atomic_load_n(&self->beats, __ATOMIC_ACQUIRE), text)) {
-        return;
-    }
-    text[sizeof text - 1] = '\0';
-    (void)tl_clean_text(text, strlen(text), clean, sizeof clean);
-    if (clean[0] == '\0') {
-        return;
-    }
-    self->drawn = now;
-    if (self->terminal) {
-        tl_log_status(clean);
-    } else {
-        tl_log_plain(clean);
-    }
-}
-
-static void *speak(void *context) {
-    voice *self = context;
-    bool stop = false;
-    while (!stop) {
-        struct pollfd watched[1 + EARS] = {{.fd = self->wake, .events = POLLIN}};
-        for (int i = 0; i < EARS; i++) {
-            watched[1 + i] = (struct pollfd){.fd = self->ears[i].relay.descriptor, .events = POLLIN};
-        }
-        (void)poll(watched, 1 + EARS, TERMINAL_MS);
-        uint64_t count = 0;
-        (void)!read(self->wake, &count, sizeof count);
-        stop = __atomic_load_n(&self->stop, __ATOMIC_ACQUIRE);
-        for (int i = 0; i < EARS; i++) {
-            (void)tl_relay_drain(&self->ears[i].relay);
-        }
-        clear_dead(self);
-        draw(self);
-    }
-    return NULL;
-}
-
-static void wake(const voice *self) {
-    const uint64_t one = 1;
-    (void)!write(self->wake, &one, sizeof one);
-}
-
-static bool open_pipes(voice *self) {
-    int ends[2];
-    self->wake = eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK);
-    bool is_open = self->wake >= 0;
-    for (int i = 0; i < EARS && is_open; i++) {
-        is_open = pipe2(ends, O_CLOEXEC) == 0;
-        if (is_open) {
-            self->ears[i].pipe = ends[1];
-            tl_relay_open(&self->ears[i].relay, ends[0], pass, &self->ears[i]);
-        }
-    }
-    return is_open;
-}
-
-/* The pipe for a process of a kind that is about to begin: what it prints there is logged. It stays the voice's. */
-static int pipe_for(voice *self, tl_live_kind kind) {
-    (void)__atomic_add_fetch(&self->ears[kind].process, 1, __ATOMIC_RELAXED);
-    return self->ears[kind].pipe;
-}
-
-/* `beats`: of the twin, at first. `status`: a status line also if standard error is no terminal. Errors: TL_TRY_AGAIN. */
-static tl_status start_voice(voice *self, const tl_heartbeats *beats, bool status, tl_error *error) {
-    self->beats = beats;
-    self->status = status;
-    self->terminal = isatty(STDERR_FILENO) == 1;
-    int failure = open_pipes(self) ? tl_side_thread_start(&self->thread, STACK, speak, self) : errno;
-    self->speaks = failure == 0;
-    return self->speaks
-               ? TL_OK
-               : tl_fail(error, TL_TRY_AGAIN, "the processes of the run cannot be heard: %s", strerror(failure));
-}
-
-/* Clears away a process that is dead and let go of. */
-static void bury(voice *self, tl_twin_process *process) {
-    for (int i = 0; i < DEAD; i++) {
-        tl_twin_process *free_place = NULL;
-        if (__atomic_compare_exchange_n(&self->dead[i], &free_place, process, false, __ATOMIC_ACQ_REL,
-                                        __ATOMIC_RELAXED)) {
-            wake(self);
-            return;
-        }
-    }
-    tl_twin_process_close(process); /* nobody has cleared away for so long: it must not pile up */
-}
-
-/* Passes on what is left, takes the status line away, and ends. Again, or before it has begun, it does nothing. */
-static void stop_voice(voice *self) {
-    if (self->speaks) {
-        __atomic_store_n(&self->stop, true, __ATOMIC_RELEASE);
-        wake(self);
-        (void)pthread_join(self->thread, NULL);
-        self->speaks = false;
-        clear_dead(self);
-        tl_log_status(NULL);
-    }
-    for (int i = 0; i < EARS; i++) {
-        ear *listening = &self->ears[i];
-        if (listening->pipe != 0) {
-            (void)close(listening->pipe);
-            listening->pipe = 0;
-            (void)tl_relay_drain(
-                &listening->relay); /* of processes that are gone: all that they have printed is there */
-            tl_relay_close(&listening->relay);
-        }
-    }
-    if (self->wake > 0) {
-        (void)close(self->wake);
-        self->wake = 0;
-    }
-}
 
 /* ---- the data: used by the supervisor's thread, but for tl_tree_put_event() ---- */
 
@@ -274,7 +44,7 @@ typedef struct tl_tree {
     bool again;             /* the run is to begin anew */
     int stopped;            /* by this signal; 0: by none */
     tl_outbox outbox;       /* of the supervisor */
-    voice voice;
+    tl_log_relay log;
     int32_t urgent; /* the thread of the run's twin that has the priority; 0: none */
     FILE *output;
     tl_time began;
@@ -372,7 +142,7 @@ static pid_t start_plain(tl_tree *self, tl_live_kind kind, uint32_t place, tl_er
     give(self, kind, &self->job, given);
     given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
     if (status == TL_OK) {
-        given[1] = fcntl(pipe_for(&self->voice, kind), F_DUPFD_CLOEXEC, 0);
+        given[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
         given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
         given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
@@ -561,7 +331,7 @@ static uint64_t end_twin(tl_tree *self, tl_live_place *place, bool by_others, ch
         (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);
     }
     tl_twin_process_let_go(place->twin);
-    bury(&self->voice, place->twin);
+    tl_log_relay_close_process(&self->log, place->twin);
     place->twin = NULL;
     place->pid = 0;
     /* A checkpoint that it had loaded may be to blame. */
@@ -638,7 +408,7 @@ static void look(void *context, bool ends, tl_orders *orders) {
     if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
         schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
         self->urgent = 0;
-        __atomic_store_n(&self->voice.beats, &tl_tree_place_of_run(self)->pulse->beats, __ATOMIC_RELEASE);
+        tl_log_relay_watch(&self->log, &tl_tree_place_of_run(self)->pulse->beats);
         self->twins_place = ends ? self->twins_place : tl_tree_stage(self)->place;
     }
     if (ends) {
@@ -708,7 +478,7 @@ static tl_status open_all(tl_tree *self, tl_error *error) {
                                         .unconfined = settings->unconfined,
                                         .context = self,
                                         .tell = tell_of_flip};
-        status = start_voice(&self->voice, &tl_tree_place_of_run(self)->pulse->beats, settings->status, error);
+        status = tl_log_relay_start(&self->log, &tl_tree_place_of_run(self)->pulse->beats, settings->status, error);
     }
     return status;
 }
@@ -779,7 +549,7 @@ static int supervise(tl_tree *self) {
 }
 
 static void close_all(tl_tree *self) {
-    stop_voice(&self->voice);
+    tl_log_relay_stop(&self->log);
     tl_saved_states_stop(&self->states);
     if (self->listener >= 0) {
         (void)close(self->listener);
@@ -819,7 +589,7 @@ static void say_rest(tl_tree *self) {
 static int finish(tl_tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
-    stop_voice(&self->voice); /* all that the processes have said comes before what is said of them */
+    tl_log_relay_stop(&self->log); /* all that the processes have said comes before what is said of them */
     if (code != 0) {
         say_rest(self);
     }

@@ -48,6 +48,14 @@ const tl_fmu_calls *tl_fmu_calls_here(void) {
     return tl_fmu_calls_block;
 }
 
+void tl_fmu_calls_note_asked(void) {
+    __atomic_store_n(&tl_fmu_calls_block->asked, 1, __ATOMIC_RELAXED);
+}
+
+bool tl_fmu_calls_is_asked(const tl_fmu_calls *block) {
+    return __atomic_load_n(&block->asked, __ATOMIC_RELAXED) != 0;
+}
+
 uint32_t tl_fmu_calls_name(const char *name) {
     char kept[TL_FMU_CALL_NAME];
     uint32_t used = tl_fmu_calls_block->fmus;

@@ -54,6 +54,7 @@ typedef struct tl_fmu_calls {
     uint32_t begun; /* calls so far, those of a step together; wraps around */
     uint32_t now;   /* FMU · 256 + function; 0: none */
     uint32_t fmus;  /* names in use */
+    uint32_t asked; /* 1: the process has received the signal that asks it to end */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
 } tl_fmu_calls;
 
@@ -75,6 +76,9 @@ const tl_fmu_calls *tl_fmu_calls_here(void);
 /* The number that stands for an FMU of this name, a component's name for example; the same for the same name. */
 uint32_t tl_fmu_calls_name(const char *name);
 
+/* The process has received the signal that asks it to end. */
+void tl_fmu_calls_note_asked(void);
+
 /* Between these two the FMU may do what it likes. A call that begins before the one before it has ended takes its place. Inline,
  * since an FMU's step may take no longer than a function call. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
@@ -86,6 +90,9 @@ static inline void tl_fmu_call_end(void);
 
 /* False: no FMU is being called. Safe in a signal handler. */
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call);
+
+/* False: an FMU may have ignored or taken the signal, so it has to be sent again. */
+bool tl_fmu_calls_is_asked(const tl_fmu_calls *block);
 
 /* ---- inline ---- */
 

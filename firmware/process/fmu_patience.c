@@ -17,8 +17,8 @@ static void note_time(tl_fmu_patience *patience, const tl_fmu_patience_view *vie
     patience->looked = view->now;
     patience->lasted = same ? patience->lasted + passed : 0;
     patience->begun = view->call != NULL ? view->call->begun : patience->begun;
-    patience->asked = view->asked != NULL ? patience->asked + passed : 0;
     patience->times = patience->asked < AGAIN ? view->times : patience->times;
+    patience->asked = view->asked != NULL ? patience->asked + passed : 0;
 }
 
 bool tl_fmu_patience_is_over(tl_fmu_patience *patience, const tl_fmu_patience_view *view, char *text, size_t size) {
@@ -59,6 +59,9 @@ void tl_fmu_patience_look(tl_fmu_patience *patience) {
         .asked = tl_interrupt_requested(),
         .times = tl_interrupt_times(),
     };
+    if (view.asked != NULL) {
+        tl_fmu_calls_note_asked();
+    }
     if (tl_fmu_patience_is_over(patience, &view, text, sizeof text)) {
         tl_process_give_up(text);
     }

@@ -111,7 +111,9 @@ static void reset_signals(void) {
 
 /* A descriptor where none of the child's will be; −1 stays. */
 static int gather(int descriptor) {
-    return descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
+    int gathered = descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
+    errno = gathered < 0 && errno == EINVAL ? EMFILE : errno; /* GATHER is above the limit */
+    return gathered;
 }
 
 /* To its number, without closing it on exec; or that number is closed. */

@@ -279,6 +279,14 @@ static void exchange_terms(const members *file, tl_probation_terms *terms) {
     }
 }
 
+static void exchange_locks(const members *file, const char *kind, uint64_t counts[TL_LOCK_STATES]) {
+    for (int i = 0; i < TL_LOCK_STATES; i++) {
+        char key[LOCK_KEY];
+        (void)snprintf(key, sizeof key, "%s_%s", kind, tl_lock_state_name((tl_lock_state)i));
+        exchange_count(file, key, &counts[i]);
+    }
+}
+
 static void exchange_probation(const members *file, tl_version_probation *probation) {
     tl_probation_account *account = &probation->account;
     exchange_count(file, "probation", &probation->version);
@@ -290,14 +298,11 @@ static void exchange_probation(const members *file, tl_version_probation *probat
     exchange_count(file, "steps", &account->steps);
     exchange_count(file, "misses", &account->misses);
     exchange_count(file, "skipped", &account->skipped);
-    for (int i = 0; i < TL_LOCK_STATES; i++) {
-        const char *state = tl_lock_state_name((tl_lock_state)i);
-        char key[LOCK_KEY];
-        (void)snprintf(key, sizeof key, "lock_%s", state);
-        exchange_count(file, key, &account->lock.steps[i]);
-        (void)snprintf(key, sizeof key, "lock_before_%s", state);
-        exchange_count(file, key, &account->lock_before.steps[i]);
+    exchange_locks(file, "lock", account->lock.steps);
+    if (file->reader != NULL && !tl_json_has(file->reader, "yardstick")) { /* an older version has written the file */
+        return;
     }
+    exchange_locks(file, "lock_before", account->lock_before.steps);
     exchange_yardstick(file, &account->yardstick);
     exchange_text(file, "widened", account->widened, sizeof account->widened);
 }

@@ -6,14 +6,16 @@ import math
 import os
 import re
 import resource
+import shutil
 import signal
 import sqlite3
+import subprocess
 import time
 import zlib
 from contextlib import closing
 
 from browser import Browser
-from twinlock_test import (BUILD, SOURCE, at_least, at_most, edited_config, expect, finish, main, read_config,
+from twinlock_test import (BUILD, PROGRAM, SOURCE, Skip, at_least, at_most, edited_config, expect, finish, main, read_config,
                            read_table, run, run_well, scratch, start, write_config)
 
 LOCK = SOURCE / "config" / "motor" / "lock.json"
@@ -476,8 +478,19 @@ def limited_to(size):
     return limit
 
 
+def test_a_full_disk_of_replay():
+    """A disk of its own, since the blocks that a replay shares with its FMUs are larger than the page of 300 kB: no limit of files would do."""
+    small = ["unshare", "-Urm", "sh", "-c", 'mount -t tmpfs -o size=256k none "$0" && printf yesterday > "$0/report.html" && "$@"; code=$?; '
+             'ls -A "$0"; cat "$0/report.html"; exit $code', str(scratch())]
+    if shutil.which(small[0]) is None or subprocess.run([*small, "true"], capture_output=True, check=False).returncode != 0:
+        raise Skip("a file system of its own is not permitted here")
+    code, out, err = run([*small[1:], PROGRAM, "replay", CYLINDER, "--report", f"{small[-1]}/report.html"], executable=small[0])
+    expect(code == TRY_AGAIN and "not everything could be written: No space left on device" in err, f"{code}: {err}")
+    expect(out.endswith("\nreport.html\nyesterday"), f"the old page is gone, or another file is left: {out}")
+
+
 def test_a_full_disk():
-    """All but the last byte of the page fits. By `show`: the blocks that a replay shares with its FMUs are larger than the page."""
+    """All but the last byte of the page fits."""
     path, database = scratch() / "report.html", scratch() / "run.db"
     run_well(["replay", CYLINDER, "--db", database])
     run_well(["show", database, "--report", path])

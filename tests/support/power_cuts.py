@@ -18,8 +18,9 @@ from twinlock_test import PLAIN_LIVE, BUILD, SOURCE, Failure, Skip, expect, merg
 
 OMEGA = 62.981  # rad/s: where config/motor's twin starts
 STEP_S = 0.01
-# Samples of 10 ms. A test asserts no time: on a busy machine the emulated box commits late. The campaigns (by hand) ask for less.
-MOST_MISSING = 1000
+# Samples of 10 ms: 3 s. Commits are 0.5 s apart, and 21 to 34 samples were missing at load 15; 111 in CI, where the emulated box committed late. The campaigns
+# (by hand) ask for less.
+MOST_MISSING = 300
 DISK_SIZE = "64M"
 FIRST_S, LAST_S = 0.3, 4.0  # a cut is so long after the first commit
 PATIENCE_S = 300  # from the emulator's start to the first commit, some 12 s where nothing else runs

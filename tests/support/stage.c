@@ -37,18 +37,24 @@ static void note(int signal) {
     told = signal;
 }
 
+static void beat(tl_heart *heart) {
+    tl_heart_beat(heart);
+    tl_stage_pause_ms(10);
+    if (told != 0) {
+        tl_fmu_calls_note_asked();
+    }
+}
+
 static void be_well(tl_heart *heart) {
     for (int i = 0; told == 0 && i < 3000; i++) {
-        tl_heart_beat(heart);
-        tl_stage_pause_ms(10);
+        beat(heart);
     }
 }
 
 /* Whenever it was told to end: at its start, too. */
 static void be_well_and_deaf(tl_heart *heart) {
     for (int i = 0; i < 3000; i++) {
-        tl_heart_beat(heart);
-        tl_stage_pause_ms(10);
+        beat(heart);
     }
 }
 
@@ -129,6 +135,12 @@ static int finish(char what, bool asked, tl_heartbeats *beats) {
     return code;
 }
 
+static void be_deaf_at_first(void) {
+    (void)signal(SIGTERM, SIG_IGN);
+    tl_stage_pause_ms(500);
+    (void)signal(SIGTERM, note);
+}
+
 static void begin_late(void) {
     (void)signal(SIGTERM, SIG_DFL);
     tl_stage_pause_ms(500);
@@ -149,6 +161,9 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     if (what == 'e') {
         begin_late();
     }
+    if (what == 'i') {
+        be_deaf_at_first();
+    }
     if (strchr("68ya", what) == NULL) {
         tl_heartbeats_set_ready(beats);
     }
@@ -156,10 +171,10 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
         misbehave(what, heart, beats);
     }
     suffer(what);
-    if (strchr("wae", what) != NULL) {
+    if (strchr("waei", what) != NULL) {
         be_well(heart);
     }
-    return finish(what, strchr("waet", what) != NULL, beats);
+    return finish(what, strchr("waeti", what) != NULL, beats);
 }
 
 unsigned tl_stage_processes_of(pid_t parent) {

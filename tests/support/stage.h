@@ -6,6 +6,7 @@
  *            6  ends with 65, never ready   w  ready, beats until SIGTERM   a  beats until SIGTERM, never ready
  *            -  cannot be started                       d  dies of SIGTERM before it is ready
  *            l  has done all, and crashes then              t  told to end by somebody else
+ *            i  as w, and ignores SIGTERM in the half second before it is ready
  *            e  as w, and needs half a second to become ready, in which it dies of SIGTERM
  *          and in an FMU, which nobody announces:
  *            c  crashes    f  hangs    x  ends with 0    y  ends with 65 before it is ready    n  crashes, and has spoilt its name

@@ -62,6 +62,15 @@ static void test_files_whose_states_are_not_loaded(void) {
     TEST_ASSERT_EQUAL_UINT64(0xfedcba9876543210, restarts.unreadable);
 }
 
+static void test_a_file_of_an_older_version(void) {
+    write_account("{\"starts\": 3, \"restarts\": 1, \"failures\": 2, \"running\": false, \"boot\": \"\"}");
+    open_here(false);
+    TEST_ASSERT_EQUAL_UINT64(3, restarts.starts);
+    TEST_ASSERT_EQUAL_UINT(2, restarts.failures);
+    TEST_ASSERT_EQUAL_UINT64(0, restarts.unreadable);
+    TEST_ASSERT_EQUAL_UINT(0, restarts.tries);
+}
+
 static void test_a_loop(void) {
     open_here(false);
     tl_restarts_begin(&restarts, false);
@@ -267,6 +276,7 @@ int main(void) {
     tl_scratch_make(&scratch, TL_BINARY_DIR, "test_restarts");
     RUN_TEST(test_an_orderly_life);
     RUN_TEST(test_files_whose_states_are_not_loaded);
+    RUN_TEST(test_a_file_of_an_older_version);
     RUN_TEST(test_a_loop);
     RUN_TEST(test_forgiven);
     RUN_TEST(test_forgiven_by_life_since_the_start);

@@ -54,6 +54,11 @@ static void test_told_to_end(void) {
     TEST_ASSERT_EQUAL_INT(0, tl_stage_end("w", SIGTERM, 200));
 }
 
+/* An FMU may ignore the signal until the process has taken it back. */
+static void test_told_to_end_while_the_signal_is_ignored(void) {
+    TEST_ASSERT_EQUAL_INT(0, tl_stage_end("i", SIGTERM, 100));
+}
+
 /* A child that does not end when it is told to is ended once it is silent; nobody begins a new one. */
 static void test_told_to_end_while_it_hangs(void) {
     TEST_ASSERT_EQUAL_INT(75, tl_stage_end("s", SIGINT, 0));
@@ -123,6 +128,7 @@ int main(void) {
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_end");
     RUN_TEST(test_a_killed_supervisor_takes_its_child_along);
     RUN_TEST(test_told_to_end);
+    RUN_TEST(test_told_to_end_while_the_signal_is_ignored);
     RUN_TEST(test_told_to_end_while_it_hangs);
     RUN_TEST(test_told_to_end_and_deaf);
     RUN_TEST(test_told_to_end_before_it_could_hear_it);

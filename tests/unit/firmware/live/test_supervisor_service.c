@@ -87,10 +87,47 @@ static void test_ready_is_told_until_it_is_heard(void) {
     TEST_ASSERT_EQUAL_INT(0, how);
 }
 
+static void order_an_activator(bool ends, tl_orders *orders) {
+    (void)ends;
+    orders->activator = true;
+}
+
+/* The twin has ended in order, and an activator that is deaf lives for 2 s more: a watchdog with a shorter timeout must not reset the box. */
+static void test_strokes_go_on_until_all_have_ended(void) {
+    int socket_ = fill_notify_socket();
+    (void)setenv("WATCHDOG_USEC", "400000", 1);
+    tl_stage_cast(TL_MEMBER_ACTIVATOR, "b");
+    stage->play_on = order_an_activator;
+    pid_t self = getpid();
+    pid_t manager = fork();
+    if (manager == 0) {
+        bool heard = hears(socket_, "READY=1");
+        for (int i = 0; i < 1000 && !tl_stage_is_ready(TL_MEMBER_ACTIVATOR); i++) {
+            tl_stage_pause_ms(hears(socket_, "WATCHDOG=1") ? 0 : 10);
+        }
+        (void)kill(self, SIGTERM);
+        heard = heard && hears(socket_, "STOPPING=1");
+        for (int i = 0; i < 8; i++) { /* 20 strokes are due in 2 s */
+            heard = heard && hears(socket_, "WATCHDOG=1");
+        }
+        _exit(heard ? 0 : 1);
+    }
+    tl_stage_expect_code("w", 0);
+    int how = 1;
+    TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, &how, 0));
+    (void)close(socket_);
+    (void)unlink(notify_path);
+    if (tl_service_patience() == 0) {
+        TEST_IGNORE_MESSAGE("built without libsystemd");
+    }
+    TEST_ASSERT_EQUAL_INT(0, how);
+}
+
 int main(void) {
     UNITY_BEGIN();
     stage = tl_stage_open(TL_BINARY_DIR, "test_supervisor_service");
     RUN_TEST(test_nobody_waits_for_the_service_manager);
     RUN_TEST(test_ready_is_told_until_it_is_heard);
+    RUN_TEST(test_strokes_go_on_until_all_have_ended);
     return tl_stage_close(UNITY_END());
 }

@@ -92,6 +92,18 @@ static void asked_twice_it_ends_at_once_but_not_within_a_second(void) {
     TEST_ASSERT_EQUAL_STRING("asked twice to end, by SIGINT: ended at once, in FMU motor's fmi2DoStep", text);
 }
 
+/* The process did not run for a while: what came meanwhile is one request. */
+static void signals_between_two_looks_ask_once(void) {
+    patience.limit = 0;
+    view.asked = "SIGTERM";
+    view.times = 3;
+    TEST_ASSERT_FALSE(look());
+    view.now += TL_SECOND;
+    view.times = 5;
+    TEST_ASSERT_EQUAL_INT(8, looks(100));
+    TEST_ASSERT_NOT_NULL(strstr(text, "SIGTERM asked to end"));
+}
+
 static void asked_twice_without_a_call_it_ends_by_itself(void) {
     view.call = NULL;
     view.asked = "SIGINT";
@@ -115,6 +127,7 @@ int main(void) {
     RUN_TEST(asked_to_end_a_call_has_five_seconds);
     RUN_TEST(a_call_that_begins_after_that_has_five_seconds_too);
     RUN_TEST(asked_twice_it_ends_at_once_but_not_within_a_second);
+    RUN_TEST(signals_between_two_looks_ask_once);
     RUN_TEST(asked_twice_without_a_call_it_ends_by_itself);
     RUN_TEST(who_was_stopped_was_not_patient);
     return UNITY_END();

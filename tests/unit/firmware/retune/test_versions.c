@@ -601,6 +601,25 @@ static void test_damaged_active(void) {
     }
 }
 
+/* It lacks what the judge by the tolerances before needs: the probation goes on without. */
+static void test_active_of_an_older_version(void) {
+    begin();
+    activate(add("two"), true);
+    char *active = tl_test_read_text(tl_scratch_path(&folder, "active.json"));
+    char *newer = strstr(active, ",\n\t\"lock_before_");
+    TEST_ASSERT_NOT_NULL_MESSAGE(newer, active);
+    memcpy(newer, "\n}", 3);
+    write_file("active.json", active);
+    free(active);
+    TEST_ASSERT_TRUE(tl_stderr_capture_begin());
+    open_here();
+    tl_stderr_expect("");
+    TEST_ASSERT_EQUAL_UINT64(2, versions.active);
+    TEST_ASSERT_EQUAL_UINT64(2, versions.probation.version);
+    TEST_ASSERT_EQUAL_UINT64(1000, versions.probation.account.before_steps);
+    expect_result(2, TL_VERSION_PROBATION, "");
+}
+
 /* A record that the power left behind what active.json says. */
 static void test_records_are_mended(void) {
     begin();
@@ -769,6 +788,7 @@ int main(void) {
     RUN_TEST(test_the_file_mends_the_active_one);
     RUN_TEST(test_falling_back_to_the_file);
     RUN_TEST(test_damaged_active);
+    RUN_TEST(test_active_of_an_older_version);
     RUN_TEST(test_records_are_mended);
     RUN_TEST(test_what_is_left_over);
     RUN_TEST(test_an_edited_file);

@@ -30,6 +30,25 @@ static unsigned char *fixed(void) {
     return memory + (size_t)(GROWING + 3) * TL_FMU_PAGE;
 }
 
+/* The kernel notes writes to this address: "uw" in its mapping's flags is userfaultfd's write protection. */
+static bool is_watched(const void *address) {
+    char line[1024];
+    bool is_here = false;
+    bool found = false;
+    FILE *file = fopen("/proc/self/smaps", "r");
+    TEST_ASSERT_NOT_NULL(file);
+    while (!found && fgets(line, sizeof line, file) != NULL) {
+        char *rest = NULL;
+        unsigned long begin = strtoul(line, &rest, 16);
+        if (rest > line && *rest == '-') { /* "55d0c0a00000-55d0c0a21000 rw-p …": a mapping begins */
+            is_here = begin <= (unsigned long)address && (unsigned long)address < strtoul(rest + 1, NULL, 16);
+        }
+        found = is_here && strncmp(line, "VmFlags:", 8) == 0;
+    }
+    (void)fclose(file);
+    return found && strstr(line, " uw") != NULL;
+}
+
 void setUp(void) {
     tl_error error;
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
@@ -39,6 +58,7 @@ void setUp(void) {
                                    {.begin = memory, .size = GROWING * TL_FMU_PAGE, .has_pages = true}};
     pages = tl_fmu_pages_open(ranges, 2, &error);
     TEST_ASSERT_NOT_NULL(pages);
+    TEST_ASSERT_EQUAL_INT(tl_fmu_written_serves(), is_watched(fixed()) && is_watched(memory));
     for (int i = 0; i < VERSIONS; i++) {
         copies[i] = calloc(ALL, TL_FMU_PAGE);
     }
