@@ -138,7 +138,11 @@ static bool write_patiently(const char *bytes, size_t size, int patience) {
     for (size_t written = 0; written < size;) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
         size_t part = size - written < PIPE_BUF ? size - written : PIPE_BUF;
-        if (poll(&ready, 1, patience) != 1 || (ready.revents & POLLOUT) == 0 ||
+        int found = poll(&ready, 1, patience);
+        if (found < 0 && errno == EINTR && patience < 0) {
+            continue;
+        }
+        if (found != 1 || (ready.revents & POLLOUT) == 0 ||
             !tl_file_bytes_write(STDERR_FILENO, bytes + written, part)) {
             return false;
         }

@@ -240,8 +240,8 @@ static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte byte
         return fmi2Error;
     }
     fmi2Status status = read_state(self, bytes, size);
-    if (status <= fmi2Warning) {
-        status = save_memory(self, copy);
+    if (status <= fmi2Warning && save_memory(self, copy) != fmi2OK) {
+        status = fmi2Error;
     }
     leave(self, here);
     return status;

@@ -72,25 +72,29 @@ static size_t read_conversion(const char *format, va_list *arguments, char text[
         c = take_number(c, arguments, text);
     }
     if (*c == '.') {
-        (void)snprintf(text + strlen(text), CONVERSION - strlen(text), ".");
+        char *precision = text + strlen(text);
+        (void)snprintf(precision, CONVERSION - strlen(text), ".");
         c = take_number(c + 1, arguments, text);
+        precision[0] = precision[1] == '-' ? '\0' : '.'; /* a negative one is none */
     }
     size_t size = strspn(c, "hlqLjzt");
     if (size > 2 || c[size] == '\0' || strchr("diouxXcsSCpaAeEfFgGm%", c[size]) == NULL) {
         return 0;
     }
     (void)snprintf(text + strlen(text), CONVERSION - strlen(text), "%.*s", (int)size + 1, c);
-    return (size_t)(c - format) + size + 1;
+    bool has_type = strchr("m%", c[size]) != NULL || parse_printf_format(text, 0, NULL) != 0;
+    return has_type ? (size_t)(c - format) + size + 1 : 0;
 }
 
 static int put_one(const char *conversion, va_list *arguments, char *text, size_t size) {
     char value[MESSAGE];
     const char *untrusted;
     int type = PA_INT;
-    if (parse_printf_format(conversion, 1, &type) == 0) {
+    if (parse_printf_format(conversion, 1, &type) == 0) { /* %m or %% */
         return print(text, size, conversion);
     }
-    bool is_wide = (type & PA_FLAG_LONG_LONG) != 0; /* also a long double */
+    bool is_wide = (type & PA_FLAG_LONG_LONG) != 0; /* also a long double; glibc leaves it out of %qd and %Ld */
+    is_wide = is_wide || ((type & ~PA_FLAG_MASK) == PA_INT && strpbrk(conversion, "qL") != NULL);
     switch (type & ~PA_FLAG_MASK) {
     case PA_STRING: /* also "%ls" */
     case PA_WSTRING:
@@ -137,7 +141,10 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
         errno = saved; /* %m is about it */
         int printed = is_plain ? print(text + used, size - used, "%.*s", (int)length, c)
                                : put_one(conversion, arguments, text + used, size - used);
-        used += printed < 0 ? 0 : (size_t)printed;
+        if (printed < 0) { /* a wide character that the locale lacks */
+            printed = print(text + used, size - used, "?");
+        }
+        used += (size_t)printed;
         used = used < size ? used : size - 1;
         text[used] = '\0';
     }

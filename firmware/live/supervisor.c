@@ -593,7 +593,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
         return;
     }
     stroke(self, now);
-    if (living->child.asked && !tl_fmu_calls_is_asked(tl_heartbeats_calls(living->child.beats))) {
+    if (living->child.asked && !tl_fmu_calls_is_asked(&living->child.beats->calls)) {
         (void)kill(living->child.pid, living->child.signal);
     }
     if (tl_heartbeats_is_ready(living->child.beats)) {

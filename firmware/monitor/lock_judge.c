@@ -2,6 +2,7 @@
 #include "firmware/monitor/lock_judge.h"
 
 #include <math.h>
+#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -395,13 +396,26 @@ static const char *units(const tl_lock_judge *judge) {
     return has_strokes(judge->config) ? "strokes" : "steps";
 }
 
+/* Appends to a cause. NULL: none is wanted. */
+static void write_cause(char *cause, const char *format, ...) TL_PRINTF(2, 3);
+
+static void write_cause(char *cause, const char *format, ...) {
+    if (cause != NULL) {
+        size_t length = strlen(cause);
+        va_list arguments;
+        va_start(arguments, format);
+        (void)vsnprintf(cause + length, TL_LOCK_CAUSE - length, format, arguments);
+        va_end(arguments);
+    }
+}
+
 /* Each of these writes the cause if it is true. */
-static bool judge_free(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_free(const tl_lock_judge *judge, const window *all, char *cause) {
     double free = share(count_compared(all) == 0 ? all->steps : all->free, all->steps);
     bool is_free = count_compared(all) == 0 || is_beyond(free, &FREE, is_in(judge, TL_LOCK_FREE));
     if (is_free) {
-        (void)snprintf(cause, TL_LOCK_CAUSE, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)",
-                       HUNDRED * free, (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
+        write_cause(cause, "no matched signal was good in %.0f %% of the last %u %s (limit %.0f %%)", HUNDRED * free,
+                    (unsigned)all->steps, units(judge), HUNDRED * FREE.enter);
     }
     return is_free;
 }
@@ -426,7 +440,7 @@ static bool is_still_astray(const tl_lock_part *newest) {
     return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
 }
 
-static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_lost(tl_lock_judge *judge, const window *all, char *cause) {
     bool inside = is_in(judge, TL_LOCK_LOST);
     uint32_t compared = count_compared(all);
     double outside = share(all->outside, compared);
@@ -436,44 +450,40 @@ static bool judge_lost(tl_lock_judge *judge, const window *all, char cause[TL_LO
     judge->astray = far >= ASTRAY && share(all->jumps, compared) >= ASTRAY && is_still_astray(&judge->part[judge->at]);
     bool cycles = find_cycle(judge, all, &which, &period) && is_beyond(outside, &OUTSIDE_IN_CYCLE, inside);
     if (all->ran_away != 0) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
-                       "the last %u %s",
-                       RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
+        write_cause(cause,
+                    "an output, or J, has run away: it was off by %.0e tolerances or more, or not finite, in %u of "
+                    "the last %u %s",
+                    RUNAWAY, (unsigned)all->ran_away, (unsigned)all->steps, units(judge));
     } else if (is_beyond(far, &FAR_OUTSIDE, inside)) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
-                       HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter,
-                       all->worst);
+        write_cause(cause,
+                    "%.0f %% of the last %u %s are off by %.0f tolerances or more (limit %.0f %%), at worst by %.3g",
+                    HUNDRED * far, (unsigned)compared, units(judge), FAR_AWAY, HUNDRED * FAR_OUTSIDE.enter, all->worst);
     } else if (cycles || is_beyond(outside, &OUTSIDE, inside)) {
-        (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)",
-                       HUNDRED * outside, (unsigned)compared, units(judge),
-                       HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
+        write_cause(cause, "%.0f %% of the last %u %s are out of tolerance (limit %.0f %%)", HUNDRED * outside,
+                    (unsigned)compared, units(judge), HUNDRED * (cycles ? OUTSIDE_IN_CYCLE.enter : OUTSIDE.enter));
     } else {
         return false;
     }
     if (cycles) {
-        size_t length = strlen(cause);
         const tl_lock_range *u = &all->u[which];
-        (void)snprintf(cause + length, TL_LOCK_CAUSE - length, "; %.60s swings between %.4g and %.4g every %d %s",
-                       judge->config->adjust[which].variable, u->least, u->most, period, units(judge));
+        write_cause(cause, "; %.60s swings between %.4g and %.4g every %d %s", judge->config->adjust[which].variable,
+                    u->least, u->most, period, units(judge));
     }
     return true;
 }
 
-static bool judge_degraded(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_degraded(const tl_lock_judge *judge, const window *all, char *cause) {
     if (all->differed != 0) {
-        (void)snprintf(cause, TL_LOCK_CAUSE,
-                       "an FMU was found not to come back to where it was, before %u of the last %u steps",
-                       (unsigned)all->differed, (unsigned)all->steps);
+        write_cause(cause, "an FMU was found not to come back to where it was, before %u of the last %u steps",
+                    (unsigned)all->differed, (unsigned)all->steps);
         return true;
     }
     for (size_t i = 0; i < judge->config->signal_count; i++) {
         double bad = share(all->bad[i], all->samples);
         if (is_beyond(bad, &BAD, is_in(judge, TL_LOCK_DEGRADED))) {
-            (void)snprintf(
-                cause, TL_LOCK_CAUSE, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
-                judge->config->signals[i].plan.name, HUNDRED * bad, (unsigned)all->samples, HUNDRED * BAD.enter);
+            write_cause(cause, "plant.%.60s was not good in %.0f %% of the last %u samples (limit %.0f %%)",
+                        judge->config->signals[i].plan.name, HUNDRED * bad, (unsigned)all->samples,
+                        HUNDRED * BAD.enter);
             return true;
         }
     }
@@ -489,7 +499,7 @@ static limit unusual(const tl_lock_judge *judge, size_t v) {
     return (limit){BEYOND_USUAL.enter * judge->usual[v] + floor, BEYOND_USUAL.leave * judge->usual[v] + floor};
 }
 
-static bool judge_tracking(const tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static bool judge_tracking(const tl_lock_judge *judge, const window *all, char *cause) {
     bool inside = is_in(judge, TL_LOCK_TRACKING);
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
         const char *variable = judge->config->adjust[v].variable;
@@ -497,22 +507,21 @@ static bool judge_tracking(const tl_lock_judge *judge, const window *all, char c
         double correction = mean_correction(all, v);
         const limit of = unusual(judge, v);
         if (is_real(judge, v) && is_beyond(at_bound, &AT_BOUND, inside)) {
-            (void)snprintf(cause, TL_LOCK_CAUSE, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)",
-                           variable, HUNDRED * at_bound, (unsigned)all->steps, units(judge), HUNDRED * AT_BOUND.enter);
+            write_cause(cause, "%.60s is at a bound in %.0f %% of the last %u %s (limit %.0f %%)", variable,
+                        HUNDRED * at_bound, (unsigned)all->steps, units(judge), HUNDRED * AT_BOUND.enter);
             return true;
         }
         if (is_real(judge, v) && judge->learned >= TL_LOCK_LEARNS && is_beyond(correction, &of, inside)) {
-            (void)snprintf(
-                cause, TL_LOCK_CAUSE,
-                "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)", variable,
-                correction, (unsigned)all->steps, units(judge), judge->usual[v], of.enter);
+            write_cause(cause,
+                        "%.60s is corrected by %.3g on average over the last %u %s, and usually by %.3g (limit %.3g)",
+                        variable, correction, (unsigned)all->steps, units(judge), judge->usual[v], of.enter);
             return true;
         }
     }
     return false;
 }
 
-static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char cause[TL_LOCK_CAUSE]) {
+static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char *cause) {
     uint32_t compared = count_compared(all);
     judge->astray = false;
     if (judge_free(judge, all, cause)) {
@@ -527,8 +536,8 @@ static tl_lock_state judge_window(tl_lock_judge *judge, const window *all, char 
     if (judge_tracking(judge, all, cause)) {
         return TL_LOCK_TRACKING;
     }
-    (void)snprintf(cause, TL_LOCK_CAUSE, "%.0f %% of the last %u %s are within tolerance",
-                   HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
+    write_cause(cause, "%.0f %% of the last %u %s are within tolerance",
+                HUNDRED * (1.0 - share(all->outside, compared)), (unsigned)compared, units(judge));
     return TL_LOCK_LOCKED;
 }
 
@@ -552,23 +561,22 @@ static void learn(tl_lock_judge *judge, const tl_lock_part *part) {
 /* Gives the window its state, and the steps since it was judged last theirs. True: it is another one than before. */
 static bool judge_now(tl_lock_judge *judge) {
     window all;
-    char cause[TL_LOCK_CAUSE];
     tl_lock_state before = judge->tally.state;
     bool first = !judge->judged;
     add_window(judge, &all);
-    tl_lock_state state = judge_window(judge, &all, cause);
+    tl_lock_state state = judge_window(judge, &all, NULL);
+    bool changed = first || state != before;
+    if (changed) { /* only now is the sentence formatted: this is in the cycle's thread */
+        judge->change.cause[0] = '\0';
+        judge->change.to = judge_window(judge, &all, judge->change.cause);
+    }
     judge->tally.steps[state] += judge->pending;
     judge->tally.state = state;
     judge->pending = 0;
     judge->judged = true;
-    if (!first && state == before) {
-        return false;
-    }
-    judge->tally.changes += first ? 0 : 1;
-    judge->tally.losses += state == TL_LOCK_LOST ? 1 : 0;
-    judge->change.to = state;
-    memcpy(judge->change.cause, cause, sizeof cause);
-    return true;
+    judge->tally.changes += changed && !first ? 1 : 0;
+    judge->tally.losses += changed && state == TL_LOCK_LOST ? 1 : 0;
+    return changed;
 }
 
 static bool has_window(const tl_lock_judge *judge) {

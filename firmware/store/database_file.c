@@ -38,7 +38,10 @@ static tl_database_whereabouts look_for(int handle, const char *name) {
 
 /* Its last owner may have removed it after we had opened it. */
 static bool is_current(const tl_database_lock *lock) {
-    return look_for(lock->file, lock->path) == TL_DATABASE_IN_PLACE;
+    struct stat opened;
+    struct stat named;
+    return fstat(lock->file, &opened) == 0 && stat(lock->path, &named) == 0 && opened.st_ino == named.st_ino &&
+           opened.st_dev == named.st_dev;
 }
 
 static void say_owner(tl_database_lock *lock) {

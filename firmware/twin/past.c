@@ -242,9 +242,10 @@ static const tl_time READING = 300 * TL_SECOND;
 #define LAST_YEAR (INT64_C(253402300799999))
 
 /* An image: these, its size, the plain fields of the past, then the checkpoint, the tunings and the ticks. The last character changes with the layout. */
-static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '6'};
+static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '7'};
 
-enum { PLAIN_AT = sizeof MAGIC + sizeof(uint64_t), HEAD = PLAIN_AT + TL_PAST_PLAIN };
+/* The checkpoint is aligned as malloc() aligns: an FMU may read it in place. */
+enum { PLAIN_AT = sizeof MAGIC + sizeof(uint64_t), HEAD = (PLAIN_AT + TL_PAST_PLAIN + 15) / 16 * 16 };
 
 size_t tl_past_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
     return HEAD + checkpoint + tunings * sizeof(tl_run_tuning) + ticks * tl_past_tick_bytes(shape);
@@ -276,10 +277,10 @@ static unsigned char *put(unsigned char *place, const void *piece, size_t size) 
 
 void tl_past_write(const tl_past *past, void *image) {
     const uint64_t size = tl_past_size(past);
-    unsigned char *place = put(image, MAGIC, sizeof MAGIC);
-    place = put(place, &size, sizeof size);
-    place = put(place, past, TL_PAST_PLAIN);
-    place = put(place, past->checkpoint, past->checkpoint_size);
+    unsigned char *place = image;
+    memset(image, 0, HEAD);
+    (void)put(put(put(place, MAGIC, sizeof MAGIC), &size, sizeof size), past, TL_PAST_PLAIN);
+    place = put(place + HEAD, past->checkpoint, past->checkpoint_size);
     place = put(place, past->tunings, past->tuning_count * sizeof(tl_run_tuning));
     (void)put(place, past->ticks, (size_t)(past->last - past->first + 1) * tl_past_tick_bytes(&past->shape));
 }

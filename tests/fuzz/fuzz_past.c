@@ -21,7 +21,7 @@ static const char configuration[] =
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
 /* Where its size and the plain fields of the past are. */
-enum { SIZE = 8, PLAIN = 16, HEAD = PLAIN + TL_PAST_PLAIN };
+enum { SIZE = 8, PLAIN = 16, HEAD = (PLAIN + TL_PAST_PLAIN + 15) / 16 * 16 };
 enum { LAST = PLAIN + offsetof(tl_past, last), STEP = PLAIN + offsetof(tl_past, step) };
 enum { START = PLAIN + offsetof(tl_past, start), SIGNALS = PLAIN + offsetof(tl_past, signals) };
 

@@ -9,6 +9,7 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <unistd.h>
+#include <wchar.h>
 
 #include <unity.h>
 
@@ -92,6 +93,9 @@ static void conversions_are_those_of_printf(void) {
     TEST_ASSERT_EQUAL_STRING("[  ab|ab  |a|ab]", format("[%4s|%-4s|%.1s|%s]", "ab", "ab", "ab", "ab"));
     TEST_ASSERT_EQUAL_STRING("[  ab| 1.50|ab   |a]",
                              format("[%*s|%*.*f|%*s|%.*s]", 4, "ab", 5, 2, 1.5, -5, "ab", 1, "ab"));
+    TEST_ASSERT_EQUAL_STRING("5 x 1.500000",
+                             format("%.*d %s %.*f", -1, 5, "x", -3, 1.5)); /* a negative precision is none */
+    TEST_ASSERT_EQUAL_STRING("1099511627776 1099511627776", format("%qd %Ld", 1LL << 40, 1LL << 40));
     errno = ENOENT;
     (void)snprintf(expected, sizeof expected, "open: %s", strerror(ENOENT));
     TEST_ASSERT_EQUAL_STRING(expected, format("open: %m"));
@@ -109,10 +113,11 @@ static void arguments_that_are_not_there_do_no_harm(void) {
     TEST_ASSERT_EQUAL_STRING("(unreadable)", format(NOWHERE));
     TEST_ASSERT_EQUAL_STRING("", format(NULL));
     TEST_ASSERT_EQUAL_STRING("? ?", format("%ls %S", NOWHERE, NOWHERE));
+    TEST_ASSERT_EQUAL_STRING("a?b", format("a%lcb", (wint_t)0x10FFFF));
 }
 
 static void what_is_no_format_is_a_text(void) {
-    static const char *const texts[] = {"100%", "5 %y 3 %s", "%5$hhn", "a % b %ln", "100%next", "%"};
+    static const char *const texts[] = {"100%", "5 %y 3 %s", "1 %hld %s", "%5$hhn", "a % b %ln", "100%next", "%"};
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
         TEST_ASSERT_EQUAL_STRING(texts[i], format(texts[i]));
     }

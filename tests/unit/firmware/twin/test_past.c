@@ -11,7 +11,7 @@
 #include "tests/support/made_run.h"
 #include "tests/support/random_numbers.h"
 
-enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = 16 + TL_PAST_PLAIN };
+enum { TICKS = 40, CHECKPOINT = 100, RESET_EVERY = 7, HEAD = (16 + TL_PAST_PLAIN + 15) / 16 * 16 };
 
 static const tl_time NOW = 5000 * TL_SECOND;
 
