@@ -45,7 +45,7 @@ OWNERS = {
     "libintl.h": ("firmware/rollback/fmu_heap.c",),
     # Who starts threads, or has a lock that several of them take.
     "pthread.h": ("firmware/base/os.c", "firmware/base/os.h", "firmware/base/relay.h", "firmware/cli/plant_server.c",
-                  "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/tree.c",
+                  "firmware/fmu/fmu_thread.c", "firmware/live/child.h", "firmware/live/log_relay.h",
                   "firmware/plant/plant_reader.c", "firmware/process/crash.c",
                   "firmware/rollback/fmu_heap.c", "firmware/store/database_file.c", "firmware/store/recorder.c",
                   "firmware/twin/twin_process.c"),
