@@ -46,7 +46,7 @@ struct tl_plant_io {
 /* ---- telling ---- */
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
-    tl_link_tell(&io->state, sink, io->name, text);
+    tl_link_report(&io->state, sink, io->name, text);
 }
 
 /* The link is down, and the next look waits. */

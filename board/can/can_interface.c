@@ -29,7 +29,7 @@ bool tl_can_interface_bind(int socket, int index) {
     return bind(socket, (const struct sockaddr *)&address, sizeof address) == 0;
 }
 
-bool tl_can_interface_look(int socket, const char *name, tl_can_state *state) {
+bool tl_can_interface_probe(int socket, const char *name, tl_can_state *state) {
     struct ifreq flags;
     struct ifreq size;
     if (!ask(socket, name, SIOCGIFFLAGS, &flags) || !ask(socket, name, SIOCGIFMTU, &size)) {

@@ -27,7 +27,7 @@ int tl_can_interface_index(int socket, const char *name);
 bool tl_can_interface_bind(int socket, int index);
 
 /* false if there is no such interface (any more). */
-bool tl_can_interface_look(int socket, const char *name, tl_can_state *state);
+bool tl_can_interface_probe(int socket, const char *name, tl_can_state *state);
 
 /* Why tl_can_interface_open() failed, in words; for other reasons strerror(). */
 const char *tl_can_interface_failure(int reason);

@@ -228,7 +228,7 @@ bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, siz
 }
 
 bool tl_can_link_state(const tl_can_link *link, tl_can_state *state) {
-    return tl_can_interface_look(link->socket, link->interface, state);
+    return tl_can_interface_probe(link->socket, link->interface, state);
 }
 
 void tl_can_link_close(tl_can_link *link) {

@@ -64,7 +64,7 @@ static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input
     } else {
         (void)snprintf(who, sizeof who, "GPIO line %u of %.64s", own->channel.offset, io->chip);
     }
-    tl_link_tell(&io->state, sink, who, text);
+    tl_link_report(&io->state, sink, who, text);
 }
 
 /* A line is open, or not; the link is up while any is. Each trouble is told once. */

@@ -35,7 +35,7 @@ bool tl_link_change(tl_link *link, bool up) {
     return link->state != before;
 }
 
-void tl_link_tell(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text) {
+void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text) {
     char whole[TL_LINK_TEXT];
     (void)snprintf(whole, sizeof whole, "%s: %s", who, text);
     sink->link(sink->context, tl_link_is_up(link), whole);
@@ -44,7 +44,7 @@ void tl_link_tell(const tl_link *link, const tl_plant_io_sink *sink, const char 
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text) {
     bool news = tl_link_change(link, up);
     if (news) {
-        tl_link_tell(link, sink, who, text);
+        tl_link_report(link, sink, who, text);
     }
     return news;
 }

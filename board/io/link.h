@@ -64,7 +64,7 @@ bool tl_link_is_up(const tl_link *link);
 bool tl_link_change(tl_link *link, bool up);
 
 /* Tells a text, with the link as it is. */
-void tl_link_tell(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text);
+void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text);
 
 /* Both: the link is up, or down, and if that is news, it is told. true if it is. */
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text);

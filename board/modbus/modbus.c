@@ -53,7 +53,7 @@ typedef struct progress {
 } progress;
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
-    tl_link_tell(&io->state, sink, io->link->name, text);
+    tl_link_report(&io->state, sink, io->link->name, text);
 }
 
 static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {

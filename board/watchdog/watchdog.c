@@ -67,7 +67,7 @@ tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdo
     return status;
 }
 
-bool tl_watchdog_stroke(const tl_watchdog *watchdog) {
+bool tl_watchdog_keepalive(const tl_watchdog *watchdog) {
     int dummy = 0;
     return ioctl(watchdog->file, WDIOC_KEEPALIVE, &dummy) == 0;
 }

@@ -27,7 +27,7 @@ typedef struct tl_watchdog {
 tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdog, tl_error *error);
 
 /* False where the driver refused. */
-bool tl_watchdog_stroke(const tl_watchdog *watchdog);
+bool tl_watchdog_keepalive(const tl_watchdog *watchdog);
 
 /* Disarms and closes it. False where it could not be disarmed: it will reset the box. */
 bool tl_watchdog_close(tl_watchdog *watchdog);

@@ -305,7 +305,7 @@ void tl_latest_publish(tl_latest *latest, const void *data, size_t size) {
 }
 
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size) {
-    for (int attempt = 0; attempt < TL_LATEST_TRIES; attempt++) {
+    for (int search = 0; search < TL_LATEST_TRIES; search++) {
         uint64_t before = __atomic_load_n(&latest->sequence, __ATOMIC_SEQ_CST);
         tl_words_load(data, latest->words, size);
         if (before % 2 == 0 && before == __atomic_load_n(&latest->sequence, __ATOMIC_SEQ_CST)) {

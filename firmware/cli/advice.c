@@ -353,7 +353,7 @@ static void check_conditions(advice *given, const tl_config *config) {
 static void warn_of_between(advice *given, const tl_config *config, const char *where) {
     warn(given, where,
          "in mode %s no step waits for the next reading, and the last one stands: \"between\" does nothing",
-         tl_measurements_names[config->measurements]);
+         tl_pairing_names[config->measurements]);
 }
 
 /* Only in mode lag a step waits for a next reading. */

@@ -245,7 +245,7 @@ static void print_event(const tl_config *config, const tl_twin_facts *facts, FIL
     (void)fprintf(output,
                   "  timing  measurements %s: a search begins %" PRId64 " steps after the end; step i is computed "
                   "at tick i + %" PRIu32 "\n",
-                  tl_measurements_names[config->measurements], config->measurements == TL_HOLD ? 0 : half, facts->lead);
+                  tl_pairing_names[config->measurements], config->measurements == TL_HOLD ? 0 : half, facts->lead);
 }
 
 static void print_mode(const tl_assembly *assembly, FILE *output) {
@@ -267,7 +267,7 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
                   facts.prediction, config->shape == TL_DYNAMIC ? "dynamic" : "static", facts.unknowns,
                   facts.unknowns == 1 ? "" : "s");
     (void)fprintf(output, "  timing  measurements %s: step i is computed at tick i + %" PRIu32 "\n",
-                  tl_measurements_names[config->measurements], facts.lead);
+                  tl_pairing_names[config->measurements], facts.lead);
 }
 
 /* What a step waits for the next reading of. */
@@ -460,10 +460,10 @@ static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *progno
 
 /* Of plants that are read live. */
 static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
-    print_block("mail", blocks->mail, "for the plant's newest readings, in `run`", output);
-    print_block("outbox", blocks->outbox, "for what waits for the recorder, in `run`", output);
+    print_block("mail", blocks->sample_memory, "for the plant's newest readings, in `run`", output);
+    print_block("outbox", blocks->queue, "for what waits for the recorder, in `run`", output);
     print_block("checkpoint", blocks->checkpoints, "for the saved twin, in `run`", output);
-    print_block("past", blocks->past, "at most, while `run` goes on with an earlier one", output);
+    print_block("past", blocks->resume, "at most, while `run` goes on with an earlier one", output);
     print_block("shadow", blocks->shadow, "more, at most, for a second twin beside that of `run`", output);
 }
 
@@ -600,7 +600,7 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     found->warnings = (uint32_t)tl_advice_print(assembly, &prognosis, &look, &states, output);
     found->least = prognosis.step_time;
     found->worst = prognosis.worst_time;
-    found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.outbox + blocks.checkpoints;
+    found->memory = (uint64_t)facts.memory + facts.state_memory + blocks.queue + blocks.checkpoints;
     return TL_OK;
 }
 

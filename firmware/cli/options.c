@@ -10,7 +10,7 @@
 #include "firmware/base/change.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/process/fmu_patience.h"
+#include "firmware/process/fmu_call_timeout.h"
 #include "firmware/report/show.h"
 
 /* ---- values ---- */
@@ -297,7 +297,7 @@ tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_optio
     char **words = NULL;
     size_t count = 0;
     *options = (tl_options){
-        .call_limit_s = tl_seconds(TL_FMU_PATIENCE_CALL),
+        .call_limit_s = tl_seconds(TL_FMU_CALL_TIMEOUT_CALL),
         .watchdog_s = 30,
         .seed = 1,
         .table = TL_OPTIONS_NO_TABLE,

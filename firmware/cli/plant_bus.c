@@ -177,7 +177,7 @@ static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) 
                        "its bus: use a virtual interface (vcan), or say --real-bus where that is meant",
                        bus->interface);
     }
-    if (needs_fd && !(tl_can_interface_look(bus->socket, bus->interface, &state) && state.fd)) {
+    if (needs_fd && !(tl_can_interface_probe(bus->socket, bus->interface, &state) && state.fd)) {
         return tl_fail(error, TL_TRY_AGAIN,
                        "CAN interface %s does not take frames of CAN FD: for a virtual one, "
                        "`ip link set %s mtu 72` while it is down",

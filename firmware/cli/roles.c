@@ -21,7 +21,7 @@ static const struct {
     {TL_TWIN_READER, NULL, tl_twin_role_run},
     {TL_LIVE_IO, tl_io_role_run, NULL},
     {TL_LIVE_RECORDER, tl_recorder_role_run, NULL},
-    {TL_LIVE_ACTIVATOR, tl_activator_role_run, NULL},
+    {TL_LIVE_CONFIG_MANAGER, tl_config_manager_role_run, NULL},
     {TL_WORKER, NULL, tl_worker_role_run},
 };
 

@@ -11,12 +11,12 @@
 #include "firmware/base/text.h"
 #include "firmware/cli/options.h"
 #include "firmware/retune/control.h"
-#include "firmware/retune/talk.h"
+#include "firmware/retune/control_client.h"
 
 typedef struct reload {
     const tl_options *options;
     bool is_input; /* the configuration is read from standard input */
-    tl_talk_settings talk;
+    tl_control_client_settings talk;
     char path[PATH_MAX]; /* of the socket */
     char text[TL_CONTROL_MOST + 1];
     size_t size;
@@ -72,7 +72,7 @@ static void fill_request(reload *self) {
     request->probation_s = (uint32_t)options->probation_s;
     request->require_lock = options->keep_lock > 0.0 ? options->keep_lock : -1.0;
     request->version = options->version;
-    tl_talk_name(geteuid(), request->who);
+    tl_control_client_name(geteuid(), request->who);
     if (options->why != NULL) {
         (void)tl_clean_text(options->why, strlen(options->why), request->why, sizeof request->why);
     }
@@ -82,17 +82,17 @@ int tl_verb_reload(const tl_options *options) {
     static reload self; /* it is large */
     tl_control_result result = TL_CONTROL_FAILED;
     tl_error error;
-    self = (reload){.options = options, .is_input = strcmp(options->subject, TL_TALK_INPUT) == 0};
-    self.talk = (tl_talk_settings){
+    self = (reload){.options = options, .is_input = strcmp(options->subject, TL_CONTROL_CLIENT_INPUT) == 0};
+    self.talk = (tl_control_client_settings){
         .path = self.path, .output = tl_output_claim(), .subject = self.is_input ? "standard input" : options->subject};
-    tl_status status = tl_talk_find(options->subject, options->control, self.path, &error);
+    tl_status status = tl_control_client_find(options->subject, options->control, self.path, &error);
     fill_request(&self);
     bool takes = self.request.verb == TL_CONTROL_TAKE;
     if (status == TL_OK && takes) {
         status = read_subject(&self, &error);
     }
     if (status == TL_OK) {
-        status = tl_talk_run(&self.talk, &self.request, takes ? self.text : NULL, self.size, &result, &error);
+        status = tl_control_client_run(&self.talk, &self.request, takes ? self.text : NULL, self.size, &result, &error);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -24,7 +24,7 @@ typedef struct replayer {
     tl_recording *recording;
     tl_journal journal; /* events on their way to the database and the report */
     tl_watch watch;
-    tl_lock_judge judge;
+    tl_lock_monitor judge;
     tl_twin_record record;
     tl_summary summary;
     tl_replay_report report;
@@ -85,7 +85,7 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
         status = tl_trajectory_open(options->trajectory, self->job->output, config, &replay->trajectory, error);
     }
     tl_watch_init(&self->watch, config, &self->journal);
-    tl_lock_judge_init(&self->judge, config, &self->account);
+    tl_lock_monitor_init(&self->judge, config, &self->account);
     replay->judge = &self->judge;
     replay->watch = &self->watch;
     return status;

@@ -5,7 +5,7 @@
 #include "firmware/base/log.h"
 #include "firmware/cli/roles.h"
 #include "firmware/cli/verb_job.h"
-#include "firmware/live/tree.h"
+#include "firmware/live/process_tree.h"
 #include "firmware/process/role.h"
 #include "firmware/retune/version_start.h"
 
@@ -36,8 +36,8 @@ static tl_status read_config(const tl_options *options, const tl_version_start *
     return status;
 }
 
-static int run(const tl_options *options, const tl_config *config, tl_tree_end *end) {
-    const tl_tree_settings settings = {
+static int run(const tl_options *options, const tl_config *config, tl_process_tree_end *end) {
+    const tl_process_tree_settings settings = {
         .config = config,
         .database = options->database,
         .duration = tl_time_of_seconds(options->duration_s),
@@ -56,14 +56,14 @@ static int run(const tl_options *options, const tl_config *config, tl_tree_end *
         .tasks = &tl_roles_twin_tasks,
         .be = be,
     };
-    return tl_tree_run(&settings, end);
+    return tl_process_tree_run(&settings, end);
 }
 
 int tl_verb_run(const tl_options *options) {
     const tl_version_start start = {.state = options->state, .path = options->subject, .be = be};
     tl_config config;
     tl_status status = read_config(options, &start, &config);
-    tl_tree_end end = {.is_failure = status != TL_OK};
+    tl_process_tree_end end = {.is_failure = status != TL_OK};
     int code = status == TL_OK ? run(options, &config, &end) : tl_exit_code(status);
     tl_config_free(&config);
     if (options->control != NULL && end.is_failure &&
@@ -72,7 +72,7 @@ int tl_verb_run(const tl_options *options) {
     }
     if (end.again) {
         tl_log(TL_LOG_NOTICE, "the run begins anew");
-        tl_role_begin_anew();
+        tl_role_restart();
         tl_log(TL_LOG_ERROR, "the program cannot be executed anew: start it again");
         return tl_exit_code(TL_TRY_AGAIN);
     }

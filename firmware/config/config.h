@@ -157,7 +157,7 @@ typedef struct tl_config {
     const char **reading_as;     /* and "plant.NAME@reading"; NULL: none */
     uint32_t prediction;
     tl_shape shape;
-    tl_measurements measurements;
+    tl_pairing measurements;
     tl_plan_event event;
     const char
         *algorithm; /* a name of master/solve/optimiser.h; NULL: secant for Real variables, boolean for Boolean ones */
@@ -268,11 +268,11 @@ bool tl_config_library_path(const tl_config *config, const char *library, char *
 
 /* ---- The names of the modes of `synchronise.horizon.measurements`. At which tick a step is computed, the twin says: see tl_twin_facts.lead. */
 
-/* By tl_measurements, then NULL: "lag", "ahead", "hold". */
-extern const char *const tl_measurements_names[];
+/* By tl_pairing, then NULL: "lag", "ahead", "hold". */
+extern const char *const tl_pairing_names[];
 
 /* The mode of that name; TL_LAG where there is none. NULL is allowed. */
-tl_measurements tl_measurements_named(const char *name);
+tl_pairing tl_pairing_named(const char *name);
 
 /* ---- Problems of a configuration, told to a person: one log line each.
  *

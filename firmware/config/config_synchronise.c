@@ -11,12 +11,12 @@
 
 /* ---- `synchronise.horizon`: T_P steps, or a stroke around an event. */
 
-const char *const tl_measurements_names[] = {[TL_LAG] = "lag", [TL_AHEAD] = "ahead", [TL_HOLD] = "hold", NULL};
+const char *const tl_pairing_names[] = {[TL_LAG] = "lag", [TL_AHEAD] = "ahead", [TL_HOLD] = "hold", NULL};
 
-tl_measurements tl_measurements_named(const char *name) {
+tl_pairing tl_pairing_named(const char *name) {
     for (int i = TL_LAG; name != NULL && i <= TL_HOLD; i++) {
-        if (strcmp(name, tl_measurements_names[i]) == 0) {
-            return (tl_measurements)i;
+        if (strcmp(name, tl_pairing_names[i]) == 0) {
+            return (tl_pairing)i;
         }
     }
     return TL_LAG;
@@ -58,9 +58,9 @@ static void read_horizon(tl_config_object *object, tl_config *config) {
     (void)tl_config_member(object, "horizon", TL_CONFIG_OPTIONAL, "{\"prediction\": 2}", &horizon);
     (void)tl_config_get_count(&horizon, "prediction", &rule, &config->prediction);
     (void)tl_config_get_choice(&horizon, "shape", TL_CONFIG_OPTIONAL, shapes, &shape);
-    (void)tl_config_get_choice(&horizon, "measurements", TL_CONFIG_OPTIONAL, tl_measurements_names, &measurements);
+    (void)tl_config_get_choice(&horizon, "measurements", TL_CONFIG_OPTIONAL, tl_pairing_names, &measurements);
     config->shape = (tl_shape)shape;
-    config->measurements = (tl_measurements)measurements;
+    config->measurements = (tl_pairing)measurements;
     read_event(&horizon, config);
     tl_config_done(&horizon);
 }

@@ -257,7 +257,7 @@ static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
 
 static fmi2Status go_to_position(fmi2Component component, fmi2FMUstate state) {
     tl_fmu_guarded *self = component;
-    return self->by_replay ? tl_fmu_replay_lead(self->replay, state)
+    return self->by_replay ? tl_fmu_replay_restore(self->replay, state)
                            : self->guard->by_states.set_fmu_state(component, state);
 }
 
@@ -346,7 +346,7 @@ static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *way) {
 static void roll_back_by_memory(tl_fmu_guard *guard) {
     tl_fmi2 *functions = &guard->functions;
     roll_back_by(guard, &BY_MEMORY);
-    tl_fmu_memory_measure_anew(&guard->memory);
+    tl_fmu_memory_remeasure(&guard->memory);
     if (guard->is_by_choice && guard->by_states.serialize_fmu_state != NULL) {
         functions->serialized_fmu_state_size = tl_fmu_bytes_size;
         functions->serialize_fmu_state = tl_fmu_bytes_write;
@@ -389,7 +389,7 @@ static size_t size_aside(fmi2Component component) {
 
 static fmi2Status replay_from_beginning(tl_fmu_guarded *self) {
     return self->replay != NULL && tl_fmu_replay_start(self->replay) == fmi2OK
-               ? tl_fmu_replay_lead_to_beginning(self->replay)
+               ? tl_fmu_replay_restore_start(self->replay)
                : fmi2Error;
 }
 

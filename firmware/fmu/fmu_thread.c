@@ -12,7 +12,7 @@
 #include "firmware/base/os.h"
 #include "firmware/process/crash.h"
 #include "firmware/process/fmu_call.h"
-#include "firmware/process/fmu_patience.h"
+#include "firmware/process/fmu_call_timeout.h"
 #include "firmware/process/host_state.h"
 #include "firmware/process/interrupt.h"
 
@@ -29,7 +29,7 @@ struct tl_fmu_thread {
     void *context;
     bool end;
     tl_fmu_watch watch;
-    tl_fmu_patience patience; /* of who waits, if it watches */
+    tl_fmu_call_timeout patience; /* of who waits, if it watches */
 };
 
 /* ---- in the thread ---- */
@@ -196,7 +196,7 @@ tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context) {
 
 void tl_fmu_thread_watch(tl_fmu_thread *thread) {
     if (thread->watch == TL_FMU_WATCHED_HERE) {
-        tl_fmu_patience_look(&thread->patience);
+        tl_fmu_call_timeout_look(&thread->patience);
     } else {
         tl_interrupt_reclaim(); /* an FMU whose call lasts may have taken the signals */
     }

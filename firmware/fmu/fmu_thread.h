@@ -24,7 +24,7 @@ typedef void tl_fmu_job(void *context);
 
 /* Who looks for how long a call lasts, and ends the process if it must be. */
 typedef enum tl_fmu_watch {
-    TL_FMU_WATCHED_HERE,     /* who waits for a job (fmu_patience.h) */
+    TL_FMU_WATCHED_HERE,     /* who waits for a job (fmu_call_timeout.h) */
     TL_FMU_WATCHED_ELSEWHERE /* another process */
 } tl_fmu_watch;
 

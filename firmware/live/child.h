@@ -55,7 +55,7 @@ typedef struct tl_child_end {
     bool known;
     bool by_signal;
     int number; /* of the signal, or the exit code */
-    tl_farewell farewell;
+    tl_end_cause farewell;
     int code; /* announced */
 } tl_child_end;
 

@@ -15,8 +15,8 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/config/drivers.h"
-#include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
+#include "firmware/live/twin_slots.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 
@@ -47,13 +47,13 @@ static void on_link(void *context, const char *source, bool up, const char *text
 }
 
 static tl_status open_plant(io *self, tl_error *error) {
-    tl_mailbox mailboxes[TL_MAX_SIGNALS];
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(&self->given.config, &shape);
-    tl_plant_mail_open(&shape, self->given.blocks[TL_LIVE_MAIL].bytes, mailboxes);
+    tl_sample_buffer buffers[TL_MAX_SIGNALS];
+    tl_sample_buffers_shape shape;
+    tl_sample_buffers_shape_of(&self->given.config, &shape);
+    tl_sample_buffers_open(&shape, self->given.blocks[TL_LIVE_MAIL].bytes, buffers);
     const tl_live_plant_settings settings = {.config = &self->given.config,
                                              .kinds = self->kinds,
-                                             .mailboxes = mailboxes,
+                                             .buffers = buffers,
                                              .beats = self->beats,
                                              .on_link = on_link,
                                              .context = self};
@@ -181,10 +181,10 @@ static bool is_over(io *self, tl_error *error, tl_status *status) {
     return true;
 }
 
-static tl_status read_until_told(io *self, tl_heart *heart, tl_error *error) {
+static tl_status read_until_told(io *self, tl_thread_heartbeat *heartbeat, tl_error *error) {
     tl_status status = TL_OK;
     while (!is_over(self, error, &status)) {
-        tl_heart_beat(heart);
+        tl_thread_heartbeat_beat(heartbeat);
         tl_journal_drain(&self->given.journal);
     }
     return status;
@@ -199,9 +199,9 @@ int tl_io_role_run(void) {
     }
     self.beats = self.given.blocks[TL_LIVE_IO_BEATS].bytes;
     status = start_readers(&self, &error);
-    tl_heart *heart = tl_heart_begin(self.beats, "io", PATIENCE);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(self.beats, "io", PATIENCE);
     if (status == TL_OK) {
-        status = tl_live_places_confine_io(&self.given.config, self.kinds, &error);
+        status = tl_twin_slots_confine_io(&self.given.config, self.kinds, &error);
     }
     if (status == TL_OK) {
         status = open_plant(&self, &error);
@@ -211,9 +211,9 @@ int tl_io_role_run(void) {
     }
     const bool was_ready = status == TL_OK;
     if (status == TL_OK) {
-        tl_heart_be_patient(heart, self.given.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
-        status = read_until_told(&self, heart, &error);
-        tl_heart_be_patient(heart, PATIENCE);
+        tl_thread_heartbeat_set_timeout(heartbeat, self.given.config.realtime_hang + TL_SECOND / 1000 * 2 * LOOK_MS);
+        status = read_until_told(&self, heartbeat, &error);
+        tl_thread_heartbeat_set_timeout(heartbeat, PATIENCE);
     }
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);

@@ -8,7 +8,7 @@
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/twin/checkpointer.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 
 /* ---- jobs ---- */
 
@@ -79,16 +79,16 @@ tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
         [TL_LIVE_IS_IO] = {.reads = ONE(TL_LIVE_RECORDER_PULSE),
                            .writes = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_IO_EVENTS)},
         [TL_LIVE_IS_RECORDER] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_EVENTS) | ONE(TL_LIVE_SUPERVISOR_EVENTS) |
-                                          ONE(TL_LIVE_ACTIVATOR_EVENTS) | ONE(TL_LIVE_STAGE) |
+                                          ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) | ONE(TL_HANDOVER) |
                                           BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_TUNING + place) |
-                                          ONE(TL_LIVE_OUTBOX + place),
+                                          ONE(TL_LIVE_QUEUE + place),
                                  .writes = ONE(TL_LIVE_RECORDER_PULSE) | BOTH(TL_LIVE_PAST)},
-        [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_LIVE_STAGE),
-                                  .writes = ONE(TL_LIVE_ACTIVATOR_PULSE) | ONE(TL_LIVE_ACTIVATOR_EVENTS) |
+        [TL_LIVE_IS_ACTIVATOR] = {.reads = BOTH(TL_LIVE_TWIN_PULSE) | ONE(TL_LIVE_RECORDER_PULSE) | ONE(TL_HANDOVER),
+                                  .writes = ONE(TL_LIVE_CONFIG_MANAGER_PULSE) | ONE(TL_LIVE_CONFIG_MANAGER_EVENTS) |
                                             BOTH(TL_LIVE_TUNING) | ONE(TL_LIVE_CANDIDATE)},
         [TL_LIVE_IS_TWIN] = {.reads = ONE(TL_LIVE_MAIL) | ONE(TL_LIVE_IO_BEATS) | ONE(TL_LIVE_RECORDER_PULSE) |
-                                      ONE(TL_LIVE_STAGE) | ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
-                             .writes = ONE(TL_LIVE_TWIN_PULSE + place) | ONE(TL_LIVE_OUTBOX + place)},
+                                      ONE(TL_HANDOVER) | ONE(TL_LIVE_TUNING + place) | ONE(TL_LIVE_PAST + place),
+                             .writes = ONE(TL_LIVE_TWIN_PULSE + place) | ONE(TL_LIVE_QUEUE + place)},
     };
     tl_live_access access = accesses[kind];
     if (job->database[0] == '\0') {
@@ -98,25 +98,25 @@ tl_live_access tl_live_access_of(tl_live_kind kind, const tl_live_job *job) {
 }
 
 void tl_live_block_sizes(const tl_config *config, size_t sizes[TL_LIVE_BLOCKS]) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    const tl_outbox_settings twin = tl_live_twin_outbox(config);
-    tl_plant_mail_shape mail;
-    tl_plant_mail_shape_of(config, &mail);
+    const tl_record_queue_settings events = tl_live_event_queue();
+    const tl_record_queue_settings twin = tl_live_twin_queue(config);
+    tl_sample_buffers_shape sample_memory;
+    tl_sample_buffers_shape_of(config, &sample_memory);
     memset(sizes, 0, TL_LIVE_BLOCKS * sizeof sizes[0]);
-    sizes[TL_LIVE_MAIL] = tl_plant_mail_bytes(&mail);
+    sizes[TL_LIVE_MAIL] = tl_sample_buffers_bytes(&sample_memory);
     sizes[TL_LIVE_IO_BEATS] = sizeof(tl_heartbeats);
     sizes[TL_LIVE_RECORDER_PULSE] = sizeof(tl_live_recorder_pulse);
-    sizes[TL_LIVE_IO_EVENTS] = tl_outbox_bytes(&events);
+    sizes[TL_LIVE_IO_EVENTS] = tl_record_queue_bytes(&events);
     sizes[TL_LIVE_SUPERVISOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
-    sizes[TL_LIVE_ACTIVATOR_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
-    sizes[TL_LIVE_ACTIVATOR_PULSE] = sizeof(tl_live_activator_pulse);
-    sizes[TL_LIVE_STAGE] = sizeof(tl_live_stage);
+    sizes[TL_LIVE_CONFIG_MANAGER_EVENTS] = sizes[TL_LIVE_IO_EVENTS];
+    sizes[TL_LIVE_CONFIG_MANAGER_PULSE] = sizeof(tl_live_config_manager_pulse);
+    sizes[TL_HANDOVER] = sizeof(tl_handover);
     sizes[TL_LIVE_CANDIDATE] = sizeof(tl_live_candidate);
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         sizes[TL_LIVE_TWIN_PULSE + i] = sizeof(tl_live_twin_pulse);
         sizes[TL_LIVE_TUNING + i] = sizeof(tl_live_tuning);
         sizes[TL_LIVE_PAST + i] = TL_LIVE_PAST_BYTES;
-        sizes[TL_LIVE_OUTBOX + i] = tl_outbox_bytes(&twin);
+        sizes[TL_LIVE_QUEUE + i] = tl_record_queue_bytes(&twin);
     }
 }
 
@@ -135,21 +135,22 @@ tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const t
     return status;
 }
 
-tl_status tl_live_input_open(const tl_config *config, const tl_block *mail, tl_plant_input *input, tl_error *error) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(config, &shape);
+tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_memory, tl_plant_input *input,
+                             tl_error *error) {
+    tl_sample_buffers_shape shape;
+    tl_sample_buffers_shape_of(config, &shape);
     tl_live_plant_set_limits(input, config);
-    tl_plant_mail_open(&shape, mail->bytes, input->mailboxes);
+    tl_sample_buffers_open(&shape, sample_memory->bytes, input->buffers);
     return tl_plant_input_open(input) ? TL_OK
                                       : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
 }
 
 /* ---- memory ---- */
 
-static size_t outbox_with(const tl_config *config, size_t checkpoint) {
-    tl_outbox_settings settings = tl_live_twin_outbox(config);
+static size_t queue_with(const tl_config *config, size_t checkpoint) {
+    tl_record_queue_settings settings = tl_live_twin_queue(config);
     settings.checkpoint_bytes = checkpoint;
-    return tl_outbox_bytes(&settings);
+    return tl_record_queue_bytes(&settings);
 }
 
 void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_blocks *blocks) {
@@ -158,17 +159,17 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     size_t sizes[TL_LIVE_BLOCKS];
     tl_live_block_sizes(config, sizes);
     *blocks = (tl_live_blocks){
-        .mail = sizes[TL_LIVE_MAIL],
-        .outbox = outbox_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
-                  sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
+        .sample_memory = sizes[TL_LIVE_MAIL],
+        .queue = queue_with(config, 0) + sizes[TL_LIVE_IO_BEATS] + 2 * sizes[TL_LIVE_IO_EVENTS] +
+                 sizes[TL_LIVE_TWIN_PULSE] + sizes[TL_LIVE_RECORDER_PULSE],
     };
     if (room <= TL_LIVE_CHECKPOINT_BYTES) {
-        blocks->checkpoints = outbox_with(config, room) - outbox_with(config, 0);
+        blocks->checkpoints = queue_with(config, room) - queue_with(config, 0);
     }
     if (config->record_resume != 0) {
-        blocks->past = tl_past_image_bytes(&ticks, TL_PAST_TICKS, checkpoint, 0);
+        blocks->resume = tl_resume_image_bytes(&ticks, TL_RESUME_TICKS, checkpoint, 0);
     }
-    blocks->shadow = outbox_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->past;
+    blocks->shadow = queue_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->resume;
 }
 
 /* ---- live samples ---- */
@@ -179,7 +180,8 @@ static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
     size_t size = 0;
     tl_error error;
     memset(given->words, 0, sizeof given->words);
-    if (tl_past_samples_find(path, self->boot, from, self->past->bytes, self->past->size, &size, &error) != TL_OK) {
+    if (tl_resume_samples_find(path, self->boot, from, self->resume->bytes, self->resume->size, &size, &error) !=
+        TL_OK) {
         given->words[0].severity = (int32_t)TL_EVENT_WARNING;
         (void)snprintf(given->words[0].text, sizeof given->words[0].text, "%.200s", error.text);
     }
@@ -190,12 +192,12 @@ static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
 }
 
 void tl_live_samples_look(tl_live_samples *self, const char *path) {
-    tl_live_wish wish = __atomic_load_n(&self->pulse->past, __ATOMIC_ACQUIRE);
+    tl_live_wish wish = __atomic_load_n(&self->pulse->resume, __ATOMIC_ACQUIRE);
     bool begun = __atomic_load_n(&self->pulse->begun, __ATOMIC_RELAXED) != 0;
     if (wish != 0 && wish != self->answered && !begun) {
         answer(self, wish, path);
     } else if (begun && self->is_filled) {
-        tl_block_forget(self->past);
+        tl_block_forget(self->resume);
         self->is_filled = false;
     }
 }

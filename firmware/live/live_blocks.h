@@ -19,11 +19,11 @@
 #include "firmware/process/block.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_state.h"
-#include "firmware/twin/live_stage.h"
+#include "firmware/twin/handover.h"
 #include "firmware/twin/live_tuning.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 
 /* ---- What crosses between the processes of a run: which shared memory there is, who writes it, what lies in it, which descriptor it has where.
  *
@@ -35,37 +35,37 @@
 /* Blocks of shared memory, by the number of their descriptor, which is the same in every process of the run that has the block (live_blocks.h). Descriptor 0
  * is nothing, 1 and 2 are what is logged. Every process with FMUs has its job and its start socket where twin_role.h says. */
 enum {
-    TL_LIVE_KNOCKER = 3,        /* no block: the control socket, of the activator */
-    TL_LIVE_JOB = 4,            /* tl_live_job */
-    TL_LIVE_MAIL = 5,           /* what io reads of the plant (mailbox.h) */
-    TL_LIVE_IO_BEATS = 6,       /* tl_heartbeats */
-    TL_LIVE_RECORDER_PULSE = 8, /* tl_live_recorder_pulse */
-    TL_LIVE_ACTIVATOR_PULSE,    /* tl_live_activator_pulse */
-    TL_LIVE_IO_EVENTS,          /* outboxes */
+    TL_LIVE_KNOCKER = 3,          /* no block: the control socket, of the activator */
+    TL_LIVE_JOB = 4,              /* tl_live_job */
+    TL_LIVE_MAIL = 5,             /* what io reads of the plant (sample_buffer.h) */
+    TL_LIVE_IO_BEATS = 6,         /* tl_heartbeats */
+    TL_LIVE_RECORDER_PULSE = 8,   /* tl_live_recorder_pulse */
+    TL_LIVE_CONFIG_MANAGER_PULSE, /* tl_live_config_manager_pulse */
+    TL_LIVE_IO_EVENTS,            /* outboxes */
     TL_LIVE_SUPERVISOR_EVENTS,
-    TL_LIVE_ACTIVATOR_EVENTS,
-    TL_LIVE_STAGE,     /* tl_live_stage, which the supervisor writes */
+    TL_LIVE_CONFIG_MANAGER_EVENTS,
+    TL_HANDOVER,       /* tl_handover, which the supervisor writes */
     TL_LIVE_CANDIDATE, /* tl_live_candidate */
     /* Of place 0; the next number is of place 1. */
-    TL_LIVE_TWIN_PULSE,                                   /* tl_live_twin_pulse */
-    TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_LIVE_PLACES, /* tl_live_tuning */
-    TL_LIVE_PAST = TL_LIVE_TUNING + TL_LIVE_PLACES,       /* what a new twin goes on from (past.h) */
-    TL_LIVE_OUTBOX = TL_LIVE_PAST + TL_LIVE_PLACES,       /* the twin's */
-    TL_LIVE_BLOCKS = TL_LIVE_OUTBOX + TL_LIVE_PLACES
+    TL_LIVE_TWIN_PULSE,                                  /* tl_live_twin_pulse */
+    TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_TWIN_SLOTS, /* tl_live_tuning */
+    TL_LIVE_PAST = TL_LIVE_TUNING + TL_TWIN_SLOTS,       /* what a new twin goes on from (resume.h) */
+    TL_LIVE_QUEUE = TL_LIVE_PAST + TL_TWIN_SLOTS,        /* the twin's */
+    TL_LIVE_BLOCKS = TL_LIVE_QUEUE + TL_TWIN_SLOTS
 };
 
 /* Which outbox is which, for the recorder. */
 enum {
-    TL_LIVE_OUTBOX_TWIN, /* in place 0; the next one is of place 1 */
-    TL_LIVE_OUTBOX_IO = TL_LIVE_PLACES,
-    TL_LIVE_OUTBOX_SUPERVISOR,
-    TL_LIVE_OUTBOX_ACTIVATOR,
-    TL_LIVE_OUTBOXES
+    TL_LIVE_QUEUE_TWIN, /* in place 0; the next one is of place 1 */
+    TL_LIVE_QUEUE_IO = TL_TWIN_SLOTS,
+    TL_LIVE_QUEUE_SUPERVISOR,
+    TL_LIVE_QUEUE_ACTIVATOR,
+    TL_LIVE_QUEUES
 };
 
 /* Bytes that a checkpoint may have, and the past that a cold start goes on from. Their memory is there only as far as it is used. */
 #define TL_LIVE_CHECKPOINT_BYTES ((size_t)32 * 1024 * 1024)
-#define TL_LIVE_PAST_BYTES TL_PAST_MOST
+#define TL_LIVE_PAST_BYTES TL_RESUME_MOST
 
 /* The end of a run, as the twin tells it: for the summary. */
 typedef struct tl_live_end {
@@ -95,13 +95,13 @@ typedef struct tl_live_twin_pulse {
     uint32_t begun;              /* 1: it needs no past any more */
     uint64_t fmus;               /* the files of its FMUs, as a number; kept for a successor. 0: there was none */
     char digest[TL_SHA256_TEXT]; /* of what is in them; there before it wishes for a past */
-    uint32_t loads;      /* 1: a checkpoint was loaded, and too few steps prove it harmless; kept for a successor */
-    uint64_t unreadable; /* by the supervisor: `fmus` whose saved state has ended the process that loaded it */
-    tl_live_wish past;   /* which past it wants: the first, the next older one, …; of a shadow: which samples, */
-    int64_t past_from;   /* from this tick on; written before `past` */
-    tl_time start;       /* t_start of its run (CLOCK_MONOTONIC), */
-    int64_t started;     /* and UTC, ms; before it is ready. 0: not known yet */
-    uint32_t flipped;    /* number of the newest flip in which it has done its part */
+    uint32_t loads;       /* 1: a checkpoint was loaded, and too few steps prove it harmless; kept for a successor */
+    uint64_t unreadable;  /* by the supervisor: `fmus` whose saved state has ended the process that loaded it */
+    tl_live_wish resume;  /* which past it wants: the first, the next older one, …; of a shadow: which samples, */
+    int64_t past_from;    /* from this tick on; written before `resume` */
+    tl_time start;        /* t_start of its run (CLOCK_MONOTONIC), */
+    int64_t started;      /* and UTC, ms; before it is ready. 0: not known yet */
+    uint32_t handed_over; /* number of the newest flip in which it has done its part */
     tl_live_tuning_answer tuned; /* what it made of the newest tuning that it was told; kept for who waits for that */
     tl_live_end end;
 } tl_live_twin_pulse;
@@ -109,7 +109,7 @@ typedef struct tl_live_twin_pulse {
 /* What is to be told about a past. */
 typedef struct tl_live_past_word {
     int32_t severity; /* tl_severity */
-    char text[TL_PAST_TEXT];
+    char text[TL_RESUME_TEXT];
 } tl_live_past_word;
 
 enum { TL_LIVE_PAST_WORDS = 8 };
@@ -118,40 +118,41 @@ enum { TL_LIVE_PAST_WORDS = 8 };
 typedef struct tl_live_past_answer {
     tl_live_wish wish;
     uint64_t size;                               /* bytes in the block; 0: there is none (any more) */
-    tl_time ended;                               /* tl_past_history_ended() */
+    tl_time ended;                               /* tl_resume_history_ended() */
     tl_live_past_word words[TL_LIVE_PAST_WORDS]; /* to the first without a text */
 } tl_live_past_answer;
 
 /* The pulse of the recorder. */
 typedef struct tl_live_recorder_pulse {
     tl_heartbeats beats;
-    tl_time damaged[TL_LIVE_OUTBOXES]; /* tl_recorder_writer_damage() of each */
+    tl_time damaged[TL_LIVE_QUEUES]; /* tl_recorder_writer_damage() of each */
     uint32_t drained; /* the newest flip before which all is written of the twin whose run it has ended */
     tl_recorder_writer_state state;
-    tl_live_past_answer answer[TL_LIVE_PLACES]; /* of the twin in each place */
+    tl_live_past_answer answer[TL_TWIN_SLOTS]; /* of the twin in each place */
 } tl_live_recorder_pulse;
 
 /* The pulse of the activator. */
-typedef struct tl_live_activator_pulse {
+typedef struct tl_live_config_manager_pulse {
     tl_heartbeats beats;
     uint32_t restart; /* 1: the run is to end, and another one to begin */
     tl_live_order order;
-    uint32_t flips; /* the activator's own: number of the newest flip when it ordered one */
-} tl_live_activator_pulse;
+    uint32_t handovers; /* the activator's own: number of the newest flip when it ordered one */
+} tl_live_config_manager_pulse;
 
 /* Events only. */
-static inline tl_outbox_settings tl_live_event_outbox(void) {
-    return (tl_outbox_settings){.ring_bytes = 0};
+static inline tl_record_queue_settings tl_live_event_queue(void) {
+    return (tl_record_queue_settings){.ring_bytes = 0};
 }
 
-static inline tl_outbox_settings tl_live_outbox_of_shape(const tl_recorder_shape *shape, tl_time step) {
-    return (tl_outbox_settings){
-        .shape = *shape, .ring_bytes = tl_outbox_ring_bytes(shape, step), .checkpoint_bytes = TL_LIVE_CHECKPOINT_BYTES};
+static inline tl_record_queue_settings tl_live_queue_of_shape(const tl_recorder_shape *shape, tl_time step) {
+    return (tl_record_queue_settings){.shape = *shape,
+                                      .ring_bytes = tl_record_queue_ring_bytes(shape, step),
+                                      .checkpoint_bytes = TL_LIVE_CHECKPOINT_BYTES};
 }
 
-static inline tl_outbox_settings tl_live_twin_outbox(const tl_config *config) {
+static inline tl_record_queue_settings tl_live_twin_queue(const tl_config *config) {
     const tl_recorder_shape shape = tl_recorder_shape_of(config);
-    return tl_live_outbox_of_shape(&shape, config->step);
+    return tl_live_queue_of_shape(&shape, config->step);
 }
 
 /* ---- The job of a process of a run: what it is told at its start, besides the shared memory that it gets.
@@ -172,14 +173,14 @@ typedef struct tl_live_job {
     char allowed[PATH_MAX];  /* the same: the administrator's list of names */
     uint64_t memory_limit;   /* the same: bytes that a process of FMUs may take; 0: as usual */
     uint32_t place; /* of the twin; of the twin that the recorder reads; of the run's twin when the activator begins */
-    char hash[TL_LIVE_PLACES][TL_SHA256_TEXT]; /* of the activator: of the configuration in each place; "": none is */
+    char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the activator: of the configuration in each place; "": none is */
     /* of the twin's start */
-    uint32_t number; /* of this start, from 1 on */
-    bool is_shadow;  /* it is not the run's twin, until a flip makes it that, */
-    tl_time start;   /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
-    int64_t started; /* and UTC, ms */
-    uint32_t flips;  /* the newest flip that was announced before; of the recorder: by which the run came here */
-    tl_start how;    /* if it waits in safe hold `start` is when that began, and samples are recorded from then on */
+    uint32_t number;    /* of this start, from 1 on */
+    bool is_shadow;     /* it is not the run's twin, until a flip makes it that, */
+    tl_time start;      /* and t_start of the run beside which it runs (CLOCK_MONOTONIC), */
+    int64_t started;    /* and UTC, ms */
+    uint32_t handovers; /* the newest flip that was announced before; of the recorder: by which the run came here */
+    tl_start how;       /* if it waits in safe hold `start` is when that began, and samples are recorded from then on */
 } tl_live_job;
 
 /* The job, then the path of the configuration, then its text; for a twin, the text of the run's configuration if it is a shadow, else "". To
@@ -225,7 +226,8 @@ tl_status tl_live_blocks_take(tl_live_kind kind, const tl_live_job *job, const t
                               tl_block blocks[TL_LIVE_BLOCKS], tl_error *error);
 
 /* Samples of the plant by the mail that was taken. Errors: TL_TRY_AGAIN. */
-tl_status tl_live_input_open(const tl_config *config, const tl_block *mail, tl_plant_input *input, tl_error *error);
+tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_memory, tl_plant_input *input,
+                             tl_error *error);
 
 /* ---- What the processes of a run share of the machine's memory: how much, and what for. For who tells it before anything runs.
  *
@@ -236,11 +238,11 @@ tl_status tl_live_input_open(const tl_config *config, const tl_block *mail, tl_p
 
 /* Bytes. */
 typedef struct tl_live_blocks {
-    size_t mail;        /* the plant's newest readings */
-    size_t outbox;      /* what waits for the recorder, and what the processes say of themselves */
-    size_t checkpoints; /* saved twins, as many as there is room for at a time; 0: none are saved */
-    size_t past;        /* what a new twin goes on from; at most, and only until it has begun. 0: it never does */
-    size_t shadow;      /* what another twin of this size has beside all that, while it runs as a shadow; at most */
+    size_t sample_memory; /* the plant's newest readings */
+    size_t queue;         /* what waits for the recorder, and what the processes say of themselves */
+    size_t checkpoints;   /* saved twins, as many as there is room for at a time; 0: none are saved */
+    size_t resume;        /* what a new twin goes on from; at most, and only until it has begun. 0: it never does */
+    size_t shadow;        /* what another twin of this size has beside all that, while it runs as a shadow; at most */
 } tl_live_blocks;
 
 /* Of a twin that is saved in so many bytes; 0: it is not. `config` is one whose second look-ups are signals. */
@@ -249,7 +251,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 /* ---- Recorded samples for a shadow: the side of the recorder, which alone reads the database of a run.
  *
  * Purpose: the shadow says in its pulse from which tick on it wants samples; the recorder finds them, and puts them into the past block of its place
- *          (past.h).
+ *          (resume.h).
  * Trust:   none in the shadow: it gets what is recorded, and at most what the block has room for.
  * Thread:  the recorder's. What is pointed to must stay.
  */
@@ -257,7 +259,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
 typedef struct tl_live_samples {
     const tl_live_twin_pulse *pulse; /* of the twin in the other place, which it writes */
     tl_live_past_answer *answer;     /* of the recorder, to it */
-    tl_block *past;                  /* for it; the recorder writes */
+    tl_block *resume;                /* for it; the recorder writes */
     const char *boot;                /* tl_identity_boot() */
     /* private, zeroed at first */
     tl_live_wish answered;

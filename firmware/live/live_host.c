@@ -14,7 +14,7 @@
 /* Whose twin is the run's. */
 static uint32_t place_of_run(const tl_live_host *self) {
     uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
-    return place < TL_LIVE_PLACES ? place : 0;
+    return place < TL_TWIN_SLOTS ? place : 0;
 }
 
 static const tl_live_twin_pulse *twin_of_run(const tl_live_host *self) {
@@ -50,13 +50,13 @@ static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
     status->failure[0] = '\0';
     status->twin_failures = twin->number > twin->first ? twin->number - twin->first : 0;
     status->twin_alive = twin->holds == 0 && tl_heartbeats_is_ready(&twin->beats) &&
-                         tl_heartbeats_get_farewell(&twin->beats, &code) == TL_FAREWELL_NONE;
+                         tl_heartbeats_get_end_cause(&twin->beats, &code) == TL_END_CAUSE_NONE;
 }
 
 static void look(void *context, tl_activation_view *view) {
     const tl_live_host *self = context;
     const tl_live_twin_pulse *twin = twin_of_run(self);
-    char said[TL_LIVE_STAGE_WHY] = "";
+    char said[TL_HANDOVER_WHY] = "";
     memset(view, 0, sizeof *view);
     view->step_s = tl_seconds(self->step);
     view->holds = twin->holds != 0;
@@ -95,7 +95,7 @@ static bool copy_text(char *text, size_t *size, const char *from, size_t length)
 static bool running_text(void *context, const char *hash, char *text, size_t *size) {
     const tl_live_host *self = context;
     tl_live_tuning_head head;
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         if (tl_live_tuning_read_text(self->tunings[i], &head, text, NULL) == TL_OK && strcmp(head.hash, hash) == 0) {
             *size = head.size;
             return true;
@@ -145,15 +145,15 @@ static bool is_kept(const tl_live_host *self) {
 /* Of the tunings in both places, and of those that the recorder knows: numbers of one are not taken for those of the other. */
 static uint32_t newest_tuning(const tl_live_host *self) {
     uint32_t newest = self->recorder != NULL ? tl_recorder_state_get(&self->recorder->state).tuning : 0;
-    for (size_t i = 0; i < TL_LIVE_PLACES; i++) {
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
         uint32_t number = tl_live_tuning_number(self->tunings[i]);
         newest = number > newest ? number : newest;
     }
     return newest;
 }
 
-static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
-    tl_latest_publish(&tuning_of_run(context)->yardstick, yardstick, sizeof *yardstick);
+static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
+    tl_latest_publish(&tuning_of_run(context)->tolerances, tolerances, sizeof *tolerances);
 }
 
 static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
@@ -204,7 +204,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     (void)snprintf(self->candidate->hash, sizeof self->candidate->hash, "%s", candidate->hash);
     (void)snprintf(self->hash[place], sizeof self->hash[place], "%s", candidate->hash);
     tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
-    tl_latest_publish(&self->tunings[place]->yardstick, candidate->yardstick, sizeof *candidate->yardstick);
+    tl_latest_publish(&self->tunings[place]->tolerances, candidate->tolerances, sizeof *candidate->tolerances);
     self->pulse->order.needs = candidate->needs;
     order(self, TL_LIVE_SHADOW);
     return true;
@@ -218,25 +218,25 @@ static void end_shadow(void *context) {
     }
 }
 
-static bool flip(void *context) {
+static bool handover(void *context) {
     tl_live_host *self = context;
     if (!is_obeyed(self)) {
         return false;
     }
-    self->pulse->flips = self->stage->flips;
-    order(self, TL_LIVE_FLIP);
+    self->pulse->handovers = self->stage->handovers;
+    order(self, TL_LIVE_HAND_OVER);
     return true;
 }
 
 /* Also of a flip that an activator before this one has ordered. */
-static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_news has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
-    const tl_live_stage *stage = self->stage;
+    const tl_handover *stage = self->stage;
     if (!is_obeyed(self)) {
         return TL_ACTIVATION_WAITS;
     }
-    if (__atomic_load_n(&stage->flips, __ATOMIC_ACQUIRE) == self->pulse->flips) {
-        (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_LIVE_STAGE_WHY - 1, stage->why);
+    if (__atomic_load_n(&stage->handovers, __ATOMIC_ACQUIRE) == self->pulse->handovers) {
+        (void)snprintf(why, TL_ACTIVATION_WHY, "%.*s", TL_HANDOVER_WHY - 1, stage->why);
         return TL_ACTIVATION_REFUSED;
     }
     return place_of_run(self) == __atomic_load_n(&stage->to, __ATOMIC_RELAXED) ? TL_ACTIVATION_TAKEN
@@ -253,7 +253,7 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
         shadow->phase = TL_ACTIVATION_SHADOW_BEGINS;
     } else if (state == TL_LIVE_SHADOW_ENDED) {
         shadow->phase = TL_ACTIVATION_SHADOW_FAILED;
-        (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_LIVE_STAGE_WHY - 1, self->stage->why);
+        (void)snprintf(shadow->why, sizeof shadow->why, "%.*s", TL_HANDOVER_WHY - 1, self->stage->why);
     } else if (state == TL_LIVE_SHADOW_LIVES) {
         read_status(self->twins[1 - place_of_run(self)], &shadow->work);
         shadow->phase = shadow->work.phase == TL_RUN_LIVE       ? TL_ACTIVATION_SHADOW_LIVE
@@ -293,8 +293,8 @@ tl_activation_host tl_live_host_functions(tl_live_host *host) {
         .begin_shadow = begin_shadow,
         .look_at_shadow = look_at_shadow,
         .end_shadow = end_shadow,
-        .flip = flip,
-        .has_flipped = has_flipped,
+        .handover = handover,
+        .has_handed_over = has_handed_over,
         .restart = ask_for_restart,
         .tell = tell,
     };

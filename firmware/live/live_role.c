@@ -7,23 +7,23 @@
 #include "firmware/process/role.h"
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
+    tl_record_queue_event(context, tick, severity, source, text);
 }
 
-void tl_live_role_open_journal(tl_journal *journal, tl_outbox *outbox) {
+void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue) {
     tl_journal_init(journal, NULL);
-    tl_journal_listen(journal, put_event, outbox);
+    tl_journal_listen(journal, put_event, queue);
 }
 
 /* Without a recorder nobody takes the events; they are logged all the same. */
 static void open_events(tl_live_kind kind, tl_live_given *given) {
-    const tl_outbox_settings events = tl_live_event_outbox();
+    const tl_record_queue_settings events = tl_live_event_queue();
     const tl_live_recorder_pulse *recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes;
     const bool is_io = kind == TL_LIVE_IS_IO;
-    const size_t number = is_io ? TL_LIVE_OUTBOX_IO : TL_LIVE_OUTBOX_ACTIVATOR;
-    tl_outbox_open(&events, given->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_ACTIVATOR_EVENTS].bytes,
-                   recorder != NULL ? &recorder->state.taken[number] : NULL, &given->outbox);
-    tl_live_role_open_journal(&given->journal, &given->outbox);
+    const size_t number = is_io ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_ACTIVATOR;
+    tl_record_queue_open(&events, given->blocks[is_io ? TL_LIVE_IO_EVENTS : TL_LIVE_CONFIG_MANAGER_EVENTS].bytes,
+                         recorder != NULL ? &recorder->state.taken[number] : NULL, &given->queue);
+    tl_live_role_open_journal(&given->journal, &given->queue);
 }
 
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
@@ -46,9 +46,9 @@ tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given) {
 
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code) {
     if (code != 0) {
-        tl_heartbeats_announce(beats, was_ready ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED, code);
+        tl_heartbeats_announce(beats, was_ready ? TL_END_CAUSE_FAILED : TL_END_CAUSE_REFUSED, code);
     } else {
-        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER, 0);
+        tl_heartbeats_announce(beats, tl_interrupt_requested() != NULL ? TL_END_CAUSE_ASKED : TL_END_CAUSE_OVER, 0);
     }
     return code;
 }

@@ -5,7 +5,7 @@
  * Holds:   nothing but that (confine.h). It reads the mailboxes that io writes; it writes its outbox and its pulse.
  * Past:    if a process before it has died in the same run, it goes on from the newest checkpoint in the outbox and what was put since. Else
  *          it asks the recorder, who reads the database.
- * Shadow:  a twin of another configuration beside the run's, in the other place (live_stage.h): it is led over what is recorded, then over the plant's
+ * Shadow:  a twin of another configuration beside the run's, in the other place (handover.h): it is led over what is recorded, then over the plant's
  *          ticks. What happens in it goes to the log only; a flip makes it the run's twin, and the run's twin a shadow. One that cannot keep pace ends.
  * Thread:  the main thread of its process; FMUs and cycle have another one.
  */
@@ -21,13 +21,13 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_thread.h"
 #include "firmware/live/live_role.h"
-#include "firmware/live/recorded_course.h"
+#include "firmware/live/shadow_warm_up.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 #include "firmware/process/role.h"
 #include "firmware/twin/cycle.h"
 #include "firmware/twin/journal.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* How long the start waits for a first reading of every signal, and for its priority. */
@@ -61,14 +61,14 @@ typedef struct live_twin {
     tl_live_job job;
     bool was_plant_open;
     tl_block blocks[TL_LIVE_BLOCKS]; /* that it has of the run */
-    tl_block *past;                  /* what the recorder has found (past.h), which is copied before it is looked at */
+    tl_block *resume; /* what the recorder has found (resume.h), which is copied before it is looked at */
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
     tl_live_twin_pulse *pulse;
     tl_time ended; /* of a run before that is not gone on with: when its last tick was; 0: not known */
     tl_plant_input input;
-    tl_outbox outbox;
+    tl_record_queue queue;
     tl_config run; /* of a shadow: the configuration of the run beside which it is, whose recorded samples it reads */
-    tl_heart *heart;
+    tl_thread_heartbeat *heartbeat;
     tl_journal journal;
     tl_fmu_thread *fmus; /* NULL if it holds */
     tl_cycle *cycle;
@@ -90,18 +90,18 @@ typedef struct live_twin {
 /* ---- what it shares with the others of the run ---- */
 
 /* The outbox names what the twin is built with: another tuning is told by its block, whose text is the recorder's affair. */
-static void open_outbox(live_twin *self) {
-    const tl_outbox_settings settings = tl_live_twin_outbox(self->config);
+static void open_queue(live_twin *self) {
+    const tl_record_queue_settings settings = tl_live_twin_queue(self->config);
     const tl_live_recorder_pulse *recorder = self->recorder;
     tl_run_tuning configured = {.number = 0};
-    tl_outbox_open(&settings, self->blocks[TL_LIVE_OUTBOX + self->job.place].bytes,
-                   recorder != NULL ? &recorder->state.taken[TL_LIVE_OUTBOX_TWIN + self->job.place] : NULL,
-                   &self->outbox);
-    tl_outbox_hide_unused(&self->outbox);
+    tl_record_queue_open(&settings, self->blocks[TL_LIVE_QUEUE + self->job.place].bytes,
+                         recorder != NULL ? &recorder->state.taken[TL_LIVE_QUEUE_TWIN + self->job.place] : NULL,
+                         &self->queue);
+    tl_record_queue_hide_unused(&self->queue);
     tl_live_tuning_hide_text(&self->blocks[TL_LIVE_TUNING + self->job.place]);
     memcpy(configured.hash, self->config->hash, sizeof configured.hash);
     tl_config_tuning(self->config, &configured.values);
-    tl_outbox_name_configuration(&self->outbox, &configured);
+    tl_record_queue_name_configuration(&self->queue, &configured);
 }
 
 /* `config` gets what the job changes. */
@@ -121,9 +121,9 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
     }
     if (status == TL_OK) {
         self->pulse = self->blocks[TL_LIVE_TWIN_PULSE + self->job.place].bytes;
-        self->past = &self->blocks[TL_LIVE_PAST + self->job.place];
+        self->resume = &self->blocks[TL_LIVE_PAST + self->job.place];
         self->recorder = self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
-        open_outbox(self);
+        open_queue(self);
     }
     return status;
 }
@@ -150,7 +150,7 @@ static void identify_files(live_twin *self) {
     self->has_crashed = pulse->loads != 0 && !self->are_others;
     self->unreadable = pulse->unreadable == number;
     pulse->loads = 0;
-    tl_outbox_name_fmus(&self->outbox, pulse->digest);
+    tl_record_queue_name_fmus(&self->queue, pulse->digest);
 }
 
 /* ---- telling ---- */
@@ -185,7 +185,7 @@ static void tell_confinement(live_twin *self) {
 static void keep(void *context, const char *why) {
     live_twin *self = context;
     if (!tl_journal_is_apart(&self->journal)) {
-        tl_outbox_event(&self->outbox, -1, TL_EVENT_ERROR, "twin", why);
+        tl_record_queue_event(&self->queue, -1, TL_EVENT_ERROR, "twin", why);
     }
 }
 
@@ -280,18 +280,18 @@ static void be_ready(live_twin *self) {
 static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
     tl_live_wish wish = tl_live_wish_of(self->job.number, number);
     tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_PAST;
-    __atomic_store_n(&self->pulse->past, wish, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->pulse->resume, wish, __ATOMIC_RELEASE);
     const tl_live_past_answer *given = &self->recorder->answer[self->job.place];
     while (__atomic_load_n(&given->wish, __ATOMIC_ACQUIRE) != wish) {
         if (tl_clock_now(NULL) > until || tl_interrupt_requested() != NULL) {
             return false;
         }
-        tl_heart_beat(self->heart);
+        tl_thread_heartbeat_beat(self->heartbeat);
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK_SOON);
     }
     *answer = *given;
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
-        answer->words[i].text[TL_PAST_TEXT - 1] = '\0';
+        answer->words[i].text[TL_RESUME_TEXT - 1] = '\0';
     }
     return true;
 }
@@ -301,8 +301,8 @@ static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
 /* A job of the FMUs' thread, and what came of it. */
 typedef struct follow_job {
     live_twin *twin;
-    const tl_past *past;
-    tl_past_outcome outcome;
+    const tl_resume *resume;
+    tl_resume_outcome outcome;
     tl_error *error;
     tl_status status;
 } follow_job;
@@ -313,11 +313,9 @@ static void tell_past(void *context, tl_severity severity, const char *text) {
 
 static void do_follow(void *context) {
     follow_job *job = context;
-    const tl_past_follow_settings following = {.assembly = job->twin->assembly,
-                                               .outbox = &job->twin->outbox,
-                                               .tell = tell_past,
-                                               .context = &job->twin->journal};
-    job->status = tl_past_follow(&following, job->past, &job->twin->resumed, &job->outcome, job->error);
+    const tl_resume_follow_settings following = {
+        .assembly = job->twin->assembly, .queue = &job->twin->queue, .tell = tell_past, .context = &job->twin->journal};
+    job->status = tl_resume_follow(&following, job->resume, &job->twin->resumed, &job->outcome, job->error);
 }
 
 /* The number of the newest run in the database: of a shadow, that with which it will go on. 0: nothing is recorded. */
@@ -331,23 +329,23 @@ static void note_load(const live_twin *self, bool loads) {
 }
 
 /* *refused: it is of no use, and an older one may be. */
-static tl_status follow(live_twin *self, const tl_past *past, bool *refused, tl_error *error) {
+static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused, tl_error *error) {
     const int64_t last = newest_run(self); /* before this one begins */
-    follow_job job = {.twin = self, .past = past, .error = error};
-    *refused = (self->has_crashed || self->unreadable) && past->checkpoint != NULL;
+    follow_job job = {.twin = self, .resume = resume, .error = error};
+    *refused = (self->has_crashed || self->unreadable) && resume->checkpoint != NULL;
     if (*refused) {
         return TL_OK;
     }
-    note_load(self, past->checkpoint != NULL);
+    note_load(self, resume->checkpoint != NULL);
     tl_fmu_thread_call(self->fmus, do_follow, &job);
     /* Before it was followed only its own steps can show whether the state that was loaded does harm. */
     if (job.status != TL_FMU_FATAL &&
-        (job.outcome != TL_PAST_FOLLOWED || past->last - past->first + 1 >= SOUND_AFTER)) {
+        (job.outcome != TL_RESUME_FOLLOWED || resume->last - resume->first + 1 >= SOUND_AFTER)) {
         note_load(self, false);
     }
-    *refused = job.status == TL_OK && job.outcome == TL_PAST_REFUSED;
-    if (job.status == TL_OK && job.outcome == TL_PAST_FAILED) {
-        (void)tl_outbox_put_end(&self->outbox, "could not go on with an earlier run");
+    *refused = job.status == TL_OK && job.outcome == TL_RESUME_REFUSED;
+    if (job.status == TL_OK && job.outcome == TL_RESUME_FAILED) {
+        (void)tl_record_queue_put_end(&self->queue, "could not go on with an earlier run");
     }
     if (self->resumed.resumption.from != TL_RESUMED_NOT && self->resumed.resumption.run < 0) {
         self->resumed.resumption.run = last;
@@ -358,16 +356,16 @@ static tl_status follow(live_twin *self, const tl_past *past, bool *refused, tl_
 /* ---- what a predecessor has left ---- */
 
 /* *any: somebody has begun a run in it. */
-static tl_status follow_outbox(live_twin *self, bool *any, tl_error *error) {
-    tl_past_outbox *left = tl_past_outbox_open(&self->outbox, self->assembly, tell_past, &self->journal);
-    tl_past past;
+static tl_status follow_queue(live_twin *self, bool *any, tl_error *error) {
+    tl_resume_queue *left = tl_resume_queue_open(&self->queue, self->assembly, tell_past, &self->journal);
+    tl_resume resume;
     bool refused = true;
     tl_status status = TL_OK;
     *any = left != NULL;
-    while (status == TL_OK && refused && tl_past_outbox_next(left, &past)) {
-        status = follow(self, &past, &refused, error);
+    while (status == TL_OK && refused && tl_resume_queue_next(left, &resume)) {
+        status = follow(self, &resume, &refused, error);
     }
-    tl_past_outbox_close(left);
+    tl_resume_queue_close(left);
     return status;
 }
 
@@ -383,15 +381,15 @@ static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
 
 /* Follows the image, of which nobody else has a copy. */
 static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_error *error) {
-    tl_past past;
+    tl_resume resume;
     void *image = malloc(size);
     if (image == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the past");
     }
-    memcpy(image, self->past->bytes, size);
-    tl_status status = tl_past_read(image, size, self->config, tl_clock_now(NULL), &past, error);
+    memcpy(image, self->resume->bytes, size);
+    tl_status status = tl_resume_read(image, size, self->config, tl_clock_now(NULL), &resume, error);
     if (status == TL_OK) {
-        status = follow(self, &past, refused, error);
+        status = follow(self, &resume, refused, error);
     } else {
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume", "begins anew: %.180s", error->text);
         status = TL_OK;
@@ -431,11 +429,11 @@ static tl_status follow_past(live_twin *self, tl_error *error) {
     if (self->config->record_resume == 0) {
         return TL_OK;
     }
-    tl_status status = follow_outbox(self, &any, error);
+    tl_status status = follow_queue(self, &any, error);
     if (status == TL_OK && !any && self->recorder != NULL) {
         status = follow_recorder(self, error);
     }
-    tl_block_close(self->past);
+    tl_block_close(self->resume);
     return status;
 }
 
@@ -457,7 +455,7 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     if (self->samples == NULL) {
         return 0;
     }
-    memcpy(self->samples, self->past->bytes, (size_t)answer.size);
+    memcpy(self->samples, self->resume->bytes, (size_t)answer.size);
     *image = self->samples;
     return (size_t)answer.size;
 }
@@ -469,20 +467,20 @@ static tl_status begin_shadow(live_twin *self, tl_error *error) {
     tell_beginning(self, self->job.start, self->job.started);
     be_ready(self);
     show_recorded(self, &none, no_match);
-    const tl_recorded_course course = {
+    const tl_shadow_warm_up course = {
         .assembly = self->assembly,
         .thread = self->fmus,
         .journal = &self->journal,
-        .heart = self->heart,
+        .heartbeat = self->heartbeat,
         .start = self->job.start,
         .run = &self->run,
         .fetch = fetch_samples,
         .show = show_recorded,
         .context = self,
     };
-    tl_status status = tl_recorded_course_take(&course, &self->next, error);
+    tl_status status = tl_shadow_warm_up_run(&course, &self->next, error);
     free(self->samples);
-    tl_block_close(self->past);
+    tl_block_close(self->resume);
     return status;
 }
 
@@ -508,17 +506,17 @@ static tl_cycle_settings settings_of_cycle(live_twin *self) {
         .assembly = self->assembly,
         .thread = self->fmus,
         .input = &self->input,
-        .outbox = &self->outbox,
+        .queue = &self->queue,
         .journal = &self->journal,
         .beats = &self->pulse->beats,
         .tuning = self->blocks[TL_LIVE_TUNING + self->job.place].bytes,
         .answer = &self->pulse->tuned,
         .resumed = self->resumed,
         .unreadable = self->unreadable,
-        .place = {.stage = self->blocks[TL_LIVE_STAGE].bytes,
+        .place = {.stage = self->blocks[TL_HANDOVER].bytes,
                   .place = self->job.place,
-                  .flips = self->job.flips,
-                  .flipped = &self->pulse->flipped,
+                  .handovers = self->job.handovers,
+                  .handed_over = &self->pulse->handed_over,
                   .is_shadow = self->is_shadow,
                   .tick = self->next,
                   .start = self->job.start,
@@ -563,7 +561,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         }
     }
     if (status == TL_OK && !self->is_shadow) {
-        const tl_resumption *beginning = tl_outbox_beginning(&self->outbox);
+        const tl_resumption *beginning = tl_record_queue_beginning(&self->queue);
         tell_beginning(self, beginning->start, beginning->started);
     }
     return status;
@@ -609,7 +607,7 @@ static tl_status look_on(live_twin *self, tl_error *error) {
     tl_time since = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !status.ended && judged == TL_OK) {
         tl_clock_sleep_until(tl_clock_now(NULL) + LOOK);
-        tl_heart_beat(self->heart);
+        tl_thread_heartbeat_beat(self->heartbeat);
         tl_fmu_thread_watch(self->fmus);
         tl_journal_drain(&self->journal);
         if (!tl_cycle_status_now(self->cycle, &status)) {
@@ -629,7 +627,7 @@ static void hold(live_twin *self) {
     const tl_cycle_settings cycle = settings_of_cycle(self);
     const tl_safe_hold_settings settings = {
         .cycle = &cycle,
-        .heart = self->heart,
+        .heartbeat = self->heartbeat,
         .failures = self->job.how.failures + self->job.how.tries,
         .missing = self->job.how.missing,
         .time = self->job.how.hold_time,
@@ -666,11 +664,11 @@ static tl_status close_cycle(live_twin *self, tl_error *error) {
 }
 
 static void put_end(live_twin *self, tl_status status, const tl_error *error) {
-    const tl_live_stage *stage = self->blocks[TL_LIVE_STAGE].bytes;
+    const tl_handover *stage = self->blocks[TL_HANDOVER].bytes;
     bool again = stage != NULL && __atomic_load_n(&stage->again, __ATOMIC_ACQUIRE) != 0;
     const char *signal = again ? TL_LIVE_BEGUN_ANEW : tl_interrupt_requested();
     const char *reason = status != TL_OK ? error->text : signal != NULL ? signal : "end of duration";
-    (void)tl_outbox_put_end(&self->outbox, reason);
+    (void)tl_record_queue_put_end(&self->queue, reason);
 }
 
 /* What it is there for, until it is told to end. */
@@ -678,7 +676,7 @@ static tl_status live(live_twin *self) {
     tl_error error = {0};
     tl_status status = self->job.how.hold ? TL_OK : start_cycle(self, &error);
     bool begun = status == TL_OK;
-    tl_heart_be_patient(self->heart, PATIENCE);
+    tl_thread_heartbeat_set_timeout(self->heartbeat, PATIENCE);
     __atomic_store_n(&self->pulse->begun, 1, __ATOMIC_RELEASE);
     if (begun) {
         be_ready(self);
@@ -744,8 +742,8 @@ int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine
         return tl_exit_code(status);
     }
     tl_fmu_calls_use(&self.pulse->beats.calls);
-    self.heart = tl_heart_begin(&self.pulse->beats, "main", PATIENCE_AT_START);
-    tl_live_role_open_journal(&self.journal, &self.outbox);
+    self.heartbeat = tl_thread_heartbeat_start(&self.pulse->beats, "main", PATIENCE_AT_START);
+    tl_live_role_open_journal(&self.journal, &self.queue);
     self.is_shadow = self.job.is_shadow;
     tl_journal_set_apart(&self.journal, self.is_shadow);
     tl_process_keep(keep, &self);

@@ -9,12 +9,12 @@
 #include "firmware/base/identity.h"
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
-#include "firmware/live/live_places.h"
 #include "firmware/live/live_role.h"
+#include "firmware/live/twin_slots.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/store/recorder_writer.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 
 /* Between two looks: while a twin may ask for a past, and later. */
@@ -37,12 +37,12 @@ typedef struct recorder {
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
     const tl_live_twin_pulse *other; /* in the other place */
-    tl_block *past;
-    const tl_live_stage *stage;
-    tl_heart *heart;
+    tl_block *resume;
+    const tl_handover *stage;
+    tl_thread_heartbeat *heartbeat;
     tl_twin_record record; /* what the run is, but for its twin */
     tl_recorder_writer *writer;
-    tl_past_history *history; /* NULL: nobody has asked, or does any more */
+    tl_resume_history *history; /* NULL: nobody has asked, or does any more */
     tl_live_wish answered;
     tl_live_samples samples;            /* for the other place */
     char fmus[TL_SHA256_TEXT];          /* of the past */
@@ -68,8 +68,8 @@ static tl_status open_memory(recorder *self, tl_error *error) {
     self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
     self->twin = bytes_of(self, TL_LIVE_TWIN_PULSE + place);
     self->other = bytes_of(self, TL_LIVE_TWIN_PULSE + 1 - place);
-    self->past = &self->given.blocks[TL_LIVE_PAST + place];
-    self->stage = bytes_of(self, TL_LIVE_STAGE);
+    self->resume = &self->given.blocks[TL_LIVE_PAST + place];
+    self->stage = bytes_of(self, TL_HANDOVER);
     return tl_live_input_open(&self->given.config, &self->given.blocks[TL_LIVE_MAIL], &self->input, error);
 }
 
@@ -99,19 +99,19 @@ static void look_at_tuning(recorder *self) {
 /* No other twin can have taken over: none was to, since this process was begun. */
 static bool is_nobody_else(void *context) {
     const recorder *self = context;
-    return __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE) == self->given.job.flips;
+    return __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE) == self->given.job.handovers;
 }
 
 static tl_status open_writer(recorder *self, tl_error *error) {
-    const tl_outbox_settings events = tl_live_event_outbox();
-    const size_t ring = TL_LIVE_OUTBOX_TWIN + self->given.job.place;
-    tl_recorder_writer_outbox outboxes[TL_LIVE_OUTBOXES] = {
-        [TL_LIVE_OUTBOX_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
-        [TL_LIVE_OUTBOX_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
-        [TL_LIVE_OUTBOX_ACTIVATOR] = {"activator", events, bytes_of(self, TL_LIVE_ACTIVATOR_EVENTS)},
+    const tl_record_queue_settings events = tl_live_event_queue();
+    const size_t ring = TL_LIVE_QUEUE_TWIN + self->given.job.place;
+    tl_recorder_writer_queue queues[TL_LIVE_QUEUES] = {
+        [TL_LIVE_QUEUE_IO] = {"io", events, bytes_of(self, TL_LIVE_IO_EVENTS)},
+        [TL_LIVE_QUEUE_SUPERVISOR] = {"supervisor", events, bytes_of(self, TL_LIVE_SUPERVISOR_EVENTS)},
+        [TL_LIVE_QUEUE_ACTIVATOR] = {"activator", events, bytes_of(self, TL_LIVE_CONFIG_MANAGER_EVENTS)},
     };
-    outboxes[ring] = (tl_recorder_writer_outbox){"twin", tl_live_twin_outbox(&self->given.config),
-                                                 bytes_of(self, TL_LIVE_OUTBOX + self->given.job.place)};
+    queues[ring] = (tl_recorder_writer_queue){"twin", tl_live_twin_queue(&self->given.config),
+                                              bytes_of(self, TL_LIVE_QUEUE + self->given.job.place)};
     tl_twin_recorder_describe(&self->given.config, self->given.job.database, &self->record);
     self->known = (tl_recorder_known){.hash = "", .text = ""};
     self->record.settings.known = &self->known;
@@ -119,20 +119,20 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     self->record.settings.insistence = self->given.job.alone ? TL_DATABASE_IF_OURS : TL_DATABASE_ANYHOW;
     const tl_recorder_writer_settings settings = {
         .record = &self->record.settings,
-        .outboxes = outboxes,
-        .outbox_count = TL_LIVE_OUTBOXES,
+        .queues = queues,
+        .queue_count = TL_LIVE_QUEUES,
         .ring = ring,
         .hand_over = TL_LIVE_TAKEN_OVER,
         .goes_on = is_nobody_else,
         .context = self,
         .state = &self->own->state,
-        .heart = self->heart,
-        .plant = {.take = take_sample, .context = self, .kept = tl_plant_mail_kept(&self->given.config)},
+        .heartbeat = self->heartbeat,
+        .plant = {.take = take_sample, .context = self, .kept = tl_sample_buffers_kept(&self->given.config)},
         .is_last = true,
     };
     self->samples = (tl_live_samples){.pulse = self->other,
                                       .answer = &self->own->answer[1 - self->given.job.place],
-                                      .past = &self->given.blocks[TL_LIVE_PAST + 1 - self->given.job.place],
+                                      .resume = &self->given.blocks[TL_LIVE_PAST + 1 - self->given.job.place],
                                       .boot = self->record.boot};
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
@@ -156,7 +156,7 @@ static void note_words(void *context, tl_severity severity, const char *text) {
 static void open_history(recorder *self) {
     memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
     self->fmus[TL_SHA256_TEXT - 1] = '\0';
-    const tl_past_history_settings settings = {
+    const tl_resume_history_settings settings = {
         .config = &self->given.config,
         .path = tl_recorder_writer_path(self->writer),
         .fmus = self->fmus[0] != '\0' && tl_identity_is_sound(self->fmus) ? self->fmus : self->record.fmus,
@@ -165,7 +165,7 @@ static void open_history(recorder *self) {
         .tell = note_words,
         .context = &self->own->answer[self->given.job.place],
     };
-    self->history = tl_past_history_open(&settings);
+    self->history = tl_resume_history_open(&settings);
 }
 
 /* The next older one, into its block. */
@@ -173,27 +173,27 @@ static void answer(recorder *self, tl_live_wish wish) {
     tl_live_past_answer *given = &self->own->answer[self->given.job.place];
     memset(given->words, 0, sizeof given->words);
     if ((uint32_t)wish == 1) {
-        tl_past_history_close(self->history);
+        tl_resume_history_close(self->history);
         open_history(self);
     }
-    const tl_past *found = tl_past_history_next(self->history);
-    given->size = found != NULL && tl_past_size(found) <= TL_LIVE_PAST_BYTES ? tl_past_size(found) : 0;
+    const tl_resume *found = tl_resume_history_next(self->history);
+    given->size = found != NULL && tl_resume_size(found) <= TL_LIVE_PAST_BYTES ? tl_resume_size(found) : 0;
     if (given->size != 0) {
-        tl_past_write(found, self->past->bytes);
+        tl_resume_write(found, self->resume->bytes);
     }
-    given->ended = tl_past_history_ended(self->history);
+    given->ended = tl_resume_history_ended(self->history);
     self->answered = wish;
     __atomic_store_n(&given->wish, wish, __ATOMIC_RELEASE);
 }
 
 static void look_at_wishes(recorder *self) {
-    tl_live_wish wish = __atomic_load_n(&self->twin->past, __ATOMIC_ACQUIRE);
+    tl_live_wish wish = __atomic_load_n(&self->twin->resume, __ATOMIC_ACQUIRE);
     if (wish != 0 && wish != self->answered) {
         answer(self, wish);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
-        tl_past_history_close(self->history); /* nobody needs it any more */
+        tl_resume_history_close(self->history); /* nobody needs it any more */
         self->history = NULL;
-        tl_block_forget(self->past);
+        tl_block_forget(self->resume);
     }
 }
 
@@ -223,14 +223,15 @@ static bool needs_another(const recorder *self) {
 
 /* The run has another twin, which puts into another outbox; in that of the job nothing more is put that is ours to read. */
 static bool is_over(const recorder *self) {
-    uint32_t flips = __atomic_load_n(&self->stage->flips, __ATOMIC_ACQUIRE);
+    uint32_t handovers = __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE);
     uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
-    return flips != self->given.job.flips && (flips != self->given.job.flips + 1 || place != self->given.job.place);
+    return handovers != self->given.job.handovers &&
+           (handovers != self->given.job.handovers + 1 || place != self->given.job.place);
 }
 
 /* For the supervisor: another recorder can go on with the other outbox. */
 static void tell_drained(recorder *self) {
-    __atomic_store_n(&self->own->drained, self->given.job.flips + 1, __ATOMIC_RELEASE);
+    __atomic_store_n(&self->own->drained, self->given.job.handovers + 1, __ATOMIC_RELEASE);
 }
 
 static void write_now(recorder *self) {
@@ -240,7 +241,7 @@ static void write_now(recorder *self) {
     }
     look_at_tuning(self);
     tl_recorder_writer_write(self->writer);
-    for (size_t i = 0; i < TL_LIVE_OUTBOXES;
+    for (size_t i = 0; i < TL_LIVE_QUEUES;
          i++) { /* for the supervisor: who has destroyed its outbox is to be replaced */
         __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
     }
@@ -261,7 +262,7 @@ static tl_status close_writer(recorder *self, tl_error *error) {
 static void record_until_told(recorder *self) {
     tl_time due = tl_clock_now(NULL);
     while (tl_interrupt_requested() == NULL && !needs_another(self)) {
-        tl_heart_beat(self->heart);
+        tl_thread_heartbeat_beat(self->heartbeat);
         look_at_wishes(self);
         if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
             self->given.job.place) { /* the other is a shadow */
@@ -287,10 +288,10 @@ int tl_recorder_role_run(void) {
     }
     (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
     status = open_memory(&self, &error);
-    self.heart = tl_heart_begin(&self.own->beats, "recorder", PATIENCE);
+    self.heartbeat = tl_thread_heartbeat_start(&self.own->beats, "recorder", PATIENCE);
     self.folder = folder_of(self.given.job.database);
     if (status == TL_OK) {
-        status = tl_live_places_confine_recorder(&self.given.config, self.given.job.database, &error);
+        status = tl_twin_slots_confine_recorder(&self.given.config, self.given.job.database, &error);
     }
     if (status == TL_OK) {
         status = open_writer(&self, &error);

@@ -15,7 +15,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 #include "firmware/live/child.h"
-#include "firmware/process/fmu_patience.h"
+#include "firmware/process/fmu_call_timeout.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/service.h"
 
@@ -46,7 +46,7 @@ static const tl_time STATUS = 5 * TL_SECOND;
 
 /* What a process may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
  * be kept then, is better than to be killed. */
-static const tl_time GRACE = TL_FMU_PATIENCE_END + TL_SECOND;
+static const tl_time GRACE = TL_FMU_CALL_TIMEOUT_END + TL_SECOND;
 
 /* The same, of all processes together: each has what those before it have left, but GRACE_AGAIN at least. */
 static const tl_time GRACE_OF_ALL = 8 * TL_SECOND;
@@ -157,10 +157,10 @@ static void stroke(supervisor *self, tl_time now) {
         return;
     }
     self->stroked = now;
-    if (self->watchdog.file >= 0 && !tl_watchdog_stroke(&self->watchdog)) {
+    if (self->watchdog.file >= 0 && !tl_watchdog_keepalive(&self->watchdog)) {
         tl_log(TL_LOG_WARNING, "watchdog %s cannot be stroked: %s", self->settings->watchdog, strerror(errno));
     }
-    (void)tl_service_tell("WATCHDOG=1");
+    (void)tl_service_notify("WATCHDOG=1");
 }
 
 /* The text is of a process with FMUs: a second line in it would be another message to the service manager. */
@@ -173,7 +173,7 @@ static void tell_status(supervisor *self, tl_time now) {
     }
     self->told = now;
     (void)tl_clean_text(text, strnlen(text, sizeof text), line + begun, sizeof line - begun);
-    (void)tl_service_tell(line);
+    (void)tl_service_notify(line);
 }
 
 /* ---- begin ---- */
@@ -346,7 +346,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
         end_all(self, 0);
         return;
     }
-    if (child->killed || child->end.farewell == TL_FAREWELL_NONE) {
+    if (child->killed || child->end.farewell == TL_END_CAUSE_NONE) {
         say_failure(self, which, reason, false);
         end_all(self, which == TL_MEMBER_IO ? 0 : is_told && !child->killed ? FMU_FAILED : TRY_AGAIN);
         return;
@@ -362,7 +362,7 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
-        child->end.farewell != TL_FAREWELL_NONE) {
+        child->end.farewell != TL_END_CAUSE_NONE) {
         return false;
     }
     self->tries += child->killed ? 2 : 1;
@@ -373,15 +373,15 @@ static bool is_worth_another(supervisor *self, tl_member which) {
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
-    bool refused = child->end.farewell == TL_FAREWELL_REFUSED;
+    bool refused = child->end.farewell == TL_END_CAUSE_REFUSED;
     return self->is_ending || (refused && never_ran) ||
-           (which == TL_MEMBER_TWIN && child->end.farewell == TL_FAREWELL_OVER);
+           (which == TL_MEMBER_TWIN && child->end.farewell == TL_END_CAUSE_OVER);
 }
 
 /* Nobody begins it again. */
 static void end_alone(supervisor *self, const char *reason) {
     const tl_child *child = &twin_of(self)->child;
-    if (child->end.farewell == TL_FAREWELL_FAILED && tl_child_kept_its_word(child)) {
+    if (child->end.farewell == TL_END_CAUSE_FAILED && tl_child_kept_its_word(child)) {
         end_all(self, child->end.code); /* which it has said itself */
         return;
     }
@@ -423,8 +423,8 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     member *ended = self->members[which];
     tl_child_end *end = &ended->child.end;
     char reason[TL_RESTARTS_REASON];
-    if (which == TL_MEMBER_TWIN && end->farewell == TL_FAREWELL_OVER && !self->settings->has_duration) {
-        end->farewell = TL_FAREWELL_NONE; /* it is announced in memory that FMUs can write */
+    if (which == TL_MEMBER_TWIN && end->farewell == TL_END_CAUSE_OVER && !self->settings->has_duration) {
+        end->farewell = TL_END_CAUSE_NONE; /* it is announced in memory that FMUs can write */
     }
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
@@ -478,7 +478,7 @@ static void hurry(supervisor *self, int signal) {
 static void stop(supervisor *self, int signal) {
     tl_time now = tl_clock_now(NULL);
     if (self->stop == 0) {
-        (void)tl_service_tell("STOPPING=1");
+        (void)tl_service_notify("STOPPING=1");
         self->stop = signal;
         self->stopped = now;
         end_all(self, 0);
@@ -517,7 +517,7 @@ static void note_life(supervisor *self, tl_time now, tl_time passed) {
     self->ran = true;
     self->only_waited = self->waits;
     if (!self->told_ready) {
-        self->told_ready = tl_service_tell("READY=1");
+        self->told_ready = tl_service_notify("READY=1");
     }
     if (self->held && !self->waits) {
         retry_from_hold(self);
@@ -564,7 +564,7 @@ static bool is_to_be_killed(supervisor *self, tl_member which, const char *silen
     if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->alone) {
         return silent != NULL;
     }
-    if (silence / TL_FMU_PATIENCE_CALLS <= self->settings->call_limit) {
+    if (silence / TL_FMU_CALL_TIMEOUT_CALLS <= self->settings->call_limit) {
         return false;
     }
     bool is_held = tl_onlooker_holds(living->child.pid);
@@ -805,7 +805,7 @@ static tl_status open_watchdog(supervisor *self, tl_error *error) {
 /* A quarter of the shorter patience, and at most STROKE. */
 static tl_time stroke_interval(const supervisor *self) {
     tl_time interval = STROKE;
-    tl_time service = tl_service_patience() / 4;
+    tl_time service = tl_service_extend_timeout() / 4;
     tl_time watchdog = self->watchdog.file >= 0 ? self->watchdog.timeout_s * TL_SECOND / 4 : 0;
     interval = service > 0 && service < interval ? service : interval;
     return watchdog > 0 && watchdog < interval ? watchdog : interval;

@@ -24,9 +24,9 @@
  * Wait:    the first twin may have to wait, while io and recorder live. The watchdogs are stroked meanwhile, for as long as `wait` says so. A twin that
  *          holds only for this time is none that ran: the one after it may still be refused.
  * Alone:   a twin that fails is not begun again: the run ends with exit code 70. It may be silent for longer than its threads say, for
- *          TL_FMU_PATIENCE_CALLS times `call_limit`; while it is stopped or traced (child.h) for as long as it likes.
+ *          TL_FMU_CALL_TIMEOUT_CALLS times `call_limit`; while it is stopped or traced (child.h) for as long as it likes.
  * Signals: SIGTERM, SIGINT and SIGHUP (but not under nohup) end all. A process that has not ended 6 s
- *          later is killed, a second after it would have given up an FMU that does not return (fmu_patience.h). An FMU may ignore or take the signal that the twin
+ *          later is killed, a second after it would have given up an FMU that does not return (fmu_call_timeout.h). An FMU may ignore or take the signal that the twin
  *          gets, so it is sent again until the twin has received it. An orderly end in any case: all failures are forgiven.
  *          Asked again after a second, each has 2 s. A supervisor that is killed takes all with it.
  * Shadow:  there on order, and asked to end once it is not ordered any more. Watched as the others are; but it is not begun again by itself, and its end,

@@ -7,9 +7,9 @@
 
 enum { ENOUGH = 10 }; /* steps: some may be within tolerance by chance */
 
-bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick) {
+bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
-        const struct tl_lock_measure *by = &yardstick->match[i];
+        const struct tl_lock_measure *by = &tolerances->match[i];
         bool is_sound = isfinite(by->tolerance) && isfinite(by->weight) && by->weight >= 0.0 &&
                         (by->tolerance > 0.0 || by->weight <= 0.0);
         if (!is_sound) {
@@ -19,9 +19,9 @@ bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick) {
     return true;
 }
 
-bool tl_lock_yardstick_is_there(const tl_lock_yardstick *yardstick) {
+bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
-        if (yardstick->match[i].weight > 0.0) {
+        if (tolerances->match[i].weight > 0.0) {
             return true;
         }
     }

@@ -1,6 +1,6 @@
 /* The state of the lock, and how much of a run was in which: plain data and the words for it.
  *
- * Purpose: what the judge says of a run (lock_judge.h), for the summary, `--require-lock` and whoever shows it.
+ * Purpose: what the judge says of a run (lock_monitor.h), for the summary, `--require-lock` and whoever shows it.
  * Thread:  plain data, pure functions.
  */
 #ifndef TL_FIRMWARE_MONITOR_LOCK_TALLY_H
@@ -34,17 +34,17 @@ typedef struct tl_lock_tally {
 } tl_lock_tally;
 
 /* By what each matched output is judged, in the order of a configuration's `match`. A weight of 0: the output does not count. */
-typedef struct tl_lock_yardstick {
+typedef struct tl_lock_tolerances {
     struct tl_lock_measure {
         double tolerance, weight;
     } match[TL_MAX_MATCH];
-} tl_lock_yardstick;
+} tl_lock_tolerances;
 
 /* Whether it can be one; it may come from another process, or from a disk. */
-bool tl_lock_yardstick_is_sound(const tl_lock_yardstick *yardstick);
+bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances);
 
 /* Whether any output counts. */
-bool tl_lock_yardstick_is_there(const tl_lock_yardstick *yardstick);
+bool tl_lock_tolerances_is_there(const tl_lock_tolerances *tolerances);
 
 /* "free", "locked", …. */
 const char *tl_lock_state_name(tl_lock_state state);

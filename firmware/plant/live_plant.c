@@ -13,7 +13,7 @@ struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
     tl_plant_readers *readers;
-    tl_mailbox mailboxes[TL_MAX_SIGNALS]; /* the readers' */
+    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* the readers' */
 };
 
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
@@ -79,7 +79,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     tl_status status = open_driver(config, configured, &reach, source, error);
     if (status == TL_OK) {
         tl_time hang = reach.wait > config->realtime_hang ? reach.wait : config->realtime_hang;
-        source->heart = tl_heart_begin(beats, source->name, hang + 2 * source->period);
+        source->heartbeat = tl_thread_heartbeat_start(beats, source->name, hang + 2 * source->period);
         plant->source_count++;
     }
     return status;
@@ -114,12 +114,12 @@ static bool is_of(const tl_config *config, size_t source, unsigned kinds) {
     return (kinds & tl_driver_bit(config->sources[source].driver)) != 0;
 }
 
-static void take_mailboxes(tl_live_plant *plant, const tl_live_plant_settings *settings) {
+static void take_buffers(tl_live_plant *plant, const tl_live_plant_settings *settings) {
     const tl_config *config = settings->config;
     for (size_t i = 0; i < config->signal_count; i++) {
-        plant->mailboxes[i] = settings->mailboxes[i];
+        plant->buffers[i] = settings->buffers[i];
         if (is_of(config, config->signals[i].source, settings->kinds)) {
-            tl_mailbox_mend(&settings->mailboxes[i]);
+            tl_sample_buffer_mend(&settings->buffers[i]);
         }
     }
 }
@@ -140,7 +140,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
             return status;
         }
     }
-    return tl_plant_readers_start(plant->sources, plant->source_count, plant->mailboxes, settings->on_link,
+    return tl_plant_readers_start(plant->sources, plant->source_count, plant->buffers, settings->on_link,
                                   settings->context, &plant->readers, error);
 }
 
@@ -153,7 +153,7 @@ tl_status tl_live_plant_open(const tl_live_plant_settings *settings, tl_live_pla
     if (opened == NULL) {
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant");
     }
-    take_mailboxes(opened, settings);
+    take_buffers(opened, settings);
     status = open_all(opened, settings, error);
     if (status != TL_OK) {
         opened->readers = NULL;

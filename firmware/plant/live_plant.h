@@ -1,6 +1,6 @@
 /* The live plant: the configured sources, opened and polled, posting into the mailboxes of their signals.
  *
- * Purpose: from tl_config to running plant readers; the writing side of the mail (mailbox.h). The reading side is a tl_plant_input over the
+ * Purpose: from tl_config to running plant readers; the writing side of the mail (sample_buffer.h). The reading side is a tl_plant_input over the
  *          same memory.
  * Death:   mailboxes that a predecessor has left are mended and gone on with.
  * Thread:  open and close from one thread.
@@ -24,8 +24,8 @@ enum { TL_LIVE_PLANT_ALL = INT_MAX };
 typedef struct tl_live_plant_settings {
     const tl_config *config;
     unsigned kinds; /* which sources are opened; other processes open the others */
-    const tl_mailbox *
-        mailboxes; /* one for each signal, copied; their memory outlives the plant, and those of `kinds` have no other writer */
+    const tl_sample_buffer *
+        buffers; /* one for each signal, copied; their memory outlives the plant, and those of `kinds` have no other writer */
     tl_heartbeats *beats; /* each source beats there; NULL: nobody listens */
     void (*on_link)(void *context, const char *source, bool up, const char *text);
     void *context;

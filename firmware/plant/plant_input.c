@@ -33,16 +33,16 @@
 
 struct tl_reading_stream {
     tl_conditioner conditioner;
-    const tl_mailbox_slot *from; /* the mailbox that is read; NULL: none yet */
-    uint64_t next;               /* its post */
-    tl_reading last;             /* that was taken, as it came; its stamp is TL_TIME_NEVER if none was */
+    const tl_sample_buffer_slot *from; /* the mailbox that is read; NULL: none yet */
+    uint64_t next;                     /* its post */
+    tl_reading last;                   /* that was taken, as it came; its stamp is TL_TIME_NEVER if none was */
     tl_reading
         shown; /* the same; if any was rejected at this instant, the last of these, with the quality TL_OUTLIER */
     bool has_rejected;            /* at this instant */
     uint64_t count, smooth_count; /* of these: */
-    tl_mailbox out;               /* what has come out, to be looked up; */
-    tl_mailbox smooth;            /* and, under the same stamps, where the low-pass was: the same where there is none */
-    tl_mailbox_slot slots[];
+    tl_sample_buffer out;         /* what has come out, to be looked up; */
+    tl_sample_buffer smooth;      /* and, under the same stamps, where the low-pass was: the same where there is none */
+    tl_sample_buffer_slot slots[];
 };
 
 /* For as many readings as a mailbox of that depth has, a power of two. NULL: there is not enough memory. */
@@ -51,21 +51,23 @@ static tl_reading_stream *make_stream(const tl_condition *condition, tl_time sta
     if (stream != NULL) {
         tl_conditioner_init(&stream->conditioner, condition, stale);
         stream->last.stamp = TL_TIME_NEVER;
-        stream->out = (tl_mailbox){.slots = stream->slots, .count = &stream->count, .depth = depth};
-        stream->smooth = (tl_mailbox){.slots = stream->slots + depth, .count = &stream->smooth_count, .depth = depth};
+        stream->out = (tl_sample_buffer){.slots = stream->slots, .count = &stream->count, .depth = depth};
+        stream->smooth =
+            (tl_sample_buffer){.slots = stream->slots + depth, .count = &stream->smooth_count, .depth = depth};
     }
     return stream;
 }
 
 /* The next reading of the mailbox with a stamp ≤ until; false: there is none yet. */
-static bool next_of_stream(tl_reading_stream *stream, const tl_mailbox *mailbox, tl_time until, tl_reading *reading) {
-    if (stream->from != mailbox->slots) {
-        stream->from = mailbox->slots;
+static bool next_of_stream(tl_reading_stream *stream, const tl_sample_buffer *buffer, tl_time until,
+                           tl_reading *reading) {
+    if (stream->from != buffer->slots) {
+        stream->from = buffer->slots;
         stream->next = 0;
     }
-    bool any = tl_mailbox_next(mailbox, until, &stream->next, reading);
+    bool any = tl_sample_buffer_next(buffer, until, &stream->next, reading);
     for (uint32_t i = 0; any && reading->stamp <= stream->last.stamp; i++) {
-        any = i < mailbox->depth && tl_mailbox_next(mailbox, until, &stream->next, reading);
+        any = i < buffer->depth && tl_sample_buffer_next(buffer, until, &stream->next, reading);
     }
     return any;
 }
@@ -76,9 +78,9 @@ static void put_into_stream(tl_reading_stream *stream, const tl_reading *reading
     bool is_rejected = false;
     size_t count = tl_conditioner_take(&stream->conditioner, reading, &is_rejected, out);
     for (size_t i = 0; i < count; i++) {
-        tl_mailbox_post(&stream->out, &out[i].reading);
+        tl_sample_buffer_post(&stream->out, &out[i].reading);
         out[i].reading.value = out[i].smooth;
-        tl_mailbox_post(&stream->smooth, &out[i].reading);
+        tl_sample_buffer_post(&stream->smooth, &out[i].reading);
     }
     stream->last = *reading;
     if (is_rejected || !stream->has_rejected) {
@@ -92,7 +94,7 @@ bool tl_plant_input_open(tl_plant_input *input) {
     bool all = true;
     for (size_t i = 0; i < input->count; i++) {
         if (tl_condition_is_needed(&input->conditions[i]) && !input->looks[i].shows) {
-            input->streams[i] = make_stream(&input->conditions[i], input->limits[i].stale, input->mailboxes[i].depth);
+            input->streams[i] = make_stream(&input->conditions[i], input->limits[i].stale, input->buffers[i].depth);
             all = all && input->streams[i] != NULL;
         }
     }
@@ -110,7 +112,7 @@ bool tl_plant_input_is_complete(const tl_plant_input *input) {
     for (size_t i = 0; i < input->count; i++) {
         tl_reading reading;
         bool is_one = !input->looks[i].shows;
-        if (is_one && (!tl_mailbox_at(&input->mailboxes[i], INT64_MAX, &reading) || reading.quality != TL_GOOD)) {
+        if (is_one && (!tl_sample_buffer_at(&input->buffers[i], INT64_MAX, &reading) || reading.quality != TL_GOOD)) {
             return false;
         }
     }
@@ -162,9 +164,9 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
 
 /* A signal as it is looked up. */
 typedef struct view {
-    const tl_mailbox *mailbox; /* what is looked up, but for a line: */
-    const tl_mailbox *lines;   /* its readings, */
-    tl_time low_pass;          /* and τ of what follows it; 0: nothing does */
+    const tl_sample_buffer *buffer; /* what is looked up, but for a line: */
+    const tl_sample_buffer *lines;  /* its readings, */
+    tl_time low_pass;               /* and τ of what follows it; 0: nothing does */
     const tl_plant_limits *limits;
     tl_time until; /* what is later is not there yet */
 } view;
@@ -186,7 +188,8 @@ static bool are_joined(const view *self, const tl_reading *before, const tl_read
 /* What there is at an instant: a reading of it, a value between two, or the last one. False where there was none yet. */
 static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_reading after;
-    if (!tl_mailbox_around(self->lines, at + alike, self->until, reading, &after) || !is_near(reading->stamp, at)) {
+    if (!tl_sample_buffer_around(self->lines, at + alike, self->until, reading, &after) ||
+        !is_near(reading->stamp, at)) {
         return false;
     }
     if (reading->stamp < at - alike && are_joined(self, reading, &after)) {
@@ -203,8 +206,8 @@ static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading 
     tl_conditioned before;
     tl_reading smooth;
     tl_reading after;
-    if (!tl_mailbox_around(self->lines, later + alike, self->until, &before.reading, &after) ||
-        !tl_mailbox_around(self->mailbox, later + alike, self->until, reading, &smooth) ||
+    if (!tl_sample_buffer_around(self->lines, later + alike, self->until, &before.reading, &after) ||
+        !tl_sample_buffer_around(self->buffer, later + alike, self->until, reading, &smooth) ||
         !is_near(reading->stamp, at)) {
         return false;
     }
@@ -227,7 +230,7 @@ static double integrate(const view *self, tl_reading from, tl_time end) {
     tl_reading before;
     tl_reading after;
     for (int i = 0; i < MOST_OF_A_SPAN; i++) {
-        bool goes_on = tl_mailbox_around(self->lines, from.stamp, self->until, &before, &after) &&
+        bool goes_on = tl_sample_buffer_around(self->lines, from.stamp, self->until, &before, &after) &&
                        are_joined(self, &before, &after) && after.stamp > from.stamp && after.stamp < end;
         if (!goes_on) {
             break;
@@ -258,9 +261,9 @@ static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, t
 
 /* Of an instant, or the last one before it, or the next one. */
 static bool look_last(const view *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
-    bool any = tl_mailbox_at(self->mailbox, at + alike, reading);
+    bool any = tl_sample_buffer_at(self->buffer, at + alike, reading);
     bool is_of_it = any && is_near(reading->stamp, at) && reading->stamp >= at - alike && reading->stamp <= at + alike;
-    return is_of_it || (!look->next && any) || tl_mailbox_from(self->mailbox, at, self->until, reading);
+    return is_of_it || (!look->next && any) || tl_sample_buffer_from(self->buffer, at, self->until, reading);
 }
 
 /* By `instant`, as the signal's look says. */
@@ -268,8 +271,8 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
     const tl_plant_look *look = &input->looks[signal];
     const tl_reading_stream *stream = input->streams[signal];
     const view self = {
-        .mailbox = stream != NULL ? &stream->smooth : &input->mailboxes[signal],
-        .lines = stream != NULL ? &stream->out : &input->mailboxes[signal],
+        .buffer = stream != NULL ? &stream->smooth : &input->buffers[signal],
+        .lines = stream != NULL ? &stream->out : &input->buffers[signal],
         .low_pass = stream != NULL ? stream->conditioner.condition.low_pass : 0,
         .limits = &input->limits[signal],
         .until = instant + alike,
@@ -290,10 +293,10 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
 /* What has come of a signal by `until`; a stamp that is nobody's is passed over. */
 static void condition(const tl_plant_input *input, size_t signal, tl_time until) {
     tl_reading_stream *stream = input->streams[signal];
-    const tl_mailbox *mailbox = &input->mailboxes[signal];
+    const tl_sample_buffer *buffer = &input->buffers[signal];
     tl_reading reading;
     stream->has_rejected = false;
-    for (uint32_t i = 0; i < mailbox->depth && next_of_stream(stream, mailbox, until, &reading); i++) {
+    for (uint32_t i = 0; i < buffer->depth && next_of_stream(stream, buffer, until, &reading); i++) {
         if (is_near(reading.stamp, until)) {
             reading.quality = judge(&input->limits[signal], reading.stamp, &reading);
             put_into_stream(stream, &reading);
@@ -308,7 +311,7 @@ static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_r
         *reading = stream->shown;
         return stream->last.stamp != TL_TIME_NEVER;
     }
-    bool any = tl_mailbox_at(&input->mailboxes[signal], until, reading);
+    bool any = tl_sample_buffer_at(&input->buffers[signal], until, reading);
     if (any && is_near(reading->stamp, until)) {
         reading->quality = judge(&input->limits[signal], reading->stamp, reading);
     }

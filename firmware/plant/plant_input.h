@@ -4,8 +4,8 @@
  *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
  * Conditioned: a signal's readings are, before anything is looked up among them, each once as it comes.
  * Between: two readings a signal is what its look says (plant_input.c).
- * Memory:  the mailboxes' is of whoever sets this up (mailbox.h); another process may write it, which is not trusted.
- * Thread:  one, the cycle's; readings are posted by one thread per signal (mailbox.h). Wait-free.
+ * Memory:  the mailboxes' is of whoever sets this up (sample_buffer.h); another process may write it, which is not trusted.
+ * Thread:  one, the cycle's; readings are posted by one thread per signal (sample_buffer.h). Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H
@@ -13,7 +13,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#include "firmware/plant/mailbox.h"
+#include "firmware/plant/sample_buffer.h"
 #include "master/base/signal.h"
 
 /* Where a signal is looked up in a sample of the instant t. */
@@ -44,13 +44,13 @@ typedef struct tl_plant_limits {
 /* The readings of one signal, conditioned each once as it comes. Of the cycle's thread. */
 typedef struct tl_reading_stream tl_reading_stream;
 
-/* Set up by tl_live_plant_set_limits() and tl_plant_mail_open(). */
+/* Set up by tl_live_plant_set_limits() and tl_sample_buffers_open(). */
 typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
     tl_plant_look looks[TL_MAX_SIGNALS];
     tl_condition conditions[TL_MAX_SIGNALS];
-    tl_mailbox mailboxes[TL_MAX_SIGNALS];
+    tl_sample_buffer buffers[TL_MAX_SIGNALS];
     tl_reading_stream *streams[TL_MAX_SIGNALS]; /* NULL: nothing is done to its readings */
 } tl_plant_input;
 

@@ -40,7 +40,7 @@ typedef struct worker {
 } worker;
 
 struct tl_plant_readers {
-    const tl_mailbox *mailboxes;
+    const tl_sample_buffer *buffers;
     void (*on_link)(void *context, const char *source, bool up, const char *text);
     void *context;
     pthread_mutex_t lock;
@@ -54,11 +54,11 @@ struct tl_plant_readers {
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
     worker *own = context;
-    tl_heart_beat(own->source->heart); /* a poll of many requests may take long */
+    tl_thread_heartbeat_beat(own->source->heartbeat); /* a poll of many requests may take long */
     const tl_plant_source *source = own->source;
     if (channel < source->signal_count &&
         !tl_repeated_reading_is(&own->before[channel], source->repeats[channel], reading)) {
-        tl_mailbox_post(&own->readers->mailboxes[source->signals[channel]], reading);
+        tl_sample_buffer_post(&own->readers->buffers[source->signals[channel]], reading);
     }
 }
 
@@ -103,7 +103,7 @@ static void *run(void *context) {
     tl_crash_enter(TL_CRASH_OURS);
     do {
         tl_error error = {.status = TL_OK};
-        tl_heart_beat(source->heart);
+        tl_thread_heartbeat_beat(source->heartbeat);
         if (source->driver->poll(source->io, &sink, &finished, &error) != TL_OK) {
             give_up(own, &error);
             finished = true;
@@ -114,7 +114,7 @@ static void *run(void *context) {
     if (source->driver->finish != NULL) {
         source->driver->finish(source->io, &sink);
     }
-    tl_heart_end(source->heart);
+    tl_thread_heartbeat_stop(source->heartbeat);
     return NULL;
 }
 
@@ -161,7 +161,7 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
     return readers;
 }
 
-tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
+tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_sample_buffer *buffers,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error) {
     tl_plant_readers *made = make(sources, count);
@@ -169,7 +169,7 @@ tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, c
         close_all(sources, count);
         return tl_fail(error, TL_TRY_AGAIN, "out of memory for %zu plant sources", count);
     }
-    made->mailboxes = mailboxes;
+    made->buffers = buffers;
     made->on_link = on_link;
     made->context = context;
     int failure = 0;

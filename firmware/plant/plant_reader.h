@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 #include "board/io/plant_io.h"
-#include "firmware/plant/mailbox.h"
+#include "firmware/plant/sample_buffer.h"
 #include "firmware/process/heartbeat.h"
 #include "master/base/signal.h"
 
@@ -49,14 +49,14 @@ typedef struct tl_plant_source {
     size_t signal_count;
     tl_time repeats[TL_MAX_SIGNALS]; /* channel → ns in which an equal value is no new reading */
     tl_time period;                  /* ns between polls, > 0 */
-    tl_heart *heart;                 /* of its thread, which beats at each poll and reading; NULL: nobody listens */
+    tl_thread_heartbeat *heartbeat;  /* of its thread, which beats at each poll and reading; NULL: nobody listens */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;
 
-/* Starts one thread per source. `sources`, `mailboxes` and what they point to must outlive stop. On failure (TL_TRY_AGAIN)
+/* Starts one thread per source. `sources`, `buffers` and what they point to must outlive stop. On failure (TL_TRY_AGAIN)
  * everything is closed. */
-tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_mailbox *mailboxes,
+tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_sample_buffer *buffers,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);
 

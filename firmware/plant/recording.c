@@ -13,8 +13,8 @@
 #include "board/csv/csv.h"
 #include "firmware/config/config.h"
 #include "firmware/plant/live_plant.h"
-#include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
+#include "firmware/plant/sample_buffer.h"
 #include "master/base/status.h"
 
 struct tl_recording {
@@ -25,7 +25,7 @@ struct tl_recording {
     tl_recording_hear *hear; /* NULL: nobody does */
     void *listener;
     tl_plant_input input;
-    void *mail; /* memory of its mailboxes */
+    void *sample_memory; /* memory of its mailboxes */
     /* from CSV */
     tl_csv_reader *reader;
     tl_time start;  /* of the first row; from a database: 0, unless stamps are by_recording */
@@ -47,15 +47,15 @@ struct tl_recording {
 
 static tl_status open_input(tl_recording *recording, tl_error *error) {
     tl_live_plant_set_limits(&recording->input, recording->config);
-    recording->mail = tl_plant_mail_make_least(recording->config->signal_count, recording->input.mailboxes);
-    return recording->mail != NULL && tl_plant_input_open(&recording->input)
+    recording->sample_memory = tl_sample_buffers_make_least(recording->config->signal_count, recording->input.buffers);
+    return recording->sample_memory != NULL && tl_plant_input_open(&recording->input)
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
 }
 
 /* Of a signal of the configuration's own, its listener hears too. */
 static void post_reading(tl_recording *recording, size_t signal, const tl_reading *reading) {
-    tl_mailbox_post(&recording->input.mailboxes[signal], reading);
+    tl_sample_buffer_post(&recording->input.buffers[signal], reading);
     if (recording->hear != NULL && recording->config->signals[signal].of == signal) {
         recording->hear(recording->listener, signal, reading);
     }
@@ -583,6 +583,6 @@ void tl_recording_close(tl_recording *recording) {
     free(recording->tunings.list);
     free(recording->tunings.known);
     tl_plant_input_close(&recording->input);
-    free(recording->mail);
+    free(recording->sample_memory);
     free(recording);
 }

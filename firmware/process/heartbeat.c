@@ -7,7 +7,7 @@ enum { FAREWELL_BITS = 8 };
 
 /* ---- in the process that beats ---- */
 
-tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience) {
+tl_thread_heartbeat *tl_thread_heartbeat_start(tl_heartbeats *beats, const char *name, tl_time patience) {
     if (beats == NULL) {
         return NULL;
     }
@@ -15,28 +15,28 @@ tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patienc
     if (place >= TL_HEARTBEATS) {
         return NULL;
     }
-    tl_heart *heart = &beats->hearts[place];
-    (void)snprintf(heart->name, sizeof heart->name, "%s", name);
-    __atomic_store_n(&heart->patience, patience, __ATOMIC_RELEASE);
-    return heart;
+    tl_thread_heartbeat *heartbeat = &beats->hearts[place];
+    (void)snprintf(heartbeat->name, sizeof heartbeat->name, "%s", name);
+    __atomic_store_n(&heartbeat->patience, patience, __ATOMIC_RELEASE);
+    return heartbeat;
 }
 
-void tl_heart_beat(tl_heart *heart) {
-    if (heart != NULL) {
-        (void)__atomic_add_fetch(&heart->beats, 1, __ATOMIC_RELAXED);
+void tl_thread_heartbeat_beat(tl_thread_heartbeat *heartbeat) {
+    if (heartbeat != NULL) {
+        (void)__atomic_add_fetch(&heartbeat->beats, 1, __ATOMIC_RELAXED);
     }
 }
 
-void tl_heart_be_patient(tl_heart *heart, tl_time patience) {
-    if (heart != NULL) {
-        __atomic_store_n(&heart->patience, patience, __ATOMIC_RELAXED);
-        tl_heart_beat(heart);
+void tl_thread_heartbeat_set_timeout(tl_thread_heartbeat *heartbeat, tl_time patience) {
+    if (heartbeat != NULL) {
+        __atomic_store_n(&heartbeat->patience, patience, __ATOMIC_RELAXED);
+        tl_thread_heartbeat_beat(heartbeat);
     }
 }
 
-void tl_heart_end(tl_heart *heart) {
-    if (heart != NULL) {
-        __atomic_store_n(&heart->patience, 0, __ATOMIC_RELAXED);
+void tl_thread_heartbeat_stop(tl_thread_heartbeat *heartbeat) {
+    if (heartbeat != NULL) {
+        __atomic_store_n(&heartbeat->patience, 0, __ATOMIC_RELAXED);
     }
 }
 
@@ -50,7 +50,7 @@ void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text) {
     tl_latest_publish(&beats->status, line, sizeof line);
 }
 
-void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code) {
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code) {
     __atomic_store_n(&beats->farewell, (uint32_t)code << FAREWELL_BITS | (uint32_t)why, __ATOMIC_RELAXED);
 }
 
@@ -67,15 +67,15 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
     seen->lasted = same ? seen->lasted + passed : 0;
     seen->call = call.begun;
     for (size_t i = 0; i < TL_HEARTBEATS; i++) {
-        const tl_heart *heart = &beats->hearts[i];
-        tl_time patience = __atomic_load_n(&heart->patience, __ATOMIC_ACQUIRE);
-        uint64_t count = __atomic_load_n(&heart->beats, __ATOMIC_RELAXED);
+        const tl_thread_heartbeat *heartbeat = &beats->hearts[i];
+        tl_time patience = __atomic_load_n(&heartbeat->patience, __ATOMIC_ACQUIRE);
+        uint64_t count = __atomic_load_n(&heartbeat->beats, __ATOMIC_RELAXED);
         bool lives = patience > 0; /* one that has not begun, or has ended, is not silent */
         seen->silence[i] = lives && count == seen->beats[i] ? seen->silence[i] + passed : 0;
         seen->beats[i] = count;
         has = has || lives;
         if (lives && seen->silence[i] > patience && silent == NULL) {
-            silent = heart->name;
+            silent = heartbeat->name;
             *silence = seen->silence[i];
         }
     }
@@ -94,11 +94,11 @@ bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen
     return under_way && (least == 0 || (call->begun == seen->call && seen->lasted >= least));
 }
 
-tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code) {
+tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code) {
     uint32_t farewell = __atomic_load_n(&beats->farewell, __ATOMIC_RELAXED);
     uint32_t why = farewell & ((1U << FAREWELL_BITS) - 1);
     *code = (int)(farewell >> FAREWELL_BITS & 0xFFU);
-    return why <= TL_FAREWELL_FAILED ? (tl_farewell)why : TL_FAREWELL_NONE;
+    return why <= TL_END_CAUSE_FAILED ? (tl_end_cause)why : TL_END_CAUSE_NONE;
 }
 
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats) {

@@ -34,15 +34,15 @@ enum {
 #define TL_HEARTBEAT_NONE (2 * TL_SECOND)
 
 /* One thread's heart. Fields are private. */
-typedef struct tl_heart {
+typedef struct tl_thread_heartbeat {
     uint64_t beats;
     tl_time patience; /* silence that is taken for life; 0: nobody looks */
     char name[TL_HEARTBEAT_NAME];
-} tl_heart;
+} tl_thread_heartbeat;
 
 /* All that a process shows of its life. It is zeroed before another process begins. Fields are private, but for `calls`. */
 typedef struct tl_heartbeats {
-    tl_heart hearts[TL_HEARTBEATS];
+    tl_thread_heartbeat hearts[TL_HEARTBEATS];
     size_t count;
     bool ready;
     uint32_t farewell;  /* exit code · 256 + why */
@@ -51,22 +51,22 @@ typedef struct tl_heartbeats {
 } tl_heartbeats;
 
 /* Why a process ends. An FMU can end the process too, with any exit code, so an end is what it was announced to be. */
-typedef enum tl_farewell {
-    TL_FAREWELL_NONE,    /* nothing was announced */
-    TL_FAREWELL_ASKED,   /* a signal asked for it */
-    TL_FAREWELL_OVER,    /* the duration is over */
-    TL_FAREWELL_REFUSED, /* it could not begin: a configuration, an FMU, a source */
-    TL_FAREWELL_FAILED   /* it was ready, and could not go on */
-} tl_farewell;
+typedef enum tl_end_cause {
+    TL_END_CAUSE_NONE,    /* nothing was announced */
+    TL_END_CAUSE_ASKED,   /* a signal asked for it */
+    TL_END_CAUSE_OVER,    /* the duration is over */
+    TL_END_CAUSE_REFUSED, /* it could not begin: a configuration, an FMU, a source */
+    TL_END_CAUSE_FAILED   /* it was ready, and could not go on */
+} tl_end_cause;
 
 /* ---- in the process that beats; tl_heart_… take NULL, and do nothing then: nobody listens ---- */
 
 /* A heart of that name ("cycle", "plant.gateway"; cut to what fits), watched from now on with `patience` (ns, > 0). NULL where there
  * is no place left. */
-tl_heart *tl_heart_begin(tl_heartbeats *beats, const char *name, tl_time patience);
-void tl_heart_beat(tl_heart *heart);
-void tl_heart_be_patient(tl_heart *heart, tl_time patience); /* from now on; beats */
-void tl_heart_end(tl_heart *heart);                          /* the thread ends, as it should */
+tl_thread_heartbeat *tl_thread_heartbeat_start(tl_heartbeats *beats, const char *name, tl_time patience);
+void tl_thread_heartbeat_beat(tl_thread_heartbeat *heartbeat);
+void tl_thread_heartbeat_set_timeout(tl_thread_heartbeat *heartbeat, tl_time patience); /* from now on; beats */
+void tl_thread_heartbeat_stop(tl_thread_heartbeat *heartbeat); /* the thread ends, as it should */
 
 /* The process does what it is there for. */
 void tl_heartbeats_set_ready(tl_heartbeats *beats);
@@ -75,7 +75,7 @@ void tl_heartbeats_set_ready(tl_heartbeats *beats);
 void tl_heartbeats_set_status(tl_heartbeats *beats, const char *text);
 
 /* Its work is done, all that was to be kept is kept, and it will end with this exit code, 0 … 255. Once. */
-void tl_heartbeats_announce(tl_heartbeats *beats, tl_farewell why, int code);
+void tl_heartbeats_announce(tl_heartbeats *beats, tl_end_cause why, int code);
 
 /* ---- in the supervisor ---- */
 
@@ -99,7 +99,7 @@ bool tl_heartbeats_get_call(const tl_heartbeats *beats, const tl_heartbeats_seen
                             tl_fmu_call *call);
 
 /* What was announced, and the exit code. */
-tl_farewell tl_heartbeats_get_farewell(const tl_heartbeats *beats, int *code);
+tl_end_cause tl_heartbeats_get_end_cause(const tl_heartbeats *beats, int *code);
 
 bool tl_heartbeats_is_ready(const tl_heartbeats *beats);
 

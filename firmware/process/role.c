@@ -67,7 +67,7 @@ void tl_role_entitle(const char *title) {
     }
 }
 
-void tl_role_begin_anew(void) {
+void tl_role_restart(void) {
     sigset_t none;
     (void)sigemptyset(&none);
     (void)pthread_sigmask(SIG_SETMASK, &none, NULL);

@@ -51,7 +51,7 @@ void tl_role_open_program(void);
 
 /* In a process without a role, once all its children have ended: it becomes the program that it was started as, with the same command line, anew. Returns
  * if that cannot be. */
-void tl_role_begin_anew(void);
+void tl_role_restart(void);
 
 /* In a process with a role: it is killed when its parent ends, now and from now on. Again after the user has changed, which undoes it. Ends the
  * process if the parent is gone. */

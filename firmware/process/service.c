@@ -26,7 +26,7 @@ static bool find_address(struct sockaddr_un *address, socklen_t *size) {
 }
 
 /* As sd_notify(), which waits where the socket is full. */
-bool tl_service_tell(const char *state) {
+bool tl_service_notify(const char *state) {
     struct sockaddr_un address;
     socklen_t size = 0;
     if (!find_address(&address, &size)) {
@@ -43,7 +43,7 @@ bool tl_service_tell(const char *state) {
 }
 
 /* As sd_watchdog_enabled(). */
-tl_time tl_service_patience(void) {
+tl_time tl_service_extend_timeout(void) {
     const char *process = getenv("WATCHDOG_PID"); /* who is meant; others have it from its parent */
     const char *microseconds = getenv("WATCHDOG_USEC");
     bool is_meant = process == NULL || strtol(process, NULL, 10) == getpid();

@@ -12,9 +12,9 @@
 
 /* Lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not wait: false where the service manager has not
  * heard the last ones yet, which it does not where it has no turn, and whoever must not wait for it is perhaps the one to give it one. */
-bool tl_service_tell(const char *state);
+bool tl_service_notify(const char *state);
 
 /* WatchdogSec: at least so often it wants to hear "WATCHDOG=1" (ns); 0: never. */
-tl_time tl_service_patience(void);
+tl_time tl_service_extend_timeout(void);
 
 #endif

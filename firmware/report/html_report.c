@@ -778,8 +778,8 @@ static void add_output(void *context, const tl_history_output *output) {
     bool good = output->quality == TL_GOOD;
     bool is_known = output->quality >= TL_GOOD && output->quality <= TL_OUTLIER;
     tl_envelope_put(&report->curves, channel, position, output->y);
-    tl_envelope_put(&report->curves, channel + 1, position, good ? output->y_hat : (double)NAN);
-    tl_envelope_put(&report->curves, channel + 2, position, good ? output->y - output->y_hat : (double)NAN);
+    tl_envelope_put(&report->curves, channel + 1, position, good ? output->measured : (double)NAN);
+    tl_envelope_put(&report->curves, channel + 2, position, good ? output->y - output->measured : (double)NAN);
     if (!good) {
         unsigned quality = is_known ? (unsigned)output->quality : (unsigned)TL_NOT_A_NUMBER;
         tl_envelope_mark(&report->curves, channel, position, (uint8_t)(1U << quality));
@@ -791,8 +791,8 @@ static void add_adjustment(void *context, const tl_history_adjustment *adjustmen
     int64_t position = adjustment->step - report->settings.first;
     size_t channel = adjust_channel(report, adjustment->signal);
     tl_envelope_put(&report->curves, channel, position, adjustment->u);
-    tl_envelope_put(&report->curves, channel + 1, position, adjustment->u_hat);
-    tl_envelope_put(&report->curves, channel + 2, position, adjustment->u - adjustment->u_hat);
+    tl_envelope_put(&report->curves, channel + 1, position, adjustment->nominal);
+    tl_envelope_put(&report->curves, channel + 2, position, adjustment->u - adjustment->nominal);
 }
 
 static void add_event(void *context, const tl_history_event *event) {
@@ -826,12 +826,12 @@ void tl_html_report_add_record(tl_html_report *report, const tl_record *record) 
     };
     add_step(report, &step);
     for (size_t i = 0; i < report->settings.match_count; i++) {
-        const tl_history_output output = {record->step, i, record->y[i], record->y_hat[i],
-                                          .quality = record->y_hat_quality[i]};
+        const tl_history_output output = {record->step, i, record->y[i], record->measured[i],
+                                          .quality = record->measured_quality[i]};
         add_output(report, &output);
     }
     for (size_t i = 0; i < report->settings.adjust_count; i++) {
-        const tl_history_adjustment adjustment = {record->step, i, record->u[i], record->u_hat[i]};
+        const tl_history_adjustment adjustment = {record->step, i, record->u[i], record->nominal[i]};
         add_adjustment(report, &adjustment);
     }
 }

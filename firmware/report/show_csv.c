@@ -135,16 +135,16 @@ static void take_sample(void *context, const tl_history_sample *sample) {
 static void take_output(void *context, const tl_history_output *output) {
     csv_field *fields = fields_of(context, output->step, output->signal);
     format_number(output->y, fields[0]);
-    format_number(output->y_hat, fields[1]);
-    format_number(output->y - output->y_hat, fields[2]);
+    format_number(output->measured, fields[1]);
+    format_number(output->y - output->measured, fields[2]);
     (void)snprintf(fields[3], NUMBER, "%s", quality_text(output->quality));
 }
 
 static void take_adjustment(void *context, const tl_history_adjustment *adjustment) {
     csv_field *fields = fields_of(context, adjustment->step, adjustment->signal);
     format_number(adjustment->u, fields[0]);
-    format_number(adjustment->u_hat, fields[1]);
-    format_number(adjustment->u - adjustment->u_hat, fields[2]);
+    format_number(adjustment->nominal, fields[1]);
+    format_number(adjustment->u - adjustment->nominal, fields[2]);
 }
 
 /* As a recording's columns are named where nothing else is configured: "plant.torque" is in the column "torque". */
@@ -326,11 +326,11 @@ void tl_trajectory_add(FILE *file, const tl_config *config, const tl_record *rec
         (void)fprintf(file, "%.17g", record->objective);
     }
     for (size_t i = 0; i < config->match_count; i++) {
-        (void)fprintf(file, ",%.17g,%.17g,%s", record->y[i], record->y_hat[i],
-                      tl_quality_name((tl_quality)record->y_hat_quality[i]));
+        (void)fprintf(file, ",%.17g,%.17g,%s", record->y[i], record->measured[i],
+                      tl_quality_name((tl_quality)record->measured_quality[i]));
     }
     for (size_t i = 0; i < config->adjust_count; i++) {
-        (void)fprintf(file, ",%.17g,%.17g", record->u[i], record->u_hat[i]);
+        (void)fprintf(file, ",%.17g,%.17g", record->u[i], record->nominal[i]);
     }
     (void)fputc('\n', file);
 }

@@ -24,7 +24,7 @@ static void add_run(tl_json_writer *json, const tl_history_run *run) {
     tl_json_add_number(json, "step_s", tl_seconds(run->step));
     tl_json_add_count(json, "prediction", run->prediction);
     tl_json_add_count(json, "lead", run->lead);
-    tl_json_add_text(json, "measurements", tl_measurements_names[run->measurements]);
+    tl_json_add_text(json, "measurements", tl_pairing_names[run->measurements]);
     tl_json_add_count(json, "samples", run->samples);
     tl_json_add_count(json, "steps", run->steps);
     tl_json_add_count(json, "events", run->events);

@@ -160,7 +160,7 @@ static void print_steps(const show_page *page) {
                   (unsigned long long)steps, duration(step), duration(step * (double)steps),
                   strokes ? "at strokes of at most " : "", (unsigned)run->prediction,
                   run->prediction == 1 ? "step" : "steps", strokes ? "" : " ahead",
-                  tl_measurements_names[run->measurements]);
+                  tl_pairing_names[run->measurements]);
     if (tl_run_figures_print_outcomes(figures, "                 ", page->file)) {
         (void)fputc('\n', page->file);
     }

@@ -69,7 +69,7 @@ static void describe(recorded_run *run) {
         .version = recorded->version,
         .solver = solver_of(run),
         .fallback = run->config.fallback == NULL ? "" : run->config.fallback,
-        .measurements = tl_measurements_names[recorded->measurements],
+        .measurements = tl_pairing_names[recorded->measurements],
         .step = recorded->step,
         .prediction = recorded->prediction,
         .live = live,

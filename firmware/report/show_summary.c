@@ -11,7 +11,7 @@
 /* ---- How much of a run was in which state of the lock, by the events that told its changes.
  *
  * Purpose: the database has no state for each step, but each change of it, with its tick. What is before the first one counts as that, as it does for the judge
- *          (lock_judge.h), unless the run's first steps are gone.
+ *          (lock_monitor.h), unless the run's first steps are gone.
  * Strokes: with an event horizon the judge counts strokes; here are the steps that they took.
  * Thread:  one thread.
  */
@@ -144,8 +144,9 @@ static void take_step(void *context, const tl_history_step *step) {
 
 static void take_output(void *context, const tl_history_output *output) {
     tl_show_summary *summary = context;
-    bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->y_hat);
-    tl_metrics_add(&summary->figures.match[output->signal], output->y, output->y_hat, good ? TL_GOOD : TL_NOT_A_NUMBER);
+    bool good = output->quality == TL_GOOD && isfinite(output->y) && isfinite(output->measured);
+    tl_metrics_add(&summary->figures.match[output->signal], output->y, output->measured,
+                   good ? TL_GOOD : TL_NOT_A_NUMBER);
     const tl_metrics readings = {
         .pairs = (uint64_t)output->readings, .left_out = (uint64_t)output->rejected, .sum_of_squares = output->squares};
     tl_metrics_join(&summary->figures.readings[output->signal], &readings);
@@ -162,7 +163,7 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     tl_show_adjust *adjust = &summary->detail[index];
     int64_t step = adjustment->step;
     double u = adjustment->u;
-    double nominal = adjustment->u_hat;
+    double nominal = adjustment->nominal;
     double delta = u - nominal;
     if (isnan(u) || isnan(nominal)) {
         return;

@@ -30,7 +30,7 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
         .flags = record->flags,
     };
     for (size_t i = 0; i < config->adjust_count; i++) {
-        tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->u_hat[i]);
+        tl_run_figures_add_adjusted(&summary->figures, i, record->u[i], record->nominal[i]);
     }
     tl_run_figures_add_step(&summary->figures, &step, config->step);
 }

@@ -68,10 +68,10 @@ static bool is_unfinished(const tl_activation *self) {
 }
 
 /* Gives the run's twin the yardstick of the version that the probation would return to; none if there is no probation. */
-static void show_yardstick(const tl_activation *self) {
-    static const tl_lock_yardstick none;
+static void show_tolerances(const tl_activation *self) {
+    static const tl_lock_tolerances none;
     const tl_activation_host *host = self->settings.host;
-    host->judge_by(host->context, is_on_probation(self) ? &self->probation.account.yardstick : &none);
+    host->judge_by(host->context, is_on_probation(self) ? &self->probation.account.tolerances : &none);
 }
 
 static void end_shadow(tl_activation *self) {
@@ -334,7 +334,7 @@ static tl_activation_way way_of(const tl_activation *self) {
     if (self->verdict.kind == TL_CHANGE_RESTART || view_now(self).holds) {
         return TL_ACTIVATION_BY_RESTART;
     }
-    return self->verdict.kind >= TL_CHANGE_NEW_TWIN ? TL_ACTIVATION_BY_FLIP : TL_ACTIVATION_IN_PLACE;
+    return self->verdict.kind >= TL_CHANGE_NEW_TWIN ? TL_ACTIVATION_BY_HANDOVER : TL_ACTIVATION_IN_PLACE;
 }
 
 /* A restart is needed, and was not allowed: names the first key that needs one. The client has the list of all changes. */
@@ -400,7 +400,7 @@ static outcome poll_validation(tl_activation *self) {
     }
     /* The plant does not wait for another twin to be tried: what takes one is by a restart. */
     tl_activation_way way = way_of(self);
-    self->way = way == TL_ACTIVATION_BY_FLIP ? TL_ACTIVATION_BY_RESTART : way;
+    self->way = way == TL_ACTIVATION_BY_HANDOVER ? TL_ACTIVATION_BY_RESTART : way;
     return DONE;
 }
 
@@ -547,7 +547,7 @@ static outcome poll_order(tl_activation *self) {
                                                .size = self->size,
                                                .hash = self->request.hash,
                                                .needs = self->answer.needs,
-                                               .yardstick = &self->verdict.yardstick};
+                                               .tolerances = &self->verdict.tolerances};
     self->rehearsal.is_begun = host->begin_shadow(host->context, &candidate);
     if (!self->rehearsal.is_begun) {
         return RUNNING;
@@ -686,7 +686,7 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
     if (status == TL_OK) {
         tl_probation_begin(&self->probation, &terms, &now,
                            self->way == TL_ACTIVATION_IN_PLACE ? &now : NULL); /* another run counts from 0 */
-        self->probation.account.yardstick = self->verdict.yardstick;
+        self->probation.account.tolerances = self->verdict.tolerances;
         (void)snprintf(self->probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
         status = tl_versions_activate(self->settings.versions, number, &self->probation.account, error);
     }
@@ -716,7 +716,7 @@ static outcome begin_activation(tl_activation *self) {
         const char *step, *checked;
     } words[] = {
         [TL_ACTIVATION_IN_PLACE] = {"in place, at the beginning of a tick", "it can be activated in place"},
-        [TL_ACTIVATION_BY_FLIP] = {"between two ticks, by the other twin", "it can be activated without a gap"},
+        [TL_ACTIVATION_BY_HANDOVER] = {"between two ticks, by the other twin", "it can be activated without a gap"},
         [TL_ACTIVATION_BY_RESTART] = {"by a restart", "it can be activated, with a restart of the run"}};
     tl_error error;
     tl_status status = TL_OK;
@@ -740,7 +740,7 @@ static outcome begin_activation(tl_activation *self) {
     if (self->way == TL_ACTIVATION_BY_RESTART) {
         return restart_run(self);
     }
-    show_yardstick(self); /* before the twin takes the change */
+    show_tolerances(self); /* before the twin takes the change */
     return DONE;
 }
 
@@ -749,8 +749,8 @@ static outcome poll_handover(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     const tl_version *active = active_of(self);
     const char *why = self->cause == TL_ACTIVATION_RETURN ? self->reason : active->why;
-    bool is_handed = self->way == TL_ACTIVATION_BY_FLIP
-                         ? host->flip(host->context)
+    bool is_handed = self->way == TL_ACTIVATION_BY_HANDOVER
+                         ? host->handover(host->context)
                          : host->tune(host->context, active, why, self->text, &self->verdict.tuning);
     return is_handed ? DONE : RUNNING;
 }
@@ -761,9 +761,10 @@ static outcome settle_run(tl_activation *self);
 static outcome give_up(tl_activation *self, const char *why) {
     tl_error error;
     char text[TL_CONTROL_TEXT];
-    (void)snprintf(
-        text, sizeof text, "%s: %s",
-        self->way == TL_ACTIVATION_BY_FLIP ? "the other twin could not take over" : "the twin does not take it", why);
+    (void)snprintf(text, sizeof text, "%s: %s",
+                   self->way == TL_ACTIVATION_BY_HANDOVER ? "the other twin could not take over"
+                                                          : "the twin does not take it",
+                   why);
     if (self->cause != TL_ACTIVATION_CANDIDATE) {
         tell(self, TL_EVENT_ERROR, "%s", text);
         return restart_run(self);
@@ -778,8 +779,8 @@ static outcome give_up(tl_activation *self, const char *why) {
 static outcome poll_answer(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     char why[TL_ACTIVATION_WHY] = "";
-    switch (self->way == TL_ACTIVATION_BY_FLIP ? host->has_flipped(host->context, why)
-                                               : host->was_taken(host->context, why)) {
+    switch (self->way == TL_ACTIVATION_BY_HANDOVER ? host->has_handed_over(host->context, why)
+                                                   : host->was_taken(host->context, why)) {
     case TL_ACTIVATION_TAKEN:
         return DONE;
     case TL_ACTIVATION_REFUSED:
@@ -811,7 +812,7 @@ static void write_changes(const tl_activation *self, char *text, size_t size) {
 }
 
 /* The twin before is in the other place now: of use only if it is what would be returned to. */
-static void end_flip(tl_activation *self) {
+static void end_handover(tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = tl_versions_get(versions, versions->probation.return_to);
     self->rehearsal.is_begun = false; /* its twin is the run's */
@@ -839,17 +840,17 @@ static outcome begin_probation(tl_activation *self) {
     char text[TL_CONTROL_TEXT];
     char changes[384];
     bool is_return = self->cause == TL_ACTIVATION_RETURN;
-    bool is_flip = self->way == TL_ACTIVATION_BY_FLIP;
+    bool is_handover = self->way == TL_ACTIVATION_BY_HANDOVER;
     write_changes(self, changes, sizeof changes);
     (void)snprintf(text, sizeof text, "version %" PRIu64 " (%.12s) is in force%s%s", active->number, active->hash,
-                   is_return ? is_flip ? ": returned, by a flip: " : ": returned, " : changes,
+                   is_return ? is_handover ? ": returned, by a flip: " : ": returned, " : changes,
                    is_return ? self->reason : "");
     tell(self, is_return ? TL_EVENT_WARNING : TL_EVENT_INFO, "%s", text);
-    if (is_flip) {
-        end_flip(self);
+    if (is_handover) {
+        end_handover(self);
     }
     if (is_return) {
-        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_flip ? "by a flip: " : "", self->reason);
+        say_step(self, TL_CONTROL_RETURNED, "%s%s", is_handover ? "by a flip: " : "", self->reason);
         say_end(self, self->is_wanted ? TL_CONTROL_DONE : TL_CONTROL_UNDONE, text);
     } else if (self->cause == TL_ACTIVATION_CANDIDATE) {
         self->unsaved = 0;
@@ -868,7 +869,7 @@ static outcome go_back(tl_activation *self) {
     self->row = TL_ACTIVATION_ROW_VALIDATE;
     (void)snprintf(self->reason, sizeof self->reason, "%s", self->probation.why);
     if (phase == TL_ACTIVATION_SHADOW_LIVE) {
-        self->way = TL_ACTIVATION_BY_FLIP;
+        self->way = TL_ACTIVATION_BY_HANDOVER;
         self->row = TL_ACTIVATION_ROW_ACTIVATE;
     } else if (phase != TL_ACTIVATION_NO_SHADOW) {
         tell(self, TL_EVENT_WARNING, "the twin before does not run any more: it cannot take over again");
@@ -962,7 +963,10 @@ static outcome poll_probation(tl_activation *self) {
 
 #define LATE "it has not answered for 60 s"
 
-enum { NEW_TWIN = 1U << TL_ACTIVATION_BY_FLIP | 1U << TL_ACTIVATION_BY_RESTART, FLIP = 1U << TL_ACTIVATION_BY_FLIP };
+enum {
+    NEW_TWIN = 1U << TL_ACTIVATION_BY_HANDOVER | 1U << TL_ACTIVATION_BY_RESTART,
+    HANDOVER = 1U << TL_ACTIVATION_BY_HANDOVER
+};
 
 /* The steps in their order. One with `ways` is for candidates that go one of these ways; others skip it. */
 static const step_row rows[TL_ACTIVATION_ROWS] = {
@@ -973,20 +977,20 @@ static const step_row rows[TL_ACTIVATION_ROWS] = {
         {.step = TL_CONTROL_TRY, .ways = NEW_TWIN, .begin = begin_trial, .poll = poll_trial, .progress = say_patience},
     [TL_ACTIVATION_ROW_PREDICT] = {.step = TL_CONTROL_PREDICT, .ways = NEW_TWIN, .begin = begin_forecast},
     [TL_ACTIVATION_ROW_ORDER] = {.step = TL_CONTROL_SHADOW,
-                                 .ways = FLIP,
+                                 .ways = HANDOVER,
                                  .begin = begin_shadow,
                                  .poll = poll_order,
                                  .limit = 60 * TL_SECOND,
                                  .late = "its twin could not be ordered for 60 s",
                                  .slow = WAITING},
     [TL_ACTIVATION_ROW_LOAD] = {.step = TL_CONTROL_SHADOW,
-                                .ways = FLIP,
+                                .ways = HANDOVER,
                                 .poll = poll_loading,
                                 .limit = 900 * TL_SECOND,
                                 .late = "its twin was not at the plant's ticks after 15 minutes",
                                 .progress = say_loading},
-    [TL_ACTIVATION_ROW_LIVE] = {.step = TL_CONTROL_SHADOW, .ways = FLIP, .poll = poll_live, .progress = say_live},
-    [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .ways = FLIP, .begin = begin_comparison},
+    [TL_ACTIVATION_ROW_LIVE] = {.step = TL_CONTROL_SHADOW, .ways = HANDOVER, .poll = poll_live, .progress = say_live},
+    [TL_ACTIVATION_ROW_COMPARE] = {.step = TL_CONTROL_COMPARE, .ways = HANDOVER, .begin = begin_comparison},
     [TL_ACTIVATION_ROW_ACTIVATE] = {.step = TL_CONTROL_ACTIVATE, .begin = begin_activation},
     [TL_ACTIVATION_ROW_HAND_OVER] =
         {.step = TL_CONTROL_ACTIVATE, .poll = poll_handover, .limit = 60 * TL_SECOND, .late = LATE, .slow = WAITING},
@@ -1047,7 +1051,7 @@ void tl_activation_look(tl_activation *activation) {
     activation->passed = now - activation->looked;
     activation->looked = now;
     activation->waited += activation->passed;
-    show_yardstick(activation);
+    show_tolerances(activation);
     if (row->poll == NULL) {
         return;
     }

@@ -49,8 +49,8 @@ typedef struct tl_activation_candidate {
     const char *text;
     size_t size;
     const char *hash;
-    tl_live_needs needs;                /* found by a trial, and bounded */
-    const tl_lock_yardstick *yardstick; /* what its twin's lock is judged by as well; zeroed: nothing else */
+    tl_live_needs needs;                  /* found by a trial, and bounded */
+    const tl_lock_tolerances *tolerances; /* what its twin's lock is judged by as well; zeroed: nothing else */
 } tl_activation_candidate;
 
 typedef enum tl_activation_phase {
@@ -85,7 +85,7 @@ typedef struct tl_activation_host {
     bool (*has_other_fmus)(void *context, const char *text, size_t size);
 
     /* The lock of the run's twin is judged by this yardstick as well (lock_before), from one of its next ticks on; zeroed: by none. */
-    void (*judge_by)(void *context, const tl_lock_yardstick *yardstick);
+    void (*judge_by)(void *context, const tl_lock_tolerances *tolerances);
 
     /* Hands a version's tuning and text, with a NUL behind it, to the run's twin. False: not yet, since the recorder has not kept the one before. */
     bool (*tune)(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning);
@@ -101,10 +101,10 @@ typedef struct tl_activation_host {
     void (*end_shadow)(void *context);
 
     /* Shadow and run change places between two ticks: the shadow goes on as a new run, and the run's twin as its shadow. False: not yet, as above. */
-    bool (*flip)(void *context);
+    bool (*handover)(void *context);
 
     /* What came of it: taken, or refused since there was no shadow, with the reason. From then on in_force() is of the new twin, and tunings are its. */
-    tl_activation_news (*has_flipped)(void *context, char why[TL_ACTIVATION_WHY]);
+    tl_activation_news (*has_handed_over)(void *context, char why[TL_ACTIVATION_WHY]);
 
     /* The run ends, and another one begins with the version that is active on disk. */
     void (*restart)(void *context);
@@ -117,8 +117,8 @@ typedef struct tl_activation_host {
 
 /* How a change comes into the run. */
 typedef enum tl_activation_way {
-    TL_ACTIVATION_IN_PLACE, /* the running twin takes it */
-    TL_ACTIVATION_BY_FLIP,  /* another twin takes over between two ticks */
+    TL_ACTIVATION_IN_PLACE,    /* the running twin takes it */
+    TL_ACTIVATION_BY_HANDOVER, /* another twin takes over between two ticks */
     TL_ACTIVATION_BY_RESTART
 } tl_activation_way;
 

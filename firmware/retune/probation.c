@@ -47,7 +47,7 @@ static uint64_t grown(uint64_t before, uint64_t now) {
 }
 
 static const tl_lock_tally *lock_before_of(const tl_probation *probation, const tl_run_status *snapshot) {
-    return tl_lock_yardstick_is_there(&probation->account.yardstick) ? &snapshot->lock_before : &snapshot->lock;
+    return tl_lock_tolerances_is_there(&probation->account.tolerances) ? &snapshot->lock_before : &snapshot->lock;
 }
 
 /* What has come since the last snapshot; all of it if this is another run. */
@@ -167,7 +167,8 @@ static tl_probation_result judge(tl_probation *probation, const tl_run_status *n
         {terms->must_confirm, TL_PROBATION_RETURN, "nobody confirmed it"},
         {!now->twin_alive, TL_PROBATION_RETURN, "the twin did not run when its time was over"},
         {now->plant_is_shut, TL_PROBATION_RETURN, "the plant's sources could not be opened in its time"},
-        {tl_lock_yardstick_is_there(&account->yardstick) && is_lost(now, &now->lock_before), TL_PROBATION_RETURN, lost},
+        {tl_lock_tolerances_is_there(&account->tolerances) && is_lost(now, &now->lock_before), TL_PROBATION_RETURN,
+         lost},
         {terms->require_lock == 0.0, TL_PROBATION_KEPT, "its time has passed without a failure"},
         {judged == 0 && now->pairs == 0 && now->steps > 0, TL_PROBATION_RETURN,
          "no matched signal was good: its lock could not be judged"},
@@ -216,6 +217,6 @@ tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_re
 }
 
 bool tl_probation_is_lost_before(const tl_probation *probation) {
-    return tl_lock_yardstick_is_there(&probation->account.yardstick) &&
+    return tl_lock_tolerances_is_there(&probation->account.tolerances) &&
            is_lost(&probation->last, &probation->last.lock_before);
 }

@@ -56,7 +56,7 @@ typedef struct tl_probation_account {
     uint64_t left_ms;
     uint64_t steps, misses, skipped; /* on probation; */
     tl_lock_tally lock, lock_before; /* only the steps that were judged, and these by the yardstick before; */
-    tl_lock_yardstick yardstick; /* which is this, in the order of the new version's outputs; zeroed: there is none */
+    tl_lock_tolerances tolerances; /* which is this, in the order of the new version's outputs; zeroed: there is none */
     char widened
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output that it judges more strictly; "": none */
 } tl_probation_account;

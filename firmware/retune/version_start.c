@@ -125,7 +125,7 @@ static tl_status take_file(starting_run *self, tl_error *error) {
                                           .require_lock = TL_ACTIVATION_LOCK_PERCENT};
         tl_probation probation;
         tl_probation_begin(&probation, &terms, &(tl_run_status){.ticks = 0}, NULL);
-        probation.account.yardstick = self->verdict.yardstick;
+        probation.account.tolerances = self->verdict.tolerances;
         (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "%s", self->verdict.widened);
         status = tl_versions_activate(&self->versions, number, is_first ? NULL : &probation.account, error);
     } else if (status == TL_OK) {

@@ -22,7 +22,7 @@ enum {
     HASH = TL_SHA256_TEXT - 1,
     DIGITS = 15, /* of a number, at most */
     LOCK_KEY = 32,
-    YARDSTICK = 64 * TL_MAX_MATCH,
+    TOLERANCES = 64 * TL_MAX_MATCH,
     LONGEST_NAME = 128 /* in the folder, with what a new file adds to it */
 };
 
@@ -227,41 +227,41 @@ static tl_status write_version_text(const tl_versions *versions, const char *has
 /* ---- active.json ---- */
 
 /* "1*0.5 2*1 ": tolerance and weight of each output, to the last bit; cut behind the last one that counts. */
-static void write_yardstick(const tl_lock_yardstick *yardstick, char text[YARDSTICK]) {
+static void write_tolerances(const tl_lock_tolerances *tolerances, char text[TOLERANCES]) {
     size_t length = 0;
     size_t count = TL_MAX_MATCH;
-    while (count > 0 && !(yardstick->match[count - 1].weight > 0.0)) {
+    while (count > 0 && !(tolerances->match[count - 1].weight > 0.0)) {
         count--;
     }
     text[0] = '\0';
     for (size_t i = 0; i < count; i++) {
-        length += (size_t)snprintf(text + length, YARDSTICK - length, "%.17g*%.17g ", yardstick->match[i].tolerance,
-                                   yardstick->match[i].weight);
+        length += (size_t)snprintf(text + length, TOLERANCES - length, "%.17g*%.17g ", tolerances->match[i].tolerance,
+                                   tolerances->match[i].weight);
     }
 }
 
 /* False: it is none. */
-static bool understand_yardstick(const char *text, tl_lock_yardstick *yardstick) {
+static bool understand_tolerances(const char *text, tl_lock_tolerances *tolerances) {
     char *at = NULL;
-    memset(yardstick, 0, sizeof *yardstick);
+    memset(tolerances, 0, sizeof *tolerances);
     for (size_t i = 0; i < TL_MAX_MATCH && text[0] != '\0'; i++, text = at + 1) {
-        struct tl_lock_measure *measure = &yardstick->match[i];
+        struct tl_lock_measure *measure = &tolerances->match[i];
         measure->tolerance = strtod(text, &at);
         measure->weight = at[0] == '*' ? strtod(at + 1, &at) : -1.0;
         if (at[0] != ' ') {
             return false;
         }
     }
-    return text[0] == '\0' && tl_lock_yardstick_is_sound(yardstick);
+    return text[0] == '\0' && tl_lock_tolerances_is_sound(tolerances);
 }
 
-static void exchange_yardstick(const members *file, tl_lock_yardstick *yardstick) {
-    char text[YARDSTICK];
+static void exchange_tolerances(const members *file, tl_lock_tolerances *tolerances) {
+    char text[TOLERANCES];
     if (file->writer != NULL) {
-        write_yardstick(yardstick, text);
+        write_tolerances(tolerances, text);
     }
     exchange_text(file, "yardstick", text, sizeof text);
-    if (file->reader != NULL && !understand_yardstick(text, yardstick)) {
+    if (file->reader != NULL && !understand_tolerances(text, tolerances)) {
         file->reader->right = false;
     }
 }
@@ -303,7 +303,7 @@ static void exchange_probation(const members *file, tl_version_probation *probat
         return;
     }
     exchange_locks(file, "lock_before", account->lock_before.steps);
-    exchange_yardstick(file, &account->yardstick);
+    exchange_tolerances(file, &account->tolerances);
     exchange_text(file, "widened", account->widened, sizeof account->widened);
 }
 

@@ -15,7 +15,7 @@
 #include "firmware/base/text.h"
 #include "firmware/config/config.h"
 #include "firmware/config/config_change.h"
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 #include "firmware/plant/live_plant.h"
 #include "firmware/process/confine.h"
 #include "firmware/process/interrupt.h"
@@ -145,7 +145,7 @@ bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict) {
     bool is_sound = is_complete(from);
     memcpy(verdict, &from->verdict, sizeof *verdict);
     is_sound = is_sound && verdict->is_valid <= 1 && verdict->kind < TL_CHANGE_KINDS && verdict->right < TL_RIGHTS &&
-               tl_lock_yardstick_is_sound(&verdict->yardstick) && verdict->window >= 0 &&
+               tl_lock_tolerances_is_sound(&verdict->tolerances) && verdict->window >= 0 &&
                verdict->window <= TL_VERDICT_LONGEST;
     tl_clean_field(verdict->widened, sizeof verdict->widened);
     for (size_t i = 0; i < TL_VERDICT_PROBLEMS; i++) {
@@ -342,7 +342,7 @@ static const tl_plan_match *find_match(const tl_config *config, const tl_plan_ma
     return NULL;
 }
 
-/* The largest error of this output alone that is called in lock (lock_judge.h): its tolerance, if nothing else has a weight. */
+/* The largest error of this output alone that is called in lock (lock_monitor.h): its tolerance, if nothing else has a weight. */
 static double largest_error(const tl_config *config, const tl_plan_match *match) {
     double weights = 0.0;
     for (size_t i = 0; i < config->match_count; i++) {
@@ -358,15 +358,15 @@ static bool is_wider(double now, double before, double times) {
 }
 
 /* That of the version before, in the candidate's order. */
-static void find_yardstick(const tl_config *before, const tl_config *now, tl_verdict *verdict) {
+static void find_tolerances(const tl_config *before, const tl_config *now, tl_verdict *verdict) {
     for (size_t i = 0; i < now->match_count; i++) {
         const tl_plan_match *new = &now->match[i];
         const tl_plan_match *old = find_match(before, new);
         if (old == NULL) {
             continue;
         }
-        verdict->yardstick.match[i].tolerance = old->tolerance;
-        verdict->yardstick.match[i].weight = old->weight;
+        verdict->tolerances.match[i].tolerance = old->tolerance;
+        verdict->tolerances.match[i].weight = old->weight;
         bool is_first = old->weight > 0.0 && verdict->widened[0] == '\0';
         if (is_first && is_wider(largest_error(now, new), largest_error(before, old), 1.0)) {
             bool by_tolerance = new->tolerance > old->tolerance;
@@ -409,10 +409,10 @@ static void limit_widening(const tl_config *commissioned, const tl_config *now, 
     }
 }
 
-static void judge_yardstick(const tl_worker_job *job, const tl_config *candidate, tl_verdict *verdict) {
+static void judge_tolerances(const tl_worker_job *job, const tl_config *candidate, tl_verdict *verdict) {
     static tl_config other;
     if (read_other(job, TL_WORKER_KEPT, &other)) {
-        find_yardstick(&other, candidate, verdict);
+        find_tolerances(&other, candidate, verdict);
         tl_config_free(&other);
     }
     if (read_other(job, TL_WORKER_COMMISSIONED, &other)) {
@@ -432,12 +432,12 @@ static tl_status judge(const tl_worker_job *job, tl_verdict *verdict, tl_error *
         return status == TL_BAD_DATA ? TL_OK : tl_fail(error, status, "the configuration could not be read");
     }
     tl_config_tuning(&config, &verdict->tuning);
-    const tl_lock_window window = tl_lock_judge_window(&config);
+    const tl_lock_window window = tl_lock_monitor_window(&config);
     verdict->strokes = window.strokes;
     verdict->window = window.time;
     status = find_change(job, verdict, error);
     if (status == TL_OK) {
-        judge_yardstick(job, &config, verdict);
+        judge_tolerances(job, &config, verdict);
     }
     tl_config_free(&config);
     verdict->is_valid = status == TL_OK ? 1 : 0;

@@ -19,7 +19,7 @@
 #include "firmware/process/block.h"
 #include "firmware/process/role.h"
 #include "firmware/retune/control.h"
-#include "firmware/twin/live_stage.h"
+#include "firmware/twin/handover.h"
 #include "firmware/twin/twin_role.h"
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"
@@ -80,13 +80,13 @@ typedef struct tl_verdict {
     uint32_t
         problems; /* that were found; of one that is valid: values that its sender may lack the right to; the first ones are listed */
     uint32_t changes; /* the same */
-    uint32_t strokes; /* that must have ended before its lock is judged (lock_judge.h); 0: steps, */
+    uint32_t strokes; /* that must have ended before its lock is judged (lock_monitor.h); 0: steps, */
     tl_time window;   /* ns that those take */
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */
-    tl_lock_yardstick
-        yardstick; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: there is none */
+    tl_lock_tolerances
+        tolerances; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: there is none */
     char widened[TL_VERDICT_WIDENED]; /* the first output that the candidate judges less strictly, and how; "": none */
 } tl_verdict;
 

@@ -51,7 +51,7 @@ static unsigned long count_threads(void) {
 }
 
 /* Leaves the text empty if the descriptor is closed by now: another thread of ours had opened it for a moment. */
-static void describe_descriptor(unsigned number, char text[TL_FMU_TRACE_TEXT]) {
+static void describe_descriptor(unsigned number, char text[TL_FMU_SIDE_EFFECT_TEXT]) {
     char link[64];
     char target[96];
     char name[96];
@@ -61,27 +61,28 @@ static void describe_descriptor(unsigned number, char text[TL_FMU_TRACE_TEXT]) {
         return;
     }
     (void)tl_clean_text(target, length > 0 ? (size_t)length : 0, name, sizeof name);
-    (void)snprintf(text, TL_FMU_TRACE_TEXT, "an open file or socket, %s", name);
+    (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "an open file or socket, %s", name);
 }
 
-void tl_fmu_traces_look(tl_fmu_traces *traces) {
+void tl_fmu_side_effects_look(tl_fmu_side_effects *traces) {
     siginfo_t about;
-    *traces = (tl_fmu_traces){.threads = count_threads(),
-                              .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
-    for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS; i++) {
+    *traces = (tl_fmu_side_effects){.threads = count_threads(),
+                                    .has_children = waitid(P_ALL, 0, &about, WEXITED | WNOHANG | WNOWAIT) == 0};
+    for (unsigned i = 0; i < TL_FMU_SIDE_EFFECTS_DESCRIPTORS; i++) {
         traces->is_open[i] = fcntl((int)i, F_GETFD) >= 0;
     }
 }
 
 /* True: something is there that was not; `text` names it, as in "a thread", "an open file, /tmp/log". */
-static bool differ(const tl_fmu_traces *before, const tl_fmu_traces *after, char text[TL_FMU_TRACE_TEXT]) {
+static bool differ(const tl_fmu_side_effects *before, const tl_fmu_side_effects *after,
+                   char text[TL_FMU_SIDE_EFFECT_TEXT]) {
     text[0] = '\0';
     if (after->threads > before->threads) {
-        (void)snprintf(text, TL_FMU_TRACE_TEXT, "a thread");
+        (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "a thread");
     } else if (after->has_children && !before->has_children) {
-        (void)snprintf(text, TL_FMU_TRACE_TEXT, "a process");
+        (void)snprintf(text, TL_FMU_SIDE_EFFECT_TEXT, "a process");
     }
-    for (unsigned i = 0; i < TL_FMU_TRACES_DESCRIPTORS && text[0] == '\0'; i++) {
+    for (unsigned i = 0; i < TL_FMU_SIDE_EFFECTS_DESCRIPTORS && text[0] == '\0'; i++) {
         if (after->is_open[i] && !before->is_open[i]) {
             describe_descriptor(i, text);
         }
@@ -97,8 +98,8 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory) {
 }
 
 void tl_fmu_memory_watched(tl_fmu_memory *memory) {
-    tl_fmu_traces after;
-    tl_fmu_traces_look(&after);
+    tl_fmu_side_effects after;
+    tl_fmu_side_effects_look(&after);
     memory->watched--;
     if (memory->left[0] == '\0') {
         (void)differ(&memory->before, &after, memory->left);
@@ -128,11 +129,11 @@ static tl_status make_room(tl_fmu_memory *memory, memory_state **state, size_t n
     return TL_OK;
 }
 
-static bool is_in_pages(const tl_fmu_place *place) {
+static bool is_in_pages(const tl_fmu_region *place) {
     return place->has_pages && place->size >= PLACE_OF_PAGES;
 }
 
-static size_t bytes_outside_pages(const tl_fmu_places *places) {
+static size_t bytes_outside_pages(const tl_fmu_regions *places) {
     size_t sum = 0;
     for (size_t i = 0; i < places->count; i++) {
         sum += is_in_pages(&places->place[i]) ? 0 : places->place[i].size;
@@ -153,20 +154,20 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 
 /* If it is large, and was not before. */
 static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
-    tl_fmu_place ranges[TL_FMU_PLACES + 1];
+    tl_fmu_region ranges[TL_FMU_REGIONS + 1];
     size_t count = 0;
     if (memory->pages != NULL || used + memory->places.bytes < TL_FMU_MEMORY_LARGE) {
         return TL_OK;
     }
     for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_place *place = &memory->places.place[i];
+        const tl_fmu_region *place = &memory->places.place[i];
         size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* of the page in which it begins */
         size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
         if (is_in_pages(place)) {
-            ranges[count++] = (tl_fmu_place){.begin = place->begin - before, .size = size, .has_pages = true};
+            ranges[count++] = (tl_fmu_region){.begin = place->begin - before, .size = size, .has_pages = true};
         }
     }
-    ranges[count++] = (tl_fmu_place){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
+    ranges[count++] = (tl_fmu_region){.begin = memory->heap->base, .size = memory->heap->reserved, .has_pages = true};
     memory->pages = tl_fmu_pages_open(ranges, count, error);
     return memory->pages != NULL ? TL_OK : TL_TRY_AGAIN;
 }
@@ -184,12 +185,12 @@ const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
 
 /* Once; and whether they are still the same if any library was opened since. */
 static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
-    tl_fmu_places now;
-    unsigned long long opened = tl_fmu_places_opened();
+    tl_fmu_regions now;
+    unsigned long long opened = tl_fmu_regions_opened();
     if (memory->are_found && opened == memory->opened) {
         return TL_OK;
     }
-    tl_status status = tl_fmu_places_find(memory->folder, &now, error);
+    tl_status status = tl_fmu_regions_find(memory->folder, &now, error);
     if (status == TL_OK && memory->are_found && now.bytes != memory->places.bytes) {
         return tl_fail(error, TL_FMU_FAILED, "has opened a library since, which no copy of its memory takes back");
     }
@@ -204,7 +205,7 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
 /* Between the places, or those outside of pages, and the bytes of a state. */
 static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool back) {
     for (size_t i = 0; i < memory->places.count; i++) {
-        const tl_fmu_place *place = &memory->places.place[i];
+        const tl_fmu_region *place = &memory->places.place[i];
         if (all || !is_in_pages(place)) {
             memcpy(back ? place->begin : bytes, back ? bytes : place->begin, place->size);
             bytes += place->size;
@@ -299,11 +300,11 @@ tl_status tl_fmu_memory_reserve(tl_fmu_memory *memory, size_t states, tl_error *
     return status;
 }
 
-void tl_fmu_memory_measure_anew(tl_fmu_memory *memory) {
+void tl_fmu_memory_remeasure(tl_fmu_memory *memory) {
     memory->most_used = 0;
     note_used(memory);
     if (memory->pages != NULL) {
-        tl_fmu_pages_measure_anew(memory->pages);
+        tl_fmu_pages_remeasure(memory->pages);
     }
 }
 

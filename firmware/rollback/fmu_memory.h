@@ -31,15 +31,15 @@
  * Thread:  any, one at a time.
  */
 
-enum { TL_FMU_TRACES_DESCRIPTORS = 1024, TL_FMU_TRACE_TEXT = 160 };
+enum { TL_FMU_SIDE_EFFECTS_DESCRIPTORS = 1024, TL_FMU_SIDE_EFFECT_TEXT = 160 };
 
-typedef struct tl_fmu_traces {
+typedef struct tl_fmu_side_effects {
     unsigned long threads;
     bool has_children;
-    bool is_open[TL_FMU_TRACES_DESCRIPTORS]; /* by descriptor */
-} tl_fmu_traces;
+    bool is_open[TL_FMU_SIDE_EFFECTS_DESCRIPTORS]; /* by descriptor */
+} tl_fmu_side_effects;
 
-void tl_fmu_traces_look(tl_fmu_traces *traces);
+void tl_fmu_side_effects_look(tl_fmu_side_effects *traces);
 
 /* ---- the memory ---- */
 
@@ -57,14 +57,14 @@ typedef struct tl_fmu_memory {
     int raised;    /* exceptions of the floating-point unit as the FMU knows them, as fetestexcept() tells them, */
     fexcept_t flags; /* and as the machine has them */
     const char *folder;
-    tl_fmu_places places;                 /* private, from here on */
+    tl_fmu_regions places;                /* private, from here on */
     bool are_found;                       /* the places, */
     unsigned long long opened;            /* when so many libraries had been opened */
     size_t most_used;                     /* bytes of the heap, when it was saved or left */
     tl_fmu_pages *pages;                  /* NULL: it is not large */
     struct tl_fmu_memory_state *reserved; /* for states to come */
-    tl_fmu_traces before;                 /* the call that is under way */
-    char left[TL_FMU_TRACE_TEXT];         /* what no copy takes back; "": nothing that was seen */
+    tl_fmu_side_effects before;           /* the call that is under way */
+    char left[TL_FMU_SIDE_EFFECT_TEXT];   /* what no copy takes back; "": nothing that was seen */
 } tl_fmu_memory;
 
 /* If tl_fmu_allocation_serves(): before the FMU is loaded from `folder`, an absolute path without links, which must stay. It is there as long as the FMU's library: until the process ends. Errors: TL_TRY_AGAIN. */
@@ -93,7 +93,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state);
 void tl_fmu_memory_forget(void *state);
 
 /* States that were there until now say nothing of those to come: an FMU's own states were in its memory, too, and are no more. */
-void tl_fmu_memory_measure_anew(tl_fmu_memory *memory);
+void tl_fmu_memory_remeasure(tl_fmu_memory *memory);
 
 /* Nor do those that are saved and restored while it passes. */
 void tl_fmu_memory_pass(tl_fmu_memory *memory, bool passes);
@@ -109,7 +109,7 @@ void tl_fmu_memory_keep_flags(tl_fmu_memory *memory);
 
 static inline void tl_fmu_memory_enter(tl_fmu_memory *memory) {
     if (memory->watched > 0) {
-        tl_fmu_traces_look(&memory->before);
+        tl_fmu_side_effects_look(&memory->before);
     }
     if (memory->has_flags && fetestexcept(FE_ALL_EXCEPT) != memory->raised) {
         (void)fesetexceptflag(&memory->flags, FE_ALL_EXCEPT);

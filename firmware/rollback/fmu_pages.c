@@ -259,20 +259,20 @@ extern void *get_thread_local(tls_index *index) __asm__("__tls_get_addr");
 typedef struct place_search {
     const char *folder;
     size_t length;
-    tl_fmu_places *places;
+    tl_fmu_regions *places;
     bool is_full;
 } place_search;
 
 static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pages) {
-    tl_fmu_places *places = self->places;
+    tl_fmu_regions *places = self->places;
     if (begin >= end) {
         return;
     }
-    if (places->count == TL_FMU_PLACES) {
+    if (places->count == TL_FMU_REGIONS) {
         self->is_full = true;
         return;
     }
-    tl_fmu_place *place = &places->place[places->count++];
+    tl_fmu_region *place = &places->place[places->count++];
     memcpy(&place->begin, &begin, sizeof place->begin);
     place->size = end - begin;
     place->has_pages = has_pages;
@@ -329,18 +329,18 @@ static int note_opened(struct dl_phdr_info *object, size_t size, void *context) 
     return 1; /* each object says the same */
 }
 
-unsigned long long tl_fmu_places_opened(void) {
+unsigned long long tl_fmu_regions_opened(void) {
     unsigned long long opened = 0;
     (void)dl_iterate_phdr(note_opened, &opened);
     return opened;
 }
 
-tl_status tl_fmu_places_find(const char *folder, tl_fmu_places *places, tl_error *error) {
+tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error) {
     place_search self = {.folder = folder, .length = strlen(folder), .places = places};
-    *places = (tl_fmu_places){.count = 0};
+    *places = (tl_fmu_regions){.count = 0};
     (void)dl_iterate_phdr(look_at_object, &self);
     return self.is_full
-               ? tl_fail(error, TL_FMU_FAILED, "its libraries have more than %d writable places", TL_FMU_PLACES)
+               ? tl_fail(error, TL_FMU_FAILED, "its libraries have more than %d writable places", TL_FMU_REGIONS)
                : TL_OK;
 }
 
@@ -478,8 +478,8 @@ enum { SUPPOSED = 64, KNOWN = 4 };
 
 struct tl_fmu_pages {
     size_t count;
-    tl_fmu_place range[TL_FMU_PLACES + 1];
-    size_t before[TL_FMU_PLACES + 1]; /* pages in the ranges before this one */
+    tl_fmu_region range[TL_FMU_REGIONS + 1];
+    size_t before[TL_FMU_REGIONS + 1]; /* pages in the ranges before this one */
     bool are_told;
     tl_page_groups groups;
     tl_fmu_version now; /* what memory was when it was last saved or restored; but for what was written since */
@@ -715,7 +715,7 @@ size_t tl_fmu_pages_size(const tl_fmu_pages *self) {
            pages_that_differ(self) * (TL_FMU_PAGE + TL_PAGE_GROUP * sizeof(uint32_t));
 }
 
-void tl_fmu_pages_measure_anew(tl_fmu_pages *self) {
+void tl_fmu_pages_remeasure(tl_fmu_pages *self) {
     self->most = 0;
     self->times = 0;
     self->most_put = 0;
@@ -733,7 +733,7 @@ bool tl_fmu_pages_reserve_version(const tl_fmu_pages *self, tl_fmu_version *vers
     return make_room(version, self->now.leaves);
 }
 
-tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_error *error) {
+tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_region *ranges, size_t count, tl_error *error) {
     tl_fmu_pages *self = calloc(1, sizeof *self);
     if (self == NULL) {
         (void)tl_fail(error, TL_TRY_AGAIN, "not enough memory for states of an FMU");

@@ -18,26 +18,26 @@
  * Thread:  that of the FMUs.
  */
 
-enum { TL_FMU_PLACES = 64 };
+enum { TL_FMU_REGIONS = 64 };
 
-typedef struct tl_fmu_place {
+typedef struct tl_fmu_region {
     unsigned char *begin;
     size_t size;
     bool has_pages; /* of its own: nothing else lies in them; not so for a thread's variables */
-} tl_fmu_place;
+} tl_fmu_region;
 
-typedef struct tl_fmu_places {
+typedef struct tl_fmu_regions {
     size_t count;
     size_t bytes; /* of all */
-    tl_fmu_place place[TL_FMU_PLACES];
-} tl_fmu_places;
+    tl_fmu_region place[TL_FMU_REGIONS];
+} tl_fmu_regions;
 
 /* Libraries that this process has opened so far: if there are more, places may have come. */
-unsigned long long tl_fmu_places_opened(void);
+unsigned long long tl_fmu_regions_opened(void);
 
 /* Of all libraries that are loaded now from `folder`, an absolute path without links in it, or from folders below it. Thread-local variables of this
- * thread exist from then on. Errors: TL_FMU_FAILED: there are more than TL_FMU_PLACES. */
-tl_status tl_fmu_places_find(const char *folder, tl_fmu_places *places, tl_error *error);
+ * thread exist from then on. Errors: TL_FMU_FAILED: there are more than TL_FMU_REGIONS. */
+tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_error *error);
 
 /* ---- Which pages of memory were written since somebody looked.
  *
@@ -78,9 +78,9 @@ typedef struct tl_fmu_version {
     uint32_t *leaf; /* each a slot with the slots of its pages */
 } tl_fmu_version;
 
-/* Of these ranges, at most TL_FMU_PLACES + 1, whose beginnings and sizes are multiples of a page but for the size of the last. It is there until the process
+/* Of these ranges, at most TL_FMU_REGIONS + 1, whose beginnings and sizes are multiples of a page but for the size of the last. It is there until the process
  * ends. NULL: TL_TRY_AGAIN. */
-tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_place *ranges, size_t count, tl_error *error);
+tl_fmu_pages *tl_fmu_pages_open(const tl_fmu_region *ranges, size_t count, tl_error *error);
 
 /* What is there now, `used` bytes of the last range; in place of what the version was. Errors: TL_TRY_AGAIN: there is no memory; it is as it was. */
 tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *version, tl_error *error);
@@ -97,7 +97,7 @@ void tl_fmu_pages_lose(tl_fmu_pages *self);
 size_t tl_fmu_pages_size(const tl_fmu_pages *self);
 
 /* What was seen of versions says nothing of those to come. */
-void tl_fmu_pages_measure_anew(tl_fmu_pages *self);
+void tl_fmu_pages_remeasure(tl_fmu_pages *self);
 
 /* Nor does what is saved and restored while it passes. */
 void tl_fmu_pages_pass(tl_fmu_pages *self, bool passes);

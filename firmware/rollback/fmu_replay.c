@@ -282,7 +282,7 @@ bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept) {
 
 /* ---- the way back ---- */
 
-bool tl_fmu_history_find_way(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew) {
+bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew) {
     *first = NONE;
     *anew = false;
     if (tl_fmu_history_is_at(history, kept)) {
@@ -537,10 +537,10 @@ static fmi2Status go(tl_fmu_replay *replay, uint32_t first, bool anew) {
     return status;
 }
 
-fmi2Status tl_fmu_replay_lead(tl_fmu_replay *replay, fmi2FMUstate state) {
+fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state) {
     uint32_t first = TL_FMU_HISTORY_NONE;
     bool anew = false;
-    if (replay->phase != TL_FMU_REPLAY_NOTES || !tl_fmu_history_find_way(&replay->history, state, &first, &anew)) {
+    if (replay->phase != TL_FMU_REPLAY_NOTES || !tl_fmu_history_find_path(&replay->history, state, &first, &anew)) {
         return fmi2Error;
     }
     replay->phase = TL_FMU_REPLAY_PLAYS;
@@ -554,7 +554,7 @@ fmi2Status tl_fmu_replay_lead(tl_fmu_replay *replay, fmi2FMUstate state) {
     return fmi2OK;
 }
 
-fmi2Status tl_fmu_replay_lead_to_beginning(tl_fmu_replay *replay) {
+fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay) {
     if (replay->phase != TL_FMU_REPLAY_NOTES) {
         return fmi2Error;
     }

@@ -122,7 +122,7 @@ bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
 
 /* The way there: the first call to be made again in *first (NONE: none), the one after it by tl_fmu_history_follow(). *anew: from the root, after a reset; else from where it
  * stands. False: there is none. */
-bool tl_fmu_history_find_way(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
+bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
 
 /* What this call of the way was, and the values that it set. Returns the next one, or NONE. */
 uint32_t tl_fmu_history_follow(const tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made,
@@ -182,10 +182,10 @@ void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fm
 
 /* States. */
 fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state);
-fmi2Status tl_fmu_replay_lead(tl_fmu_replay *replay, fmi2FMUstate state);
+fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state);
 void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state);
 
 /* To the end of its prologue, after tl_fmu_replay_start(). */
-fmi2Status tl_fmu_replay_lead_to_beginning(tl_fmu_replay *replay);
+fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay);
 
 #endif

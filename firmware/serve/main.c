@@ -120,17 +120,17 @@ static tl_status listen_on(const char *text, int *listener, uint16_t *port, tl_e
 /* ---- serving ---- */
 
 static void serve(tl_server *server) {
-    tl_time patience = tl_service_patience();
+    tl_time patience = tl_service_extend_timeout();
     tl_time stroke = tl_clock_now(NULL);
-    (void)tl_service_tell("READY=1");
+    (void)tl_service_notify("READY=1");
     while (tl_interrupt_requested() == NULL) {
         tl_server_turn(server, TURN);
         if (patience > 0 && tl_clock_now(NULL) - stroke >= patience / 4) {
-            (void)tl_service_tell("WATCHDOG=1");
+            (void)tl_service_notify("WATCHDOG=1");
             stroke = tl_clock_now(NULL);
         }
     }
-    (void)tl_service_tell("STOPPING=1");
+    (void)tl_service_notify("STOPPING=1");
 }
 
 /* From now on it has its listener, local sockets, and two folders to look into. */

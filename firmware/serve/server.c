@@ -15,8 +15,8 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/retune/control.h"
+#include "firmware/serve/connections.h"
 #include "firmware/serve/dialogue.h"
-#include "firmware/serve/guests.h"
 #include "firmware/serve/tokens.h"
 
 /* ---- What the sources behind server.h share.
@@ -41,8 +41,8 @@ typedef struct tl_visit {
 struct tl_server {
     tl_server_settings settings;
     struct MHD_Daemon *daemon;
-    tl_guests guests;
-    tl_visit visits[TL_GUESTS];
+    tl_connections guests;
+    tl_visit visits[TL_CONNECTIONS];
     int arriving; /* the place of the connection that is being added */
     tl_token_delays token_delays;
     tl_tokens tokens;
@@ -445,7 +445,7 @@ static void come_or_go(void *context, struct MHD_Connection *connection, void **
     tl_visit *visit = *place;
     (void)connection;
     tl_dialogue_close(&visit->dialogue);
-    tl_guests_leave(&server->guests, visit->place);
+    tl_connections_leave(&server->guests, visit->place);
 }
 
 /* Nothing is decoded for us: http_request.h does, and says if it cannot be. */
@@ -469,10 +469,10 @@ static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
         MHD_USE_TLS | MHD_USE_EPOLL | MHD_USE_NO_LISTEN_SOCKET | MHD_ALLOW_SUSPEND_RESUME, 0, NULL, NULL, serve, server,
         MHD_OPTION_EXTERNAL_LOGGER, say_nothing, NULL, MHD_OPTION_HTTPS_MEM_CERT, certificate->chain,
         MHD_OPTION_HTTPS_MEM_KEY, certificate->key, MHD_OPTION_HTTPS_PRIORITIES, PRIORITIES,
-        MHD_OPTION_CONNECTION_LIMIT, (unsigned)TL_GUESTS, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
-        MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, complete, server, MHD_OPTION_NOTIFY_CONNECTION,
-        come_or_go, server, MHD_OPTION_URI_LOG_CALLBACK, keep_target, server, MHD_OPTION_UNESCAPE_CALLBACK,
-        keep_escapes, NULL, MHD_OPTION_SIGPIPE_HANDLED_BY_APP, 1, MHD_OPTION_END);
+        MHD_OPTION_CONNECTION_LIMIT, (unsigned)TL_CONNECTIONS, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+        (size_t)CONNECTION_MEMORY, MHD_OPTION_STRICT_FOR_CLIENT, 1, MHD_OPTION_NOTIFY_COMPLETED, complete, server,
+        MHD_OPTION_NOTIFY_CONNECTION, come_or_go, server, MHD_OPTION_URI_LOG_CALLBACK, keep_target, server,
+        MHD_OPTION_UNESCAPE_CALLBACK, keep_escapes, NULL, MHD_OPTION_SIGPIPE_HANDLED_BY_APP, 1, MHD_OPTION_END);
     return server->daemon != NULL
                ? TL_OK
                : tl_fail(error, TL_TRY_AGAIN,
@@ -483,7 +483,7 @@ static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
 /* ---- server ---- */
 
 /* The listener, all of libmicrohttpd, and of each visit its plant and, while it is suspended, itself. */
-enum { FIXED = 2, DESCRIPTORS = FIXED + 2 * TL_GUESTS, AT_ONCE = 32, MESSAGES_A_SECOND = 5 };
+enum { FIXED = 2, DESCRIPTORS = FIXED + 2 * TL_CONNECTIONS, AT_ONCE = 32, MESSAGES_A_SECOND = 5 };
 
 /* ---- who comes ---- */
 
@@ -504,10 +504,10 @@ static void put_out(tl_server *server, int place) {
 
 static int find_place(tl_server *server, const tl_address *address, tl_time now) {
     int gives_way = -1;
-    int place = tl_guests_admit(&server->guests, address, now, &gives_way);
+    int place = tl_connections_admit(&server->guests, address, now, &gives_way);
     if (place < 0 && gives_way >= 0) {
         put_out(server, gives_way);
-        place = tl_guests_admit(&server->guests, address, now, &gives_way);
+        place = tl_connections_admit(&server->guests, address, now, &gives_way);
     }
     return place;
 }
@@ -528,7 +528,7 @@ static void admit(tl_server *server, int socket, const struct sockaddr *from, so
     tl_address_text((const struct sockaddr *)&local, visit->local);
     server->arriving = place;
     if (MHD_add_connection(server->daemon, socket, from, size) != MHD_YES) {
-        tl_guests_leave(&server->guests, place);
+        tl_connections_leave(&server->guests, place);
         return;
     }
     tl_visit_allow(server, visit, TL_VISIT_GREETING);
@@ -553,7 +553,7 @@ static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCR
     list[0] = (struct pollfd){.fd = server->settings.listener, .events = POLLIN};
     list[1] = (struct pollfd){.fd = MHD_get_daemon_info(server->daemon, MHD_DAEMON_INFO_EPOLL_FD)->epoll_fd,
                               .events = POLLIN};
-    for (int i = 0; i < TL_GUESTS; i++) {
+    for (int i = 0; i < TL_CONNECTIONS; i++) {
         const tl_visit *visit = &server->visits[i];
         if (!server->guests.rows[i].is_there) {
             continue;
@@ -572,7 +572,7 @@ static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCR
 static int patience_of(const tl_server *server, tl_time most) {
     MHD_UNSIGNED_LONG_LONG wanted = 0;
     tl_time least = most;
-    tl_time next = tl_guests_next(&server->guests);
+    tl_time next = tl_connections_next(&server->guests);
     tl_time left = next == TL_TIME_NEVER ? most : next - tl_clock_now(NULL);
     least = left < least ? left : least;
     if (MHD_get_timeout(server->daemon, &wanted) == MHD_YES && wanted < (MHD_UNSIGNED_LONG_LONG)(most / 1000000)) {
@@ -609,7 +609,7 @@ static void follow(tl_server *server, tl_visit *visit) {
 /* A plant that does not answer is told of; a guest who does not go on is put out. */
 static void end_overdue(tl_server *server) {
     tl_time now = tl_clock_now(NULL);
-    for (int i = 0; (i = tl_guests_overdue(&server->guests, i, now)) >= 0; i++) {
+    for (int i = 0; (i = tl_connections_overdue(&server->guests, i, now)) >= 0; i++) {
         tl_visit *visit = &server->visits[i];
         if (visit->is_suspended && visit->dialogue.status == 0) {
             tl_dialogue_refuse(&visit->dialogue, TL_HTTP_TIMEOUT, TL_CONTROL_FAILED,
@@ -629,7 +629,7 @@ void tl_server_turn(tl_server *server, tl_time most) {
         tl_log_limited(&server->says, TL_LOG_ERROR, "nothing can be waited for: %s", strerror(errno));
     }
     open_door(server);
-    for (int i = 0; i < TL_GUESTS; i++) {
+    for (int i = 0; i < TL_CONNECTIONS; i++) {
         if (server->guests.rows[i].is_there) {
             follow(server, &server->visits[i]);
         }
@@ -659,7 +659,7 @@ void tl_server_close(tl_server *server) {
     if (server == NULL) {
         return;
     }
-    for (int i = 0; i < TL_GUESTS; i++) {
+    for (int i = 0; i < TL_CONNECTIONS; i++) {
         if (server->guests.rows[i].is_there) {
             put_out(server, i);
         }

@@ -286,7 +286,7 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     run->step = take_integer(row, 1, LONGEST_STEP);
     run->prediction = (uint32_t)take_integer(row, 0, INT32_MAX);
     const char *measurements = read_text(row, NAME_MOST);
-    run->measurements = tl_measurements_named(measurements);
+    run->measurements = tl_pairing_named(measurements);
     run->lead = (uint32_t)take_integer(row, 0, INT32_MAX);
     run->samples = take_count(row);
     run->steps = take_count(row);
@@ -302,7 +302,7 @@ static void read_run(tl_history *history, const tl_history_run *none, table_row 
     const char *from = take_text_or_null(history, row, NAME_MOST);
     run->resumption.from = tl_resumed_from_named(from);
     row->right = row->right && run->started != NULL && (run->ended == NULL) == (run->ended_reason == NULL) &&
-                 strcmp(measurements, tl_measurements_names[run->measurements]) == 0 &&
+                 strcmp(measurements, tl_pairing_names[run->measurements]) == 0 &&
                  (from == NULL || strcmp(from, tl_resumed_from_name(run->resumption.from)) == 0);
 }
 
@@ -583,7 +583,7 @@ static bool give_step(table_row *row, const row_key *key) {
 static bool give_output(table_row *row, const row_key *key) {
     tl_history_output output = {.step = key->number, .signal = (size_t)key->signal};
     output.y = take_number(row);
-    output.y_hat = take_number(row);
+    output.measured = take_number(row);
     output.quality = (int64_t)take_count(row);
     output.readings = (int64_t)take_count(row);
     output.squares = take_number(row);
@@ -597,7 +597,7 @@ static bool give_output(table_row *row, const row_key *key) {
 static bool give_adjustment(table_row *row, const row_key *key) {
     tl_history_adjustment adjustment = {.step = key->number, .signal = (size_t)key->signal};
     adjustment.u = take_number(row);
-    adjustment.u_hat = take_number(row);
+    adjustment.nominal = take_number(row);
     if (row->right) {
         key->visitor->adjustment(key->visitor->context, &adjustment);
     }

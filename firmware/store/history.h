@@ -41,7 +41,7 @@ typedef struct tl_history_run {
     tl_time step;                   /* T_S, ns */
     uint32_t prediction;            /* T_P */
     uint32_t lead;                  /* step i was computed at tick i + lead */
-    tl_measurements measurements;
+    tl_pairing measurements;
     uint64_t samples, steps, events, lost; /* written, and lost */
     tl_resumption resumption;              /* `start` and `started` are not in it: */
     bool has_start;                        /* t_start is known on the clock of that boot, */
@@ -181,7 +181,7 @@ typedef struct tl_history_output {
     int64_t step;
     size_t signal;
     double y;
-    double y_hat;
+    double measured;
     int64_t quality;  /* tl_quality, of y_hat */
     int64_t readings; /* of the plant within the step; */
     double squares;   /* Σ(y − ŷ)² at them; NaN if that was not finite; */
@@ -193,7 +193,7 @@ typedef struct tl_history_adjustment {
     int64_t step;
     size_t signal;
     double u;
-    double u_hat; /* nominal */
+    double nominal; /* nominal */
 } tl_history_adjustment;
 
 /* An event; texts are valid while it is handed out. */

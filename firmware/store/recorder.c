@@ -11,7 +11,7 @@
 
 #include "firmware/base/os.h"
 #include "firmware/process/crash.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_writer.h"
 
 enum { STACK = 512 * 1024, PAGE = 4096 };
@@ -23,9 +23,9 @@ struct tl_recorder {
     tl_recorder_settings settings;
     tl_time patience;
     void *memory; /* in which the outbox is */
-    tl_outbox outbox;
+    tl_record_queue queue;
     tl_recorder_writer_state state;
-    tl_outbox_start start;
+    tl_record_queue_start start;
     bool stop; /* atomic */
     pthread_t thread;
     tl_recorder_writer *writer; /* the thread's; after the join, close's */
@@ -35,40 +35,40 @@ struct tl_recorder {
 
 /* Until there is room, or the disk has refused for too long. */
 static void wait_for_room(tl_recorder *recorder) {
-    while (!tl_outbox_wait_for_room(&recorder->outbox, 0)) {
+    while (!tl_record_queue_wait_for_room(&recorder->queue, 0)) {
         tl_time now = tl_clock_now(NULL);
         tl_time since = tl_recorder_state_get(&recorder->state).refused_since;
         if (since != 0 && now - since >= recorder->patience) {
             return;
         }
-        (void)tl_outbox_wait_for_room(&recorder->outbox, now + PAUSE);
+        (void)tl_record_queue_wait_for_room(&recorder->queue, now + PAUSE);
     }
 }
 
 void tl_recorder_put_sample(tl_recorder *recorder, const tl_sample *sample) {
     wait_for_room(recorder);
-    (void)tl_outbox_put_sample(&recorder->outbox, sample);
+    (void)tl_record_queue_put_sample(&recorder->queue, sample);
 }
 
 void tl_recorder_put_step(tl_recorder *recorder, const tl_record *record, const tl_recorder_component *ledger) {
     wait_for_room(recorder);
-    (void)tl_outbox_put_step(&recorder->outbox, record, ledger);
+    (void)tl_record_queue_put_step(&recorder->queue, record, ledger);
 }
 
 void tl_recorder_put_tuning(tl_recorder *recorder, const tl_run_tuning *tuning) {
     wait_for_room(recorder);
-    (void)tl_outbox_put_tuning(&recorder->outbox, tuning);
+    (void)tl_record_queue_put_tuning(&recorder->queue, tuning);
 }
 
 void tl_recorder_event(tl_recorder *recorder, int64_t tick, tl_severity severity, const char *source,
                        const char *text) {
-    tl_outbox_event(&recorder->outbox, tick, severity, source, text);
+    tl_record_queue_event(&recorder->queue, tick, severity, source, text);
 }
 
 tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder) {
     tl_recorder_state_counts counts = tl_recorder_state_get(&recorder->state);
     return (tl_recorder_counts){
-        .written = counts.written, .lost = counts.dropped + tl_outbox_lost(&recorder->outbox), .run = counts.run};
+        .written = counts.written, .lost = counts.dropped + tl_record_queue_lost(&recorder->queue), .run = counts.run};
 }
 
 /* ---- The thread -------------------------------------------------------------------------------------------------- */
@@ -98,25 +98,22 @@ static void destroy(tl_recorder *recorder) {
 
 static tl_status start(tl_recorder *recorder, tl_error *error) {
     const tl_recorder_settings *settings = &recorder->settings;
-    tl_recorder_writer_outbox outbox = {.name = "this process"};
+    tl_recorder_writer_queue queue = {.name = "this process"};
     recorder->patience = settings->patience != 0 ? settings->patience : PATIENCE;
-    outbox.settings.shape = (tl_recorder_shape){settings->plant_count, settings->match_count, settings->adjust_count,
-                                                settings->component_count};
-    outbox.settings.ring_bytes = tl_outbox_ring_bytes(&outbox.settings.shape, settings->step);
-    size_t bytes = tl_outbox_bytes(&outbox.settings);
+    queue.settings.shape = (tl_recorder_shape){settings->plant_count, settings->match_count, settings->adjust_count,
+                                               settings->component_count};
+    queue.settings.ring_bytes = tl_record_queue_ring_bytes(&queue.settings.shape, settings->step);
+    size_t bytes = tl_record_queue_bytes(&queue.settings);
     if (posix_memalign(&recorder->memory, PAGE, bytes) != 0) {
         recorder->memory = NULL;
         return tl_fail(error, TL_TRY_AGAIN, "%s: out of memory", settings->path);
     }
     memset(recorder->memory, 0, bytes);
-    tl_outbox_open(&outbox.settings, recorder->memory, &recorder->state.taken[0], &recorder->outbox);
-    outbox.memory = recorder->memory;
+    tl_record_queue_open(&queue.settings, recorder->memory, &recorder->state.taken[0], &recorder->queue);
+    queue.memory = recorder->memory;
     recorder->start.account = *settings->account;
-    const tl_recorder_writer_settings made = {.record = settings,
-                                              .outboxes = &outbox,
-                                              .outbox_count = 1,
-                                              .state = &recorder->state,
-                                              .first = &recorder->start};
+    const tl_recorder_writer_settings made = {
+        .record = settings, .queues = &queue, .queue_count = 1, .state = &recorder->state, .first = &recorder->start};
     tl_status status = tl_recorder_writer_open(&made, &recorder->writer, error);
     if (status != TL_OK) {
         return status;
@@ -147,12 +144,12 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
 
 /* The end has its place behind all entries; the ring may have to be written first. */
 static void put_end(tl_recorder *recorder, const char *reason, tl_time until) {
-    while (!tl_outbox_wait_for_room(&recorder->outbox, 0) && tl_clock_now(NULL) < until) {
+    while (!tl_record_queue_wait_for_room(&recorder->queue, 0) && tl_clock_now(NULL) < until) {
         tl_recorder_writer_write(recorder->writer);
-        (void)tl_outbox_wait_for_room(&recorder->outbox, tl_clock_now(NULL) + PAUSE);
+        (void)tl_record_queue_wait_for_room(&recorder->queue, tl_clock_now(NULL) + PAUSE);
     }
-    if (tl_outbox_wait_for_room(&recorder->outbox, 0)) {
-        (void)tl_outbox_put_end(&recorder->outbox, reason);
+    if (tl_record_queue_wait_for_room(&recorder->queue, 0)) {
+        (void)tl_record_queue_put_end(&recorder->queue, reason);
     }
 }
 

@@ -1,6 +1,6 @@
 /* The recorder of a replay: writes everything a run saw, did and decided into SQLite.
  *
- * Purpose: for a process that both computes and records: an outbox (outbox.h) in its memory, and a thread that runs a writer
+ * Purpose: for a process that both computes and records: an outbox (record_queue.h) in its memory, and a thread that runs a writer
  *          (recorder_writer.h) every `commit` interval, or earlier if the ring is half full. Schema: config/SPEC.md, "Database".
  * Loss:    synchronous=FULL: what is committed survives a power cut. A power cut and a kill lose what was not yet
  *          committed: at most the last `commit` interval, while the disk keeps up.

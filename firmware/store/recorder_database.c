@@ -538,7 +538,7 @@ static int64_t last_tick(const tl_recorder_database *database) {
 }
 
 /* With the configuration that the run was built with, whose text may not be known. */
-static int write_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed) {
+static int write_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     const tl_recorder_settings *settings = database->settings;
     char own[TL_SHA256_TEXT];
     char now[TL_UTC_TEXT];
@@ -558,7 +558,7 @@ static int write_run(tl_recorder_database *database, const tl_outbox_start *star
                             cell_text(now),
                             cell_whole(settings->step),
                             cell_whole(start->account.prediction > INT32_MAX ? INT32_MAX : start->account.prediction),
-                            cell_text(tl_measurements_names[settings->measurements]),
+                            cell_text(tl_pairing_names[settings->measurements]),
                             cell_whole(start->account.lead > INT32_MAX ? INT32_MAX : start->account.lead)};
         code = write_row(database, NEW_RUN, row);
         database->run = sqlite3_last_insert_rowid(database->connection);
@@ -568,7 +568,7 @@ static int write_run(tl_recorder_database *database, const tl_outbox_start *star
 
 /* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. If timed, when the run began,
  * and what it goes on with. */
-static int write_beginning(tl_recorder_database *database, const tl_outbox_start *start, bool timed) {
+static int write_beginning(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     char none[TL_SHA256_TEXT];
     const tl_recorder_settings *settings = database->settings;
     const tl_resumption *resumption = &start->resumption;
@@ -599,7 +599,7 @@ static int write_signal(tl_recorder_database *database, const char *kind, size_t
 }
 
 /* Units and types of what is matched and adjusted are what the account says; counts of components come with the steps. */
-static int write_signals(tl_recorder_database *database, const tl_outbox_start *start) {
+static int write_signals(tl_recorder_database *database, const tl_record_queue_start *start) {
     const tl_recorder_settings *settings = database->settings;
     const tl_account *account = &start->account;
     int code = SQLITE_OK;
@@ -625,7 +625,7 @@ static int write_signals(tl_recorder_database *database, const tl_outbox_start *
     return code;
 }
 
-int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
+int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run) {
     const tl_recorder_known *known = find_known(database, &start->configured);
     int code = tl_recorder_database_give_up(database);
@@ -715,15 +715,15 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
         const cell row[] = {step,
                             cell_whole((int64_t)i),
                             cell_number(record->y[i]),
-                            cell_number(record->y_hat[i]),
-                            cell_whole(record->y_hat_quality[i]),
+                            cell_number(record->measured[i]),
+                            cell_whole(record->measured_quality[i]),
                             cell_whole(readings->count),
                             cell_number(readings->squares),
                             cell_whole(readings->rejected)};
         code = write_row(database, OUTPUT, row);
     }
     for (size_t i = 0; i < database->settings->adjust_count && code == SQLITE_OK; i++) {
-        const cell row[] = {step, cell_whole((int64_t)i), cell_number(record->u[i]), cell_number(record->u_hat[i])};
+        const cell row[] = {step, cell_whole((int64_t)i), cell_number(record->u[i]), cell_number(record->nominal[i])};
         code = write_row(database, ADJUSTMENT, row);
     }
     return code;

@@ -14,7 +14,7 @@
 #include "firmware/base/text.h"
 #include "firmware/config/config.h"
 #include "firmware/store/database_file.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "master/plan/plan.h"
 
 typedef struct tl_recorder_settings {
@@ -31,7 +31,7 @@ typedef struct tl_recorder_settings {
     const char *boot;   /* of the system, */
     const char *format; /* and of the bytes of checkpoints; each may be NULL */
     tl_time step;       /* T_S */
-    tl_measurements measurements;
+    tl_pairing measurements;
     const tl_recorder_signal *plant, *match, *adjust;
     size_t plant_count, match_count, adjust_count;
     size_t component_count;    /* in the ledger */
@@ -80,7 +80,7 @@ int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const 
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
 /* Begins a run; `timed`: its start is when it says; else it is now, and on no clock. Gives the id of its row. */
-int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_outbox_start *start, bool timed,
+int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run);
 
 /* The run goes on: an end that somebody has found for it is none. */

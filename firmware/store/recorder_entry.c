@@ -62,11 +62,11 @@ const tl_packed_part tl_packed_record[] = {
     {offsetof(tl_record, delay_state), sizeof(tl_delay_state), TL_PACKED_ONE},
     {offsetof(tl_record, delay), sizeof(tl_time), TL_PACKED_ONE},
     {offsetof(tl_record, y), sizeof(double), TL_PACKED_MATCH},
-    {offsetof(tl_record, y_hat), sizeof(double), TL_PACKED_MATCH},
+    {offsetof(tl_record, measured), sizeof(double), TL_PACKED_MATCH},
     {offsetof(tl_record, readings), sizeof(tl_record_readings), TL_PACKED_MATCH},
     {offsetof(tl_record, u), sizeof(double), TL_PACKED_ADJUST},
-    {offsetof(tl_record, u_hat), sizeof(double), TL_PACKED_ADJUST},
-    {offsetof(tl_record, y_hat_quality), sizeof(uint8_t), TL_PACKED_MATCH},
+    {offsetof(tl_record, nominal), sizeof(double), TL_PACKED_ADJUST},
+    {offsetof(tl_record, measured_quality), sizeof(uint8_t), TL_PACKED_MATCH},
     {0},
 };
 
@@ -121,7 +121,7 @@ static bool are_qualities(const uint8_t *quality, size_t count) {
 bool tl_packed_record_is_sound(const tl_record *record, size_t match) {
     return (unsigned)record->outcome < TL_OUTCOMES && (unsigned)record->stop <= TL_STOP_TIME &&
            (unsigned)record->delay_state <= TL_DELAY_LOST && record->flags < 2U * TL_LAST_FLAG &&
-           are_qualities(record->y_hat_quality, match);
+           are_qualities(record->measured_quality, match);
 }
 
 /* ---- Sizes ---- */
@@ -190,7 +190,7 @@ static void put_digest(tl_recorder_pen *pen) {
     put(pen, &digest, sizeof digest);
 }
 
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_outbox_start *start, uint64_t id) {
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_record_queue_start *start, uint64_t id) {
     put_kind(pen, TL_ENTRY_START);
     put_byte(pen, start->holds);
     put(pen, &start->resumption, sizeof start->resumption);
@@ -286,7 +286,7 @@ static const char *get_tuning(look *at, tl_run_tuning *tuning) {
 }
 
 static const char *get_start(look *at, tl_recorder_entry *entry) {
-    tl_outbox_start *start = &entry->start;
+    tl_record_queue_start *start = &entry->start;
     uint8_t holds = 0;
     memset(start, 0, sizeof *start);
     if (!get(at, &holds, 1) || !get(at, &start->resumption, sizeof start->resumption) ||

@@ -1,7 +1,7 @@
 /* Packs samples and records to the signals that a run has, and packs the entries of the recorder's ring.
  *
  * Purpose: a tl_sample is 1.1 kB, of which a plant with three signals uses 60 bytes. The ring, the channel to the process of the FMUs
- *          and the images of earlier runs (past.h) pack the same tables.
+ *          and the images of earlier runs (resume.h) pack the same tables.
  * Format:  an entry is one byte that says what follows, then its fields one after the other, then a digest; the same program on both sides.
  * Trust:   whoever reads may do so in another process than that which wrote. Of what is there each kind, enumeration, text and digest is
  *          checked: a stray store is detected, but not a forged entry. Numbers are not judged.
@@ -73,22 +73,22 @@ typedef enum tl_recorder_kind {
 } tl_recorder_kind;
 
 /* A run begins. */
-typedef struct tl_outbox_start {
+typedef struct tl_record_queue_start {
     bool holds;                /* safe hold: samples and events only */
     tl_resumption resumption;  /* `start` and `started` always count. Its run, if below 0: the one before in here */
     tl_account account;        /* of the twin; nothing if it holds */
-    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_outbox_name_fmus(). "": nobody has named them */
-    tl_run_tuning configured;  /* what it was built with: tl_outbox_name_configuration(). Hash "": not named */
-} tl_outbox_start;
+    char fmus[TL_SHA256_TEXT]; /* which FMUs it has: see tl_record_queue_name_fmus(). "": nobody has named them */
+    tl_run_tuning configured;  /* what it was built with: tl_record_queue_name_configuration(). Hash "": not named */
+} tl_record_queue_start;
 
 /* Some 20 KB: not for a small stack. */
 typedef struct tl_recorder_entry {
     tl_recorder_kind kind;
-    uint64_t id;           /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
-    tl_outbox_start start; /* TL_ENTRY_START. The account is sound, and so are digests: tl_identity_is_sound() */
-    tl_run_tuning tuning;  /* TL_ENTRY_TUNING. Its values are not judged, nor are those in `start` */
-    tl_sample sample;      /* TL_ENTRY_SAMPLE; without its instant */
-    tl_record record;      /* TL_ENTRY_STEP */
+    uint64_t id;                 /* TL_ENTRY_START, TL_ENTRY_SAMPLE: of the run */
+    tl_record_queue_start start; /* TL_ENTRY_START. The account is sound, and so are digests: tl_identity_is_sound() */
+    tl_run_tuning tuning;        /* TL_ENTRY_TUNING. Its values are not judged, nor are those in `start` */
+    tl_sample sample;            /* TL_ENTRY_SAMPLE; without its instant */
+    tl_record record;            /* TL_ENTRY_STEP */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS]; /* as of the record */
     char reason[TL_RECORDER_REASON];                      /* TL_ENTRY_END */
 } tl_recorder_entry;
@@ -109,7 +109,7 @@ typedef struct tl_recorder_pen {
 } tl_recorder_pen;
 
 /* There is room for it. Stamps become relative to `start`; what is too far from it stays at the end of what can be told. */
-void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_outbox_start *start, uint64_t id);
+void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_record_queue_start *start, uint64_t id);
 void tl_recorder_entry_pack_sample(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_sample *sample,
                                    tl_time start, uint64_t id);
 void tl_recorder_entry_pack_step(tl_recorder_pen *pen, const tl_recorder_shape *shape, const tl_record *record,

@@ -41,7 +41,7 @@ void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_ma
 
 void tl_recorder_state_show(tl_recorder_writer_state *state) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(state);
-    for (int i = 0; i < TL_WRITER_OUTBOXES; i++) {
+    for (int i = 0; i < TL_WRITER_QUEUES; i++) {
         __atomic_store_n(&state->taken[i].events, mark->taken[i].events, __ATOMIC_RELEASE);
         __atomic_store_n(&state->taken[i].checkpoint, mark->taken[i].checkpoint, __ATOMIC_RELEASE);
         __atomic_store_n(&state->taken[i].ring, mark->taken[i].ring, __ATOMIC_RELEASE);

@@ -14,11 +14,11 @@
 #include <stdint.h>
 
 #include "firmware/store/database_file.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_database.h"
 #include "master/base/simtime.h"
 
-enum { TL_WRITER_OUTBOXES = 8, TL_WRITER_OWN_EVENTS = 8 };
+enum { TL_WRITER_QUEUES = 8, TL_WRITER_OWN_EVENTS = 8 };
 
 /* How far everything has been written. */
 typedef struct tl_recorder_mark {
@@ -32,19 +32,19 @@ typedef struct tl_recorder_mark {
     bool hands_over; /* it has ended so that a run from another ring goes on */
     uint32_t ring;   /* the outbox from which it came */
     bool is_again;   /* its beginning is in another file, and here it has no sample yet */
-    tl_outbox_start start;
-    tl_recorder_totals totals;         /* of the row, */
-    uint64_t own;                      /* and how many of its events are the writer's own */
-    tl_run_tuning tuning;              /* in force: the newest one of the run that was written; its hash "": none */
-    uint64_t written;                  /* entries and events of all runs, */
-    uint64_t dropped;                  /* and those that a file took with it, or that belonged to no run */
-    uint64_t said;                     /* number of the first of the writer's own events that is not written */
-    uint64_t lost[TL_WRITER_OUTBOXES]; /* what the producers have lost, as far as totals know it, */
-    tl_time counted;                   /* and when that was looked at */
-    uint64_t id;                       /* of the run in its ring; 0: it has none */
-    int64_t sampled;                   /* the tick behind its newest sample; 0: it has none */
-    bool is_cut;                       /* what came behind that in the ring was skipped */
-    tl_outbox_taken taken[TL_WRITER_OUTBOXES];
+    tl_record_queue_start start;
+    tl_recorder_totals totals;       /* of the row, */
+    uint64_t own;                    /* and how many of its events are the writer's own */
+    tl_run_tuning tuning;            /* in force: the newest one of the run that was written; its hash "": none */
+    uint64_t written;                /* entries and events of all runs, */
+    uint64_t dropped;                /* and those that a file took with it, or that belonged to no run */
+    uint64_t said;                   /* number of the first of the writer's own events that is not written */
+    uint64_t lost[TL_WRITER_QUEUES]; /* what the producers have lost, as far as totals know it, */
+    tl_time counted;                 /* and when that was looked at */
+    uint64_t id;                     /* of the run in its ring; 0: it has none */
+    int64_t sampled;                 /* the tick behind its newest sample; 0: it has none */
+    bool is_cut;                     /* what came behind that in the ring was skipped */
+    tl_record_queue_taken taken[TL_WRITER_QUEUES];
 } tl_recorder_mark;
 
 /* Entries and events of the run that were written; the writer's own events are not counted. */
@@ -55,7 +55,7 @@ void tl_recorder_mark_lose(tl_recorder_mark *mark, uint64_t more);
 
 /* Fields are private but for `taken`: there each producer looks, in its own. */
 typedef struct tl_recorder_writer_state {
-    tl_outbox_taken taken[TL_WRITER_OUTBOXES];
+    tl_record_queue_taken taken[TL_WRITER_QUEUES];
     tl_recorder_mark marks[2];
     uint32_t current;  /* the mark that is committed; the other one is being committed, or was not */
     uint64_t own_said; /* number of the next of the writer's own events */

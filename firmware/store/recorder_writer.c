@@ -36,8 +36,8 @@ static const tl_time CLOSE_PAUSE = TL_SECOND / 20; /* between two tries when it 
 
 /* An outbox as it is read. One that is not there has no reader: nothing is in it, and it is never damaged. */
 typedef struct source {
-    tl_recorder_writer_outbox outbox;
-    tl_outbox_reader reader;
+    tl_recorder_writer_queue queue;
+    tl_record_queue_reader reader;
     bool is_told;       /* that it is damaged */
     tl_time damaged_at; /* by a look that was not before this; 0: it is not */
 } source;
@@ -47,7 +47,7 @@ struct tl_recorder_writer {
     tl_recorder_settings record;
     tl_recorder_writer_state *state;
     tl_recorder_file file;
-    source sources[TL_WRITER_OUTBOXES];
+    source sources[TL_WRITER_QUEUES];
     tl_time mended_at;         /* when damaged outboxes were looked at the last time */
     bool is_reopened;          /* the ring was, since it was still damaged */
     unsigned char *checkpoint; /* of the size of those of the outbox with the ring; NULL: it has none */
@@ -67,16 +67,16 @@ static const tl_recorder_mark *mark_of(const tl_recorder_writer *writer) {
     return tl_recorder_state_mark(writer->state);
 }
 
-static tl_outbox_reader *ring_of(tl_recorder_writer *writer) {
+static tl_record_queue_reader *ring_of(tl_recorder_writer *writer) {
     return &writer->sources[writer->settings.ring].reader;
 }
 
-static const tl_outbox_settings *settings_of_ring(const tl_recorder_writer *writer) {
-    return &writer->sources[writer->settings.ring].outbox.settings;
+static const tl_record_queue_settings *settings_of_ring(const tl_recorder_writer *writer) {
+    return &writer->sources[writer->settings.ring].queue.settings;
 }
 
 /* Of the outbox with the ring: what the batch has taken, and what is committed of that. */
-static tl_outbox_taken *taken_of(tl_recorder_writer *writer) {
+static tl_record_queue_taken *taken_of(tl_recorder_writer *writer) {
     return &writer->next.taken[writer->settings.ring];
 }
 
@@ -85,7 +85,7 @@ static uint64_t taken_of_ring(const tl_recorder_writer *writer) {
 }
 
 static bool take_entry(tl_recorder_writer *writer, uint64_t *position, uint64_t end) {
-    return tl_outbox_reader_entry(ring_of(writer), position, end, &writer->entry);
+    return tl_record_queue_reader_entry(ring_of(writer), position, end, &writer->entry);
 }
 
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer) {
@@ -149,23 +149,23 @@ static void note_success(tl_recorder_writer *writer) {
 /* ---- Events of the outboxes -------------------------------------------------------------------------------------- */
 
 /* The event of this number, if all entries are written that were put before it; *skip: it is none. */
-static bool read_event(tl_recorder_writer *writer, size_t outbox, uint64_t number, uint64_t written,
+static bool read_event(tl_recorder_writer *writer, size_t queue, uint64_t number, uint64_t written,
                        tl_recorder_event_entry *event, bool *skip) {
-    source *from = &writer->sources[outbox];
-    return from->outbox.memory != NULL && tl_outbox_reader_event(&from->reader, number, event, skip) &&
-           (outbox != writer->settings.ring || *skip || event->position <= written);
+    source *from = &writer->sources[queue];
+    return from->queue.memory != NULL && tl_record_queue_reader_event(&from->reader, number, event, skip) &&
+           (queue != writer->settings.ring || *skip || event->position <= written);
 }
 
 /* The oldest one that may be written now, with the ring as far as `written`; of two of the same instant that of the later outbox, since what io
  * says is often why the twin says something. The outbox, or the number of outboxes: there is none. */
 static size_t find_oldest_event(tl_recorder_writer *writer, uint64_t written, tl_recorder_event_entry *oldest,
                                 bool *skip) {
-    size_t found = writer->settings.outbox_count;
+    size_t found = writer->settings.queue_count;
     tl_recorder_event_entry event;
     bool skips = false;
-    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+    for (size_t i = 0; i < writer->settings.queue_count; i++) {
         if (read_event(writer, i, writer->next.taken[i].events, written, &event, &skips) &&
-            (found == writer->settings.outbox_count || skips || event.at <= oldest->at)) {
+            (found == writer->settings.queue_count || skips || event.at <= oldest->at)) {
             found = i;
             *oldest = event;
             *skip = skips;
@@ -179,7 +179,7 @@ static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t 
     tl_recorder_event_entry event;
     size_t events = 0;
     bool skip = false;
-    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+    for (size_t i = 0; i < writer->settings.queue_count; i++) {
         uint64_t number = writer->next.taken[i].events;
         for (size_t n = 0; n < most && read_event(writer, i, number, written, &event, &skip); n++) {
             number++;
@@ -193,7 +193,7 @@ static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t 
 
 static void reopen(source *from) {
     bool is_left = from->reader.is_left;
-    tl_outbox_reader_open(&from->outbox.settings, from->outbox.memory, &from->reader);
+    tl_record_queue_reader_open(&from->queue.settings, from->queue.memory, &from->reader);
     from->reader.is_left = is_left;
 }
 
@@ -202,13 +202,13 @@ static bool is_broken(const source *from) {
 }
 
 /* Looks at damaged outboxes again, once a second; at one that was found damaged between two writings, at once. */
-static void mend_outboxes(tl_recorder_writer *writer) {
+static void mend_queues(tl_recorder_writer *writer) {
     tl_time now = tl_clock_now(NULL);
     bool again = now - writer->mended_at >= MEND_PAUSE;
     writer->mended_at = again ? now : writer->mended_at;
     writer->is_reopened =
         again && ring_of(writer)->is_ring_broken && writer->sources[writer->settings.ring].damaged_at != 0;
-    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+    for (size_t i = 0; i < writer->settings.queue_count; i++) {
         source *from = &writer->sources[i];
         if (is_broken(from) && (again || from->damaged_at == 0)) {
             reopen(from);
@@ -221,28 +221,28 @@ static void mend_outboxes(tl_recorder_writer *writer) {
 
 /* After reading, which began at this time. */
 static void note_damage(tl_recorder_writer *writer, tl_time begun) {
-    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+    for (size_t i = 0; i < writer->settings.queue_count; i++) {
         char text[TL_EVENT_TEXT];
         source *from = &writer->sources[i];
         from->damaged_at = !is_broken(from) ? 0 : from->damaged_at != 0 ? from->damaged_at : begun;
         if (is_broken(from) && !from->is_told) {
             from->is_told = true;
             writer->was_corrupted = true;
-            (void)snprintf(text, sizeof text, "the queue of %s was corrupted%s: it %.120s", from->outbox.name,
+            (void)snprintf(text, sizeof text, "the queue of %s was corrupted%s: it %.120s", from->queue.name,
                            i == writer->settings.ring ? " by the process of the FMUs" : "", from->reader.fault);
             tl_recorder_file_say(&writer->file, TL_EVENT_ERROR, text);
         }
     }
 }
 
-tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox) {
-    return writer->sources[outbox].damaged_at;
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue) {
+    return writer->sources[queue].damaged_at;
 }
 
 /* ---- Beginning and ending a batch -------------------------------------------------------------------------------- */
 
 static void begin_batch(tl_recorder_writer *writer) {
-    tl_heart_beat(writer->settings.heart);
+    tl_thread_heartbeat_beat(writer->settings.heartbeat);
     writer->next = *mark_of(writer);
     writer->next.number++;
     writer->ends = false;
@@ -321,7 +321,7 @@ static uint64_t end_of(tl_recorder_writer *writer, uint64_t end) {
 /* What is committed is where a look begins; gives the end of what may be read. */
 static uint64_t look_from_mark(tl_recorder_writer *writer) {
     writer->next = *mark_of(writer);
-    return end_of(writer, tl_outbox_reader_end(ring_of(writer), taken_of(writer)->ring));
+    return end_of(writer, tl_record_queue_reader_end(ring_of(writer), taken_of(writer)->ring));
 }
 
 /* What comes next, if it is the beginning of another run: then the entry is that. */
@@ -364,9 +364,9 @@ static void count_lost(tl_recorder_writer *writer) {
     tl_time now = tl_clock_now(NULL);
     uint64_t most = EVENTS + ENTRIES * (uint64_t)((now - next->counted) / writer->record.step);
     next->counted = now;
-    for (size_t i = 0; i < writer->settings.outbox_count; i++) {
+    for (size_t i = 0; i < writer->settings.queue_count; i++) {
         const source *from = &writer->sources[i];
-        uint64_t lost = from->outbox.memory != NULL ? tl_outbox_reader_lost(&from->reader) : next->lost[i];
+        uint64_t lost = from->queue.memory != NULL ? tl_record_queue_reader_lost(&from->reader) : next->lost[i];
         uint64_t more = lost - next->lost[i];
         tl_recorder_mark_lose(next, more <= most ? more : 0); /* else somebody has written over the count */
         next->lost[i] = lost;
@@ -412,7 +412,7 @@ static int write_events(tl_recorder_writer *writer, size_t most) {
     int code = SQLITE_OK;
     for (size_t n = 0; n < most && code == SQLITE_OK; n++) {
         size_t from = find_oldest_event(writer, written, &event, &skip);
-        if (from == writer->settings.outbox_count) {
+        if (from == writer->settings.queue_count) {
             break;
         }
         code = skip ? SQLITE_OK : tl_recorder_database_event(writer->file.database, &event);
@@ -573,10 +573,10 @@ static int write_missing(tl_recorder_writer *writer, int64_t end, size_t limit) 
 /* The first tick of the run that will be another's, if the entry begins one. */
 static int64_t tick_of_other(const tl_recorder_writer *writer) {
     const tl_resumption *other = &writer->entry.start.resumption;
-    tl_time past = 0;
+    tl_time resume = 0;
     tl_time first = 0;
-    bool fits = !__builtin_mul_overflow(first_tick(other), writer->record.step, &past) &&
-                !__builtin_add_overflow(other->start, past, &first);
+    bool fits = !__builtin_mul_overflow(first_tick(other), writer->record.step, &resume) &&
+                !__builtin_add_overflow(other->start, resume, &first);
     return fits ? tick_at(writer, first) : 0;
 }
 
@@ -716,13 +716,13 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
 /* A checkpoint, in a transaction of its own, once all that came before it is there. *any: there was one. */
 static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
     const tl_recorder_mark *mark = mark_of(writer);
-    const tl_outbox_taken *taken = &mark->taken[writer->settings.ring];
+    const tl_record_queue_taken *taken = &mark->taken[writer->settings.ring];
     size_t size = 0;
     int64_t tick = 0;
     uint64_t number = 0;
     *any = writer->checkpoint != NULL && mark->run != 0 && mark->ring == writer->settings.ring &&
-           tl_outbox_reader_checkpoint(ring_of(writer), taken->checkpoint, taken->ring, writer->checkpoint, &size,
-                                       &tick, &number);
+           tl_record_queue_reader_checkpoint(ring_of(writer), taken->checkpoint, taken->ring, writer->checkpoint, &size,
+                                             &tick, &number);
     if (!*any) {
         return SQLITE_OK;
     }
@@ -772,12 +772,12 @@ bool tl_recorder_writer_has_drained(tl_recorder_writer *writer) {
 bool tl_recorder_writer_is_pressed(tl_recorder_writer *writer) {
     uint64_t position = taken_of_ring(writer);
     bool is_full =
-        tl_outbox_reader_end(ring_of(writer), position) - position > settings_of_ring(writer)->ring_bytes / 2;
+        tl_record_queue_reader_end(ring_of(writer), position) - position > settings_of_ring(writer)->ring_bytes / 2;
     return writer->refusal == 0 && (is_full || is_beginning(writer, look_from_mark(writer), &position));
 }
 
 void tl_recorder_writer_leave(tl_recorder_writer *writer) {
-    tl_outbox_reader_leave(ring_of(writer));
+    tl_record_queue_reader_leave(ring_of(writer));
 }
 
 /* ---- Writing ----------------------------------------------------------------------------------------------------- */
@@ -813,7 +813,7 @@ static bool is_open(tl_recorder_writer *writer) {
 
 /* What is there now. An outbox has two checkpoints; who puts them without end is looked at again later. */
 static int write_all(tl_recorder_writer *writer) {
-    uint64_t end = tl_outbox_reader_end(ring_of(writer), taken_of_ring(writer));
+    uint64_t end = tl_record_queue_reader_end(ring_of(writer), taken_of_ring(writer));
     bool more = true;
     int stalls = 0;
     int code = SQLITE_OK;
@@ -822,7 +822,7 @@ static int write_all(tl_recorder_writer *writer) {
         bool any = true;
         code = write_batch(writer, end, &more);
         stalls += taken_of_ring(writer) == before ? 1 : 0;
-        for (int i = 0; i < TL_OUTBOX_PLACES && any && code == SQLITE_OK; i++) {
+        for (int i = 0; i < TL_RECORD_QUEUE_PLACES && any && code == SQLITE_OK; i++) {
             code = write_checkpoint(writer, &any);
         }
     }
@@ -836,7 +836,7 @@ static int write_all(tl_recorder_writer *writer) {
 /* What was read of a damaged ring so far is followed by what lies at its end; what is between is lost. Nothing if it is not ours to read. */
 static void skip_damage(tl_recorder_writer *writer) {
     uint64_t taken = taken_of_ring(writer);
-    uint64_t to = writer->is_reopened ? tl_outbox_reader_skip(ring_of(writer), taken) : taken;
+    uint64_t to = writer->is_reopened ? tl_record_queue_reader_skip(ring_of(writer), taken) : taken;
     if (to != taken) {
         reopen(&writer->sources[writer->settings.ring]);
         begin_batch(writer);
@@ -852,13 +852,13 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     int mends = 0;
     bool again = true;
     tl_time begun = tl_clock_now(NULL);
-    tl_heart_beat(writer->settings.heart);
-    mend_outboxes(writer);
+    tl_thread_heartbeat_beat(writer->settings.heartbeat);
+    mend_queues(writer);
     skip_damage(writer);
     while (again && is_open(writer)) {
         if (mends < MENDS && tl_recorder_file_look_after(&writer->file)) {
             mends++;
-            tl_heart_beat(writer->settings.heart);
+            tl_thread_heartbeat_beat(writer->settings.heartbeat);
             continue;
         }
         unsigned before = tl_recorder_database_writings_back(writer->file.database);
@@ -916,18 +916,18 @@ static tl_status open_all(tl_recorder_writer *writer) {
     return status;
 }
 
-static void open_outboxes(tl_recorder_writer *writer) {
+static void open_queues(tl_recorder_writer *writer) {
     const tl_recorder_writer_settings *settings = &writer->settings;
-    assert(settings->outbox_count <= TL_WRITER_OUTBOXES && settings->ring < settings->outbox_count &&
-           settings->outboxes[settings->ring].memory != NULL);
-    for (size_t i = 0; i < settings->outbox_count; i++) {
+    assert(settings->queue_count <= TL_WRITER_QUEUES && settings->ring < settings->queue_count &&
+           settings->queues[settings->ring].memory != NULL);
+    for (size_t i = 0; i < settings->queue_count; i++) {
         source *from = &writer->sources[i];
-        from->outbox = settings->outboxes[i];
-        if (from->outbox.memory != NULL) {
-            tl_outbox_reader_open(&from->outbox.settings, from->outbox.memory, &from->reader);
+        from->queue = settings->queues[i];
+        if (from->queue.memory != NULL) {
+            tl_record_queue_reader_open(&from->queue.settings, from->queue.memory, &from->reader);
         }
     }
-    writer->settings.outboxes = NULL; /* the caller's */
+    writer->settings.queues = NULL; /* the caller's */
 }
 
 static void destroy(tl_recorder_writer *writer) {
@@ -938,7 +938,7 @@ static void destroy(tl_recorder_writer *writer) {
 
 tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, tl_recorder_writer **writer,
                                   tl_error *error) {
-    const tl_outbox_settings *ring = &settings->outboxes[settings->ring].settings;
+    const tl_record_queue_settings *ring = &settings->queues[settings->ring].settings;
     tl_recorder_writer *opened = calloc(1, sizeof *opened);
     unsigned char *checkpoint = ring->checkpoint_bytes == 0 ? NULL : malloc(ring->checkpoint_bytes);
     *writer = NULL;
@@ -953,7 +953,7 @@ tl_status tl_recorder_writer_open(const tl_recorder_writer_settings *settings, t
     opened->state = settings->state;
     opened->checkpoint = checkpoint;
     opened->lost_said_at = tl_clock_now(NULL) - LOSS_PAUSE;
-    open_outboxes(opened);
+    open_queues(opened);
     tl_recorder_file_begin(&opened->file, &opened->record, opened->state);
     opened->file.lost_said = mark_of(opened)->totals.lost;
     tl_recorder_state_show(opened->state);

@@ -1,6 +1,6 @@
 /* The writer: what is in outboxes, into a database. No failure ends it.
  *
- * Purpose: takes what producers have put into their outboxes (outbox.h) and writes it in batches, one transaction each. The caller calls it every now
+ * Purpose: takes what producers have put into their outboxes (record_queue.h) and writes it in batches, one transaction each. The caller calls it every now
  *          and then; it has no thread of its own.
  * Order:   an event of the outbox with the ring is written once all entries are that were put before it, and so belongs to their run; one of the others
  *          belongs to the run that is open, or was the last one.
@@ -26,7 +26,7 @@
 #include <stdint.h>
 
 #include "firmware/process/heartbeat.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder_database.h"
 #include "firmware/store/recorder_state.h"
 #include "master/base/signal.h"
@@ -35,11 +35,11 @@
 
 typedef struct tl_recorder_writer tl_recorder_writer;
 
-typedef struct tl_recorder_writer_outbox {
+typedef struct tl_recorder_writer_queue {
     const char *name; /* of who writes it: one word */
-    tl_outbox_settings settings;
+    tl_record_queue_settings settings;
     const void *memory; /* NULL: there is none now */
-} tl_recorder_writer_outbox;
+} tl_recorder_writer_queue;
 
 /* What io has read of the plant, for samples that do not come by the ring. */
 typedef struct tl_recorder_plant {
@@ -50,8 +50,8 @@ typedef struct tl_recorder_plant {
 
 typedef struct tl_recorder_writer_settings {
     const tl_recorder_settings *record; /* outlives the writer; its components do not matter */
-    const tl_recorder_writer_outbox *outboxes;
-    size_t outbox_count;
+    const tl_recorder_writer_queue *queues;
+    size_t queue_count;
     size_t ring;           /* the one whose entries are read; of the others it is events only */
     const char *hand_over; /* as above; NULL: no run ends so */
     bool (*goes_on)(
@@ -59,10 +59,10 @@ typedef struct tl_recorder_writer_settings {
             context); /* after such an end no other ring goes on: it was said without cause. With `hand_over`; called in the writer's thread */
     void *context;
     tl_recorder_writer_state *state;
-    const tl_outbox_start *first; /* NULL, or a run that begins at once, without a START */
-    tl_heart *heart;              /* of the caller's thread: beats with each batch; NULL: nobody's */
-    tl_recorder_plant plant;      /* for samples that do not come by the ring; zeroed: there is none */
-    bool is_last;                 /* when it is closed, whoever could go on with the run, or end it, is no more */
+    const tl_record_queue_start *first; /* NULL, or a run that begins at once, without a START */
+    tl_thread_heartbeat *heartbeat;     /* of the caller's thread: beats with each batch; NULL: nobody's */
+    tl_recorder_plant plant;            /* for samples that do not come by the ring; zeroed: there is none */
+    bool is_last;                       /* when it is closed, whoever could go on with the run, or end it, is no more */
 } tl_recorder_writer_settings;
 
 /* Errors: those of recorder.h for a file that is refused; TL_TRY_AGAIN if memory is out. */
@@ -83,7 +83,7 @@ bool tl_recorder_writer_has_drained(tl_recorder_writer *writer);
 
 /* If what is in this outbox cannot be read on: a time (CLOCK_MONOTONIC) since which that was found; 0: it can. It is looked at again every second, since a
  * successor of its producer may have mended it. */
-tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t outbox);
+tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue);
 
 /* Where it writes; if no file is open, where it was asked to. */
 const char *tl_recorder_writer_path(const tl_recorder_writer *writer);

@@ -10,12 +10,12 @@ size_t tl_checkpointer_room(size_t size) {
     return 2 * size;
 }
 
-void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
-                          bool readable) {
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_record_queue *queue,
+                          tl_journal *journal, bool readable) {
     int64_t ticks = INTERVAL / assembly->config.step;
     *self = (tl_checkpointer){
         .twin = assembly->twin,
-        .outbox = outbox,
+        .queue = queue,
         .journal = journal,
         .interval = ticks < 1               ? 1
                     : ticks < INTERVAL_MOST ? ticks
@@ -43,7 +43,7 @@ static void end(tl_checkpointer *self, const char *why) {
 /* Into the outbox; what it took. False: nothing was saved. */
 static bool save(tl_checkpointer *self, size_t *size) {
     size_t capacity = 0;
-    unsigned char *room = tl_outbox_checkpoint_room(self->outbox, &capacity);
+    unsigned char *room = tl_record_queue_checkpoint_room(self->queue, &capacity);
     tl_error error;
     if (room == NULL) {
         return false;
@@ -63,7 +63,7 @@ static bool save(tl_checkpointer *self, size_t *size) {
 }
 
 void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size) {
-    tl_outbox_put_checkpoint(self->outbox, tick, size);
+    tl_record_queue_put_checkpoint(self->queue, tick, size);
     self->next = tick + self->interval;
 }
 
@@ -77,7 +77,7 @@ static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *s
     if (*size == 0) {
         return false;
     }
-    if (!tl_outbox_reserve_checkpoint(self->outbox, tl_checkpointer_room(*size))) {
+    if (!tl_record_queue_reserve_checkpoint(self->queue, tl_checkpointer_room(*size))) {
         end(self, "it is too large, or there is not enough memory");
         return false;
     }

@@ -17,13 +17,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/journal.h"
 
 typedef struct tl_checkpointer {
     tl_twin *twin;
-    tl_outbox *outbox;
+    tl_record_queue *queue;
     tl_journal *journal;
     int64_t interval; /* ticks */
     int64_t next;     /* tick after which one is due */
@@ -40,8 +40,8 @@ typedef struct tl_checkpointer {
 size_t tl_checkpointer_room(size_t size);
 
 /* `readable`: false if states of these FMUs, as bytes, are of no use to another process. */
-void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_outbox *outbox, tl_journal *journal,
-                          bool readable);
+void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_record_queue *queue,
+                          tl_journal *journal, bool readable);
 
 /* What was saved is of a twin that is no more, since its FMUs began anew: one is due after this tick. */
 void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick);

@@ -14,7 +14,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_guard.h"
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/checkpointer.h"
 #include "firmware/twin/twin_recorder.h"
@@ -25,7 +25,7 @@
 
 struct tl_cycle {
     tl_cycle_settings settings;
-    tl_heart *heart;
+    tl_thread_heartbeat *heartbeat;
     tl_time start;      /* t_0 */
     int64_t next_tick;  /* not yet computed */
     int64_t warm_up;    /* ticks at which no step is due yet, or none that counts */
@@ -39,17 +39,17 @@ struct tl_cycle {
         uint32_t number; /* of the newest that was seen */
         bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
         int64_t tick;    /* from this tick on */
-    } flip;
+    } handover;
     tl_resumption resumption; /* how the run began that a flip brings */
     uint64_t skipped;         /* ticks in all, */
     bool has_skipped;         /* and the newest */
     bool has_begun;           /* the twin has, and is silent no longer than a cycle may be */
     tl_summary summary;
     tl_watch watch;
-    tl_lock_rescue rescue;
-    tl_lock_judge
+    tl_recovery recovery;
+    tl_lock_monitor
         second; /* judges the same steps by the yardstick of the version that a probation may return to, if there is one */
-    tl_lock_yardstick yardstick; /* of it */
+    tl_lock_tolerances tolerances; /* of it */
     tl_checkpointer checkpointer;
     uint32_t tuned;       /* number of the tuning that was looked at last */
     bool was_tuned;       /* what is in force is not what the twin was built with, but */
@@ -99,8 +99,8 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->was_tuned = true;
     cycle->has_tuning = cycle->has_run;
     cycle->summary.tunings++;
-    tl_lock_judge_retune(&cycle->rescue.judge, &head->tuning);
-    tl_lock_judge_retune(&cycle->second, &head->tuning);
+    tl_lock_monitor_retune(&cycle->recovery.judge, &head->tuning);
+    tl_lock_monitor_retune(&cycle->second, &head->tuning);
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
 }
 
@@ -108,7 +108,7 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
 static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
     const tl_live_tuning *block = cycle->settings.tuning;
     uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
-    bool has_room = !cycle->has_run || tl_outbox_has_room_for_tuning(cycle->settings.outbox);
+    bool has_room = !cycle->has_run || tl_record_queue_has_room_for_tuning(cycle->settings.queue);
     if (number == cycle->tuned || number % 2 != 0 || cycle->has_tuning || !has_room) {
         return;
     }
@@ -132,25 +132,25 @@ static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
 }
 
 /* At the start of a tick: by which yardstick the second judge judges. */
-static void tl_cycle_look_for_yardstick(tl_cycle *cycle) {
-    tl_lock_yardstick found;
-    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->yardstick, &found, sizeof found)) {
+static void tl_cycle_look_for_tolerances(tl_cycle *cycle) {
+    tl_lock_tolerances found;
+    if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->tolerances, &found, sizeof found)) {
         return;
     }
-    cycle->yardstick = found;
-    cycle->second.yardstick = tl_lock_yardstick_is_there(&found) ? &cycle->yardstick : NULL;
+    cycle->tolerances = found;
+    cycle->second.tolerances = tl_lock_tolerances_is_there(&found) ? &cycle->tolerances : NULL;
 }
 
 static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
-    tl_lock_rescue_init(&cycle->rescue, &cycle->settings.assembly->config, account);
-    tl_lock_judge_init(&cycle->second, &cycle->settings.assembly->config, account);
-    tl_cycle_look_for_yardstick(cycle);
+    tl_recovery_init(&cycle->recovery, &cycle->settings.assembly->config, account);
+    tl_lock_monitor_init(&cycle->second, &cycle->settings.assembly->config, account);
+    tl_cycle_look_for_tolerances(cycle);
 }
 
 /* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
 
 static bool is_due(const tl_cycle *cycle) {
-    return cycle->flip.is_ahead && cycle->next_tick >= cycle->flip.tick;
+    return cycle->handover.is_ahead && cycle->next_tick >= cycle->handover.tick;
 }
 
 /* At the tick of the flip each is what it will be. */
@@ -161,20 +161,20 @@ static tl_time tl_cycle_delay(const tl_cycle *cycle) {
 
 /* It has done its part. */
 static void say(tl_cycle *cycle) {
-    cycle->flip.is_ahead = false;
-    __atomic_store_n(cycle->settings.place.flipped, cycle->flip.number, __ATOMIC_RELEASE);
+    cycle->handover.is_ahead = false;
+    __atomic_store_n(cycle->settings.place.handed_over, cycle->handover.number, __ATOMIC_RELEASE);
 }
 
 /* At the start of a tick. */
-static void tl_cycle_look_for_flip(tl_cycle *cycle) {
+static void tl_cycle_look_for_handover(tl_cycle *cycle) {
     const tl_cycle_place *place = &cycle->settings.place;
     uint32_t to = 0;
-    if (place->stage == NULL || cycle->flip.is_ahead ||
-        !tl_live_stage_look(place->stage, cycle->flip.number, &cycle->flip.number, &to, &cycle->flip.tick)) {
+    if (place->stage == NULL || cycle->handover.is_ahead ||
+        !tl_handover_look(place->stage, cycle->handover.number, &cycle->handover.number, &to, &cycle->handover.tick)) {
         return;
     }
-    cycle->flip.is_ahead = (to == place->place) == cycle->is_shadow;
-    if (!cycle->flip.is_ahead) {
+    cycle->handover.is_ahead = (to == place->place) == cycle->is_shadow;
+    if (!cycle->handover.is_ahead) {
         say(cycle); /* it is that already */
     }
 }
@@ -192,12 +192,12 @@ static void count_anew(tl_cycle *cycle) {
 }
 
 /* If the supervisor was stopped as it announced the flip, the two twins may have seen it at different ticks. */
-static void tell_late_flip(const tl_cycle *cycle) {
-    if (cycle->next_tick > cycle->flip.tick) {
+static void tell_late_handover(const tl_cycle *cycle) {
+    if (cycle->next_tick > cycle->handover.tick) {
         tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
                          "flip at tick %" PRId64 ": announced too late, and done at tick %" PRId64
                          "; ticks around it may be missing or in both runs",
-                         cycle->flip.tick, cycle->next_tick);
+                         cycle->handover.tick, cycle->next_tick);
     }
 }
 
@@ -207,7 +207,7 @@ static void tell_late_flip(const tl_cycle *cycle) {
 static tl_status begin_run(tl_cycle *cycle, size_t size) {
     const tl_cycle_settings *settings = &cycle->settings;
     bool done = false;
-    tl_outbox_start start = {.holds = false};
+    tl_record_queue_start start = {.holds = false};
     tl_status status = tl_twin_forget(settings->assembly->twin, &done, &cycle->error);
     if (status != TL_OK) {
         return status;
@@ -217,12 +217,12 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
     cycle->resumption = (tl_resumption){
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
         .run = -1, /* the one before */
-        .tick = cycle->flip.tick > cycle->next_tick ? cycle->flip.tick : cycle->next_tick,
+        .tick = cycle->handover.tick > cycle->next_tick ? cycle->handover.tick : cycle->next_tick,
         .start = settings->place.start,
         .started = settings->place.started,
     };
     start.resumption = cycle->resumption;
-    (void)tl_outbox_put_start(settings->outbox, &start);
+    (void)tl_record_queue_put_start(settings->queue, &start);
     if (size != 0) {
         tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
     }
@@ -235,7 +235,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
 /* At a tick with time to spare, or after the last one before the flip. */
 static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     tl_time step = cycle->settings.assembly->config.step;
-    bool is_last = cycle->next_tick >= cycle->flip.tick;
+    bool is_last = cycle->next_tick >= cycle->handover.tick;
     tl_time left = budget != NULL ? budget->time - (tl_clock_now(NULL) - budget->started) : 0;
     size_t size = 0;
     bool saved = tl_checkpointer_save(&cycle->checkpointer, is_last ? step : left, &size);
@@ -253,23 +253,23 @@ static void take_over(tl_cycle *cycle) {
     tl_journal_event(cycle->settings.journal, -1, is_saved ? TL_EVENT_INFO : TL_EVENT_WARNING, "flip",
                      "has taken over from tick %" PRId64 " on%s", cycle->resumption.tick,
                      is_saved ? "" : "; the twin could not be saved: a replay of this run begins with start values");
-    tell_late_flip(cycle);
+    tell_late_handover(cycle);
     say(cycle);
 }
 
 /* ---- the run's ---- */
 
 static void hand_over(tl_cycle *cycle) {
-    tl_outbox *outbox = cycle->settings.outbox;
-    tell_late_flip(cycle);
+    tl_record_queue *queue = cycle->settings.queue;
+    tell_late_handover(cycle);
     if (!cycle->has_tuning) { /* what is in force, whoever took it, is kept for a run that may come */
-        cycle->tuning = *tl_outbox_tuning(outbox);
-        cycle->was_tuned = strcmp(cycle->tuning.hash, outbox->configured.hash) != 0;
+        cycle->tuning = *tl_record_queue_tuning(queue);
+        cycle->was_tuned = strcmp(cycle->tuning.hash, queue->configured.hash) != 0;
     }
     cycle->has_tuning = false;
-    (void)tl_outbox_put_end(outbox, TL_LIVE_TAKEN_OVER);
+    (void)tl_record_queue_put_end(queue, TL_LIVE_TAKEN_OVER);
     cycle->settings.place.start = cycle->start;
-    cycle->settings.place.started = tl_outbox_beginning(outbox)->started;
+    cycle->settings.place.started = tl_record_queue_beginning(queue)->started;
     cycle->resumption = (tl_resumption){.from = TL_RESUMED_NOT};
     cycle->has_run = false;
     cycle->is_shadow = true;
@@ -300,7 +300,7 @@ static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
 static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     if (cycle->has_run) {
         tl_checkpointer_after(&cycle->checkpointer, tick, budget);
-    } else if (cycle->flip.is_ahead) {
+    } else if (cycle->handover.is_ahead) {
         return try_to_begin_run(cycle, budget);
     } else {
         tl_checkpointer_rehearse(&cycle->checkpointer, budget);
@@ -331,7 +331,7 @@ static void show(tl_cycle *cycle) {
     shown->deadline_misses = cycle->summary.deadline_misses;
     shown->evaluations = cycle->summary.figures.evaluations;
     shown->timed_out = cycle->summary.figures.time_limited;
-    shown->lock = cycle->rescue.judge.tally;
+    shown->lock = cycle->recovery.judge.tally;
     shown->lock_before = cycle->second.tally;
     tl_latest_publish(&cycle->published, shown, sizeof *shown);
 }
@@ -348,26 +348,26 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
         cycle->shown.executions += record->executions;
         cycle->shown.used += record->used;
         for (size_t i = 0; i < config->match_count; i++) {
-            tl_metrics_add(&cycle->shown.match[i], record->y[i], record->y_hat[i],
-                           (tl_quality)record->y_hat_quality[i]);
+            tl_metrics_add(&cycle->shown.match[i], record->y[i], record->measured[i],
+                           (tl_quality)record->measured_quality[i]);
         }
     }
     tl_watch_record(&cycle->watch, tick, record);
     if ((record->flags & TL_FLAG_RESET) != 0) {
         tl_checkpointer_hurry(&cycle->checkpointer, tick);
-        tl_heart_be_patient(cycle->heart, patience(config));
+        tl_thread_heartbeat_set_timeout(cycle->heartbeat, patience(config));
     }
-    if (tl_lock_rescue_step(&cycle->rescue, record, &change)) {
-        tl_heart_be_patient(cycle->heart, PATIENCE_WITH_BEGINNING);
+    if (tl_recovery_step(&cycle->recovery, record, &change)) {
+        tl_thread_heartbeat_set_timeout(cycle->heartbeat, PATIENCE_WITH_BEGINNING);
         tl_twin_reset(cycle->settings.assembly->twin);
     }
-    (void)tl_lock_judge_step(&cycle->second, record);
+    (void)tl_lock_monitor_step(&cycle->second, record);
     if (change != NULL) {
         tl_watch_lock(&cycle->watch, tick, change);
     }
-    tl_watch_bounds(&cycle->watch, tick, &cycle->rescue.judge);
+    tl_watch_bounds(&cycle->watch, tick, &cycle->recovery.judge);
     if (cycle->has_run) {
-        tl_twin_recorder_put(cycle->settings.outbox, record, cycle->settings.assembly->twin);
+        tl_twin_recorder_put(cycle->settings.queue, record, cycle->settings.assembly->twin);
     }
     cycle->shown.record = *record;
 }
@@ -380,15 +380,15 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
         return;
     }
     if (cycle->has_tuning) {
-        (void)tl_outbox_put_tuning(cycle->settings.outbox, &cycle->tuning);
+        (void)tl_record_queue_put_tuning(cycle->settings.queue, &cycle->tuning);
         cycle->has_tuning = false;
     }
-    (void)tl_outbox_put_sample(cycle->settings.outbox, sample);
+    (void)tl_record_queue_put_sample(cycle->settings.queue, sample);
 }
 
 /* One tick: searched within `budget`, or made up where that is NULL. */
 static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
-    tl_heart_beat(cycle->heart);
+    tl_thread_heartbeat_beat(cycle->heartbeat);
     tl_sample sample;
     tl_record record;
     bool ready = false;
@@ -396,8 +396,8 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_time instant = tl_time_of_step(cycle->start, cycle->settings.assembly->config.step, tick);
     tl_plant_input_take(cycle->settings.input, tick, instant, &sample);
     tl_watch_sample(&cycle->watch, &sample);
-    tl_lock_judge_sample(&cycle->rescue.judge, &sample);
-    tl_lock_judge_sample(&cycle->second, &sample);
+    tl_lock_monitor_sample(&cycle->recovery.judge, &sample);
+    tl_lock_monitor_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
     /* There the step before is complete only now, and comes before the sample. */
     bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
@@ -408,7 +408,7 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
     if (!cycle->has_begun) { /* in its first tick the twin begins, and its FMUs are proved */
         cycle->has_begun = true;
-        tl_heart_be_patient(cycle->heart, patience(&cycle->settings.assembly->config));
+        tl_thread_heartbeat_set_timeout(cycle->heartbeat, patience(&cycle->settings.assembly->config));
     }
     if (ready) {
         keep(cycle, tick, &record);
@@ -517,9 +517,9 @@ static void run(void *context) {
     while (!is_stopped(cycle) && cycle->status == TL_OK && cycle->next_tick <= cycle->last_tick) {
         tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick) + tl_cycle_delay(cycle);
         tl_clock_sleep_until(instant);
-        tl_cycle_look_for_yardstick(cycle);
+        tl_cycle_look_for_tolerances(cycle);
         tl_cycle_look_for_tuning(cycle);
-        tl_cycle_look_for_flip(cycle);
+        tl_cycle_look_for_handover(cycle);
         const tl_budget budget = {
             .evaluations = config->budget_evaluations,
             .time = config->budget_time,
@@ -536,7 +536,7 @@ static void run(void *context) {
     finish(cycle);
     cycle->shown.ended = true;
     show(cycle);
-    tl_heart_end(cycle->heart);
+    tl_thread_heartbeat_stop(cycle->heartbeat);
 }
 
 /* Tick 0 is a period away, unless there were ticks before. */
@@ -566,18 +566,19 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     started->last_tick = config->duration == 0 ? INT64_MAX - 1 : config->duration / config->step + account.lead;
     tl_watch_init(&started->watch, config, settings->journal);
     tl_cycle_begin_judges(started, &account);
-    started->heart = tl_heart_begin(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
-    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->outbox, settings->journal,
+    started->heartbeat = tl_thread_heartbeat_start(settings->beats, "cycle", PATIENCE_WITH_BEGINNING);
+    tl_checkpointer_init(&started->checkpointer, settings->assembly, settings->queue, settings->journal,
                          !settings->unreadable);
     started->is_shadow = settings->place.is_shadow;
     started->is_behind = started->is_shadow;
     started->has_run = !started->is_shadow;
-    started->flip.number = settings->place.flips;
+    started->handover.number = settings->place.handovers;
     find_start(started);
     if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
-        tl_twin_recorder_start(settings->outbox, settings->assembly->twin, started->start);
-    }                                                            /* else it has begun with what it has followed */
-    started->tuned = tl_outbox_tuning(settings->outbox)->number; /* what an attempt to go on has left is none of it */
+        tl_twin_recorder_start(settings->queue, settings->assembly->twin, started->start);
+    } /* else it has begun with what it has followed */
+    started->tuned =
+        tl_record_queue_tuning(settings->queue)->number; /* what an attempt to go on has left is none of it */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;
@@ -591,7 +592,7 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
     __atomic_store_n(&cycle->stop, true, __ATOMIC_RELAXED);
     tl_fmu_thread_hurry(cycle->settings.thread);
     *summary = cycle->summary;
-    tl_lock_judge_get(&cycle->rescue.judge, &summary->lock);
+    tl_lock_monitor_get(&cycle->recovery.judge, &summary->lock);
     *has_run = cycle->has_run;
     *error = cycle->error;
     tl_status status = cycle->status;
@@ -609,7 +610,7 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
         snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
     for (size_t i = 0; i < config->adjust_count && i < 2; i++) {
         length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  \316\224%.63s %+.4g",
-                           config->adjust[i].variable, record->u[i] - record->u_hat[i]);
+                           config->adjust[i].variable, record->u[i] - record->nominal[i]);
     }
     length += snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %-12s",
                        rests ? "rests" : tl_outcome_name(record->outcome));
@@ -619,10 +620,10 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
     }
     for (size_t i = 0; i < config->match_count && i < 2; i++) {
         length += snprintf(line + length, TL_STATUS_LINE - (size_t)length,
-                           record->y_hat_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
-                                                               : "  %.63s %.4g (plant %.4g, %s)",
-                           config->match[i].variable, record->y[i], record->y_hat[i],
-                           tl_quality_name((tl_quality)record->y_hat_quality[i]));
+                           record->measured_quality[i] == TL_GOOD ? "  %.63s %.4g (plant %.4g)"
+                                                                  : "  %.63s %.4g (plant %.4g, %s)",
+                           config->match[i].variable, record->y[i], record->measured[i],
+                           tl_quality_name((tl_quality)record->measured_quality[i]));
     }
     (void)snprintf(line + length, TL_STATUS_LINE - (size_t)length, "  %.2f ms  skipped %llu",
                    tl_seconds(record->used) * 1e3, (unsigned long long)status->skipped);
@@ -642,8 +643,8 @@ static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start
     for (; tl_time_of_step(start, step, tick) <= now; tick++) {
         tl_sample sample;
         tl_plant_input_take(settings->cycle->input, tick, tl_time_of_step(start, step, tick), &sample);
-        (void)tl_outbox_put_sample(settings->cycle->outbox, &sample);
-        tl_heart_beat(settings->heart);
+        (void)tl_record_queue_put_sample(settings->cycle->queue, &sample);
+        tl_thread_heartbeat_beat(settings->heartbeat);
     }
     return tick;
 }
@@ -675,13 +676,13 @@ void tl_safe_hold(const tl_safe_hold_settings *settings) {
     tl_heartbeats_set_status(settings->cycle->beats, text);
     tl_time start = settings->since != 0 ? settings->since : begun + settings->cycle->assembly->config.step;
     tl_time remind = begun + HOLD_REMIND;
-    tl_twin_recorder_start(settings->cycle->outbox, NULL, start);
+    tl_twin_recorder_start(settings->cycle->queue, NULL, start);
     for (int64_t tick = 0; tl_interrupt_requested() == NULL;) {
         tl_time due = tl_time_of_step(start, settings->cycle->assembly->config.step, tick);
         tl_time most = tl_clock_now(NULL) + HOLD_LOOK;
         tl_clock_sleep_until(due < most ? due : most);
         tick = hold_samples(settings, start, tick);
-        tl_heart_beat(settings->heart);
+        tl_thread_heartbeat_beat(settings->heartbeat);
         tl_journal_drain(settings->cycle->journal);
         if (tl_clock_now(NULL) - shown >= HOLD_SHOW) {
             shown += HOLD_SHOW;

@@ -12,10 +12,10 @@
 #include "firmware/plant/plant_input.h"
 #include "firmware/process/heartbeat.h"
 #include "firmware/report/summary.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/twin/assembly.h"
+#include "firmware/twin/handover.h"
 #include "firmware/twin/journal.h"
-#include "firmware/twin/live_stage.h"
 #include "firmware/twin/live_tuning.h"
 
 /* ---- Real-time scheduling where it is permitted, ordinary scheduling where it is not.
@@ -40,7 +40,7 @@ void tl_realtime_tell_refused(tl_journal *journal);
  *          ticks = steps + skipped.
  * Tunings: looked for at the start of each tick, and in force from the first one on that is computed then: a load where there is none, no system call.
  *          One that finds no room in the outbox waits for the next tick: nobody shall have it who cannot say so.
- * Shadow:  a cycle is the run's, or a shadow beside it in the other place (live_stage.h): that one begins its ticks a quarter of a step later, puts nothing
+ * Shadow:  a cycle is the run's, or a shadow beside it in the other place (handover.h): that one begins its ticks a quarter of a step later, puts nothing
  *          into its outbox, and its events go to the log only. The two change at a flip. The shadow has begun its run some ticks before: as soon as there
  *          was time to save the twin, which knows no more from there on than what is saved, so that a replay of the run repeats it. The ticks from
  *          there to the flip are in its records as well, as those are that a warm restart follows. The run's computes all ticks before the flip, ends
@@ -53,10 +53,10 @@ typedef struct tl_cycle tl_cycle;
 
 /* Which of two places a cycle is in, and what it is there at first. Zeroed: there is one place, and it is the run's. */
 typedef struct tl_cycle_place {
-    const tl_live_stage *stage; /* where flips are announced; NULL: none is */
+    const tl_handover *stage; /* where flips are announced; NULL: none is */
     uint32_t place;
-    uint32_t flips;    /* number of the newest flip that is of no concern any more */
-    uint32_t *flipped; /* gets the number of the newest in which it has done its part; with a stage */
+    uint32_t handovers;    /* number of the newest flip that is of no concern any more */
+    uint32_t *handed_over; /* gets the number of the newest in which it has done its part; with a stage */
     bool is_shadow;
     int64_t tick;    /* of a shadow: the next one, which its twin is ready for, */
     tl_time start;   /* and t_start of the run (CLOCK_MONOTONIC), */
@@ -67,7 +67,7 @@ typedef struct tl_cycle_settings {
     tl_assembly *assembly;
     tl_fmu_thread *thread; /* in which the assembly was built; it belongs to the cycle from start to stop */
     const tl_plant_input *input;
-    tl_outbox *outbox; /* for whoever records it */
+    tl_record_queue *queue; /* for whoever records it */
     tl_journal *journal;
     tl_heartbeats *beats;          /* NULL: nobody listens */
     const tl_live_tuning *tuning;  /* what another process tells; NULL: nobody does */
@@ -127,13 +127,13 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
 
 typedef struct tl_safe_hold_settings {
     const tl_cycle_settings
-        *cycle;         /* that there would be: configuration, plant, outbox, journal and beats of it are used */
-    tl_heart *heart;    /* of the thread */
-    tl_time time;       /* until the supervisor tries the twin again */
-    unsigned missing;   /* starts in a row that got no process; 0: the twin failed */
-    unsigned failures;  /* of this loop, */
-    const char *reason; /* and why the last of them */
-    bool records;       /* somebody writes down what goes into the outbox */
+        *cycle; /* that there would be: configuration, plant, outbox, journal and beats of it are used */
+    tl_thread_heartbeat *heartbeat; /* of the thread */
+    tl_time time;                   /* until the supervisor tries the twin again */
+    unsigned missing;               /* starts in a row that got no process; 0: the twin failed */
+    unsigned failures;              /* of this loop, */
+    const char *reason;             /* and why the last of them */
+    bool records;                   /* somebody writes down what goes into the outbox */
     tl_time
         since; /* 0: after a restart loop. Else: until the saved states of the FMUs are tested; samples from then on */
 } tl_safe_hold_settings;

@@ -38,7 +38,7 @@ typedef struct tl_live_tuning_head {
 
 typedef struct tl_live_tuning {
     tl_live_tuning_head head;
-    tl_latest yardstick; /* tl_lock_yardstick: what the twin's lock is judged by as well; zeroed: nothing else */
+    tl_latest tolerances; /* tl_lock_tolerances: what the twin's lock is judged by as well; zeroed: nothing else */
     char text[TL_CONFIG_MAX_BYTES + 8]; /* whole words; a NUL behind it */
 } tl_live_tuning;
 

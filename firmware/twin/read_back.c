@@ -53,7 +53,7 @@ static void say(read_answer *kept, read_stage reached) {
 
 tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error *error) {
     read_block *own = block;
-    tl_status status = tl_twin_begin_to_read(assembly->twin, error);
+    tl_status status = tl_twin_prepare_reader(assembly->twin, error);
     if (status != TL_OK) {
         return status;
     }
@@ -116,7 +116,7 @@ static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_re
     tl_read_back here[TL_RECORDER_COMPONENTS];
     tl_error error = {.text = "its bytes are too many for this"};
     size_t size = 0;
-    tl_status status = tl_twin_tell_states(assembly->twin, bytes_of(block), ROOM, &size, here, &error);
+    tl_status status = tl_twin_write_states(assembly->twin, bytes_of(block), ROOM, &size, here, &error);
     bool is_told = status == TL_OK && size != 0 && size <= ROOM;
     block->told = size;
     for (size_t i = 0; i < report->count; i++) {

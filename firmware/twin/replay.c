@@ -32,7 +32,7 @@ tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *confi
         .version = TL_VERSION,
         .solver = account->algorithm,
         .fallback = account->fallback,
-        .measurements = tl_measurements_names[config->measurements],
+        .measurements = tl_pairing_names[config->measurements],
         .step = config->step,
         .prediction = account->prediction,
         .match = report->match,
@@ -68,7 +68,7 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     const tl_config *config = replay->config;
     const tl_record *record = &result->record;
     tl_summary_add(summary, config, record);
-    const tl_lock_change *change = tl_lock_judge_step(replay->judge, record);
+    const tl_lock_change *change = tl_lock_monitor_step(replay->judge, record);
     tl_watch_record(replay->watch, tick, record);
     if (change != NULL) {
         tl_watch_lock(replay->watch, tick, change);
@@ -101,7 +101,7 @@ static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings 
     tl_run_tuning tuning;
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
         tl_config_retune(replay->config, &tuning.values);
-        tl_lock_judge_retune(replay->judge, &tuning.values);
+        tl_lock_monitor_retune(replay->judge, &tuning.values);
         tl_watch_retune(replay->watch, tick, tuning.hash);
         if (replay->recorder != NULL) {
             tl_recorder_put_tuning(replay->recorder, &tuning);
@@ -121,7 +121,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         *missed = 0;
     }
     if (!tick->followed) { /* that was told by the run that it is of */
-        tl_lock_judge_sample(replay->judge, sample);
+        tl_lock_monitor_sample(replay->judge, sample);
         tl_watch_sample(replay->watch, sample);
     }
     if (replay->recorder != NULL) {
@@ -204,7 +204,7 @@ tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *
                     "than its first",
                     (long long)ticks, tl_seconds(replay->config->step), needed);
     }
-    tl_lock_judge_get(replay->judge, &summary->lock);
+    tl_lock_monitor_get(replay->judge, &summary->lock);
     summary->wall_s = tl_seconds(tl_clock_now(NULL) - started);
     return status;
 }

@@ -63,7 +63,7 @@ typedef struct tl_replay {
     tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
     tl_recorder *recorder; /* NULL: none */
     tl_watch *watch;       /* tells events as a live run's does */
-    tl_lock_judge *judge;
+    tl_lock_monitor *judge;
     FILE *trajectory;     /* NULL: none */
     tl_html_report *page; /* NULL: none */
     bool realtime;

@@ -8,7 +8,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
-#include "firmware/process/fmu_patience.h"
+#include "firmware/process/fmu_call_timeout.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_process.h"
@@ -17,7 +17,7 @@
 /* How long it sleeps at most before it looks whether the process is alive. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-/* A tick with all its calls may take so many times what a call may; what is not a call of an FMU, such as to unpack one, TL_FMU_PATIENCE_CALLS times. The
+/* A tick with all its calls may take so many times what a call may; what is not a call of an FMU, such as to unpack one, TL_FMU_CALL_TIMEOUT_CALLS times. The
  * process says itself in which call it is, and may lie: what nobody can lie about is that nothing came. */
 enum { TICK_CALLS = 100 };
 
@@ -123,8 +123,8 @@ static void begin_patience(tl_twin_child *child) {
 
 static bool has_patience(const tl_twin_child *child) {
     const tl_time call = child->settings.call_limit;
-    const tl_time end = call > TL_FMU_PATIENCE_END ? call : TL_FMU_PATIENCE_END;
-    return call == 0 || (child->idle / TL_FMU_PATIENCE_CALLS < call && child->silence / TICK_CALLS < call &&
+    const tl_time end = call > TL_FMU_CALL_TIMEOUT_END ? call : TL_FMU_CALL_TIMEOUT_END;
+    return call == 0 || (child->idle / TL_FMU_CALL_TIMEOUT_CALLS < call && child->silence / TICK_CALLS < call &&
                          child->asked < end); /* the limit may be years */
 }
 

@@ -19,7 +19,7 @@
 #include "firmware/fmu/fmu_archive.h"
 #include "firmware/process/bounds.h"
 #include "firmware/process/confine.h"
-#include "firmware/process/fmu_patience.h"
+#include "firmware/process/fmu_call_timeout.h"
 #include "firmware/process/interrupt.h"
 #include "firmware/process/private_folder.h"
 #include "firmware/twin/assembly.h"
@@ -68,7 +68,7 @@ struct tl_twin_process {
     pthread_t speaker, watcher;
     bool has_speaker, has_watcher, speaker_stops;
     /* the watcher's */
-    tl_fmu_patience patience;
+    tl_fmu_call_timeout patience;
     tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
     /* the speaker's, or in the relays' locks */
     size_t spoken; /* refusals that it has said */
@@ -212,14 +212,14 @@ static void look_at_calls(tl_twin_process *self) {
     char text[256];
     tl_fmu_call call;
     bool is_called = tl_fmu_calls_look(self->settings.calls, &call);
-    const tl_fmu_patience_view view = {
+    const tl_fmu_call_timeout_view view = {
         .now = tl_clock_now(NULL),
         .call = is_called ? &call : NULL,
         .asked = tl_interrupt_requested(),
         .times = tl_interrupt_times(),
         .whatever = true,
     };
-    if (tl_fmu_patience_is_over(&self->patience, &view, text, sizeof text)) {
+    if (tl_fmu_call_timeout_is_over(&self->patience, &view, text, sizeof text)) {
         kill_it(self, text);
     }
 }

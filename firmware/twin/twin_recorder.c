@@ -63,22 +63,22 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
     return count;
 }
 
-void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start) {
+void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start) {
     static const tl_time ms = TL_SECOND / 1000;
-    static tl_outbox_start beginning; /* too large for a small stack; one thread begins runs */
-    beginning =
-        (tl_outbox_start){.holds = twin == NULL,
-                          .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
+    static tl_record_queue_start beginning; /* too large for a small stack; one thread begins runs */
+    beginning = (tl_record_queue_start){
+        .holds = twin == NULL,
+        .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};
     if (twin != NULL) {
         tl_account_take(twin, &beginning.account);
     }
-    (void)tl_outbox_put_start(outbox, &beginning);
+    (void)tl_record_queue_put_start(queue, &beginning);
 }
 
-void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin) {
+void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin) {
     tl_recorder_component counts[TL_RECORDER_COMPONENTS];
     (void)tl_twin_recorder_count(twin, counts);
-    (void)tl_outbox_put_step(outbox, record, counts);
+    (void)tl_record_queue_put_step(queue, record, counts);
 }
 
 void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context) {

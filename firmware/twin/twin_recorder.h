@@ -8,7 +8,7 @@
 
 #include "firmware/base/identity.h"
 #include "firmware/config/config.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder.h"
 #include "master/twin/account.h"
 
@@ -40,10 +40,10 @@ void tl_twin_recorder_signals(const tl_config *config, const tl_account *account
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
 /* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). NULL: without a twin. */
-void tl_twin_recorder_start(tl_outbox *outbox, const tl_twin *twin, tl_time start);
+void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start);
 
 /* Puts a step with the ledger as it stands. */
-void tl_twin_recorder_put(tl_outbox *outbox, const tl_record *record, const tl_twin *twin);
+void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin);
 
 /* Tells of components that were executed more often than their ledger predicts, each in a sentence. For the end of a run. */
 typedef void tl_twin_recorder_hear(void *context, const char *text);

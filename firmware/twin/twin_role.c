@@ -99,7 +99,7 @@ typedef struct role {
     const tl_twin_orders *orders;
     tl_assembly assembly;
     tl_assembly second; /* of a pair */
-    tl_lock_rescue rescue;
+    tl_recovery recovery;
     tl_twin_tunings tunings; /* that are still to be taken */
     union {
         tl_recording_tick tick;
@@ -275,14 +275,15 @@ static tl_status execute(role *self, tl_error *error) {
     while (status == TL_OK && tl_twin_tunings_next(&self->tunings, tick, &tuning)) {
         status = tl_assembly_retune(&self->assembly, &tuning.values, error);
         if (status == TL_OK) {
-            tl_lock_judge_retune(&self->rescue.judge, &tuning.values);
+            tl_lock_monitor_retune(&self->recovery.judge, &tuning.values);
         }
     }
     if (status != TL_OK) {
         self->result = (tl_twin_result){.tick = tick, .status = (int32_t)status};
         return status;
     }
-    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.tells, &self->rescue, &self->result, error);
+    return tl_twin_execute(&self->assembly, &self->received.tick, self->job.tells, &self->recovery, &self->result,
+                           error);
 }
 
 static void answer(role *self, bool last) {
@@ -383,7 +384,7 @@ static void work(void *context) {
             tl_twin_begin_at(self->assembly.twin, self->job.tick);
         }
         tl_account_take(self->assembly.twin, &self->extra->built);
-        tl_lock_rescue_init(&self->rescue, &self->assembly.config, &self->extra->built);
+        tl_recovery_init(&self->recovery, &self->assembly.config, &self->extra->built);
         self->tunings =
             (tl_twin_tunings){.bytes = self->job.tunings, .count = self->job.tunings_size / sizeof(tl_run_tuning)};
     }

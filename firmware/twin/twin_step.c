@@ -97,7 +97,7 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
 /* Once a process: why it runs free from this step on. */
 static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
     static bool told;
-    if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_WAY_BACK) == 0) {
+    if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_ROLLBACK) == 0) {
         return;
     }
     told = true;
@@ -117,17 +117,17 @@ static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *res
 }
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
-                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error) {
+                          tl_recovery *recovery, tl_twin_result *result, tl_error *error) {
     const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
     bool ready = false;
     if (tick->resets) { /* as in the recording; that the rescue has wanted it at the tick before is known already */
         tl_twin_reset(assembly->twin);
     }
     if (!tick->followed) {
-        tl_lock_judge_sample(&rescue->judge, &tick->sample);
+        tl_lock_monitor_sample(&recovery->judge, &tick->sample);
     }
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
-    if (ready && tl_lock_rescue_step(rescue, &result->record, &change) &&
+    if (ready && tl_recovery_step(recovery, &result->record, &change) &&
         tells != TL_TELLS_OUTPUTS) { /* a plant is as it is */
         tl_twin_reset(assembly->twin);
     }

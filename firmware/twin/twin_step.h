@@ -9,7 +9,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 #include "firmware/plant/recording.h"
 #include "firmware/store/run_types.h"
 #include "firmware/twin/assembly.h"
@@ -62,9 +62,9 @@ typedef struct tl_twin_tunings {
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
 
 /* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
- * the recording. `rescue` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
+ * the recording. `recovery` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
-                          tl_lock_rescue *rescue, tl_twin_result *result, tl_error *error);
+                          tl_recovery *recovery, tl_twin_result *result, tl_error *error);
 
 /* Completes the last record with the sample after it (tl_twin_finish()). */
 void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,

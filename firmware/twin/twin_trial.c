@@ -56,7 +56,7 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
                                : tl_twin_follow(assembly->twin, &self->sample,
                                                 assembly->config.adjust_count != 0 ? u : NULL, &record, ready, error);
     if (is_free && status == TL_OK && *ready) {
-        memcpy(self->nominal, record.u_hat, sizeof self->nominal);
+        memcpy(self->nominal, record.nominal, sizeof self->nominal);
     }
     self->sample.tick++;
     return status;

@@ -105,7 +105,7 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
 
 /* For good, unless the FMUs begin anew. */
 static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool has_none = (record->flags & TL_FLAG_NO_WAY_BACK) != 0;
+    bool has_none = (record->flags & TL_FLAG_NO_ROLLBACK) != 0;
     if (has_none && !watch->no_way_back) {
         tl_journal_event(
             watch->journal, tick, TL_EVENT_WARNING, "twin",
@@ -133,7 +133,7 @@ static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
 }
 
 static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *record) {
-    bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_WAY_BACK) == 0;
+    bool free_run = record->outcome == TL_FREE_RUN && (record->flags & TL_FLAG_NO_ROLLBACK) == 0;
     if (free_run == watch->free_run || record->outcome == TL_MADE_UP) {
         return;
     }
@@ -248,7 +248,7 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
     watch->stroke_evaluations += record->evaluations;
     if (record->step == 0) {
-        watch->stroke_u = record->u_hat[0];
+        watch->stroke_u = record->nominal[0];
     }
     if (abandoned) {
         tell_abandoned(watch, tick, record);
@@ -341,7 +341,7 @@ void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *ch
                      change->cause);
 }
 
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_judge *judge) {
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *judge) {
     for (size_t v = 0; v < watch->config->adjust_count; v++) {
         const tl_bound_stay *stay = &judge->stay[v];
         const char *name = watch->config->adjust[v].variable;

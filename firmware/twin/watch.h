@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 #include "firmware/config/config.h"
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 #include "firmware/monitor/noise.h"
 #include "firmware/twin/journal.h"
 #include "master/twin/twin.h"
@@ -71,11 +71,11 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample);
 /* `tick`: at which the record was complete. Events carry it, and not the step, so that they follow each other. */
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record);
 
-/* The judge has found another state (lock_judge.h) with the record that was complete at this tick. */
+/* The judge has found another state (lock_monitor.h) with the record that was complete at this tick. */
 void tl_watch_lock(const tl_watch *watch, int64_t tick, const tl_lock_change *change);
 
 /* What the judge says of u at its bounds, after each record. */
-void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_judge *judge);
+void tl_watch_bounds(const tl_watch *watch, int64_t tick, const tl_lock_monitor *judge);
 
 /* The twin has the tuning of this configuration from this tick on. */
 void tl_watch_retune(const tl_watch *watch, int64_t tick, const char *hash);

@@ -76,7 +76,7 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
     return status;
 }
 
-tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *error) {
+tl_status tl_cached_component_reset(tl_cached_component *cached, tl_error *error) {
     tl_sequence_cache_clear(&cached->tree);
     return tl_cached_component_start(cached, error);
 }

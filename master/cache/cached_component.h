@@ -70,7 +70,7 @@ tl_status tl_cached_component_start(tl_cached_component *cached, tl_error *error
 
 /* Restarts the tree after the FMU was reset and initialised at what is t_i from now on: drops all
  * results. Handles stay; those that tl_cached_component_end() has freed are created again. */
-tl_status tl_cached_component_begin_anew(tl_cached_component *cached, tl_error *error);
+tl_status tl_cached_component_reset(tl_cached_component *cached, tl_error *error);
 
 /* Moves the candidate to the root. */
 void tl_cached_component_rewind(tl_cached_component *cached);

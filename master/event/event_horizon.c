@@ -12,7 +12,7 @@
 #include "master/base/status.h"
 #include "master/event/event_search.h"
 #include "master/graph/snapshot.h"
-#include "master/sync/lock.h"
+#include "master/sync/synchroniser.h"
 
 /* ---- Stroke: simulates one stroke of the plant again with another u, as the candidate of an event
  * horizon.
@@ -34,7 +34,7 @@ typedef struct tl_stroke_event {
 } tl_stroke_event;
 
 typedef struct tl_stroke {
-    tl_lock *lock;
+    tl_synchroniser *synchroniser;
     tl_stroke_event event;
     int64_t now;         /* newest tick of the live twin */
     int64_t begin;       /* tick of the stroke's start */
@@ -68,7 +68,7 @@ typedef struct tl_stroke {
 } tl_stroke;
 
 typedef struct tl_stroke_settings {
-    tl_lock *lock; /* complete; it must outlive the stroke */
+    tl_synchroniser *synchroniser; /* complete; it must outlive the stroke */
     tl_stroke_event event;
     size_t
         samples; /* kept samples of the plant and outputs of the live twin: a search may start late, after missed ticks */
@@ -175,11 +175,11 @@ enum { STATES = 5 };
 
 /* Returns false if memory is out. */
 static bool tl_stroke_init(tl_stroke *stroke, tl_arena *arena, const tl_stroke_settings *settings) {
-    tl_exchange *exchange = settings->lock->exchange;
-    size_t matched = settings->lock->objective.matched;
+    tl_exchange *exchange = settings->synchroniser->exchange;
+    size_t matched = settings->synchroniser->objective.matched;
     tl_snapshot **const names[STATES] = {&stroke->start, &stroke->live, &stroke->walker, &stroke->mark, &stroke->best};
     *stroke = (tl_stroke){
-        .lock = settings->lock,
+        .synchroniser = settings->synchroniser,
         .event = settings->event,
         .live_course = tl_arena_take(arena, settings->samples * matched, sizeof *stroke->live_course),
         .course_size = settings->samples,
@@ -203,13 +203,13 @@ static void tl_stroke_forget(tl_stroke *stroke, size_t component) {
 /* ---- the live twin ---- */
 
 static double *course_at(const tl_stroke *stroke, int64_t tick) {
-    return &stroke->live_course[(size_t)tick % stroke->course_size * stroke->lock->objective.matched];
+    return &stroke->live_course[(size_t)tick % stroke->course_size * stroke->synchroniser->objective.matched];
 }
 
 /* Notes the outputs of the live twin at a tick. */
 static void tl_stroke_note(tl_stroke *stroke, int64_t tick) {
     stroke->now = tick;
-    tl_objective_matched(&stroke->lock->objective, course_at(stroke, tick));
+    tl_objective_matched(&stroke->synchroniser->objective, course_at(stroke, tick));
 }
 
 /* Saves the live twin at the start of a stroke. */
@@ -246,7 +246,7 @@ static bool is_there(const tl_stroke *stroke, double value) {
 }
 
 static bool plant_is_there(const tl_stroke *stroke, int64_t tick, bool *measured) {
-    const tl_sample *sample = tl_plant_sample(&stroke->lock->exchange->plant, tick + stroke->event.shift);
+    const tl_sample *sample = tl_plant_sample(&stroke->synchroniser->exchange->plant, tick + stroke->event.shift);
     *measured = sample->quality[stroke->event.signal] == TL_GOOD;
     return is_there(stroke, sample->values[stroke->event.signal]);
 }
@@ -267,7 +267,7 @@ static void judge(tl_stroke *stroke, int64_t tick, const double *y) {
     bool measured = false;
     bool simulated = is_there(stroke, y[stroke->event.match]);
     bool real = plant_is_there(stroke, tick, &measured);
-    stroke->sum += tl_objective_sample(&stroke->lock->objective, tick, y);
+    stroke->sum += tl_objective_sample(&stroke->synchroniser->objective, tick, y);
     stroke->here += simulated ? 1 : 0;
     stroke->missing += simulated ? 0 : 1;
     stroke->arrival = simulated && tick < stroke->arrival ? tick : stroke->arrival;
@@ -363,17 +363,18 @@ static tl_status tl_stroke_return(tl_stroke *stroke, tl_error *error) {
 }
 
 static tl_status tl_stroke_walk(tl_stroke *stroke, tl_error *error) {
-    tl_lock *lock = stroke->lock;
-    tl_exchange_set_adjusted(lock->exchange, 0, stroke->u);
-    tl_status status = tl_exchange_try(lock->exchange, stroke->at, 0, error);
-    tl_ledger_walked(&lock->ledger, status == TL_OK, status == TL_OK ? SIZE_MAX : lock->exchange->failed);
+    tl_synchroniser *synchroniser = stroke->synchroniser;
+    tl_exchange_set_adjusted(synchroniser->exchange, 0, stroke->u);
+    tl_status status = tl_exchange_try(synchroniser->exchange, stroke->at, 0, error);
+    tl_ledger_walked(&synchroniser->ledger, status == TL_OK,
+                     status == TL_OK ? SIZE_MAX : synchroniser->exchange->failed);
     if (status != TL_OK) {
         return status;
     }
     stroke->at++;
     stroke->supposed = stroke->supposed || stroke->at > stroke->now;
     if (stroke->at >= stroke->first && stroke->at <= stroke->last) {
-        tl_objective_matched(&lock->objective, stroke->y);
+        tl_objective_matched(&synchroniser->objective, stroke->y);
         judge(stroke, stroke->at, stroke->y);
     }
     return mark(stroke, error);
@@ -418,7 +419,7 @@ typedef struct event_edge {
 } event_edge;
 
 struct tl_event_horizon {
-    tl_lock *lock;
+    tl_synchroniser *synchroniser;
     tl_event_search search;
     tl_stroke stroke;
     event_edge start;
@@ -440,7 +441,7 @@ struct tl_event_horizon {
 };
 
 static double nominal_of(const tl_event_horizon *self) {
-    return tl_exchange_nominal(self->lock->exchange, 0);
+    return tl_exchange_nominal(self->synchroniser->exchange, 0);
 }
 
 /* ---- build ---- */
@@ -458,13 +459,13 @@ static tl_stroke_event find_event(const tl_objective *objective, event_edge end)
     return (tl_stroke_event){0};
 }
 
-tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const tl_plan *plan) {
+tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_synchroniser *synchroniser, const tl_plan *plan) {
     tl_event_horizon *self = tl_arena_take(arena, 1, sizeof *self);
     if (self == NULL) {
         return NULL;
     }
-    const tl_adjusted *adjusted = &lock->adjusted[0];
-    self->lock = lock;
+    const tl_adjusted *adjusted = &synchroniser->adjusted[0];
+    self->synchroniser = synchroniser;
     self->start.falls = plan->event.start.falls;
     self->end.falls = plan->event.end.falls;
     self->end.effect = true;
@@ -475,9 +476,10 @@ tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const 
     self->kept = (int64_t)tl_event_plan_window(plan) - 2;
     self->stands_in = plan->measurements == TL_HOLD;
     self->u = nominal_of(self);
-    const tl_stroke_settings stroke = {
-        .lock = lock, .event = find_event(&lock->objective, self->end), .samples = tl_event_plan_window(plan)};
-    const tl_event_search_settings search = {.solver = lock->solver,
+    const tl_stroke_settings stroke = {.synchroniser = synchroniser,
+                                       .event = find_event(&synchroniser->objective, self->end),
+                                       .samples = tl_event_plan_window(plan)};
+    const tl_event_search_settings search = {.solver = synchroniser->solver,
                                              .step = adjusted->step,
                                              .lower = adjusted->lower,
                                              .upper = adjusted->upper,
@@ -508,7 +510,7 @@ void tl_event_horizon_end(tl_event_horizon *self) {
 
 /* The plant at t_tick: commands are looked up as inputs, effects as measurements. */
 static const tl_sample *sample_of(const tl_event_horizon *self, event_edge edge, int64_t tick) {
-    const tl_plant *plant = &self->lock->exchange->plant;
+    const tl_plant *plant = &self->synchroniser->exchange->plant;
     return tl_plant_sample(plant, tick + (edge.effect ? self->stroke.event.shift : plant->shift));
 }
 
@@ -534,7 +536,7 @@ static bool comes(const tl_event_horizon *self, event_edge edge, int64_t tick, b
 static bool is_worth(const tl_event_horizon *self, const tl_event_trial *best) {
     const tl_event_trial *nominal = tl_event_search_find(&self->search, nominal_of(self));
     return best->value < TL_OBJECTIVE_TOLERANCE ||
-           (nominal != NULL && best->value <= (1.0 - self->lock->margin) * nominal->value &&
+           (nominal != NULL && best->value <= (1.0 - self->synchroniser->margin) * nominal->value &&
             best->value < nominal->value);
 }
 
@@ -714,13 +716,13 @@ static tl_status proceed(tl_event_horizon *self, tl_record *record, tl_error *er
 
 /* Ends a candidate that has passed the window or has failed. */
 static void tell(tl_event_horizon *self, bool failed, tl_record *record) {
-    tl_lock *lock = self->lock;
+    tl_synchroniser *synchroniser = self->synchroniser;
     tl_stroke *stroke = &self->stroke;
     double nominal = nominal_of(self);
     double value = HUGE_VAL;
     if (!failed) {
-        value = tl_stroke_value(stroke) +
-                tl_objective_penalise(&lock->objective, &stroke->u, &nominal, &self->u, lock->memory.residuals);
+        value = tl_stroke_value(stroke) + tl_objective_penalise(&synchroniser->objective, &stroke->u, &nominal,
+                                                                &self->u, synchroniser->memory.residuals);
         value = isfinite(value) ? value : HUGE_VAL;
     }
     tl_event_search_tell(&self->search, stroke->u, value, failed ? TL_EVENT_UNKNOWN : tl_stroke_side(stroke));
@@ -764,7 +766,7 @@ static tl_status fail(tl_event_horizon *self, tl_status status, tl_record *recor
 /* Whether this cycle has time for one more macro step and for saving the candidate. A repetition
  * takes as many executions. */
 static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint64_t begun) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     if (budget->repeated) {
         return exchange->executions + exchange->plant.executions - begun < budget->executions;
     }
@@ -778,7 +780,7 @@ static bool has_room(const tl_event_horizon *self, const tl_budget *budget, uint
 
 /* ns since the last clock reading without executions; 0 without a clock. */
 static tl_time lap(const tl_event_horizon *self) {
-    tl_costs *costs = &self->lock->exchange->costs;
+    tl_costs *costs = &self->synchroniser->exchange->costs;
     return costs->now != NULL ? tl_costs_lap(costs) : 0;
 }
 
@@ -834,13 +836,13 @@ static tl_status search(tl_event_horizon *self, const tl_budget *budget, uint64_
 
 /* Executes one macro step of the live twin. It is not final, because it will be rolled back. */
 static tl_status take_step(tl_event_horizon *self, int64_t step, tl_error *error) {
-    tl_exchange_set_adjusted(self->lock->exchange, 0, self->u);
-    return tl_exchange_try(self->lock->exchange, step, 0, error);
+    tl_exchange_set_adjusted(self->synchroniser->exchange, 0, self->u);
+    return tl_exchange_try(self->synchroniser->exchange, step, 0, error);
 }
 
 /* Uses nominal again if an FMU fails with a u of a search. */
 static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *record, tl_error *error) {
-    tl_lock *lock = self->lock;
+    tl_synchroniser *synchroniser = self->synchroniser;
     bool corrected = !is_u(self, nominal_of(self));
     tl_status status = corrected ? tl_snapshot_take(self->stroke.live, error) : TL_OK;
     if (status != TL_OK) {
@@ -848,7 +850,7 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
     }
     status = take_step(self, step, error);
     if (status == TL_FMU_FAILED && corrected) {
-        tl_ledger_walked(&lock->ledger, 0, lock->exchange->failed);
+        tl_ledger_walked(&synchroniser->ledger, 0, synchroniser->exchange->failed);
         status = tl_snapshot_restore(self->stroke.live, error);
         self->u = nominal_of(self);
         self->own_course = false;
@@ -856,7 +858,7 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
         status = status == TL_OK ? take_step(self, step, error) : status;
     }
     if (status == TL_OK) {
-        tl_ledger_commit(&lock->ledger, NULL);
+        tl_ledger_commit(&synchroniser->ledger, NULL);
         tl_stroke_note(&self->stroke, step + 1);
     }
     return status;
@@ -865,12 +867,12 @@ static tl_status step_live(tl_event_horizon *self, int64_t step, tl_record *reco
 static void begin_record(const tl_event_horizon *self, int64_t step, tl_record *record) {
     tl_record_begin(record, step);
     record->outcome = TL_HELD;
-    record->u_hat[0] = nominal_of(self);
+    record->nominal[0] = nominal_of(self);
 }
 
 /* Records the committed values; a search may have changed them. */
 static void fill_record(const tl_event_horizon *self, tl_record *record) {
-    const tl_objective *objective = &self->lock->objective;
+    const tl_objective *objective = &self->synchroniser->objective;
     bool busy = self->phase == SEARCHING || self->phase == FOLLOWING;
     for (size_t i = 0; i < objective->term_count; i++) {
         record->y[i] = tl_objective_y(objective, i);
@@ -881,7 +883,7 @@ static void fill_record(const tl_event_horizon *self, tl_record *record) {
 
 tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_budget *budget, tl_record *record,
                                 tl_error *error) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     uint64_t begun = exchange->executions + exchange->plant.executions;
     begin_record(self, step, record);
     tl_costs_begin(&exchange->costs, budget == NULL ? NULL : budget->now, budget == NULL ? NULL : budget->context);
@@ -904,21 +906,21 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
     return status;
 }
 
-void tl_event_horizon_go_on(tl_event_horizon *self) {
+void tl_event_horizon_abandon(tl_event_horizon *self) {
     tl_stroke_drop(&self->stroke);
     self->phase = WAITING;
     self->own_course = false;
 }
 
-bool tl_event_horizon_begin_anew(tl_event_horizon *self) {
+bool tl_event_horizon_reset(tl_event_horizon *self) {
     bool under_way = self->phase != WAITING && self->phase != CONFIRMING;
-    tl_event_horizon_go_on(self);
+    tl_event_horizon_abandon(self);
     self->u = nominal_of(self);
     return under_way;
 }
 
 void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun) {
-    const tl_adjusted *adjusted = &self->lock->adjusted[0];
+    const tl_adjusted *adjusted = &self->synchroniser->adjusted[0];
     tl_event_search_retune(&self->search, adjusted->lower, adjusted->upper, (size_t)tuning->evaluations);
     self->u = begun ? self->u : nominal_of(self);
     if (self->phase == SEARCHING) { /* its result is not comparable with later ones */

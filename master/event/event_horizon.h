@@ -13,8 +13,8 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 #include "master/plan/plan.h"
-#include "master/sync/lock.h"
 #include "master/sync/record.h"
+#include "master/sync/synchroniser.h"
 
 /* ---- Checks of the plan of an event horizon (plan.h), and its sizes in macro steps.
  *
@@ -62,14 +62,14 @@ typedef struct tl_event_horizon tl_event_horizon;
 uint32_t tl_event_horizon_steps(const tl_event_horizon *self);
 
 /* For a checked plan and a complete synchroniser. NULL if memory is out. */
-tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_lock *lock, const tl_plan *plan);
+tl_event_horizon *tl_event_horizon_create(tl_arena *arena, tl_synchroniser *synchroniser, const tl_plan *plan);
 
 /* Frees the states of one component, before it is freed; and the memory of solvers. NULL is
  * allowed. */
 void tl_event_horizon_forget(tl_event_horizon *self, size_t component);
 void tl_event_horizon_end(tl_event_horizon *self);
 
-/* As tl_lock_step(), for the step that ends at the newest sample. `budget` NULL: a missed tick,
+/* As tl_synchroniser_step(), for the step that ends at the newest sample. `budget` NULL: a missed tick,
  * without a search. */
 tl_status tl_event_horizon_step(tl_event_horizon *self, int64_t step, const tl_budget *budget, tl_record *record,
                                 tl_error *error);
@@ -79,12 +79,12 @@ tl_status tl_event_horizon_follow(tl_event_horizon *self, int64_t step, double u
 
 /* After a reset of all FMUs: uses nominal and abandons a stroke or search. Returns whether there
  * was one. */
-bool tl_event_horizon_begin_anew(tl_event_horizon *self);
+bool tl_event_horizon_reset(tl_event_horizon *self);
 
 /* Abandons a stroke or search, as if the archive had just been loaded. */
-void tl_event_horizon_go_on(tl_event_horizon *self);
+void tl_event_horizon_abandon(tl_event_horizon *self);
 
-/* Applies a tuning after tl_lock_retune(). Before the first step (`begun` is false) u is nominal. A
+/* Applies a tuning after tl_synchroniser_retune(). Before the first step (`begun` is false) u is nominal. A
  * search in progress restarts. */
 void tl_event_horizon_retune(tl_event_horizon *self, const tl_tuning *tuning, bool begun);
 

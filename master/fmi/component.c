@@ -313,17 +313,17 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
     return TL_OK;
 }
 
-bool tl_component_keep(tl_component *component) {
+bool tl_component_keep_copy(tl_component *component) {
     const tl_fmi2_aside *aside = component->fmi->aside;
     return aside != NULL && component->mode != TL_MODE_DEAD && aside->keep(component->instance) <= fmi2Warning;
 }
 
-size_t tl_component_keeping_takes(const tl_component *component) {
+size_t tl_component_copy_size(const tl_component *component) {
     const tl_fmi2_aside *aside = component->fmi->aside;
     return aside != NULL && component->mode != TL_MODE_DEAD ? aside->size(component->instance) : 0;
 }
 
-bool tl_component_come_back(tl_component *component, const char *why) {
+bool tl_component_restore_copy(tl_component *component, const char *why) {
     const tl_fmi2_aside *aside = component->fmi->aside;
     if (aside == NULL || component->mode == TL_MODE_DEAD) {
         return false;
@@ -351,7 +351,7 @@ bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *time
     return component->prefers_copy;
 }
 
-void tl_component_let_go(const tl_component *component) {
+void tl_component_drop_copy(const tl_component *component) {
     if (component->fmi->aside != NULL && component->mode != TL_MODE_ABSENT && component->mode != TL_MODE_DEAD) {
         component->fmi->aside->let_go(component->instance);
     }

@@ -70,7 +70,7 @@ typedef struct tl_component {
     tl_ports outputs;     /* connected and matched outputs: read after each step */
     bool logging;         /* fmi2Instantiate: loggingOn */
     bool replaces_states; /* the FMU returns a new handle instead of reusing the given one */
-    bool gave_up_states;  /* tl_component_come_back() was called with a reason */
+    bool gave_up_states;  /* tl_component_restore_copy() was called with a reason */
     bool says_final;      /* each step is final, whatever the caller says: for a proof */
     bool prefers_copy;    /* tl_component_prefer_copy() is in effect */
     bool reals_only;      /* no other ports: set by the exchange once they are placed */
@@ -133,15 +133,15 @@ tl_status tl_component_restore(tl_component *component, fmi2FMUstate state, tl_e
 
 /* Keeps a full copy of an FMU besides its own states (tl_fmi2_aside), in case that its states are
  * wrong. Returns false if there is no method for it. */
-bool tl_component_keep(tl_component *component);
+bool tl_component_keep_copy(tl_component *component);
 
 /* Bytes that this copy would take now; 0: not known, or there is no method. */
-size_t tl_component_keeping_takes(const tl_component *component);
+size_t tl_component_copy_size(const tl_component *component);
 
 /* Restores the kept copy. States saved since are invalid: forget them before. With `why`, the
  * description of what is wrong with its states (may be ""), states are saved and restored by the
  * other method from now on. Returns false if the FMU cannot, and has given the reason. */
-bool tl_component_come_back(tl_component *component, const char *why);
+bool tl_component_restore_copy(tl_component *component, const char *why);
 
 /* For an FMU with a kept copy: true if a copy of its memory could replace its own states. The
  * second function switches to copies because they are faster; the FMU must have no states and stand
@@ -150,7 +150,7 @@ bool tl_component_has_choice(const tl_component *component);
 bool tl_component_prefer_copy(tl_component *component, const tl_fmi2_times *times);
 
 /* Frees the kept copy. */
-void tl_component_let_go(const tl_component *component);
+void tl_component_drop_copy(const tl_component *component);
 
 /* Reserves memory for so many states at a time, besides existing ones. TL_TRY_AGAIN if memory is
  * out. */

@@ -88,14 +88,14 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
     return status;
 }
 
-tl_status tl_exchange_begin_anew(tl_exchange *exchange, int64_t step, tl_error *error) {
+tl_status tl_exchange_reset(tl_exchange *exchange, int64_t step, tl_error *error) {
     tl_status status = TL_OK;
     if (exchange->cached == NULL) {
         return TL_OK;
     }
     tl_plant_forget(&exchange->plant, step);
     for (size_t i = 0; i < exchange->component_count && status == TL_OK; i++) {
-        status = tl_cached_component_begin_anew(&exchange->cached[i], error);
+        status = tl_cached_component_reset(&exchange->cached[i], error);
     }
     return status;
 }
@@ -307,9 +307,9 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error) {
     return tl_snapshot_restore(&exchange->home, error);
 }
 
-void tl_exchange_keep(tl_exchange *exchange) {
+void tl_exchange_keep_copies(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->component_count; i++) {
-        exchange->is_kept[i] = tl_component_keep(&exchange->components[i]);
+        exchange->is_kept[i] = tl_component_keep_copy(&exchange->components[i]);
     }
 }
 
@@ -321,18 +321,18 @@ static bool come_back(tl_exchange *exchange, size_t component, const char *why) 
         return tl_component_restore(one, exchange->home.states[component], &error) == TL_OK;
     }
     tl_snapshot_forget(&exchange->home, component);
-    return tl_component_come_back(one, why);
+    return tl_component_restore_copy(one, why);
 }
 
 /* Switches to the next rollback method: the kept copy is not used any more. */
 static bool come_back_otherwise(tl_exchange *exchange, size_t component) {
     tl_component *one = &exchange->components[component];
-    bool is_back = tl_component_come_back(one, "");
-    exchange->is_kept[component] = is_back && tl_component_keep(one);
+    bool is_back = tl_component_restore_copy(one, "");
+    exchange->is_kept[component] = is_back && tl_component_keep_copy(one);
     return is_back;
 }
 
-bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why) {
+bool tl_exchange_restore_copy(tl_exchange *exchange, size_t component, const char *why) {
     bool is_back = exchange->is_kept[component];
     for (size_t i = 0; i < exchange->component_count && is_back; i++) {
         is_back = come_back(exchange, i, i == component ? why : NULL) ||
@@ -341,15 +341,15 @@ bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *
     if (is_back) {
         memcpy(exchange->home.live, exchange->home.values, exchange->home.values_size);
         if (why != NULL) {
-            exchange->is_kept[component] = tl_component_keep(&exchange->components[component]);
+            exchange->is_kept[component] = tl_component_keep_copy(&exchange->components[component]);
         }
     }
     return is_back;
 }
 
-void tl_exchange_let_go(tl_exchange *exchange) {
+void tl_exchange_drop_copies(tl_exchange *exchange) {
     for (size_t i = 0; i < exchange->component_count; i++) {
-        tl_component_let_go(&exchange->components[i]);
+        tl_component_drop_copy(&exchange->components[i]);
         exchange->is_kept[i] = false;
     }
 }
@@ -395,7 +395,7 @@ tl_status tl_exchange_forget(tl_exchange *exchange, int64_t step, bool *done, tl
     *done = can_stand(exchange);
     tl_status status = *done ? stand(exchange, step, error) : TL_OK;
     if (*done && status == TL_OK) {
-        status = tl_exchange_begin_anew(exchange, step, error);
+        status = tl_exchange_reset(exchange, step, error);
         count_from_0(exchange);
     }
     return status;
@@ -434,13 +434,13 @@ tl_status tl_exchange_give_up_states(tl_exchange *exchange, size_t component, in
         return TL_OK;
     }
     tl_status status = stand(exchange, step, error);
-    if (status != TL_OK || !tl_component_keep(one)) {
+    if (status != TL_OK || !tl_component_keep_copy(one)) {
         return status;
     }
     tl_exchange_end_component(exchange, component);
-    *done = tl_component_come_back(one, "");
-    tl_component_let_go(one);
-    return tl_exchange_begin_anew(exchange, step, error);
+    *done = tl_component_restore_copy(one, "");
+    tl_component_drop_copy(one);
+    return tl_exchange_reset(exchange, step, error);
 }
 
 tl_status tl_exchange_return(tl_exchange *exchange, tl_error *error) {

@@ -148,7 +148,7 @@ tl_status tl_exchange_start(tl_exchange *exchange, uint64_t bytes, size_t (*heap
 
 /* The same after all FMUs were reset and initialised at the instant of macro step `step`: drops all
  * saved results. */
-tl_status tl_exchange_begin_anew(tl_exchange *exchange, int64_t step, tl_error *error);
+tl_status tl_exchange_reset(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* Between steps, before macro step `step`: empties the caches and counts all executions from 0.
  * *done is false, and nothing is dropped, if an FMU would have to be executed again for it. */
@@ -203,13 +203,13 @@ tl_status tl_exchange_restore(tl_exchange *exchange, tl_error *error);
 tl_status tl_exchange_step(tl_exchange *exchange, int64_t step, tl_error *error);
 
 /* For the rollback proof: keeps a full copy of each component besides its states, before
- * tl_exchange_save(). tl_exchange_come_back() restores this copy, which the given component must
+ * tl_exchange_save(). tl_exchange_restore_copy() restores this copy, which the given component must
  * have. With `why`, which may be "", the states of that component are wrong and are not used any
  * more. Other components are restored from their copies too, or get their next rollback method.
  * Returns false if that is not possible. */
-void tl_exchange_keep(tl_exchange *exchange);
-bool tl_exchange_come_back(tl_exchange *exchange, size_t component, const char *why);
-void tl_exchange_let_go(tl_exchange *exchange);
+void tl_exchange_keep_copies(tl_exchange *exchange);
+bool tl_exchange_restore_copy(tl_exchange *exchange, size_t component, const char *why);
+void tl_exchange_drop_copies(tl_exchange *exchange);
 
 /* Between steps, before macro step `step`: the rollback of a component is not exact. From now on it
  * is saved and restored by its other method (tl_fmi2_aside), from its present state; all caches are

@@ -171,11 +171,11 @@ typedef struct tl_plan_output {
 } tl_plan_output;
 
 /* Pairing: which measurements a step uses (METHOD decision 4, see DESIGN.md "Time"). */
-typedef enum tl_measurements {
+typedef enum tl_pairing {
     TL_LAG,   /* step i → i+1 is computed at tick t_(i+T_P) with all its measurements */
     TL_AHEAD, /* step i → i+1 is computed at t_i; the newest measurement stands in for later ones */
     TL_HOLD   /* step i → i+1 is computed at t_(i+1); the newest measurement stands in for later ones */
-} tl_measurements;
+} tl_pairing;
 
 /* Unknowns of a search over a horizon that is longer than T_D. */
 typedef enum tl_shape {
@@ -238,7 +238,7 @@ typedef struct tl_plan {
     size_t output_count; /* at most TL_MAX_SIGNALS */
     uint32_t prediction; /* T_P ≥ T_D ≥ 1; 0: as short as possible, T_P = T_D */
     tl_shape shape;
-    tl_measurements measurements;
+    tl_pairing measurements;
     tl_plan_event event;
     int32_t input_ticks; /* the inputs of t_i come from the sample of tick i + this (Δi; base/signal.h) */
     tl_plan_measure measure;

@@ -405,7 +405,7 @@ static double share_of_return(const tl_optimiser *self, const tl_forecast *forec
     double here = 0.0;
     double rise = 0.0;
     double bend = 0.0;
-    double jitter = 0.0;
+    double noise = 0.0;
     double lean = 0.0;
     for (size_t i = 0; i < self->residuals; i++) {
         if (fabs(self->further[i]) > 0.0) {
@@ -413,11 +413,11 @@ static double share_of_return(const tl_optimiser *self, const tl_forecast *forec
             here += r * r;
             rise += 2.0 * r * self->further[i];
             bend += self->further[i] * self->further[i];
-            jitter += forecast->noise[i];
+            noise += forecast->noise[i];
             lean += leaning(self, forecast, i);
         }
     }
-    double goal = fmin(fmax(fmax(GOOD_ENOUGH, OF_NOISE * jitter), lean), MOST_ENOUGH);
+    double goal = fmin(fmax(fmax(GOOD_ENOUGH, OF_NOISE * noise), lean), MOST_ENOUGH);
     if (here >= goal) {
         return 0.0;
     }

@@ -51,7 +51,7 @@ static double product(const double *one, const double *other) {
 
 /* ---- memory ---- */
 
-static void forget_trials(tl_contest *contest) {
+static void forget_trials(tl_free_run_check *contest) {
     contest->count = 0;
     contest->at = 0;
     contest->since = 0;
@@ -59,32 +59,32 @@ static void forget_trials(tl_contest *contest) {
     contest->excess = 0.0;
 }
 
-static void begin_trial(tl_contest *contest) {
+static void begin_trial(tl_free_run_check *contest) {
     contest->steps = 0;
     contest->counted = 0;
-    contest->sum = (tl_contest_trial){0};
+    contest->sum = (tl_free_run_check_trial){0};
 }
 
-void tl_contest_begin_anew(tl_contest *contest) {
+void tl_free_run_check_reset(tl_free_run_check *contest) {
     forget_trials(contest);
     begin_trial(contest);
     contest->rests = false;
     contest->follows = false;
 }
 
-static void remember(tl_contest *contest, const tl_contest_trial *trial) {
+static void remember(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
     contest->trial[contest->at] = *trial;
-    contest->at = (contest->at + 1) % TL_CONTEST_TRIALS;
-    contest->count += contest->count < TL_CONTEST_TRIALS ? 1 : 0;
+    contest->at = (contest->at + 1) % TL_FREE_RUN_CHECK_TRIALS;
+    contest->count += contest->count < TL_FREE_RUN_CHECK_TRIALS ? 1 : 0;
     contest->since++;
 }
 
-static void add_to(tl_contest_average *average, double value, uint32_t count) {
+static void add_to(tl_free_run_check_average *average, double value, uint32_t count) {
     average->mean += (value - average->mean) / count;
     average->square += (value * value - average->square) / count;
 }
 
-static void add(tl_contest_noise *noise, const tl_contest_noise *seen, uint32_t memory) {
+static void add(tl_free_run_check_noise *noise, const tl_free_run_check_noise *seen, uint32_t memory) {
     noise->count += noise->count < memory ? 1 : 0;
     add_to(&noise->locked, seen->locked.mean, noise->count);
     add_to(&noise->surprise, seen->surprise.mean, noise->count);
@@ -99,54 +99,56 @@ static void subtract(const double *from, const double *what, double *rest) {
 }
 
 /* The plant has changed or was disturbed: the error of such a prediction is not noise. */
-static bool is_upset(const tl_contest *contest, double square) {
-    return contest->known.count >= TL_CONTEST_LEAST && square > UPSET * contest->known.surprise.mean;
+static bool is_upset(const tl_free_run_check *contest, double square) {
+    return contest->known.count >= TL_FREE_RUN_CHECK_LEAST && square > UPSET * contest->known.surprise.mean;
 }
 
-static estimate find_average(const tl_contest_average *average, uint32_t count) {
+static estimate find_average(const tl_free_run_check_average *average, uint32_t count) {
     double variance = fmax(average->square - average->mean * average->mean, 0.0);
     return (estimate){average->mean, sqrt(variance / fmax(count, 1.0))};
 }
 
 /* By how many standard errors the recent average is above the long one. */
-static double rise(const tl_contest_average *recent, const tl_contest_average *known) {
-    estimate now = find_average(recent, TL_CONTEST_RECENT);
+static double rise(const tl_free_run_check_average *recent, const tl_free_run_check_average *known) {
+    estimate now = find_average(recent, TL_FREE_RUN_CHECK_RECENT);
     return (now.value - known->mean) / fmax(now.error, NEGLIGIBLE);
 }
 
 /* Drops the long average if conditions have changed. Model errors hide a part of the noise, so less
  * noise is no change. More noise is: the plant is calm again, or a sensor has become worse. Better
  * predictions show either, too. */
-static bool has_changed(const tl_contest *contest) {
-    return contest->recent.count >= TL_CONTEST_RECENT &&
+static bool has_changed(const tl_free_run_check *contest) {
+    return contest->recent.count >= TL_FREE_RUN_CHECK_RECENT &&
            (rise(&contest->recent.noise, &contest->known.noise) > CHANGED ||
             rise(&contest->recent.surprise, &contest->known.surprise) < -CHANGED);
 }
 
 /* Of this prediction and of the one before it. */
-static void learn_noise(tl_contest *contest, const tl_contest_trial *trial, const tl_contest_errors *errors) {
+static void learn_noise(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+                        const tl_free_run_check_errors *errors) {
     double now[TL_MAX_MATCH];
     double before[TL_MAX_MATCH];
     subtract(errors->predicted, contest->lasting, now);
     subtract(contest->before, contest->lasting, before);
     double square = product(now, now);
     double kept = product(errors->locked, now);
-    const tl_contest_noise seen = {
+    const tl_free_run_check_noise seen = {
         .locked = {.mean = trial->locked},
         .surprise = {.mean = square},
         .kept = {.mean = kept},
         .noise = {.mean = kept - product(now, before)},
     };
-    add(&contest->recent, &seen, TL_CONTEST_RECENT);
+    add(&contest->recent, &seen, TL_FREE_RUN_CHECK_RECENT);
     if (has_changed(contest)) {
         contest->known = contest->recent;
     } else if (!is_upset(contest, square) && !is_upset(contest, product(before, before))) {
-        add(&contest->known, &seen, TL_CONTEST_MEMORY);
+        add(&contest->known, &seen, TL_FREE_RUN_CHECK_MEMORY);
     }
 }
 
 /* Ends a prediction if something was measured. */
-static void learn(tl_contest *contest, const tl_contest_trial *trial, const tl_contest_errors *errors) {
+static void learn(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+                  const tl_free_run_check_errors *errors) {
     if (contest->follows) {
         learn_noise(contest, trial, errors);
         for (size_t i = 0; i < TL_MAX_MATCH; i++) {
@@ -160,8 +162,8 @@ static void learn(tl_contest *contest, const tl_contest_trial *trial, const tl_c
 /* ---- verdict ---- */
 
 /* The term of the used noise: 2·g·s². */
-static estimate find_gain(const tl_contest *contest) {
-    const tl_contest_noise *known = &contest->known;
+static estimate find_gain(const tl_free_run_check *contest) {
+    const tl_free_run_check_noise *known = &contest->known;
     double part = 1.0 - known->kept.mean / fmax(known->surprise.mean, NEGLIGIBLE);
     double twice = 2.0 * fmin(fmax(part, 0.0), 1.0);
     estimate noise = find_average(&known->noise, known->count);
@@ -172,17 +174,17 @@ static estimate find_gain(const tl_contest *contest) {
 }
 
 /* The trial `back` places before the next one. */
-static const tl_contest_trial *back(const tl_contest *contest, uint32_t by) {
-    return &contest->trial[(contest->at + TL_CONTEST_TRIALS - by) % TL_CONTEST_TRIALS];
+static const tl_free_run_check_trial *back(const tl_free_run_check *contest, uint32_t by) {
+    return &contest->trial[(contest->at + TL_FREE_RUN_CHECK_TRIALS - by) % TL_FREE_RUN_CHECK_TRIALS];
 }
 
 /* Mean excess of the twin's error over the free-running one's, or over `than` if that is not
  * negative; over the newest trials. */
-static estimate find_mean(const tl_contest *contest, uint32_t count, double than) {
+static estimate find_mean(const tl_free_run_check *contest, uint32_t count, double than) {
     double sum = 0.0;
     double squares = 0.0;
     for (uint32_t i = 1; i <= count; i++) {
-        const tl_contest_trial *trial = back(contest, i);
+        const tl_free_run_check_trial *trial = back(contest, i);
         double difference = trial->locked - (than < 0.0 ? trial->free : than);
         sum += difference;
         squares += difference * difference;
@@ -206,21 +208,21 @@ static estimate sum(estimate one, estimate other) {
 }
 
 /* Excess of the lock's error over that of the free-running twin, over the newest trials. */
-static estimate find_harm(const tl_contest *contest, uint32_t count) {
+static estimate find_harm(const tl_free_run_check *contest, uint32_t count) {
     return sum(find_mean(contest, count, -1.0), find_gain(contest));
 }
 
 /* Whether the free-running twin has lost for so long that it is useless. */
-static bool is_useless(tl_contest *contest, estimate harm) {
-    if (contest->count < TL_CONTEST_TRIALS || contest->since < TL_CONTEST_TRIALS) {
+static bool is_useless(tl_free_run_check *contest, estimate harm) {
+    if (contest->count < TL_FREE_RUN_CHECK_TRIALS || contest->since < TL_FREE_RUN_CHECK_TRIALS) {
         return false;
     }
     contest->since = 0;
     contest->lost = is_less(harm) ? contest->lost + 1 : 0;
-    return contest->lost >= TL_CONTEST_LOST;
+    return contest->lost >= TL_FREE_RUN_CHECK_LOST;
 }
 
-static void judge_locked(tl_contest *contest, tl_contest_verdict *verdict) {
+static void judge_locked(tl_free_run_check *contest, tl_free_run_check_verdict *verdict) {
     estimate harm = find_harm(contest, contest->count);
     if (is_more(harm)) {
         verdict->turned = true;
@@ -236,25 +238,26 @@ static void judge_locked(tl_contest *contest, tl_contest_verdict *verdict) {
 }
 
 /* Whether the resting twin is further off than a locked one would be, at once or lastingly. */
-static bool is_too_far(tl_contest *contest, const tl_contest_trial *trial) {
+static bool is_too_far(tl_free_run_check *contest, const tl_free_run_check_trial *trial) {
     estimate gain = find_gain(contest);
     double usual = fmax(contest->known.locked.mean + gain.value, NEGLIGIBLE);
     contest->excess = fmax(0.0, contest->excess + fmin(trial->locked / (usual + gain.error), COUNTED) - ALLOWED);
     if (contest->excess > TOO_MUCH) {
         return true;
     }
-    return contest->count >= TL_CONTEST_LEAST &&
+    return contest->count >= TL_FREE_RUN_CHECK_LEAST &&
            is_more(sum(find_mean(contest, contest->count, usual), (estimate){0.0, gain.error}));
 }
 
-static void judge_resting(tl_contest *contest, const tl_contest_trial *trial, tl_contest_verdict *verdict) {
+static void judge_resting(tl_free_run_check *contest, const tl_free_run_check_trial *trial,
+                          tl_free_run_check_verdict *verdict) {
     if (is_too_far(contest, trial)) {
         verdict->turned = true;
         contest->rests = false;
         forget_trials(contest);
         return;
     }
-    if (contest->count < TL_CONTEST_LEAST) {
+    if (contest->count < TL_FREE_RUN_CHECK_LEAST) {
         return;
     }
     estimate difference = find_mean(contest, contest->count, -1.0); /* neither has used any noise */
@@ -266,10 +269,10 @@ static void judge_resting(tl_contest *contest, const tl_contest_trial *trial, tl
 }
 
 /* A trial of which less than half was measured does not count. */
-static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool measured,
-                      tl_contest_verdict *verdict) {
+static void end_trial(tl_free_run_check *contest, const tl_free_run_check_errors *errors, bool measured,
+                      tl_free_run_check_verdict *verdict) {
     bool says = 2 * contest->counted >= contest->guard;
-    tl_contest_trial trial = contest->sum;
+    tl_free_run_check_trial trial = contest->sum;
     trial.locked /= fmax(contest->counted, 1.0);
     trial.free /= fmax(contest->counted, 1.0);
     if (says) {
@@ -285,7 +288,7 @@ static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool
         } else {
             contest->follows = false;
         }
-        if (contest->count >= TL_CONTEST_LEAST && contest->known.count >= TL_CONTEST_LEAST) {
+        if (contest->count >= TL_FREE_RUN_CHECK_LEAST && contest->known.count >= TL_FREE_RUN_CHECK_LEAST) {
             judge_locked(contest, verdict);
         }
     }
@@ -293,8 +296,9 @@ static void end_trial(tl_contest *contest, const tl_contest_errors *errors, bool
     verdict->predict = !contest->rests;
 }
 
-tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors *errors, bool measured) {
-    tl_contest_verdict verdict = {0};
+tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *contest, const tl_free_run_check_errors *errors,
+                                                 bool measured) {
+    tl_free_run_check_verdict verdict = {0};
     contest->weight = errors->weight;
     contest->steps++;
     if (measured) {
@@ -310,20 +314,20 @@ tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors 
 
 /* ---- archive ---- */
 
-static void require_sound(const tl_contest *contest, tl_archive *archive) {
+static void require_sound(const tl_free_run_check *contest, tl_archive *archive) {
     tl_archive_require(archive, contest->steps < contest->guard && contest->counted <= contest->steps);
-    tl_archive_require(archive, contest->count <= TL_CONTEST_TRIALS && contest->at < TL_CONTEST_TRIALS);
-    tl_archive_require(archive,
-                       contest->known.count <= TL_CONTEST_MEMORY && contest->recent.count <= TL_CONTEST_RECENT);
+    tl_archive_require(archive, contest->count <= TL_FREE_RUN_CHECK_TRIALS && contest->at < TL_FREE_RUN_CHECK_TRIALS);
+    tl_archive_require(archive, contest->known.count <= TL_FREE_RUN_CHECK_MEMORY &&
+                                    contest->recent.count <= TL_FREE_RUN_CHECK_RECENT);
     tl_archive_require_finite(archive, contest->lasting, TL_MAX_MATCH);
     tl_archive_require_finite(archive, &contest->sum.locked, 2);
-    tl_archive_require_finite(archive, &contest->trial[0].locked, 2 * (size_t)TL_CONTEST_TRIALS);
+    tl_archive_require_finite(archive, &contest->trial[0].locked, 2 * (size_t)TL_FREE_RUN_CHECK_TRIALS);
     tl_archive_require_finite(archive, &contest->known.locked.mean, 8);
     tl_archive_require_finite(archive, &contest->recent.locked.mean, 8);
     tl_archive_require_finite(archive, &contest->excess, 1);
 }
 
-void tl_contest_archive(tl_contest *contest, tl_archive *archive) {
+void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive) {
     tl_archive_flag(archive, &contest->rests);
     tl_archive_flag(archive, &contest->follows);
     tl_archive_part(archive, contest->before, sizeof contest->before);
@@ -380,7 +384,7 @@ tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error) {
         return TL_OK;
     }
     tl_exchange_keep_always(twin->exchange);
-    tl_contest_begin_anew(&twin->contest);
+    tl_free_run_check_reset(&twin->contest);
     twin->predicts = true;
     tl_status status = tl_snapshot_take(&twin->free, error);
     return status == TL_OK ? tl_snapshot_take(&twin->predicted, error) : status;
@@ -391,7 +395,7 @@ bool tl_free_twin_rests(const tl_free_twin *twin) {
 }
 
 void tl_free_twin_retune(tl_free_twin *twin) {
-    twin->contest = (tl_contest){.guard = twin->contest.guard};
+    twin->contest = (tl_free_run_check){.guard = twin->contest.guard};
     twin->predicts = false;
 }
 
@@ -403,8 +407,8 @@ static bool measure(const tl_free_twin *twin, const tl_record *record, const dou
     bool measured = false;
     for (size_t i = 0; i < objective->term_count; i++) {
         const tl_objective_term *term = &objective->terms[i];
-        bool is_good = term->weight > 0.0 && record->y_hat_quality[i] == TL_GOOD;
-        errors[i] = is_good ? sqrt(term->weight) * (y[i] - record->y_hat[i]) / term->tolerance : 0.0;
+        bool is_good = term->weight > 0.0 && record->measured_quality[i] == TL_GOOD;
+        errors[i] = is_good ? sqrt(term->weight) * (y[i] - record->measured[i]) / term->tolerance : 0.0;
         measured = measured || is_good;
     }
     return measured;
@@ -464,8 +468,8 @@ static tl_status settle(tl_free_twin *twin, bool predicts, bool renews, tl_error
 }
 
 /* Executes both from the twin's state and restores it. */
-static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_contest_errors *errors, bool failed[2],
-                           tl_error *error) {
+static tl_status lead_both(tl_free_twin *twin, const tl_record *record, tl_free_run_check_errors *errors,
+                           bool failed[2], tl_error *error) {
     tl_status status = tl_exchange_take(twin->exchange, record->step + 1, error);
     status = status == TL_OK ? lead(twin, &twin->free, record, errors->free, &failed[0], error) : status;
     if (status == TL_OK && twin->predicts) {
@@ -482,17 +486,17 @@ static double sum_of_weights(const tl_objective *objective) {
     return sum;
 }
 
-static void count(tl_free_twin *twin, bool rested, const tl_contest_verdict *verdict) {
+static void count(tl_free_twin *twin, bool rested, const tl_free_run_check_verdict *verdict) {
     twin->counts.rested += rested ? 1 : 0;
     twin->counts.turns += verdict->turned && !rested ? 1 : 0;
     twin->counts.adopted += verdict->adopt ? 1 : 0;
 }
 
-tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_contest_verdict *verdict,
+tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_free_run_check_verdict *verdict,
                               tl_error *error) {
-    tl_contest_errors errors = {.weight = sum_of_weights(twin->objective)};
+    tl_free_run_check_errors errors = {.weight = sum_of_weights(twin->objective)};
     bool failed[2] = {false, false};
-    *verdict = (tl_contest_verdict){0};
+    *verdict = (tl_free_run_check_verdict){0};
     if (!twin->is_led) {
         return TL_OK;
     }
@@ -503,10 +507,10 @@ tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_co
         return status;
     }
     if (!rested && (!twin->predicts || failed[1])) { /* nothing can be compared yet, or any more */
-        tl_contest_begin_anew(&twin->contest);
+        tl_free_run_check_reset(&twin->contest);
         return settle(twin, true, failed[0], error);
     }
-    *verdict = tl_contest_step(&twin->contest, &errors, measured);
+    *verdict = tl_free_run_check_step(&twin->contest, &errors, measured);
     count(twin, rested, verdict);
     if (verdict->adopt) {
         twin->predicts = false;
@@ -519,7 +523,7 @@ tl_status tl_free_twin_archive(tl_free_twin *twin, tl_archive *archive, tl_error
     if (!twin->is_led) {
         return TL_OK;
     }
-    tl_contest_archive(&twin->contest, archive);
+    tl_free_run_check_archive(&twin->contest, archive);
     tl_archive_flag(archive, &twin->predicts);
     tl_status status = tl_snapshot_archive(&twin->free, archive, error);
     return status == TL_OK ? tl_snapshot_archive(&twin->predicted, archive, error) : status;

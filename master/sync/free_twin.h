@@ -38,7 +38,7 @@
  *          noise, see config/SPEC.md).
  *          These are averages over minutes. If the recent average differs by more than three
  *          standard errors, the older one is dropped.
- * Verdict: over the last TL_CONTEST_TRIALS trials and the known noise: u rests at nominal if the
+ * Verdict: over the last TL_FREE_RUN_CHECK_TRIALS trials and the known noise: u rests at nominal if the
  *          harm is above zero by 1.5 standard errors. It rests until the resting twin is further
  *          off than a locked one would be: by the same margin over these trials, or by a large one
  *          at once.
@@ -49,53 +49,53 @@
  */
 
 enum {
-    TL_CONTEST_TRIALS = 50,   /* trials that are remembered */
-    TL_CONTEST_LEAST = 20,    /* fewer trials decide nothing */
-    TL_CONTEST_MEMORY = 1000, /* the noise is averaged over at most this many trials */
-    TL_CONTEST_RECENT = 50,   /* and the recent noise over these */
-    TL_CONTEST_LOST = 6       /* memories in a row that were lost: the free-running twin is useless */
+    TL_FREE_RUN_CHECK_TRIALS = 50,   /* trials that are remembered */
+    TL_FREE_RUN_CHECK_LEAST = 20,    /* fewer trials decide nothing */
+    TL_FREE_RUN_CHECK_MEMORY = 1000, /* the noise is averaged over at most this many trials */
+    TL_FREE_RUN_CHECK_RECENT = 50,   /* and the recent noise over these */
+    TL_FREE_RUN_CHECK_LOST = 6       /* memories in a row that were lost: the free-running twin is useless */
 };
 
 /* Error of each matched output after a step, in tolerances times the root of its weight; 0 if there
  * is no good measurement. A value that is not finite counts as the largest error. */
-typedef struct tl_contest_errors {
+typedef struct tl_free_run_check_errors {
     double locked[TL_MAX_MATCH]; /* of the twin, locked or resting */
     double free[TL_MAX_MATCH];
     double predicted[TL_MAX_MATCH]; /* meaningless while u rests */
     double weight;                  /* Σ weights of all outputs, measured or not */
-} tl_contest_errors;
+} tl_free_run_check_errors;
 
 /* Means of squares over one trial. */
-typedef struct tl_contest_trial {
+typedef struct tl_free_run_check_trial {
     double locked;
     double free;
-} tl_contest_trial;
+} tl_free_run_check_trial;
 
 /* Decaying average of a value and of its square. */
-typedef struct tl_contest_average {
+typedef struct tl_free_run_check_average {
     double mean;
     double square;
-} tl_contest_average;
+} tl_free_run_check_average;
 
 /* Known noise, averaged over `count` trials. */
-typedef struct tl_contest_noise {
-    tl_contest_average locked;   /* E(L − ŷ)² */
-    tl_contest_average surprise; /* E(P − ŷ)² */
-    tl_contest_average kept;     /* E(L − ŷ)·(P − ŷ) */
-    tl_contest_average noise;    /* s² */
+typedef struct tl_free_run_check_noise {
+    tl_free_run_check_average locked;   /* E(L − ŷ)² */
+    tl_free_run_check_average surprise; /* E(P − ŷ)² */
+    tl_free_run_check_average kept;     /* E(L − ŷ)·(P − ŷ) */
+    tl_free_run_check_average noise;    /* s² */
     uint32_t count;
-} tl_contest_noise;
+} tl_free_run_check_noise;
 
 /* Result of a step. */
-typedef struct tl_contest_verdict {
+typedef struct tl_free_run_check_verdict {
     bool predict; /* the next prediction starts at the instant committed last */
     bool turned;  /* u has started or stopped to rest */
     bool adopt;   /* the state of the free-running twin is lastingly better: the twin continues from it */
     bool renew;   /* the free-running twin restarts from the twin's state */
-} tl_contest_verdict;
+} tl_free_run_check_verdict;
 
 /* Fields are private, except `rests`. Starts as zeros, except `guard`. */
-typedef struct tl_contest {
+typedef struct tl_free_run_check {
     uint32_t guard; /* steps of a trial and of a prediction, ≥ 1 */
     double weight;  /* as in the errors of the current step */
     bool rests;
@@ -104,25 +104,26 @@ typedef struct tl_contest {
     double lasting[TL_MAX_MATCH]; /* mean error of the predictions before that one: the model's error, not noise */
     uint32_t steps;               /* of the current trial */
     uint32_t counted;
-    tl_contest_trial sum;
-    tl_contest_trial trial[TL_CONTEST_TRIALS];
+    tl_free_run_check_trial sum;
+    tl_free_run_check_trial trial[TL_FREE_RUN_CHECK_TRIALS];
     uint32_t count; /* trials remembered */
     uint32_t at;    /* where the next trial is stored */
     uint32_t since; /* trials since a whole memory was lost */
     uint32_t lost;  /* such memories in a row */
-    tl_contest_noise known;
-    tl_contest_noise recent; /* of the newest trials only: replaces `known` if conditions have changed */
-    double excess;           /* how much further off the resting twin was than a locked one, summed */
-} tl_contest;
+    tl_free_run_check_noise known;
+    tl_free_run_check_noise recent; /* of the newest trials only: replaces `known` if conditions have changed */
+    double excess;                  /* how much further off the resting twin was than a locked one, summed */
+} tl_free_run_check;
 
 /* Evaluates a committed step. `measured`: false if no output had a good measurement. */
-tl_contest_verdict tl_contest_step(tl_contest *contest, const tl_contest_errors *errors, bool measured);
+tl_free_run_check_verdict tl_free_run_check_step(tl_free_run_check *contest, const tl_free_run_check_errors *errors,
+                                                 bool measured);
 
 /* Restarts the predictions and drops their history; u does not rest. The known noise stays. */
-void tl_contest_begin_anew(tl_contest *contest);
+void tl_free_run_check_reset(tl_free_run_check *contest);
 
 /* Archives all but `guard`. */
-void tl_contest_archive(tl_contest *contest, tl_archive *archive);
+void tl_free_run_check_archive(tl_free_run_check *contest, tl_archive *archive);
 
 /* ---- The free-running twin: the same co-simulation without corrections, beside the locked one.
  *
@@ -146,7 +147,7 @@ typedef struct tl_free_twin {
     bool predicts; /* `predicted` holds a prediction; else one is to start */
     tl_snapshot free;
     tl_snapshot predicted;
-    tl_contest contest;
+    tl_free_run_check contest;
     uint64_t *executions; /* of each component, saved while steps are executed that do not count */
     tl_free_twin_counts counts;
 } tl_free_twin;
@@ -163,7 +164,7 @@ tl_status tl_free_twin_begin(tl_free_twin *twin, tl_error *error);
 /* Follows a committed step with its complete record. Leaves the FMUs where they were; or, with
  * `adopt` in the verdict, in the state of the free-running twin with its values in all ports. Then
  * the caller resets the caches. Errors: TL_FMU_FAILED or TL_FMU_FATAL if a rollback fails. */
-tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_contest_verdict *verdict,
+tl_status tl_free_twin_follow(tl_free_twin *twin, const tl_record *record, tl_free_run_check_verdict *verdict,
                               tl_error *error);
 
 /* True if u rests from the next step on. */

@@ -368,13 +368,13 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values) {
     tidy(ledger);
 }
 
-void tl_ledger_begin_anew(tl_ledger *ledger) {
+void tl_ledger_reset(tl_ledger *ledger) {
     ledger->count = 0;
     memset(ledger->settled, 0, ledger->horizon->nodes * sizeof *ledger->settled);
 }
 
 void tl_ledger_forget(tl_ledger *ledger) {
-    tl_ledger_begin_anew(ledger);
+    tl_ledger_reset(ledger);
     memset(ledger->saved, 0, ledger->horizon->nodes * sizeof *ledger->saved);
     ledger->saved_in_all = 0;
     ledger->plain = 0;

@@ -84,7 +84,7 @@ void tl_ledger_commit(tl_ledger *ledger, const double *values);
 
 /* Records that all FMUs were reset at the committed instant: earlier executions say nothing about
  * later ones. */
-void tl_ledger_begin_anew(tl_ledger *ledger);
+void tl_ledger_reset(tl_ledger *ledger);
 
 /* The same, and sets the counts of predicted executions to 0. */
 void tl_ledger_forget(tl_ledger *ledger);

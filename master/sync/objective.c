@@ -60,9 +60,9 @@ bool tl_objective_init(tl_objective *objective, tl_arena *arena, const tl_object
     count_residuals(objective);
     size_t count = tl_objective_samples(objective) * objective->matched;
     objective->targets = tl_arena_take(arena, count, sizeof *objective->targets);
-    objective->jitters = tl_arena_take(arena, objective->matched, sizeof *objective->jitters);
+    objective->noise_estimates = tl_arena_take(arena, objective->matched, sizeof *objective->noise_estimates);
     objective->damped = tl_arena_take(arena, objective->damping_count + 1, sizeof *objective->damped);
-    if (objective->targets == NULL || objective->jitters == NULL || objective->damped == NULL) {
+    if (objective->targets == NULL || objective->noise_estimates == NULL || objective->damped == NULL) {
         return false;
     }
     place_targets(objective);
@@ -125,7 +125,7 @@ static void watch_noise(const tl_objective *objective) {
     for (size_t i = 0; i < objective->matched; i++) {
         const tl_objective_target *target = &objective->targets[last + i];
         if (target->scale > 0.0) {
-            tl_jitter_push(&objective->jitters[i], target->value);
+            tl_noise_estimate_push(&objective->noise_estimates[i], target->value);
         }
     }
 }
@@ -170,7 +170,7 @@ bool tl_objective_prepare(tl_objective *objective, int64_t step) {
                 continue;
             }
             tl_quality quality = TL_GOOD;
-            target->value = tl_objective_y_hat(objective, i, step + (int64_t)depth, &quality);
+            target->value = tl_objective_measured(objective, i, step + (int64_t)depth, &quality);
             target->scale = quality == TL_GOOD && depth >= horizon->match_distance[i] ? 1.0 / term->tolerance : 0.0;
             measured = measured || target->scale > 0.0;
             target++;
@@ -215,7 +215,7 @@ double tl_objective_sample(const tl_objective *objective, int64_t tick, const do
         if (has_weight(&objective->terms[i])) {
             tl_quality quality = TL_GOOD;
             tl_objective_target target = objective->targets[m];
-            target.value = tl_objective_y_hat(objective, i, tick, &quality);
+            target.value = tl_objective_measured(objective, i, tick, &quality);
             target.scale = quality == TL_GOOD ? 1.0 / objective->terms[i].tolerance : 0.0;
             double r = residual(&target, y[m]);
             sum += r * r;
@@ -287,7 +287,8 @@ void tl_objective_noise(const tl_objective *objective, double *squares) {
         squares[i] = 0.0;
         if (i < count) {
             double scale = objective->targets[i].scale * objective->targets[i].root_weight;
-            squares[i] = scale * scale * tl_jitter_variance(&objective->jitters[i % objective->matched]);
+            squares[i] =
+                scale * scale * tl_noise_estimate_variance(&objective->noise_estimates[i % objective->matched]);
         }
     }
 }
@@ -310,7 +311,7 @@ double tl_objective_y(const tl_objective *objective, size_t term) {
     return tl_exchange_value(objective->exchange, objective->terms[term].port);
 }
 
-double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality) {
+double tl_objective_measured(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality) {
     const tl_objective_term *description = &objective->terms[term];
     int64_t seen = tick + description->shift;
     const tl_sample *sample = tl_plant_sample(&objective->exchange->plant, seen);

@@ -21,7 +21,7 @@
 #include <stdint.h>
 
 #include "master/graph/exchange.h"
-#include "master/measure/jitter.h"
+#include "master/measure/noise_estimate.h"
 #include "master/plan/tuning.h"
 #include "master/sync/horizon.h"
 
@@ -62,13 +62,13 @@ typedef struct tl_objective {
     size_t term_count;
     tl_objective_penalty penalties[TL_MAX_ADJUST];
     bool penalised;
-    size_t matched;               /* terms with a weight */
-    tl_objective_target *targets; /* [(depth − T_D)·matched + …] */
-    tl_jitter *jitters;           /* of the matched ŷ, in y's unit */
-    size_t damping_count;         /* residuals of unknowns that may be unseen: all of a dynamic horizon, or none */
-    bool *damped;                 /* of each of these: it belongs to J in this step */
-    size_t residual_count;        /* of samples, damping and penalties, in this order */
-    size_t residual_most;         /* the same with all penalties */
+    size_t matched;                     /* terms with a weight */
+    tl_objective_target *targets;       /* [(depth − T_D)·matched + …] */
+    tl_noise_estimate *noise_estimates; /* of the matched ŷ, in y's unit */
+    size_t damping_count;  /* residuals of unknowns that may be unseen: all of a dynamic horizon, or none */
+    bool *damped;          /* of each of these: it belongs to J in this step */
+    size_t residual_count; /* of samples, damping and penalties, in this order */
+    size_t residual_most;  /* the same with all penalties */
 } tl_objective;
 
 /* Parts of an objective. The penalties are copied; all else must outlive it. */
@@ -126,6 +126,6 @@ void tl_objective_matched(const tl_objective *objective, double *y);
 
 /* y of one term now; and the ŷ that is paired with the y of t_tick, in the unit of y. */
 double tl_objective_y(const tl_objective *objective, size_t term);
-double tl_objective_y_hat(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
+double tl_objective_measured(const tl_objective *objective, size_t term, int64_t tick, tl_quality *quality);
 
 #endif

@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "master/sync/attempt.h"
+#include "master/sync/step_search.h"
 #include "master/sync/verifier.h"
 
 /* ---- faster method ---- */
@@ -33,7 +33,7 @@ static tl_status save(race *self) {
     if (!self->by_copy) {
         return tl_component_save(self->component, &self->state, self->error);
     }
-    return tl_component_keep(self->component)
+    return tl_component_keep_copy(self->component)
                ? TL_OK
                : tl_fail(self->error, TL_FMU_FAILED, "%s: its memory cannot be copied any more", self->component->name);
 }
@@ -42,7 +42,7 @@ static tl_status go_back(race *self) {
     if (!self->by_copy) {
         return tl_component_restore(self->component, self->state, self->error);
     }
-    if (tl_component_come_back(self->component, NULL)) {
+    if (tl_component_restore_copy(self->component, NULL)) {
         return TL_OK;
     }
     return tl_fail(self->error, self->component->mode == TL_MODE_DEAD ? TL_FMU_FATAL : TL_FMU_FAILED,
@@ -75,12 +75,12 @@ static void put(tl_time *times, int count, tl_time time) {
 /* Median of some rounds without the first, which may allocate. 0: a step failed, which the proof
  * reports or need not report. */
 static tl_time take_time(race *self) {
-    tl_time times[TL_FASTER_WAY_ROUNDS];
+    tl_time times[TL_ROLLBACK_TIMING_ROUNDS];
     tl_time took;
     int count = 0;
     tl_status status = take_round(self, &took);
     tl_time begun = self->now(self->clock);
-    while (status == TL_OK && count < TL_FASTER_WAY_ROUNDS &&
+    while (status == TL_OK && count < TL_ROLLBACK_TIMING_ROUNDS &&
            (count < FEWEST || self->now(self->clock) - begun < LONGEST)) {
         status = take_round(self, &took);
         put(times, count++, took);
@@ -111,7 +111,7 @@ static tl_status run(race *self, tl_fmi2_times *times) {
 
 static bool is_faster(const tl_fmi2_times *times) {
     return times->by_copy > 0 && times->by_states - times->by_copy >= WORTH &&
-           (double)times->by_states >= TL_FASTER_WAY_MARGIN * (double)times->by_copy;
+           (double)times->by_states >= TL_ROLLBACK_TIMING_MARGIN * (double)times->by_copy;
 }
 
 static tl_status choose(race *self, bool *taken) {
@@ -124,13 +124,13 @@ static tl_status choose(race *self, bool *taken) {
     return status;
 }
 
-/* During a proof (tl_exchange_keep()), with all components at the start of step `first`, proved by
+/* During a proof (tl_exchange_keep_copies()), with all components at the start of step `first`, proved by
  * their states, and with no other states than those of tl_exchange_save(): decides for each
  * component that has a choice. `now`: ns. *taken: at least one uses a copy. All are where they
  * were, and saved. Errors: TL_FMU_FAILED, TL_FMU_FATAL: a component could not be restored, and
  * *culprit is its index. */
-static tl_status tl_faster_way_choose(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock), void *clock,
-                                      bool *taken, tl_error *error) {
+static tl_status tl_rollback_choose_faster(tl_exchange *exchange, int64_t first, tl_time (*now)(void *clock),
+                                           void *clock, bool *taken, tl_error *error) {
     bool any = false;
     tl_status status = TL_OK;
     *taken = false;
@@ -205,20 +205,20 @@ static double within(const tl_adjusted *adjusted, double value) {
 }
 
 /* Moves all states away: a horizon with other inputs. It may fail, as any candidate may. */
-static tl_status lead_astray(const tl_lock *lock, int64_t first, tl_error *error) {
-    double *u = lock->memory.trial;
+static tl_status lead_astray(const tl_synchroniser *synchroniser, int64_t first, tl_error *error) {
+    double *u = synchroniser->memory.trial;
     tl_status status = TL_OK;
-    for (size_t v = 0; v < lock->horizon.variables; v++) {
-        const tl_adjusted *adjusted = &lock->adjusted[v];
-        double now = tl_exchange_adjusted(lock->exchange, v);
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        const tl_adjusted *adjusted = &synchroniser->adjusted[v];
+        double now = tl_exchange_adjusted(synchroniser->exchange, v);
         double value = adjusted->is_boolean ? 1.0 - now : now + adjusted->step;
-        for (uint32_t m = 0; m < lock->horizon.length[v]; m++) {
-            u[lock->horizon.offset[v] + m] = within(adjusted, value);
+        for (uint32_t m = 0; m < synchroniser->horizon.length[v]; m++) {
+            u[synchroniser->horizon.offset[v] + m] = within(adjusted, value);
         }
     }
-    tl_attempt_set_inputs(lock, u, 0);
-    for (uint32_t depth = 0; depth < lock->horizon.prediction && status == TL_OK; depth++) {
-        status = tl_exchange_step(lock->exchange, first + depth, error);
+    tl_step_search_set_inputs(synchroniser, u, 0);
+    for (uint32_t depth = 0; depth < synchroniser->horizon.prediction && status == TL_OK; depth++) {
+        status = tl_exchange_step(synchroniser->exchange, first + depth, error);
     }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
@@ -239,18 +239,19 @@ static void note_inputs(const tl_proof *proof, const tl_exchange *exchange, size
 }
 
 /* As fast and as far as inputs may change. It may fail, too. */
-static tl_status sweep(const tl_proof *proof, const tl_lock *lock, int64_t first, size_t noted, tl_error *error) {
+static tl_status sweep(const tl_proof *proof, const tl_synchroniser *synchroniser, int64_t first, size_t noted,
+                       tl_error *error) {
     double now[TL_MAX_ADJUST];
     tl_status status = TL_OK;
-    for (size_t v = 0; v < lock->horizon.variables; v++) {
-        now[v] = tl_exchange_adjusted(lock->exchange, v);
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        now[v] = tl_exchange_adjusted(synchroniser->exchange, v);
     }
     for (int i = 0; i < TL_PROOF_STEPS && status == TL_OK; i++) {
-        for (size_t v = 0; v < lock->horizon.variables; v++) {
-            tl_exchange_set_adjusted(lock->exchange, v, swept(&lock->adjusted[v], now[v], i));
+        for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+            tl_exchange_set_adjusted(synchroniser->exchange, v, swept(&synchroniser->adjusted[v], now[v], i));
         }
-        note_inputs(proof, lock->exchange, noted, proof->elsewhere, i);
-        status = tl_exchange_step(lock->exchange, first + i, error);
+        note_inputs(proof, synchroniser->exchange, noted, proof->elsewhere, i);
+        status = tl_exchange_step(synchroniser->exchange, first + i, error);
     }
     return status == TL_FMU_FATAL ? status : TL_OK;
 }
@@ -270,7 +271,7 @@ static size_t find_failed(const tl_exchange *exchange) {
 /* State of a proof. */
 typedef struct proof_attempt {
     tl_proof *proof;
-    tl_lock *lock;
+    tl_synchroniser *synchroniser;
     const tl_graph *graph;
     int64_t first;
     int steps; /* steps that were possible */
@@ -281,7 +282,7 @@ typedef struct proof_attempt {
 /* The culprit of a failure that is not a step's. */
 static tl_status blame(proof_attempt *self, tl_status status) {
     if (status == TL_FMU_FAILED) {
-        const tl_exchange *exchange = self->lock->exchange;
+        const tl_exchange *exchange = self->synchroniser->exchange;
         self->culprit = find_failed(exchange);
         bool by_own = self->culprit != NOBODY && !exchange->components[self->culprit].fmi->is_unaware;
         self->cause = self->proof->was_saved && by_own ? TL_CAUSE_LATE : TL_CAUSE_UNKNOWN;
@@ -300,9 +301,9 @@ static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
     tl_proof *proof = self->proof;
     double *outputs = &proof->outputs[(size_t)self->steps * self->graph->port_count];
     if (self->steps < proof->noted) {
-        return compare_outputs(self->lock->exchange, self->graph, outputs, self->steps, &self->culprit, error);
+        return compare_outputs(self->synchroniser->exchange, self->graph, outputs, self->steps, &self->culprit, error);
     }
-    note_outputs(self->lock->exchange, self->graph, outputs);
+    note_outputs(self->synchroniser->exchange, self->graph, outputs);
     proof->noted++;
     return TL_OK;
 }
@@ -310,7 +311,7 @@ static tl_status note_or_compare(proof_attempt *self, tl_error *error) {
 /* Steps with the present inputs, their outputs noted. A failure of the first one is an error, of a
  * later one the end, unless it is fatal. */
 static tl_status take_steps(proof_attempt *self, tl_error *error) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     tl_status saved = TL_OK;
     tl_status status = TL_OK;
     while (self->steps < TL_PROOF_STEPS && status == TL_OK && saved == TL_OK) {
@@ -327,7 +328,7 @@ static tl_status take_steps(proof_attempt *self, tl_error *error) {
 /* After a rollback a component fails in a step that it had executed. */
 static tl_status tell_refusal(proof_attempt *self, tl_error *error) {
     const tl_error failed = *error;
-    self->culprit = find_failed(self->lock->exchange);
+    self->culprit = find_failed(self->synchroniser->exchange);
     self->cause = TL_CAUSE_REFUSES;
     return tl_fail(error, TL_FMU_FAILED,
                    "does not come back to where it was: led back, it fails in a step that it had done: %s",
@@ -335,7 +336,7 @@ static tl_status tell_refusal(proof_attempt *self, tl_error *error) {
 }
 
 static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     tl_status status = TL_OK;
     for (int i = from; i < self->steps && status == TL_OK; i++) {
         status = tl_exchange_step(exchange, self->first + i, error);
@@ -351,11 +352,11 @@ static tl_status repeat_steps(proof_attempt *self, int from, tl_error *error) {
 
 /* Restores the start. A component that cannot be restored is the culprit. */
 static tl_status attempt_go_back(proof_attempt *self, tl_error *error) {
-    return blame(self, tl_exchange_restore(self->lock->exchange, error));
+    return blame(self, tl_exchange_restore(self->synchroniser->exchange, error));
 }
 
 static tl_status attempt_save(proof_attempt *self, tl_error *error) {
-    tl_status status = blame(self, tl_exchange_save(self->lock->exchange, error));
+    tl_status status = blame(self, tl_exchange_save(self->synchroniser->exchange, error));
     self->proof->was_saved = self->proof->was_saved || status == TL_OK;
     return status;
 }
@@ -370,14 +371,14 @@ static tl_status prove_midst(proof_attempt *self, tl_error *error) {
 }
 
 static tl_status prove(proof_attempt *self, tl_error *error) {
-    const tl_lock *lock = self->lock;
+    const tl_synchroniser *synchroniser = self->synchroniser;
     tl_status status = attempt_save(self, error);
     status = status == TL_OK ? take_steps(self, error) : status;
     status = status == TL_OK ? attempt_go_back(self, error) : status;
-    status = status == TL_OK ? lead_astray(lock, self->first, error) : status;
+    status = status == TL_OK ? lead_astray(synchroniser, self->first, error) : status;
     status = status == TL_OK ? prove_midst(self, error) : status;
     status = status == TL_OK ? attempt_go_back(self, error) : status;
-    status = status == TL_OK ? sweep(self->proof, lock, self->first, NOBODY, error) : status;
+    status = status == TL_OK ? sweep(self->proof, synchroniser, self->first, NOBODY, error) : status;
     status = status == TL_OK ? attempt_go_back(self, error) : status;
     status = status == TL_OK ? repeat_steps(self, 0, error) : status;
     status = status == TL_OK ? attempt_go_back(self, error) : status;
@@ -396,26 +397,26 @@ void tl_proof_end(tl_proof *proof) {
 /* Inputs of the culprit in the steps, and in those that lead elsewhere; all are restored without
  * states. */
 static bool note_ways(const proof_attempt *self) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     tl_error ignored;
     tl_status status = TL_OK;
-    if (!tl_exchange_come_back(exchange, self->culprit, NULL)) {
+    if (!tl_exchange_restore_copy(exchange, self->culprit, NULL)) {
         return false;
     }
     for (int i = 0; i < self->steps && status == TL_OK; i++) {
         note_inputs(self->proof, exchange, self->culprit, self->proof->inputs, i);
         status = tl_exchange_step(exchange, self->first + i, &ignored);
     }
-    if (status == TL_FMU_FATAL || !tl_exchange_come_back(exchange, self->culprit, NULL)) {
+    if (status == TL_FMU_FATAL || !tl_exchange_restore_copy(exchange, self->culprit, NULL)) {
         return false;
     }
-    return sweep(self->proof, self->lock, self->first, self->culprit, &ignored) == TL_OK &&
-           tl_exchange_come_back(exchange, self->culprit, NULL);
+    return sweep(self->proof, self->synchroniser, self->first, self->culprit, &ignored) == TL_OK &&
+           tl_exchange_restore_copy(exchange, self->culprit, NULL);
 }
 
 /* Called only if there can be a full copy. */
 static tl_restore_cause find_cause(const proof_attempt *self) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     tl_component *culprit = &exchange->components[self->culprit];
     const tl_restore_cause cause = self->cause;
     tl_restore_cause found = TL_CAUSE_UNKNOWN;
@@ -432,7 +433,7 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
         .output_bytes = self->proof->value_bytes,
     };
     if (cause != TL_CAUSE_LATE && cause != TL_CAUSE_FINAL && self->steps > 1 && exchange->is_kept[self->culprit] &&
-        tl_component_keeping_takes(culprit) != 0 && note_ways(self)) {
+        tl_component_copy_size(culprit) != 0 && note_ways(self)) {
         (void)tl_restore_cause_find(&trial, &found, &ignored);
     }
     return found != TL_CAUSE_UNKNOWN ? found : cause;
@@ -441,14 +442,13 @@ static tl_restore_cause find_cause(const proof_attempt *self) {
 /* Whether the culprit has another method, by which all are restored to the start. Otherwise the
  * error names the cause. */
 static bool take_other_way(proof_attempt *self, tl_error *error) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     tl_restore_cause cause = find_cause(self);
     const char *why = tl_restore_cause_text(cause);
-    if (tl_exchange_come_back(exchange, self->culprit, why)) {
+    if (tl_exchange_restore_copy(exchange, self->culprit, why)) {
         /* A component that is restored by a copy is where it was, but may continue differently: it
          * does not see the exception flags of others any more. */
-        self->proof->noted =
-            tl_component_keeping_takes(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
+        self->proof->noted = tl_component_copy_size(&exchange->components[self->culprit]) != 0 ? 0 : self->proof->noted;
         return true;
     }
     tl_error found = *error;
@@ -498,14 +498,14 @@ static void let_say_final(const tl_exchange *exchange, bool final) {
 /* The same steps, each marked as final; candidates are not, most committed steps are. No state
  * restores from there: components with a copy are restored by it. */
 static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error) {
-    tl_exchange *exchange = self->lock->exchange;
+    tl_exchange *exchange = self->synchroniser->exchange;
     let_say_final(exchange, true);
     tl_status status = repeat_steps(self, 0, error);
     let_say_final(exchange, false);
     if (status == TL_FMU_FAILED) {
         self->cause = TL_CAUSE_FINAL;
     }
-    if (status == TL_OK && !tl_exchange_come_back(exchange, one, NULL)) {
+    if (status == TL_OK && !tl_exchange_restore_copy(exchange, one, NULL)) {
         exchange->failed = one;
         return tl_fail(error, TL_FMU_FAILED, "%s: does not come back to where its proof began",
                        exchange->components[one].name);
@@ -518,7 +518,7 @@ static tl_status prove_as_final(proof_attempt *self, size_t one, tl_error *error
 static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *taken, tl_error *error) {
     tl_proof *proof = self->proof;
     bool had_midst = proof->has_midst;
-    size_t one = find_choice(self->lock->exchange);
+    size_t one = find_choice(self->synchroniser->exchange);
     *taken = false;
     if (one == NOBODY) {
         return TL_OK;
@@ -526,10 +526,10 @@ static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *
     tl_proof_end(proof);
     tl_status status = prove_as_final(self, one, error);
     if (status == TL_OK && now != NULL) {
-        status = tl_faster_way_choose(self->lock->exchange, self->first, now, NULL, taken, error);
+        status = tl_rollback_choose_faster(self->synchroniser->exchange, self->first, now, NULL, taken, error);
     }
     if (status == TL_FMU_FAILED && self->culprit == NOBODY) {
-        self->culprit = self->lock->exchange->failed;
+        self->culprit = self->synchroniser->exchange->failed;
     }
     proof->noted = *taken ? 0 : proof->noted;
     if (!*taken && had_midst && status == TL_OK) {
@@ -541,32 +541,33 @@ static tl_status settle(proof_attempt *self, tl_time (*now)(void *clock), bool *
 
 /* ---- repeated proofs ---- */
 
-tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error) {
-    tl_exchange *exchange = lock->exchange;
+    tl_exchange *exchange = synchroniser->exchange;
     tl_status status = TL_OK;
     bool is_settled = false;
     bool again = false;
     proof->noted = 0;
-    tl_exchange_keep(exchange);
+    tl_exchange_keep_copies(exchange);
     do {
-        proof_attempt attempt = {.proof = proof, .lock = lock, .graph = graph, .first = first, .culprit = NOBODY};
+        proof_attempt search = {
+            .proof = proof, .synchroniser = synchroniser, .graph = graph, .first = first, .culprit = NOBODY};
         proof->stepped = true;
         proof->was_saved = false;
-        status = prove(&attempt, error);
+        status = prove(&search, error);
         again = false;
         if (status == TL_OK && !is_settled) {
-            status = settle(&attempt, now, &again, error);
+            status = settle(&search, now, &again, error);
             is_settled = status == TL_OK;
         }
         if (status != TL_OK) {
             tl_proof_end(proof); /* a component with another method has no states of this kind any more */
-            again = status == TL_FMU_FAILED && attempt.culprit != NOBODY && take_other_way(&attempt, error);
+            again = status == TL_FMU_FAILED && search.culprit != NOBODY && take_other_way(&search, error);
         }
-        proof->culprit = attempt.culprit;
+        proof->culprit = search.culprit;
     } while (again);
     proof->holds = status == TL_OK;
-    tl_exchange_let_go(exchange);
+    tl_exchange_drop_copies(exchange);
     for (size_t i = 0; i < exchange->component_count; i++) {
         proof->executions += exchange->components[i].executions;
         exchange->components[i].executions = 0;

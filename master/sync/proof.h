@@ -14,17 +14,17 @@
 #include "master/graph/exchange.h"
 #include "master/graph/graph.h"
 #include "master/graph/snapshot.h"
-#include "master/sync/lock.h"
+#include "master/sync/synchroniser.h"
 
 /* ---- Choice of the faster of two exact rollback methods on this machine.
  *
  * Purpose: some FMUs take far longer to save and restore their own state than a copy of their
  *          memory takes, for example because they rebuild a solver. A search does little else. So
  *          both are measured in repeated rounds of save, step and restore.
- * Choice:  a copy, if a round by states takes TL_FASTER_WAY_MARGIN times as long and the gain is
+ * Choice:  a copy, if a round by states takes TL_ROLLBACK_TIMING_MARGIN times as long and the gain is
  *          not negligible. Otherwise the FMU's own states.
  * Exact:   the copy is not proved yet; the caller proves all components again. If the copy is not
- *          exact, the component returns to its own states (tl_component_come_back()).
+ *          exact, the component returns to its own states (tl_component_restore_copy()).
  * Bits:    no result depends on the choice, because both methods are exact. The number of states
  *          that fit may.
  * Thread:  the twin's. Allocates no memory of the twin.
@@ -32,9 +32,9 @@
 
 /* Rounds of each method; three if the method is very slow. One more round comes first and does not
  * count. */
-enum { TL_FASTER_WAY_ROUNDS = 15 };
+enum { TL_ROLLBACK_TIMING_ROUNDS = 15 };
 
-#define TL_FASTER_WAY_MARGIN 1.5
+#define TL_ROLLBACK_TIMING_MARGIN 1.5
 
 /* ---- Rollback proof: some FMUs declare saved states and do not restore them exactly.
  *
@@ -83,7 +83,7 @@ bool tl_proof_init(tl_proof *proof, tl_arena *arena, tl_exchange *exchange, cons
  * start of step `first`, and counts executions in `proof` only. `now`: clock in ns to choose the
  * faster method; NULL: no choice. Returns TL_FMU_FAILED, and names the output, if the rollback is
  * not exact. */
-tl_status tl_proof_of_rollback(tl_proof *proof, tl_lock *lock, const tl_graph *graph, int64_t first,
+tl_status tl_proof_of_rollback(tl_proof *proof, tl_synchroniser *synchroniser, const tl_graph *graph, int64_t first,
                                tl_time (*now)(void *clock), tl_error *error);
 
 /* Frees the second state. Called after the size of a state was measured, because until then no room

@@ -46,7 +46,7 @@ const char *tl_flag_name(tl_flag flag) {
         return "reset";
     case TL_FLAG_DIFFERED:
         return "differed";
-    case TL_FLAG_NO_WAY_BACK:
+    case TL_FLAG_NO_ROLLBACK:
         return "no way back";
     case TL_FLAG_RESTS:
         return "rests";

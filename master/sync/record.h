@@ -36,7 +36,7 @@ typedef enum tl_outcome {
     TL_OPTIMISED,   /* the search found a u within tolerance */
     TL_BEST_SO_FAR, /* the search ended outside the tolerance, but better than nominal by the margin */
     TL_NOMINAL,     /* the search found nothing better than nominal: nominal u committed */
-    TL_FREE_RUN,    /* no matched signal was good, or TL_FLAG_NO_WAY_BACK: nominal u committed, nothing evaluated */
+    TL_FREE_RUN,    /* no matched signal was good, or TL_FLAG_NO_ROLLBACK: nominal u committed, nothing evaluated */
     TL_MADE_UP,     /* a missed tick: nominal plus the last Δu (a Boolean: the last u), nothing evaluated */
     TL_HELD, /* event horizon: the last u is held; the outcomes above are those of a stroke, when its search has ended */
     TL_SEARCHING, /* event horizon: the same, while a stroke is searched */
@@ -64,7 +64,7 @@ typedef enum tl_flag {
     TL_FLAG_RESET = 32,          /* before this step the FMUs were reset to their start values (tl_twin_reset()) */
     TL_FLAG_DIFFERED =
         64, /* before this step the rollback of an FMU was found not to be exact (sync/verifier.h), or is known not to be */
-    TL_FLAG_NO_WAY_BACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
+    TL_FLAG_NO_ROLLBACK = 128, /* an FMU that is rolled back by replay is too far from its start: the twin runs free */
     TL_FLAG_RESTS =
         256, /* nothing was searched: the free-running twin predicts better (sync/free_twin.h), and u rests at nominal */
     TL_LAST_FLAG = TL_FLAG_RESTS
@@ -99,12 +99,12 @@ typedef struct tl_record {
     uint32_t held;       /* bit v: adjusted variable v was not identifiable and was held at nominal */
     tl_time used;        /* ns by the budget's clock, 0 without one; set by tl_twin_step */
     double y[TL_MAX_MATCH];
-    double y_hat[TL_MAX_MATCH];
+    double measured[TL_MAX_MATCH];
     uint8_t
-        y_hat_quality[TL_MAX_MATCH]; /* tl_quality; y_hat is never NaN: a bad one is replaced by the last good one */
+        measured_quality[TL_MAX_MATCH]; /* tl_quality; y_hat is never NaN: a bad one is replaced by the last good one */
     tl_record_readings readings[TL_MAX_MATCH];
     double u[TL_MAX_ADJUST];
-    double u_hat[TL_MAX_ADJUST]; /* nominal */
+    double nominal[TL_MAX_ADJUST]; /* nominal */
     tl_delay_state delay_state;
     tl_time delay; /* measured; ŷ of later steps is looked up this long before y; 0 if not known */
 } tl_record;

@@ -95,7 +95,7 @@ static tl_status go_between(const tl_restore_trial *trial, between how, fmi2FMUs
 }
 
 static tl_status come_back(const tl_restore_trial *trial, tl_error *error) {
-    return tl_component_come_back(trial->component, NULL)
+    return tl_component_restore_copy(trial->component, NULL)
                ? TL_OK
                : tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", trial->component->name);
 }
@@ -224,12 +224,12 @@ void tl_verifier_end_component(tl_verifier *verifier, size_t component) {
         tl_component *one = &verifier->exchange->components[component];
         tl_component_forget(one, &verifier->verified[component].earlier);
         tl_component_forget(one, &verifier->verified[component].aside);
-        tl_component_let_go(one);
+        tl_component_drop_copy(one);
         tl_verifier_abandon(verifier);
     }
 }
 
-void tl_verifier_leave_out(tl_verifier *verifier, size_t component) {
+void tl_verifier_exclude(tl_verifier *verifier, size_t component) {
     verifier->verified[component].differs = true;
 }
 
@@ -258,13 +258,13 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step) {
 
 /* The present state, to be restored. */
 static tl_status leave(tl_verifier *verifier, bool *is_kept, tl_error *error) {
-    *is_kept = tl_component_keeping_takes(at_hand(verifier)) <= MOST_COPIED && tl_component_keep(at_hand(verifier));
+    *is_kept = tl_component_copy_size(at_hand(verifier)) <= MOST_COPIED && tl_component_keep_copy(at_hand(verifier));
     return *is_kept ? TL_OK
                     : tl_component_save(at_hand(verifier), &verifier->verified[verifier->component].aside, error);
 }
 
 static tl_status verifier_come_back(tl_verifier *verifier, bool is_kept, tl_error *error) {
-    if (is_kept && tl_component_come_back(at_hand(verifier), NULL)) {
+    if (is_kept && tl_component_restore_copy(at_hand(verifier), NULL)) {
         return TL_OK;
     }
     return is_kept ? tl_fail(error, TL_FMU_FAILED, "%s: cannot be led to where it was", at_hand(verifier)->name)
@@ -427,8 +427,8 @@ static tl_status repeat(tl_verifier *verifier, const tl_budget *budget, tl_verif
     return status;
 }
 
-tl_status tl_verifier_go_on(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
-                            tl_error *error) {
+tl_status tl_verifier_continue(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding,
+                               bool *found, tl_error *error) {
     *found = false;
     if (verifier->every == 0) {
         return TL_OK;

@@ -20,7 +20,7 @@
  *
  * Purpose: names the cause for the user and the FMU's vendor, from experiments and not from the
  *          exporter's name. It needs a full copy of the FMU besides its states
- *          (tl_component_keep()), from which it can always be restored.
+ *          (tl_component_keep_copy()), from which it can always be restored.
  * Thread:  the twin's. Takes some twenty steps, so it never runs in a cycle with a deadline.
  */
 
@@ -133,11 +133,11 @@ void tl_verifier_committed(tl_verifier *verifier, int64_t step);
 /* Between two ticks: continues if the rest of `budget` is long enough (always without a clock).
  * *found: there is a finding. Errors: TL_FMU_FAILED: a component could not be restored;
  * TL_FMU_FATAL. */
-tl_status tl_verifier_go_on(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding, bool *found,
-                            tl_error *error);
+tl_status tl_verifier_continue(tl_verifier *verifier, const tl_budget *budget, tl_verifier_finding *finding,
+                               bool *found, tl_error *error);
 
 /* Excludes the component of a finding that has no other rollback method. */
-void tl_verifier_leave_out(tl_verifier *verifier, size_t component);
+void tl_verifier_exclude(tl_verifier *verifier, size_t component);
 
 /* After a reset of the FMUs: drops what was noted. */
 void tl_verifier_abandon(tl_verifier *verifier);

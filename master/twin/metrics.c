@@ -3,12 +3,12 @@
 
 #include <math.h>
 
-void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality) {
+void tl_metrics_add(tl_metrics *metrics, double y, double measured, tl_quality quality) {
     if (quality != TL_GOOD) {
         metrics->left_out++;
         return;
     }
-    double difference = fabs(y - y_hat);
+    double difference = fabs(y - measured);
     metrics->pairs++;
     metrics->sum_of_squares += difference * difference;
     if (difference > metrics->maximum) {

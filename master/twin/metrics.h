@@ -17,7 +17,7 @@ typedef struct tl_metrics {
     double maximum; /* of |y − ŷ| */
 } tl_metrics;
 
-void tl_metrics_add(tl_metrics *metrics, double y, double y_hat, tl_quality quality);
+void tl_metrics_add(tl_metrics *metrics, double y, double measured, tl_quality quality);
 
 /* Adds the metrics of another period. */
 void tl_metrics_join(tl_metrics *metrics, const tl_metrics *other);

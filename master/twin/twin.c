@@ -28,7 +28,7 @@ const char *tl_twin_solver_names(void) {
 
 /* The prediction horizon T_P in steps; of an event horizon, the longest. */
 static uint32_t horizon_steps(const tl_twin *twin) {
-    return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->lock.horizon.prediction;
+    return twin->event != NULL ? tl_event_horizon_steps(twin->event) : twin->synchroniser.horizon.prediction;
 }
 
 /* States of the caches; of each component one more where candidates start, for the proof and for
@@ -49,19 +49,19 @@ static const char *astray(const tl_twin *twin) {
 }
 
 tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
-    const tl_lock *lock = &twin->lock;
+    const tl_synchroniser *synchroniser = &twin->synchroniser;
     uint64_t components = twin->graph.component_count + 1;
-    bool searches = lock->horizon.variables != 0;
+    bool searches = synchroniser->horizon.variables != 0;
     uint32_t prediction = horizon_steps(twin);
     tl_twin_facts facts = {
         .components = (size_t)components,
         .prediction = prediction,
-        .distance = lock->horizon.distance,
+        .distance = synchroniser->horizon.distance,
         .lead = twin->lead,
         .first = twin->first,
-        .unknowns = lock->horizon.count,
-        .algorithm = lock->solver != NULL ? lock->solver->name : "",
-        .fallback = lock->fallback != NULL ? lock->fallback->name : "",
+        .unknowns = synchroniser->horizon.count,
+        .algorithm = synchroniser->solver != NULL ? synchroniser->solver->name : "",
+        .fallback = synchroniser->fallback != NULL ? synchroniser->fallback->name : "",
         .memory = tl_arena_used(&twin->arena),
         .state_memory = state_memory(twin),
         .executions_per_step = components,
@@ -76,19 +76,19 @@ tl_twin_facts tl_twin_get_facts(const tl_twin *twin) {
         .differed = twin->verifier.counts.found,
         .has_free_twin = twin->free_twin.is_led,
         .free_twin = twin->free_twin.counts,
-        .structure = searches && lock->ledger.saving.structure,
-        .sequences = searches && lock->ledger.saving.sequences,
+        .structure = searches && synchroniser->ledger.saving.structure,
+        .sequences = searches && synchroniser->ledger.saving.sequences,
     };
     return facts;
 }
 
 /* What the graph says of one component with the configured saving. */
 static void fill_needs(const tl_twin *twin, size_t component, tl_twin_ledger *entry) {
-    const tl_horizon *horizon = &twin->lock.horizon;
+    const tl_horizon *horizon = &twin->synchroniser.horizon;
     if (horizon->variables == 0) {
         return;
     }
-    const tl_plan_saving *saving = &twin->lock.ledger.saving;
+    const tl_plan_saving *saving = &twin->synchroniser.ledger.saving;
     uint32_t full = saving->structure ? horizon->reach[component] : horizon_steps(twin);
     entry->reach = horizon->reach[component];
     entry->on_a_way = horizon->longer[component] != TL_NEVER;
@@ -102,8 +102,8 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
     bool plant = component == twin->graph.component_count;
     tl_twin_ledger entry = {
         .name = tl_twin_component_name(twin, component),
-        .plain = twin->lock.ledger.plain,
-        .predicted = tl_ledger_predicted(&twin->lock.ledger, component),
+        .plain = twin->synchroniser.ledger.plain,
+        .predicted = tl_ledger_predicted(&twin->synchroniser.ledger, component),
         .executions = tl_twin_executions(twin, component),
     };
     fill_needs(twin, component, &entry);
@@ -127,7 +127,7 @@ tl_twin_ledger tl_twin_get_ledger(const tl_twin *twin, size_t component) {
 }
 
 bool tl_twin_ledger_is_complete(const tl_twin *twin) {
-    return !twin->lock.ledger.incomplete;
+    return !twin->synchroniser.ledger.incomplete;
 }
 
 uint64_t tl_twin_executions(const tl_twin *twin, size_t component) {
@@ -140,7 +140,7 @@ const char *tl_twin_component_name(const tl_twin *twin, size_t component) {
 }
 
 tl_twin_adjusted tl_twin_get_adjusted(const tl_twin *twin, size_t adjust) {
-    const tl_adjusted *adjusted = &twin->lock.adjusted[adjust];
+    const tl_adjusted *adjusted = &twin->synchroniser.adjusted[adjust];
     const tl_adjusted_input *input = &twin->exchange.adjusted[adjust];
     return (tl_twin_adjusted){
         .is_real = !adjusted->is_boolean,
@@ -244,11 +244,11 @@ static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
     if (status != TL_OK) {
         return status;
     }
-    bool given_up = twin->event != NULL && tl_event_horizon_begin_anew(twin->event);
+    bool given_up = twin->event != NULL && tl_event_horizon_reset(twin->event);
     *flags = TL_FLAG_RESET | (given_up ? TL_FLAG_ABANDONED : 0U);
-    tl_lock_begin_anew(&twin->lock);
-    status = tl_exchange_begin_anew(&twin->exchange, step, error);
-    twin->lock.rests = false;
+    tl_synchroniser_reset(&twin->synchroniser);
+    status = tl_exchange_reset(&twin->exchange, step, error);
+    twin->synchroniser.rests = false;
     return status == TL_OK ? tl_free_twin_begin(&twin->free_twin, error) : status;
 }
 
@@ -262,7 +262,7 @@ static tl_status begin_anew(tl_twin *twin, int64_t step, uint32_t *flags, tl_err
 /* Bounds in use: the configured ones within the declared ones of the FMU. A Boolean has none. */
 static tl_status place_bounds(const tl_twin *twin, size_t v, tl_tuning_adjust *adjust, tl_error *error) {
     const tl_variable *variable = twin->adjust_ports[v]->variable;
-    if (twin->lock.adjusted[v].is_boolean) {
+    if (twin->synchroniser.adjusted[v].is_boolean) {
         bool known = adjust->has_nominal == 0 || !(adjust->nominal < 0.0 || adjust->nominal > 0.0) ||
                      !(adjust->nominal < 1.0 || adjust->nominal > 1.0);
         return known ? TL_OK
@@ -302,12 +302,12 @@ static void place_nominal(tl_twin *twin, size_t v, const tl_tuning_adjust *adjus
 
 static void take(tl_twin *twin, const tl_tuning *tuning) {
     bool begun = twin->exchange.plant.newest >= twin->begin;
-    tl_lock_retune(&twin->lock, twin->terms, tuning);
+    tl_synchroniser_retune(&twin->synchroniser, twin->terms, tuning);
     for (size_t v = 0; v < tuning->adjusts; v++) {
         place_nominal(twin, v, &tuning->adjust[v], begun);
     }
     tl_free_twin_retune(&twin->free_twin);
-    twin->lock.rests = false;
+    twin->synchroniser.rests = false;
     if (twin->event != NULL) {
         tl_event_horizon_retune(twin->event, tuning, begun);
     }
@@ -335,7 +335,7 @@ static const double HARMLESS = 0.01;
 
 /* Of the first match of that output. */
 static double tolerances_apart(const tl_twin *twin, const tl_verifier_finding *found) {
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         if (twin->terms[i].port == found->port) {
             return fabs(found->again - found->committed) / twin->terms[i].tolerance;
         }
@@ -370,15 +370,15 @@ static tl_status mend(tl_twin *twin, size_t component, tl_twin_mended *mended, t
         return status;
     }
     status = tl_free_twin_begin(&twin->free_twin, error);
-    twin->lock.rests = false;
+    twin->synchroniser.rests = false;
     if (status != TL_OK) {
         return status;
     }
     *mended = !done ? TL_MENDED_NOT : prefers_copy ? TL_MENDED_BY_STATES : TL_MENDED_BY_MEMORY;
     if (done) {
-        tl_ledger_begin_anew(&twin->lock.ledger);
+        tl_ledger_reset(&twin->synchroniser.ledger);
     } else {
-        tl_verifier_leave_out(&twin->verifier, component);
+        tl_verifier_exclude(&twin->verifier, component);
     }
     return TL_OK;
 }
@@ -387,10 +387,10 @@ tl_status tl_twin_verify(tl_twin *twin, const tl_budget *budget, tl_twin_finding
                          tl_error *error) {
     tl_verifier_finding seen;
     *found = false;
-    if (twin->ended != TL_OK || twin->lock.runs_free) {
+    if (twin->ended != TL_OK || twin->synchroniser.runs_free) {
         return TL_OK;
     }
-    twin->ended = tl_verifier_go_on(&twin->verifier, budget, &seen, found, error);
+    twin->ended = tl_verifier_continue(&twin->verifier, budget, &seen, found, error);
     if (twin->ended == TL_OK && *found) {
         describe(twin, &seen, finding);
         twin->ended = mend(twin, seen.component, &finding->mended, error);
@@ -410,8 +410,8 @@ const char *tl_twin_cause_text(tl_restore_cause cause) {
 
 tl_status tl_twin_start(tl_twin *twin, int64_t shown, tl_error *error) {
     tl_status status = tl_exchange_initialize(&twin->exchange, twin->first, shown, error);
-    if (status == TL_OK && twin->lock.horizon.variables != 0) {
-        status = tl_proof_of_rollback(&twin->proof, &twin->lock, &twin->graph, twin->first, twin->now, error);
+    if (status == TL_OK && twin->synchroniser.horizon.variables != 0) {
+        status = tl_proof_of_rollback(&twin->proof, &twin->synchroniser, &twin->graph, twin->first, twin->now, error);
         twin->cannot_return = status != TL_OK && twin->proof.stepped;
     }
     return status;
@@ -432,8 +432,8 @@ static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) 
 static bool is_free(const tl_twin *twin, const tl_record *record) {
     static const double least = 0.01;
     bool free = true;
-    for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
-        free = free && fabs(record->u[v] - record->u_hat[v]) <= least * twin->lock.adjusted[v].step;
+    for (size_t v = 0; v < twin->synchroniser.horizon.variables; v++) {
+        free = free && fabs(record->u[v] - record->nominal[v]) <= least * twin->synchroniser.adjusted[v].step;
     }
     return free;
 }
@@ -443,7 +443,7 @@ static void use_delay(tl_twin *twin) {
     tl_time delay = twin->delay.delay;
     tl_time range = twin->measure.range;
     tl_time used = delay > range ? range : delay < -range ? -range : delay;
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         twin->terms[i].shift = tl_delay_ticks(twin->measure.look_back, used, twin->step);
     }
 }
@@ -451,7 +451,7 @@ static void use_delay(tl_twin *twin) {
 /* The first matched output that knows it; one that has lost it only if none does. */
 static void judge_delay(tl_twin *twin) {
     tl_twin_delay best = {.state = TL_DELAY_UNKNOWN, .confidence = 0.0};
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_delay_measured found = tl_delay_meter_get(twin->meters[i]);
         tl_delay_state state = !found.known ? TL_DELAY_UNKNOWN : found.lost ? TL_DELAY_LOST : TL_DELAY_KNOWN;
         bool better = state == TL_DELAY_KNOWN ? best.state != TL_DELAY_KNOWN : best.state == TL_DELAY_UNKNOWN;
@@ -473,7 +473,7 @@ static void judge_delay(tl_twin *twin) {
 static void measure_delay(tl_twin *twin, tl_record *record) {
     if (twin->measure.lags != 0) {
         bool free = is_free(twin, record) && (record->flags & TL_FLAG_RESET) == 0;
-        for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+        for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
             tl_delay_meter_step(twin->meters[i], record->step + 1, record->y[i], free);
         }
         judge_delay(twin);
@@ -500,11 +500,11 @@ static void record_readings(tl_twin *twin, size_t match, tl_record *record) {
 
 /* Completes a record with the measurement of its instant. */
 static void complete(tl_twin *twin, tl_record *record) {
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_quality quality;
-        record->y_hat[i] = tl_objective_y_hat(&twin->lock.objective, i, record->step + 1, &quality);
-        record->y_hat_quality[i] = (uint8_t)quality;
-        tl_metrics_add(&twin->metrics[i], record->y[i], record->y_hat[i], quality);
+        record->measured[i] = tl_objective_measured(&twin->synchroniser.objective, i, record->step + 1, &quality);
+        record->measured_quality[i] = (uint8_t)quality;
+        tl_metrics_add(&twin->metrics[i], record->y[i], record->measured[i], quality);
         record_readings(twin, i, record);
     }
     measure_delay(twin, record);
@@ -523,7 +523,7 @@ typedef struct tick_way {
 
 /* As a followed step, with nominal u: a saved start of a stroke is dropped. */
 static tl_status step_free_by_event(tl_twin *twin, int64_t step, tl_record *record, tl_error *error) {
-    bool given_up = tl_event_horizon_begin_anew(twin->event);
+    bool given_up = tl_event_horizon_reset(twin->event);
     tl_status status =
         tl_event_horizon_follow(twin->event, step, tl_exchange_nominal(&twin->exchange, 0), record, error);
     record->outcome = TL_FREE_RUN;
@@ -532,7 +532,7 @@ static tl_status step_free_by_event(tl_twin *twin, int64_t step, tl_record *reco
 }
 
 static tl_status step_by_event(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
-    if (twin->lock.runs_free && !way->follows) {
+    if (twin->synchroniser.runs_free && !way->follows) {
         return step_free_by_event(twin, step, record, error);
     }
     return way->follows ? tl_event_horizon_follow(twin->event, step, way->u[0], record, error)
@@ -544,28 +544,28 @@ static tl_status step_by(tl_twin *twin, int64_t step, const tick_way *way, tl_re
         return step_by_event(twin, step, way, record, error);
     }
     if (way->follows) {
-        return tl_lock_follow(&twin->lock, step, way->u, record, error);
+        return tl_synchroniser_follow(&twin->synchroniser, step, way->u, record, error);
     }
-    return way->budget == NULL ? tl_lock_make_up(&twin->lock, step, record, error)
-                               : tl_lock_step(&twin->lock, step, way->budget, record, error);
+    return way->budget == NULL ? tl_synchroniser_make_up(&twin->synchroniser, step, record, error)
+                               : tl_synchroniser_step(&twin->synchroniser, step, way->budget, record, error);
 }
 
 /* Whether a rollback is possible for a whole search. If not, nothing is tried or verified. */
 static void look_for_way_back(tl_twin *twin, int64_t step, uint32_t *flags) {
-    bool searches = twin->lock.horizon.variables != 0;
+    bool searches = twin->synchroniser.horizon.variables != 0;
     const tl_component *free = searches ? tl_exchange_find_free(&twin->exchange, step, horizon_steps(twin)) : NULL;
-    if (free != NULL && !twin->lock.runs_free) {
+    if (free != NULL && !twin->synchroniser.runs_free) {
         tl_verifier_abandon(&twin->verifier);
     }
-    twin->lock.runs_free = free != NULL;
+    twin->synchroniser.runs_free = free != NULL;
     twin->runs_free = free != NULL ? free->name : NULL;
-    *flags |= free != NULL ? (uint32_t)TL_FLAG_NO_WAY_BACK : 0U;
+    *flags |= free != NULL ? (uint32_t)TL_FLAG_NO_ROLLBACK : 0U;
 }
 
 /* Computes one step. */
 static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_record *record, tl_error *error) {
     uint64_t before = count_executions(twin);
-    uint64_t predicted = tl_ledger_total(&twin->lock.ledger);
+    uint64_t predicted = tl_ledger_total(&twin->synchroniser.ledger);
     uint32_t flags = 0;
     tl_status status = twin->resets ? begin_anew(twin, step, &flags, error) : TL_OK;
     if (status == TL_OK) {
@@ -574,11 +574,11 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
         record->flags |= flags | twin->marks | twin->lasting;
         twin->marks = 0;
     }
-    if (status == TL_OK && !twin->lock.runs_free) {
+    if (status == TL_OK && !twin->synchroniser.runs_free) {
         tl_verifier_committed(&twin->verifier, step);
     }
     record->executions = (uint32_t)(count_executions(twin) - before);
-    record->predicted = (uint32_t)(tl_ledger_total(&twin->lock.ledger) - predicted);
+    record->predicted = (uint32_t)(tl_ledger_total(&twin->synchroniser.ledger) - predicted);
     record->used = 0;
     return status;
 }
@@ -586,15 +586,15 @@ static tl_status compute(tl_twin *twin, int64_t step, const tick_way *way, tl_re
 /* The free-running twin continues in parallel; from the next step on u may rest, or the twin
  * continue from there. */
 static tl_status follow_free_twin(tl_twin *twin, const tl_record *record, tl_error *error) {
-    tl_contest_verdict verdict;
+    tl_free_run_check_verdict verdict;
     tl_status status = tl_free_twin_follow(&twin->free_twin, record, &verdict, error);
-    twin->lock.rests = tl_free_twin_rests(&twin->free_twin);
+    twin->synchroniser.rests = tl_free_twin_rests(&twin->free_twin);
     if (status != TL_OK || !verdict.adopt) {
         return status;
     }
     tl_verifier_abandon(&twin->verifier);
-    tl_lock_go_on_elsewhere(&twin->lock);
-    return tl_exchange_begin_anew(&twin->exchange, record->step + 1, error);
+    tl_synchroniser_forget_course(&twin->synchroniser);
+    return tl_exchange_reset(&twin->exchange, record->step + 1, error);
 }
 
 /* A reading in the sample, at the twin's own time. */
@@ -614,7 +614,7 @@ static void see_reading(tl_twin *twin, const tl_sample *sample, size_t match) {
 static void push(tl_twin *twin, const tl_sample *sample) {
     tl_plant *plant = &twin->exchange.plant;
     tl_plant_push(plant, sample);
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         const tl_objective_term *term = &twin->terms[i];
         if (twin->readers[i] != NULL) {
             see_reading(twin, sample, i);
@@ -647,7 +647,7 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
     bool ahead = twin->measurements == TL_AHEAD;
     if (twin->has_pending) {
         hand_over_pending(twin, record, ready);
-        tl_lock_refresh(&twin->lock, record->step + 1);
+        tl_synchroniser_refresh(&twin->synchroniser, record->step + 1);
         tl_status status = follow_free_twin(twin, record, error);
         if (status != TL_OK) {
             return status;
@@ -668,7 +668,7 @@ static tl_status advance(tl_twin *twin, const tl_sample *sample, const tick_way 
         status = follow_free_twin(twin, record, error);
     }
     if (status == TL_OK && way->budget != NULL && way->budget->now != NULL) {
-        (ahead ? &twin->pending : record)->used = tl_lock_end_step(&twin->lock, way->budget);
+        (ahead ? &twin->pending : record)->used = tl_synchroniser_end_step(&twin->synchroniser, way->budget);
     }
     return status;
 }
@@ -737,7 +737,7 @@ void tl_twin_destroy(tl_twin *twin) {
         }
     }
     tl_event_horizon_end(twin->event);
-    tl_lock_end(&twin->lock);
+    tl_synchroniser_end(&twin->synchroniser);
     tl_arena arena = twin->arena;
     tl_arena_release(&arena);
 }

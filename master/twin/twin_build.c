@@ -74,10 +74,11 @@ static void build_boolean(tl_adjusted *adjusted, const tl_plan *plan, const tl_p
     adjusted->is_boolean = true;
 }
 
-static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
+                           tl_report *report) {
     for (size_t i = 0; i < plan->adjust_count; i++) {
         const tl_plan_adjust *adjust = &plan->adjust[i];
-        tl_adjusted *adjusted = &lock->adjusted[i];
+        tl_adjusted *adjusted = &synchroniser->adjusted[i];
         const tl_port *port = tl_graph_adjust(&twin->graph, adjust, report);
         twin->adjust_ports[i] = port;
         if (port == NULL) {
@@ -88,7 +89,8 @@ static void build_adjusted(tl_twin *twin, const tl_plan *plan, tl_lock_settings 
         } else {
             build_boolean(adjusted, plan, adjust);
         }
-        lock->penalties[i] = (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
+        synchroniser->penalties[i] =
+            (tl_objective_penalty){adjust->deviation_penalty, adjust->rate_penalty, adjusted->step};
     }
 }
 
@@ -110,7 +112,8 @@ static const tl_optimiser_class *find_solver(const tl_twin *twin, const tl_plan 
     return solver;
 }
 
-static void build_solvers(const tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+static void build_solvers(const tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
+                          tl_report *report) {
     if (plan->adjust_count == 0) {
         return;
     }
@@ -118,10 +121,10 @@ static void build_solvers(const tl_twin *twin, const tl_plan *plan, tl_lock_sett
     const char *fitting = plan->event.start.signal != NULL             ? "nelder-mead"
                           : first != NULL && first->type == TL_BOOLEAN ? "boolean"
                                                                        : "secant";
-    lock->solver =
+    synchroniser->solver =
         find_solver(twin, plan, plan->algorithm != NULL ? plan->algorithm : fitting, "synchronise.algorithm", report);
     if (plan->fallback != NULL) {
-        lock->fallback = find_solver(twin, plan, plan->fallback, "synchronise.fallback", report);
+        synchroniser->fallback = find_solver(twin, plan, plan->fallback, "synchronise.fallback", report);
     }
 }
 
@@ -320,7 +323,8 @@ static void instantiate(tl_twin *twin, const tl_plan *plan, tl_report *report) {
 }
 
 /* Everything that needs no FMU call; reports problems. Returns false if there was one. */
-static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
+                            tl_report *report) {
     size_t before = report->count;
     tl_graph_build(&twin->graph, &twin->arena, plan, report);
     if (twin->graph.connections == NULL) {
@@ -330,15 +334,15 @@ static bool build_structure(tl_twin *twin, const tl_plan *plan, tl_lock_settings
     for (size_t i = 0; i < plan->output_count; i++) {
         twin->outputs[i] = tl_graph_output(&twin->graph, plan->outputs[i].variable, plan->outputs[i].where, report);
     }
-    build_adjusted(twin, plan, lock, report);
-    build_solvers(twin, plan, lock, report);
+    build_adjusted(twin, plan, synchroniser, report);
+    build_solvers(twin, plan, synchroniser, report);
     tl_graph_check_inputs(&twin->graph, report);
-    build_horizon(twin, plan, &lock->horizon, report);
-    check_event(twin, plan, lock->solver, report);
+    build_horizon(twin, plan, &synchroniser->horizon, report);
+    check_event(twin, plan, synchroniser->solver, report);
     if (plan->adjust_count != 0) {
         check_state(plan, report);
     }
-    return report->count == before && lock->horizon.reach != NULL;
+    return report->count == before && synchroniser->horizon.reach != NULL;
 }
 
 /* One for each match; they wait for what a step waits for, and the other way round. */
@@ -406,7 +410,7 @@ static uint32_t nodes_kept(const tl_horizon *horizon, const tl_plan *plan, uint6
 }
 
 /* Saving, if something is adjusted; a free run executes everything once anyway. */
-static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock) {
+static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser) {
     if (plan->adjust_count == 0) {
         return true;
     }
@@ -418,17 +422,18 @@ static bool save_executions(tl_twin *twin, const tl_plan *plan, tl_lock_settings
     }
     for (size_t i = 0; i < plan->component_count; i++) {
         keep[i] = plan->components[i].keep;
-        twin->worst[i] = nodes_worst(&lock->horizon, plan, i);
-        capacity[i] = nodes_kept(&lock->horizon, plan, twin->worst[i]);
+        twin->worst[i] = nodes_worst(&synchroniser->horizon, plan, i);
+        capacity[i] = nodes_kept(&synchroniser->horizon, plan, twin->worst[i]);
     }
     twin->capacity = plan->saving.sequences ? capacity : NULL;
-    uint32_t *reach = plan->saving.structure ? lock->horizon.reach : NULL;
+    uint32_t *reach = plan->saving.structure ? synchroniser->horizon.reach : NULL;
     if (!tl_exchange_save_executions(&twin->exchange, &twin->arena, keep, reach, twin->capacity,
-                                     lock->horizon.prediction)) {
+                                     synchroniser->horizon.prediction)) {
         return false;
     }
-    lock->track = tl_track_create(&twin->arena, &twin->exchange, &twin->graph, lock->horizon.prediction);
-    return lock->track != NULL;
+    synchroniser->track =
+        tl_track_create(&twin->arena, &twin->exchange, &twin->graph, synchroniser->horizon.prediction);
+    return synchroniser->track != NULL;
 }
 
 static bool create_verifier(tl_twin *twin, const tl_plan *plan) {
@@ -439,15 +444,16 @@ static bool create_verifier(tl_twin *twin, const tl_plan *plan) {
 
 static bool create_free_twin(tl_twin *twin, const tl_plan *plan) {
     bool can = plan->adjust_count != 0 && plan->event.start.signal == NULL;
-    return tl_free_twin_init(&twin->free_twin, &twin->arena, &twin->exchange, &twin->lock.objective,
+    return tl_free_twin_init(&twin->free_twin, &twin->arena, &twin->exchange, &twin->synchroniser.objective,
                              can ? plan->free_twin : 0);
 }
 
-static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *lock, tl_report *report) {
+static void build_values(tl_twin *twin, const tl_plan *plan, tl_synchroniser_settings *synchroniser,
+                         tl_report *report) {
     tl_error error;
     /* As far back as the samples of a remembered candidate. */
     bool by_event = plan->event.start.signal != NULL;
-    size_t back = by_event ? tl_event_plan_window(plan) : lock->horizon.prediction;
+    size_t back = by_event ? tl_event_plan_window(plan) : synchroniser->horizon.prediction;
     twin->age = (uint32_t)find_age(plan);
     size_t window = back + twin->lead + twin->age + 3;
     tl_status status = tl_exchange_init(&twin->exchange, &twin->arena, &twin->graph, window, &error);
@@ -456,17 +462,17 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
         return;
     }
     build_initial_values(twin, plan);
-    lock->exchange = &twin->exchange;
-    lock->terms = twin->terms;
+    synchroniser->exchange = &twin->exchange;
+    synchroniser->terms = twin->terms;
     place_adjusted(twin, plan, report);
     if (!tl_proof_init(&twin->proof, &twin->arena, &twin->exchange, &twin->graph) || !create_meters(twin, plan) ||
-        !create_readers(twin, plan) || !save_executions(twin, plan, lock) || !create_verifier(twin, plan) ||
-        !tl_lock_init(&twin->lock, &twin->arena, plan, lock) || !create_free_twin(twin, plan)) {
+        !create_readers(twin, plan) || !save_executions(twin, plan, synchroniser) || !create_verifier(twin, plan) ||
+        !tl_synchroniser_init(&twin->synchroniser, &twin->arena, plan, synchroniser) || !create_free_twin(twin, plan)) {
         tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the search");
         return;
     }
     if (by_event) {
-        twin->event = tl_event_horizon_create(&twin->arena, &twin->lock, plan);
+        twin->event = tl_event_horizon_create(&twin->arena, &twin->synchroniser, plan);
         if (twin->event == NULL) {
             tl_report_add(report, TL_TRY_AGAIN, "", "not enough memory for the strokes of the event horizon");
         }
@@ -476,11 +482,11 @@ static void build_values(tl_twin *twin, const tl_plan *plan, tl_lock_settings *l
 /* Everything except the twin's own memory. */
 static void build(tl_twin *twin, const tl_plan *plan, tl_report *report) {
     size_t before = report->count;
-    tl_lock_settings lock = {0};
+    tl_synchroniser_settings synchroniser = {0};
     bool complete =
-        tl_plan_check(plan, report) && build_structure(twin, plan, &lock, report) && report->count == before;
+        tl_plan_check(plan, report) && build_structure(twin, plan, &synchroniser, report) && report->count == before;
     if (complete) {
-        build_values(twin, plan, &lock, report);
+        build_values(twin, plan, &synchroniser, report);
     }
     if (complete && report->count == before) {
         instantiate(twin, plan, report);

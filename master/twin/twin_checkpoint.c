@@ -27,8 +27,8 @@ static head head_of(const tl_twin *twin, int64_t tick) {
         .magic = {'t', 'w', 'l', 'k', 't', 'w', 'n', '4'},
         .components = twin->graph.component_count,
         .signals = twin->exchange.plant.signal_count,
-        .matches = twin->lock.objective.term_count,
-        .adjusted = twin->lock.horizon.variables,
+        .matches = twin->synchroniser.objective.term_count,
+        .adjusted = twin->synchroniser.horizon.variables,
         .values = twin->exchange.values_size,
         .window = twin->exchange.plant.window_mask + 1,
         .guard = twin->free_twin.contest.guard,
@@ -61,13 +61,13 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
     tl_archive_require(archive, delay->delay >= -FAR && delay->delay <= FAR);
     tl_archive_require_finite(archive, &delay->confidence, 1);
     tl_archive_require(archive, is_pending(twin));
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         tl_archive_require(archive, is_shift(twin, twin->terms[i].shift, configured[i]));
     }
     if (twin->has_pending) {
-        tl_archive_require_finite(archive, twin->pending.y, twin->lock.objective.term_count);
-        tl_archive_require_finite(archive, twin->pending.u, twin->lock.horizon.variables);
-        tl_archive_require_finite(archive, twin->pending.u_hat, twin->lock.horizon.variables);
+        tl_archive_require_finite(archive, twin->pending.y, twin->synchroniser.objective.term_count);
+        tl_archive_require_finite(archive, twin->pending.u, twin->synchroniser.horizon.variables);
+        tl_archive_require_finite(archive, twin->pending.nominal, twin->synchroniser.horizon.variables);
     }
 }
 
@@ -75,13 +75,13 @@ static void require_sound(const tl_twin *twin, const int32_t configured[TL_MAX_M
 static void archive_ours(tl_twin *twin, tl_archive *archive) {
     int32_t configured[TL_MAX_MATCH] = {0};
     tl_plant_archive(&twin->exchange.plant, archive);
-    if (twin->lock.horizon.variables != 0) {
-        tl_lock_archive(&twin->lock, archive);
+    if (twin->synchroniser.horizon.variables != 0) {
+        tl_synchroniser_archive(&twin->synchroniser, archive);
     }
     if (twin->event != NULL) {
         tl_event_horizon_archive(twin->event, archive);
     }
-    for (size_t i = 0; i < twin->lock.objective.term_count; i++) {
+    for (size_t i = 0; i < twin->synchroniser.objective.term_count; i++) {
         if (twin->readers[i] != NULL) {
             tl_reading_meter_archive(twin->readers[i], archive);
         }
@@ -104,7 +104,7 @@ void tl_twin_begin_at(tl_twin *twin, int64_t tick) {
         twin->first = tick + twin->age;
         twin->begin += twin->first;
         twin->exchange.plant.newest = tick - 1;
-        twin->lock.ledger.step = twin->first;
+        twin->synchroniser.ledger.step = twin->first;
     }
 }
 
@@ -184,7 +184,7 @@ static tl_status load_components(tl_twin *twin, tl_archive *archive, tl_error *e
         status = tl_snapshot_archive(&twin->exchange.home, archive, error);
     }
     status = status == TL_OK ? tl_free_twin_archive(&twin->free_twin, archive, error) : status;
-    twin->lock.rests = tl_free_twin_rests(&twin->free_twin);
+    twin->synchroniser.rests = tl_free_twin_rests(&twin->free_twin);
     if (status == TL_OK) {
         tl_archive_require_finite(archive, (const double *)(const void *)twin->exchange.home.values,
                                   twin->exchange.real_count);
@@ -231,9 +231,9 @@ tl_status tl_twin_forget(tl_twin *twin, bool *done, tl_error *error) {
         twin->ended = status;
         return status;
     }
-    tl_lock_forget(&twin->lock);
+    tl_synchroniser_forget(&twin->synchroniser);
     if (twin->event != NULL) {
-        tl_event_horizon_go_on(twin->event);
+        tl_event_horizon_abandon(twin->event);
     }
     memset(twin->metrics, 0, sizeof twin->metrics);
     memset(twin->readings, 0, sizeof twin->readings);
@@ -254,7 +254,7 @@ tl_status tl_twin_load(tl_twin *twin, int64_t tick, const unsigned char *bytes, 
                       : tl_fail(error, TL_BAD_DATA, "the checkpoint of tick %lld ends too soon, or is damaged",
                                 (long long)tick);
     }
-    twin->lock.ledger.step = next_step(twin, tick); /* whatever the bytes say */
+    twin->synchroniser.ledger.step = next_step(twin, tick); /* whatever the bytes say */
     disown_pending(twin);
     twin->begin = -1;
     twin->ended = status;

@@ -12,8 +12,8 @@
 #include "master/graph/graph.h"
 #include "master/measure/delay_meter.h"
 #include "master/sync/free_twin.h"
-#include "master/sync/lock.h"
 #include "master/sync/proof.h"
+#include "master/sync/synchroniser.h"
 #include "master/sync/verifier.h"
 #include "master/twin/reading_meter.h"
 #include "master/twin/twin.h"
@@ -23,7 +23,7 @@ struct tl_twin {
     tl_graph graph;
     tl_exchange exchange;
     bool cannot_return; /* the rollback proof has failed */
-    tl_lock lock;
+    tl_synchroniser synchroniser;
     tl_event_horizon *event; /* in place of the synchroniser's steps; NULL: no event horizon */
     tl_objective_term terms[TL_MAX_MATCH];
     const tl_port *match_ports[TL_MAX_MATCH];
@@ -37,7 +37,7 @@ struct tl_twin {
     tl_reading_meter *readers[TL_MAX_MATCH]; /* NULL: there are no values between steps, or no readings */
     size_t reading_signals[TL_MAX_MATCH];    /* signals with these readings */
     tl_time look_back;                       /* of matched signals */
-    tl_measurements measurements;
+    tl_pairing measurements;
     tl_plan_measure measure;
     tl_delay_meter *meters[TL_MAX_MATCH]; /* if Δo is measured */
     tl_twin_delay delay;

@@ -137,8 +137,8 @@ static tl_status tell_state(const tl_twin *twin, size_t index, tl_archive *archi
 
 /* Up and down around the present values; Booleans false and true. */
 static void move_inputs(tl_twin *twin, const double *now, uint64_t step) {
-    for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
-        const tl_adjusted *adjusted = &twin->lock.adjusted[v];
+    for (size_t v = 0; v < twin->synchroniser.horizon.variables; v++) {
+        const tl_adjusted *adjusted = &twin->synchroniser.adjusted[v];
         double moved = now[v] + (step % 4 < 2 ? adjusted->step : -adjusted->step);
         moved = adjusted->is_boolean ? (step % 2 == 0 ? 1.0 - now[v] : now[v]) : moved;
         tl_exchange_set_adjusted(&twin->exchange, v, fmin(fmax(moved, adjusted->lower), adjusted->upper));
@@ -167,7 +167,7 @@ static void note(const tl_twin *twin, unsigned char *bytes, size_t size, uint64_
 static tl_status tell_steps(tl_twin *twin, unsigned char *bytes, size_t size, tl_error *error) {
     double now[TL_MAX_ADJUST] = {0.0};
     tl_status status = TL_OK;
-    for (size_t v = 0; v < twin->lock.horizon.variables; v++) {
+    for (size_t v = 0; v < twin->synchroniser.horizon.variables; v++) {
         now[v] = tl_exchange_adjusted(&twin->exchange, v);
     }
     for (uint64_t i = 0; i < TL_READ_BACK_STEPS && status == TL_OK; i++) {
@@ -211,8 +211,8 @@ static tl_status tell(tl_twin *twin, tl_archive *archive, unsigned char *bytes, 
     return status == TL_OK ? tl_exchange_return(exchange, error) : status;
 }
 
-tl_status tl_twin_tell_states(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_read_back *here,
-                              tl_error *error) {
+tl_status tl_twin_write_states(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_read_back *here,
+                               tl_error *error) {
     tl_archive archive = tl_archive_saving(bytes, capacity);
     *size = 0;
     if (twin->ended != TL_OK || twin->exchange.plant.newest < twin->begin || !tl_exchange_can_take(&twin->exchange)) {
@@ -230,7 +230,7 @@ tl_status tl_twin_tell_states(tl_twin *twin, unsigned char *bytes, size_t capaci
 
 /* ---- reader ---- */
 
-tl_status tl_twin_begin_to_read(tl_twin *twin, tl_error *error) {
+tl_status tl_twin_prepare_reader(tl_twin *twin, tl_error *error) {
     tl_plant *plant = &twin->exchange.plant;
     tl_sample nothing = {.tick = 0};
     memset(nothing.quality, TL_NO_LINK, sizeof nothing.quality);

@@ -42,12 +42,12 @@ typedef struct tl_read_back {
 /* Writes the states between two ticks of a twin that tl_twin_save() could save; it is left where it
  * is. *size: bytes written; above `capacity` they did not fit and are invalid; 0: an FMU would have
  * to be executed again. `here`: the control for each component. Errors: those of tl_twin_save(). */
-tl_status tl_twin_tell_states(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_read_back *here,
-                              tl_error *error);
+tl_status tl_twin_write_states(tl_twin *twin, unsigned char *bytes, size_t capacity, size_t *size, tl_read_back *here,
+                               tl_error *error);
 
 /* Initialises the FMUs of a new twin as a warm restart does, with an unknown plant. Without this
  * call they are only instantiated. */
-tl_status tl_twin_begin_to_read(tl_twin *twin, tl_error *error);
+tl_status tl_twin_prepare_reader(tl_twin *twin, tl_error *error);
 
 /* Loads one component's state and executes its steps. Afterwards the twin can only be used for
  * this. */

@@ -14,8 +14,8 @@
 
 static int run(tl_assembly *assembly, const char *path) {
     static tl_account account;
-    static tl_lock_judge judge;
-    static tl_lock_rescue rescue;
+    static tl_lock_monitor judge;
+    static tl_recovery recovery;
     static tl_recording_tick tick;
     static tl_twin_result result;
     const tl_config *config = &assembly->config;
@@ -24,20 +24,20 @@ static int run(tl_assembly *assembly, const char *path) {
     tl_error error;
     bool end = false;
     tl_account_take(assembly->twin, &account);
-    tl_lock_judge_init(&judge, config, &account);
-    tl_lock_rescue_init(&rescue, config, &account);
+    tl_lock_monitor_init(&judge, config, &account);
+    tl_recovery_init(&recovery, config, &account);
     tl_status status = tl_recording_open(path, config, &recording, &error);
     while (status == TL_OK && !end) {
         status = tl_recording_next(recording, &tick, &end, &error);
         if (status != TL_OK || end) {
             break;
         }
-        status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &rescue, &result, &error);
+        status = tl_twin_execute(assembly, &tick, TL_TELLS_RECORDS, &recovery, &result, &error);
         tl_summary_sample(&summary, config, &tick.sample);
-        tl_lock_judge_sample(&judge, &tick.sample);
+        tl_lock_monitor_sample(&judge, &tick.sample);
         if (result.ready != 0) {
             tl_summary_add(&summary, config, &result.record);
-            (void)tl_lock_judge_step(&judge, &result.record);
+            (void)tl_lock_monitor_step(&judge, &result.record);
         }
     }
     if (status != TL_OK) {

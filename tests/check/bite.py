@@ -25,9 +25,9 @@ CLEAN = {
     "board/csv/csv.c": '#include "board/csv/csv.h"\n#include <unistd.h>\n',
     "board/csv/csv_row.c": '#include "board/csv/csv.h"\n',
     "firmware/plant/live_plant.h": header("firmware/plant/live_plant.h", '#include "board/csv/csv.h"'),
-    "firmware/plant/live_plant.c": '#include "firmware/plant/live_plant.h"\n#include "firmware/plant/mailbox.h"\n'
+    "firmware/plant/live_plant.c": '#include "firmware/plant/live_plant.h"\n#include "firmware/plant/sample_buffer.h"\n'
                                    '#include "firmware/base/log.h"\n',
-    "firmware/plant/mailbox.h": header("firmware/plant/mailbox.h", "typedef struct mailbox {", "int one;", "} mailbox;"),
+    "firmware/plant/sample_buffer.h": header("firmware/plant/sample_buffer.h", "typedef struct mailbox {", "int one;", "} mailbox;"),
     "firmware/plant/mailbox_parts.h": header("firmware/plant/mailbox_parts.h"),
     "firmware/main.c": '#include "firmware/base/log.h"\n',
     "firmware/base/log.h": header("firmware/base/log.h", "typedef int tl_log;"),
@@ -51,7 +51,7 @@ BROKEN = [
     ("layers", "firmware/plant/p.c", '#include "board/csv/csv.c"\n', "includes a source file"),
     ("layers", "firmware/base/b.c", '#include "firmware/plant/live_plant.h"\n', "firmware/base may not know"),
     ("layers", "firmware/twin/r.c", '#include "firmware/plant/mailbox_parts.h"\n', "is private to firmware/plant"),
-    ("layers", "firmware/plant/mailbox.h", header("firmware/plant/mailbox.h", '#include "firmware/plant/live_plant.h"'),
+    ("layers", "firmware/plant/sample_buffer.h", header("firmware/plant/sample_buffer.h", '#include "firmware/plant/live_plant.h"'),
      "know each other in a circle"),
     ("layers", "firmware/plant/p.c", '#include "master/solve/s.h"\n', "firmware/plant may not know"),
     ("layers", "firmware/attic/a.c", "int tl_a;\n", "no folder of the plan"),

@@ -40,7 +40,7 @@ OWNERS = {
     "gnutls.h": ("firmware/serve/certificate.c",),
     "x509.h": ("firmware/serve/certificate.c",),
     "grp.h": ("firmware/process/confine.c", "firmware/rollback/fmu_heap.c"),
-    "pwd.h": ("firmware/retune/talk.c", "firmware/rollback/fmu_heap.c"),
+    "pwd.h": ("firmware/retune/control_client.c", "firmware/rollback/fmu_heap.c"),
     "iconv.h": ("firmware/rollback/fmu_heap.c",),
     "libintl.h": ("firmware/rollback/fmu_heap.c",),
     # Who starts threads, or has a lock that several of them take.

@@ -6,14 +6,14 @@
 #include <math.h>
 #include <stdlib.h>
 
-#include "firmware/plant/mailbox.h"
 #include "firmware/plant/plant_input.h"
+#include "firmware/plant/sample_buffer.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
 enum { SIGNALS = 3, DEEPEST = 9 };
 
-static tl_plant_mail_shape shape;
+static tl_sample_buffers_shape shape;
 static tl_plant_input input;
 static unsigned char *memory;
 
@@ -33,41 +33,41 @@ static tl_time take_instant(void) {
 
 /* ---- the enemy ---- */
 
-static void put_slot(const tl_mailbox *mailbox, uint64_t post) {
-    tl_mailbox_slot *slot = &mailbox->slots[post % mailbox->depth];
-    *slot = (tl_mailbox_slot){
+static void put_slot(const tl_sample_buffer *buffer, uint64_t post) {
+    tl_sample_buffer_slot *slot = &buffer->slots[post % buffer->depth];
+    *slot = (tl_sample_buffer_slot){
         .sequence = 2 * post + 2, .value = take_number(), .stamp = (int64_t)take_number(), .quality = take_number()};
 }
 
 static void post(size_t signal) {
     const tl_reading reading = {
         .value = tl_fuzz_take(), .stamp = take_instant(), .quality = (tl_quality)(tl_fuzz_take() % (TL_NO_LINK + 1))};
-    tl_mailbox_post(&input.mailboxes[signal], &reading);
+    tl_sample_buffer_post(&input.buffers[signal], &reading);
 }
 
 static void attack(unsigned what) {
     const size_t signal = what / 8 % shape.signals;
-    const tl_mailbox *mailbox = &input.mailboxes[signal];
+    const tl_sample_buffer *buffer = &input.buffers[signal];
     switch (what % 6) {
     case 0:
         post(signal);
         break;
     case 1:
-        *mailbox->count += tl_fuzz_take();
+        *buffer->count += tl_fuzz_take();
         break;
     case 2:
-        *mailbox->count = take_number();
+        *buffer->count = take_number();
         break;
     case 3:
-        put_slot(mailbox, *mailbox->count - 1 - tl_fuzz_take());
+        put_slot(buffer, *buffer->count - 1 - tl_fuzz_take());
         break;
     case 4: {
-        size_t words = tl_plant_mail_bytes(&shape) / sizeof(uint64_t);
+        size_t words = tl_sample_buffers_bytes(&shape) / sizeof(uint64_t);
         ((uint64_t *)(void *)memory)[tl_fuzz_take_word() % words] = take_number();
         break;
     }
     default:
-        tl_mailbox_mend(mailbox);
+        tl_sample_buffer_mend(buffer);
     }
 }
 
@@ -79,17 +79,17 @@ static void hold_reading(const tl_reading *reading) {
 
 static void look_up(void) {
     tl_reading reading = {.quality = TL_NO_LINK};
-    const tl_mailbox *mailbox = &input.mailboxes[tl_fuzz_take() % shape.signals];
+    const tl_sample_buffer *buffer = &input.buffers[tl_fuzz_take() % shape.signals];
     tl_time one = (tl_time)take_number();
     tl_time other = (tl_time)take_number();
-    (void)tl_mailbox_at(mailbox, one, &reading);
+    (void)tl_sample_buffer_at(buffer, one, &reading);
     hold_reading(&reading);
     tl_reading after = {.quality = TL_NO_LINK};
-    if (tl_mailbox_around(mailbox, one < other ? one : other, one < other ? other : one, &reading, &after)) {
+    if (tl_sample_buffer_around(buffer, one < other ? one : other, one < other ? other : one, &reading, &after)) {
         hold_reading(&reading);
         hold_reading(&after);
     }
-    (void)tl_mailbox_from(mailbox, one < other ? one : other, one < other ? other : one, &reading);
+    (void)tl_sample_buffer_from(buffer, one < other ? one : other, one < other ? other : one, &reading);
     hold_reading(&reading);
 }
 
@@ -110,7 +110,7 @@ static void take_sample(void) {
 /* ---- one input ---- */
 
 static void begin(void) {
-    shape = (tl_plant_mail_shape){.signals = 1 + tl_fuzz_take() % SIGNALS};
+    shape = (tl_sample_buffers_shape){.signals = 1 + tl_fuzz_take() % SIGNALS};
     input = (tl_plant_input){.count = shape.signals};
     for (size_t i = 0; i < shape.signals; i++) {
         unsigned how = tl_fuzz_take();
@@ -125,9 +125,9 @@ static void begin(void) {
                                          .between = (tl_between)(how / 4 % 3),
                                          .span = TL_SECOND / 100};
     }
-    memory = calloc(1, tl_plant_mail_bytes(&shape));
+    memory = calloc(1, tl_sample_buffers_bytes(&shape));
     tl_fuzz_hold(memory != NULL);
-    tl_plant_mail_open(&shape, memory, input.mailboxes);
+    tl_sample_buffers_open(&shape, memory, input.buffers);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

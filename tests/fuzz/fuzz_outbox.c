@@ -8,54 +8,54 @@
 #include <string.h>
 
 #include "firmware/base/identity.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
 enum { PAGE = 4096, RING = 64 * 1024, CHECKPOINT = 60, CANARY = 0x5A };
 
-static const tl_outbox_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
-                                            .ring_bytes = RING,
-                                            .checkpoint_bytes = CHECKPOINT};
+static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
+                                                  .ring_bytes = RING,
+                                                  .checkpoint_bytes = CHECKPOINT};
 static uint8_t *memory; /* taken once */
-static tl_outbox_taken taken;
-static tl_outbox outbox; /* ours, and then its successor's */
-static tl_outbox_reader reader;
+static tl_record_queue_taken taken;
+static tl_record_queue queue; /* ours, and then its successor's */
+static tl_record_queue_reader reader;
 static tl_recorder_entry entry;
 
 /* ---- we ---- */
 
 static bool put_sample(unsigned what) {
     tl_sample sample = {.tick = what, .quality = {TL_GOOD, TL_STALE}};
-    return tl_outbox_put_sample(&outbox, &sample);
+    return tl_record_queue_put_sample(&queue, &sample);
 }
 
 static void put_start(unsigned what) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     start.holds = what % 8 != 0;
     start.resumption.from = what % 3 == 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_NOT;
     start.resumption.tick = what;
-    (void)tl_outbox_put_start(&outbox, &start);
+    (void)tl_record_queue_put_start(&queue, &start);
 }
 
 static bool put_step(unsigned what) {
     tl_record record = {.step = what, .flags = what % 32};
     tl_recorder_component ledger = {.plain = what};
-    return tl_outbox_put_step(&outbox, &record, &ledger);
+    return tl_record_queue_put_step(&queue, &record, &ledger);
 }
 
 static void put_checkpoint(unsigned what) {
     size_t capacity = 0;
     size_t size = what % (CHECKPOINT + 1);
-    (void)tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT);
-    memset(tl_outbox_checkpoint_room(&outbox, &capacity), (int)what, size);
-    tl_outbox_put_checkpoint(&outbox, what, size);
+    (void)tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT);
+    memset(tl_record_queue_checkpoint_room(&queue, &capacity), (int)what, size);
+    tl_record_queue_put_checkpoint(&queue, what, size);
 }
 
 static void put_tuning(unsigned what) {
     tl_run_tuning tuning = {.tick = what, .number = what};
     memset(tuning.hash, what % 16 == 6 ? 'x' : 'a', what % 3 == 0 ? 0 : sizeof tuning.hash - 1);
-    (void)tl_outbox_put_tuning(&outbox, &tuning);
+    (void)tl_record_queue_put_tuning(&queue, &tuning);
 }
 
 static void put(unsigned what) {
@@ -70,10 +70,10 @@ static void put(unsigned what) {
         put_start(what);
         break;
     case 3:
-        (void)tl_outbox_put_end(&outbox, "SIGTERM");
+        (void)tl_record_queue_put_end(&queue, "SIGTERM");
         break;
     case 4:
-        tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "text");
+        tl_record_queue_event(&queue, what, TL_EVENT_INFO, "fuzz", "text");
         break;
     case 6:
         put_tuning(what);
@@ -86,8 +86,8 @@ static void put(unsigned what) {
 /* ---- the enemy ---- */
 
 static void move_counter(unsigned what) {
-    uint64_t *const counters[] = {&outbox.control->head, &outbox.control->put, &outbox.control->next,
-                                  &outbox.control->lost, &outbox.control->slots[what % TL_RECORDER_EVENTS].state};
+    uint64_t *const counters[] = {&queue.control->head, &queue.control->put, &queue.control->next, &queue.control->lost,
+                                  &queue.control->slots[what % TL_RECORDER_EVENTS].state};
     uint64_t by = what % 3 == 0 ? (uint64_t)tl_fuzz_take_word() << (what % 33) : tl_fuzz_take();
     *counters[tl_fuzz_take() % 5] += what % 2 == 0 ? by : -by;
 }
@@ -95,34 +95,35 @@ static void move_counter(unsigned what) {
 /* A checkpoint that says what it likes. */
 static void make_checkpoint(unsigned what) {
     uint64_t number = what % 4 == 0 ? UINT64_MAX / 2 - tl_fuzz_take() : tl_fuzz_take();
-    tl_outbox_place *place = &outbox.control->places[number % TL_OUTBOX_PLACES];
-    tl_outbox_mark mark;
+    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_PLACES];
+    tl_record_queue_mark mark;
     memset(&mark, 0, sizeof mark);
     mark.tick = tl_fuzz_take();
     mark.size = what % 8 == 1 ? tl_fuzz_take_word() : tl_fuzz_take() % (CHECKPOINT + 2);
-    mark.position = outbox.control->head - tl_fuzz_take_word() % (RING + 4096);
+    mark.position = queue.control->head - tl_fuzz_take_word() % (RING + 4096);
     mark.behind = mark.position;
     mark.beginning.from = (tl_resumed_from)(what % 6);
-    const unsigned char *bytes = (const unsigned char *)outbox.control + tl_outbox_place_at(&outbox.settings, 0);
-    place->digest = mark.size > CHECKPOINT ? what : tl_outbox_digest(number, &mark, bytes);
+    const unsigned char *bytes =
+        (const unsigned char *)queue.control + tl_record_queue_checkpoint_at(&queue.settings, 0);
+    place->digest = mark.size > CHECKPOINT ? what : tl_record_queue_digest(number, &mark, bytes);
     memcpy(place->mark, &mark, sizeof mark);
     place->number = number;
 }
 
 static void attack(unsigned what) {
-    size_t bytes = tl_outbox_bytes(&settings);
+    size_t bytes = tl_record_queue_bytes(&settings);
     switch (what % 5) {
     case 0:
         move_counter(tl_fuzz_take());
         break;
     case 1: /* what was put last */
-        outbox.ring[(outbox.control->head - tl_fuzz_take() - 1) % RING] = (uint8_t)tl_fuzz_take();
+        queue.ring[(queue.control->head - tl_fuzz_take() - 1) % RING] = (uint8_t)tl_fuzz_take();
         break;
     case 2:
         make_checkpoint(tl_fuzz_take());
         break;
     case 3: {
-        tl_recorder_event_entry *event = &outbox.control->slots[(outbox.control->next - 1) % TL_RECORDER_EVENTS].entry;
+        tl_recorder_event_entry *event = &queue.control->slots[(queue.control->next - 1) % TL_RECORDER_EVENTS].entry;
         ((uint8_t *)event)[tl_fuzz_take_word() % sizeof *event] = (uint8_t)tl_fuzz_take();
         break;
     }
@@ -156,7 +157,7 @@ static void check_entry(void) {
         break;
     case TL_ENTRY_STEP:
         tl_fuzz_hold((unsigned)entry.record.outcome < TL_OUTCOMES && (unsigned)entry.record.stop <= TL_STOP_TIME &&
-                     entry.record.flags < 2 * TL_LAST_FLAG && entry.record.y_hat_quality[0] <= TL_OUTLIER);
+                     entry.record.flags < 2 * TL_LAST_FLAG && entry.record.measured_quality[0] <= TL_OUTLIER);
         break;
     case TL_ENTRY_END:
         tl_fuzz_hold(is_text(entry.reason, sizeof entry.reason));
@@ -171,11 +172,11 @@ static void check_entry(void) {
 
 /* Up to so many; whether all that is there. */
 static bool take_entries(unsigned most) {
-    uint64_t end = tl_outbox_reader_end(&reader, taken.ring);
+    uint64_t end = tl_record_queue_reader_end(&reader, taken.ring);
     tl_fuzz_hold(end - taken.ring <= RING);
     while (taken.ring != end && most-- > 0) {
         uint64_t before = taken.ring;
-        if (!tl_outbox_reader_entry(&reader, &taken.ring, end, &entry)) {
+        if (!tl_record_queue_reader_entry(&reader, &taken.ring, end, &entry)) {
             tl_fuzz_hold(taken.ring == before && reader.fault[0] != '\0');
             return false;
         }
@@ -188,7 +189,7 @@ static bool take_entries(unsigned most) {
 static void take_events(unsigned most) {
     tl_recorder_event_entry event;
     bool skip = false;
-    while (most-- > 0 && tl_outbox_reader_event(&reader, taken.events, &event, &skip)) {
+    while (most-- > 0 && tl_record_queue_reader_event(&reader, taken.events, &event, &skip)) {
         tl_fuzz_hold(skip || ((unsigned)event.severity <= TL_EVENT_ERROR &&
                               is_text(event.source, sizeof event.source) && is_text(event.text, sizeof event.text)));
         taken.events++;
@@ -201,7 +202,7 @@ static void take_checkpoint(void) {
     int64_t tick = 0;
     uint64_t number = 0;
     memset(bytes, CANARY, sizeof bytes);
-    bool there = tl_outbox_reader_checkpoint(&reader, taken.checkpoint, taken.ring, bytes, &size, &tick, &number);
+    bool there = tl_record_queue_reader_checkpoint(&reader, taken.checkpoint, taken.ring, bytes, &size, &tick, &number);
     for (size_t i = CHECKPOINT; i < sizeof bytes; i++) {
         tl_fuzz_hold(bytes[i] == CANARY);
     }
@@ -222,19 +223,19 @@ static void take(unsigned what) {
 /* ---- the successor ---- */
 
 static void look_back(void) {
-    tl_outbox_left left;
+    tl_record_queue_left left;
     uint64_t sum = 0;
     for (unsigned which = 0; which < 3; which++) {
-        if (!tl_outbox_checkpoint_left(&outbox, which, &left)) {
+        if (!tl_record_queue_checkpoint_left(&queue, which, &left)) {
             continue;
         }
         tl_fuzz_hold(which < 2 && left.size <= CHECKPOINT && (unsigned)left.beginning.from <= TL_RESUMED_INPUTS);
         for (size_t i = 0; i < left.size; i++) {
             sum += left.bytes[i];
         }
-        for (uint64_t left_to_read = outbox.written - left.position;
-             tl_outbox_entry_left(&outbox, &left.position, &entry); left_to_read = outbox.written - left.position) {
-            tl_fuzz_hold(outbox.written - left.position < left_to_read);
+        for (uint64_t left_to_read = queue.written - left.position;
+             tl_record_queue_entry_left(&queue, &left.position, &entry); left_to_read = queue.written - left.position) {
+            tl_fuzz_hold(queue.written - left.position < left_to_read);
             check_entry();
         }
     }
@@ -246,27 +247,28 @@ static void succeed(unsigned what) {
     tl_recorder_event_entry event;
     bool skip = false;
     if (what % 8 == 7) { /* one that nobody reads comes in between */
-        tl_outbox_open(&settings, memory, NULL, &outbox);
+        tl_record_queue_open(&settings, memory, NULL, &queue);
         tl_fuzz_hold(put_sample(what));
     }
-    tl_outbox_open(&settings, memory, &taken, &outbox);
+    tl_record_queue_open(&settings, memory, &taken, &queue);
     if (what % 8 == 6) {
-        tl_outbox_hide_unused(&outbox);
+        tl_record_queue_hide_unused(&queue);
     }
     look_back();
-    tl_fuzz_hold(tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT)); /* nothing is hidden any more */
-    tl_outbox_reader_open(&settings, memory, &reader);
+    tl_fuzz_hold(tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT)); /* nothing is hidden any more */
+    tl_record_queue_reader_open(&settings, memory, &reader);
     tl_fuzz_hold(take_entries(UINT16_MAX));
-    for (int i = 0; i <= TL_RECORDER_EVENTS && tl_outbox_reader_event(&reader, taken.events, &event, &skip); i++) {
+    for (int i = 0; i <= TL_RECORDER_EVENTS && tl_record_queue_reader_event(&reader, taken.events, &event, &skip);
+         i++) {
         taken.events++;
     }
     put_start(what);
     tl_fuzz_hold(put_sample(what) && put_step(what));
-    uint64_t lost = tl_outbox_lost(&outbox);
-    tl_outbox_event(&outbox, what, TL_EVENT_INFO, "fuzz", "successor");
-    tl_fuzz_hold(tl_outbox_lost(&outbox) == lost);
+    uint64_t lost = tl_record_queue_lost(&queue);
+    tl_record_queue_event(&queue, what, TL_EVENT_INFO, "fuzz", "successor");
+    tl_fuzz_hold(tl_record_queue_lost(&queue) == lost);
     tl_fuzz_hold(take_entries(UINT16_MAX) && entry.kind == TL_ENTRY_STEP && entry.record.step == what);
-    tl_fuzz_hold(tl_outbox_reader_event(&reader, taken.events, &event, &skip) && !skip &&
+    tl_fuzz_hold(tl_record_queue_reader_event(&reader, taken.events, &event, &skip) && !skip &&
                  strcmp(event.text, "successor") == 0);
     taken.events++;
     tl_fuzz_hold(reader.fault[0] == '\0');
@@ -300,16 +302,16 @@ static void act(unsigned what) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    size_t bytes = tl_outbox_bytes(&settings);
+    size_t bytes = tl_record_queue_bytes(&settings);
     if (memory == NULL) {
         void *made = NULL;
         tl_fuzz_hold(posix_memalign(&made, PAGE, bytes) == 0);
         memory = made;
     }
     memset(memory, 0, bytes);
-    taken = (tl_outbox_taken){0};
-    tl_outbox_open(&settings, memory, &taken, &outbox);
-    tl_outbox_reader_open(&settings, memory, &reader);
+    taken = (tl_record_queue_taken){0};
+    tl_record_queue_open(&settings, memory, &taken, &queue);
+    tl_record_queue_reader_open(&settings, memory, &reader);
     tl_fuzz_begin(data, size);
     while (!tl_fuzz_is_over()) {
         act(tl_fuzz_take());

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 #include "tests/fuzz/harness.h"
 #include "tests/fuzz/input.h"
 
@@ -21,9 +21,9 @@ static const char configuration[] =
     "  \"match\": {\"motor.omega\": {\"to\": \"plant.omega\", \"tolerance\": 1.0}}}}";
 
 /* Where its size and the plain fields of the past are. */
-enum { SIZE = 8, PLAIN = 16, HEAD = (PLAIN + TL_PAST_PLAIN + 15) / 16 * 16 };
-enum { LAST = PLAIN + offsetof(tl_past, last), STEP = PLAIN + offsetof(tl_past, step) };
-enum { START = PLAIN + offsetof(tl_past, start), SIGNALS = PLAIN + offsetof(tl_past, signals) };
+enum { SIZE = 8, PLAIN = 16, HEAD = (PLAIN + TL_RESUME_PLAIN + 15) / 16 * 16 };
+enum { LAST = PLAIN + offsetof(tl_resume, last), STEP = PLAIN + offsetof(tl_resume, step) };
+enum { START = PLAIN + offsetof(tl_resume, start), SIGNALS = PLAIN + offsetof(tl_resume, signals) };
 
 static void put_right(unsigned what, unsigned char *image, size_t size) {
     static const char magic[] = {'t', 'w', 'l', 'k', 'p', 's', 't', '6'};
@@ -41,13 +41,13 @@ static void put_right(unsigned what, unsigned char *image, size_t size) {
         memcpy(image + START, &start, sizeof start);
     }
     if ((what & RIGHT_SIGNALS) != 0 && size >= HEAD) {
-        tl_past_identify(tl_fuzz_config(configuration), (char *)image + SIGNALS);
+        tl_resume_identify(tl_fuzz_config(configuration), (char *)image + SIGNALS);
     }
 }
 
-static void check_tick(const tl_past *past, int64_t number) {
-    tl_past_tick tick;
-    tl_fuzz_hold(tl_past_tick_at(past, number, &tick) && tick.sample.tick == number);
+static void check_tick(const tl_resume *resume, int64_t number) {
+    tl_resume_tick tick;
+    tl_fuzz_hold(tl_resume_tick_at(resume, number, &tick) && tick.sample.tick == number);
     tl_fuzz_hold(tick.has_u || !tick.resets);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
         tl_fuzz_hold(isfinite(tick.sample.values[i]) && tick.sample.quality[i] <= TL_OUTLIER);
@@ -57,26 +57,27 @@ static void check_tick(const tl_past *past, int64_t number) {
     }
 }
 
-static void check(const tl_past *past) {
-    tl_past_tick tick;
+static void check(const tl_resume *resume) {
+    tl_resume_tick tick;
     unsigned sum = 0;
-    for (size_t i = 0; i < past->checkpoint_size; i++) {
-        sum += past->checkpoint[i];
+    for (size_t i = 0; i < resume->checkpoint_size; i++) {
+        sum += resume->checkpoint[i];
     }
-    tl_fuzz_hold(sum <= 255 * past->checkpoint_size);
-    tl_fuzz_hold((past->from == TL_RESUMED_CHECKPOINT) == (past->checkpoint != NULL) && past->gap >= 0 &&
-                 past->age >= 0);
-    for (int64_t number = past->first; number <= past->last; number++) {
-        check_tick(past, number);
+    tl_fuzz_hold(sum <= 255 * resume->checkpoint_size);
+    tl_fuzz_hold((resume->from == TL_RESUMED_CHECKPOINT) == (resume->checkpoint != NULL) && resume->gap >= 0 &&
+                 resume->age >= 0);
+    for (int64_t number = resume->first; number <= resume->last; number++) {
+        check_tick(resume, number);
     }
-    tl_fuzz_hold(past->tuning_count <= TL_PAST_TUNINGS);
-    for (size_t i = 0; i < past->tuning_count; i++) {
+    tl_fuzz_hold(resume->tuning_count <= TL_RESUME_TUNINGS);
+    for (size_t i = 0; i < resume->tuning_count; i++) {
         tl_run_tuning tuning;
         tl_error error;
-        memcpy(&tuning, past->tunings + i * sizeof tuning, sizeof tuning);
+        memcpy(&tuning, resume->tunings + i * sizeof tuning, sizeof tuning);
         tl_fuzz_hold(tuning.tick >= 0 && tl_tuning_check(&tuning.values, &error) == TL_OK);
     }
-    tl_fuzz_hold(!tl_past_tick_at(past, past->first - 1, &tick) && !tl_past_tick_at(past, past->last + 1, &tick));
+    tl_fuzz_hold(!tl_resume_tick_at(resume, resume->first - 1, &tick) &&
+                 !tl_resume_tick_at(resume, resume->last + 1, &tick));
 }
 
 static void *allocate(size_t size) {
@@ -88,15 +89,15 @@ static void *allocate(size_t size) {
 }
 
 /* Nothing in it is not looked at. */
-static void write_again(const tl_past *past, const unsigned char *image, size_t size) {
+static void write_again(const tl_resume *resume, const unsigned char *image, size_t size) {
     unsigned char *again = allocate(size);
-    tl_past_write(past, again);
+    tl_resume_write(resume, again);
     tl_fuzz_hold(memcmp(again, image, size) == 0);
     free(again);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    tl_past past;
+    tl_resume resume;
     tl_error error = {TL_OK, ""};
     if (size == 0) {
         return 0;
@@ -105,17 +106,17 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     unsigned char *image = allocate(size); /* as large as it is: what is read beyond it is noticed */
     memcpy(image, data + 1, size);
     put_right(data[0], image, size);
-    tl_status status = tl_past_read(image, size, tl_fuzz_config(configuration), NOW, &past, &error);
+    tl_status status = tl_resume_read(image, size, tl_fuzz_config(configuration), NOW, &resume, &error);
     tl_fuzz_hold(status == TL_OK || (status == TL_BAD_DATA && error.text[0] != '\0'));
     int64_t start = 0;
     memcpy(&start, image + (size >= HEAD ? START : 0), size >= HEAD ? sizeof start : 0);
     if (status != TL_OK) {
-        status = tl_past_read_samples(image, size, tl_fuzz_config(configuration), start, &past, &error);
-        tl_fuzz_hold(status == TL_BAD_DATA || past.from == TL_RESUMED_NOT);
+        status = tl_resume_read_samples(image, size, tl_fuzz_config(configuration), start, &resume, &error);
+        tl_fuzz_hold(status == TL_BAD_DATA || resume.from == TL_RESUMED_NOT);
     }
     if (status == TL_OK) {
-        check(&past);
-        write_again(&past, image, size);
+        check(&resume);
+        write_again(&resume, image, size);
     }
     free(image);
     return 0;

@@ -17,14 +17,14 @@ enum { PAGE = 4096, RING = 256 * 1024, CHECKPOINT = 60, TICKS_MOST = 1000 };
 
 static const tl_recorder_signal signals[] = {{.name = "a", .unit = "", .to = "b", .type = TL_REAL},
                                              {.name = "b", .unit = "", .to = "a", .type = TL_REAL}};
-static const tl_outbox_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
-                                            .ring_bytes = RING,
-                                            .checkpoint_bytes = CHECKPOINT};
+static const tl_record_queue_settings settings = {.shape = {.plant = 2, .match = 1, .adjust = 1, .components = 1},
+                                                  .ring_bytes = RING,
+                                                  .checkpoint_bytes = CHECKPOINT};
 static char path[512];
 static uint8_t *memory; /* taken once */
 static tl_recorder_writer_state state;
 static tl_recorder_writer *writer;
-static tl_outbox outbox;
+static tl_record_queue queue;
 
 static const tl_recorder_known known = {.number = 2,
                                         .hash = "aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa",
@@ -54,8 +54,8 @@ static tl_recorder_settings record(void) {
 
 static void open_writer(void) {
     const tl_recorder_settings made = record();
-    const tl_recorder_writer_outbox only = {"twin", settings, memory};
-    const tl_recorder_writer_settings wanted = {.record = &made, .outboxes = &only, .outbox_count = 1, .state = &state};
+    const tl_recorder_writer_queue only = {"twin", settings, memory};
+    const tl_recorder_writer_settings wanted = {.record = &made, .queues = &only, .queue_count = 1, .state = &state};
     tl_fuzz_hold(tl_recorder_writer_open(&wanted, &writer, NULL) == TL_OK);
 }
 
@@ -79,7 +79,7 @@ static double value(void) {
 }
 
 static void put_start(unsigned what) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     memset(&start, 0, sizeof start);
     start.holds = what % 4 == 0;
     start.resumption = (tl_resumption){
@@ -90,14 +90,14 @@ static void put_start(unsigned what) {
     start.account.lead = (uint32_t)number();
     start.account.component[0].name[0] = (char)(tl_fuzz_take() | 0xA0);
     start.account.match[0].unit[0] = (char)(tl_fuzz_take() | 0xA0);
-    (void)tl_outbox_put_start(&outbox, &start);
+    (void)tl_record_queue_put_start(&queue, &start);
 }
 
 /* Of a configuration that is known, or of another. */
 static void put_tuning(unsigned what) {
     tl_run_tuning tuning = {.tick = number(), .number = (uint32_t)what};
     memset(tuning.hash, what % 4 == 1 ? 'b' : 'a', sizeof tuning.hash - 1);
-    (void)tl_outbox_put_tuning(&outbox, &tuning);
+    (void)tl_record_queue_put_tuning(&queue, &tuning);
 }
 
 static void put_entry(unsigned what) {
@@ -108,32 +108,32 @@ static void put_entry(unsigned what) {
     if (what % 2 == 0) {
         tl_sample sample = {.tick = number(), .values = {value(), value()}, .stamps = {number(), number()}};
         sample.quality[0] = (uint8_t)(what % (TL_OUTLIER + 1));
-        (void)tl_outbox_put_sample(&outbox, &sample);
+        (void)tl_record_queue_put_sample(&queue, &sample);
         return;
     }
     tl_record entry = {.step = number(), .used = number(), .objective = value(), .flags = what % 32};
     tl_recorder_component ledger = {(uint64_t)number(), (uint64_t)number(), (uint64_t)number(), 0, 0};
     entry.y[0] = value();
     entry.u[0] = value();
-    (void)tl_outbox_put_step(&outbox, &entry, &ledger);
+    (void)tl_record_queue_put_step(&queue, &entry, &ledger);
 }
 
 static void put_checkpoint(unsigned what) {
     size_t capacity = 0;
-    (void)tl_outbox_reserve_checkpoint(&outbox, CHECKPOINT);
-    memset(tl_outbox_checkpoint_room(&outbox, &capacity), (int)what, CHECKPOINT);
-    tl_outbox_put_checkpoint(&outbox, number(), what % (CHECKPOINT + 1));
+    (void)tl_record_queue_reserve_checkpoint(&queue, CHECKPOINT);
+    memset(tl_record_queue_checkpoint_room(&queue, &capacity), (int)what, CHECKPOINT);
+    tl_record_queue_put_checkpoint(&queue, number(), what % (CHECKPOINT + 1));
 }
 
 static void put_event(unsigned what) {
     const char text[] = {(char)tl_fuzz_take(), (char)tl_fuzz_take(), (char)tl_fuzz_take(), '\0'};
-    tl_outbox_event(&outbox, number(), (tl_severity)(what % 3), text + 1, text);
+    tl_record_queue_event(&queue, number(), (tl_severity)(what % 3), text + 1, text);
 }
 
 static void attack(void) {
     uint32_t word = tl_fuzz_take_word();
     uint32_t place = tl_fuzz_take_word();
-    size_t bytes = place % 2 == 0 ? tl_outbox_bytes(&settings) : 2 * PAGE; /* where it matters more */
+    size_t bytes = place % 2 == 0 ? tl_record_queue_bytes(&settings) : 2 * PAGE; /* where it matters more */
     memcpy(memory + place / 2 % (bytes / 4) * 4, &word, 4);
 }
 
@@ -205,9 +205,9 @@ static void act(unsigned what) {
         break;
     default:
         if (what / 9 % 4 == 0) {
-            (void)tl_outbox_put_end(&outbox, "\xFF\n");
+            (void)tl_record_queue_put_end(&queue, "\xFF\n");
         } else if (what / 9 % 4 == 1) {
-            tl_outbox_open(&settings, memory, &state.taken[0], &outbox);
+            tl_record_queue_open(&settings, memory, &state.taken[0], &queue);
         } else {
             (void)tl_recorder_writer_close(writer, 0, NULL);
             open_writer();
@@ -226,7 +226,7 @@ static void remove_database(void) {
 }
 
 static void begin(void) {
-    size_t bytes = tl_outbox_bytes(&settings);
+    size_t bytes = tl_record_queue_bytes(&settings);
     if (memory == NULL) {
         void *made = NULL;
         tl_fuzz_hold(posix_memalign(&made, PAGE, bytes) == 0);
@@ -237,7 +237,7 @@ static void begin(void) {
     remove_database();
     memset(memory, 0, bytes);
     memset(&state, 0, sizeof state);
-    tl_outbox_open(&settings, memory, &state.taken[0], &outbox);
+    tl_record_queue_open(&settings, memory, &state.taken[0], &queue);
     open_writer();
 }
 

@@ -111,7 +111,7 @@ def test_motor_and_drive_metrics():
     expect_equal([match["max"]], [max(map(abs, differences))], "MAX")
 
 
-def test_measurements():
+def test_pairing():
     """What the twin is compared with is the recording's newest row at the end of each step."""
     recording = recording_of(read_config("motor/free.json"))
     rows = replay_csv("motor/free.json")

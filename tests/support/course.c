@@ -43,7 +43,7 @@ tl_run_tuning tl_course_configured(const tl_course *course) {
     return configured;
 }
 
-void tl_course_open(tl_course *course, const char *path, tl_measurements measurements) {
+void tl_course_open(tl_course *course, const char *path, tl_pairing measurements) {
     tl_config *config = &course->assembly.config;
     memset(course, 0, sizeof *course);
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_test_read_assembly(path, &course->assembly));
@@ -101,22 +101,22 @@ static bool takes_tuning(const tl_course *course, int64_t tick, tl_run_tuning *t
     return tick == 85 || tick == 120 || tick == 180;
 }
 
-static void put_sample(tl_outbox *outbox, const tl_sample *sample, const tl_run_tuning *tuning) {
+static void put_sample(tl_record_queue *queue, const tl_sample *sample, const tl_run_tuning *tuning) {
     if (tuning != NULL) {
-        TEST_ASSERT_TRUE(tl_outbox_put_tuning(outbox, tuning));
+        TEST_ASSERT_TRUE(tl_record_queue_put_tuning(queue, tuning));
     }
-    TEST_ASSERT_TRUE(tl_outbox_put_sample(outbox, sample));
+    TEST_ASSERT_TRUE(tl_record_queue_put_sample(queue, sample));
 }
 
-static void keep(tl_course *course, const tl_record *record, tl_outbox *outbox) {
+static void keep(tl_course *course, const tl_record *record, tl_record_queue *queue) {
     course->part.records[record->step] = *record;
     course->part.there[record->step] = true;
-    if (outbox != NULL) {
-        tl_twin_recorder_put(outbox, record, course->assembly.twin);
+    if (queue != NULL) {
+        tl_twin_recorder_put(queue, record, course->assembly.twin);
     }
 }
 
-void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
+void tl_course_search(tl_course *course, int64_t last, tl_record_queue *queue) {
     const tl_budget budget = {.evaluations = 15};
     for (; course->next <= last; course->next++) {
         tl_sample sample;
@@ -130,8 +130,8 @@ void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
             TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_retune(&course->assembly, &tuning->values, &error));
         }
         bool ahead = course->assembly.config.measurements == TL_AHEAD; /* the step before comes before the sample */
-        if (outbox != NULL && !ahead) {
-            put_sample(outbox, &sample, tuning);
+        if (queue != NULL && !ahead) {
+            put_sample(queue, &sample, tuning);
         }
         tl_twin *twin = course->assembly.twin;
         if (is_reset(course->next)) {
@@ -142,10 +142,10 @@ void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox) {
                                : tl_twin_step(twin, &sample, &budget, &record, &ready, &error);
         TEST_ASSERT_EQUAL_INT(TL_OK, status);
         if (ready) {
-            keep(course, &record, outbox);
+            keep(course, &record, queue);
         }
-        if (outbox != NULL && ahead) {
-            put_sample(outbox, &sample, tuning);
+        if (queue != NULL && ahead) {
+            put_sample(queue, &sample, tuning);
         }
     }
 }
@@ -165,20 +165,20 @@ void tl_course_save(tl_course *course) {
 
 /* ---- an outbox ---- */
 
-tl_outbox *tl_course_outbox(tl_course *course) {
+tl_record_queue *tl_course_queue(tl_course *course) {
     const tl_config *config = &course->assembly.config;
-    tl_outbox_settings settings = {.shape = {.plant = config->signal_count,
-                                             .match = config->match_count,
-                                             .adjust = config->adjust_count,
-                                             .components = course->account.components},
-                                   .checkpoint_bytes = CHECKPOINT};
-    settings.ring_bytes = tl_outbox_ring_bytes(&settings.shape, config->step);
-    size_t bytes = tl_outbox_bytes(&settings);
+    tl_record_queue_settings settings = {.shape = {.plant = config->signal_count,
+                                                   .match = config->match_count,
+                                                   .adjust = config->adjust_count,
+                                                   .components = course->account.components},
+                                         .checkpoint_bytes = CHECKPOINT};
+    settings.ring_bytes = tl_record_queue_ring_bytes(&settings.shape, config->step);
+    size_t bytes = tl_record_queue_bytes(&settings);
     free(course->memory);
     TEST_ASSERT_EQUAL_INT(0, posix_memalign(&course->memory, PAGE, bytes));
     memset(course->memory, 0, bytes);
-    tl_outbox_open(&settings, course->memory, NULL, &course->outbox);
-    return &course->outbox;
+    tl_record_queue_open(&settings, course->memory, NULL, &course->queue);
+    return &course->queue;
 }
 
 /* Stamps are relative to the start of the run. */
@@ -221,17 +221,17 @@ static void take_entry(tl_course *course, const tl_recorder_entry *entry) {
 
 void tl_course_read(tl_course *course) {
     static tl_recorder_entry entry; /* too large for a small stack */
-    tl_outbox_left left;
+    tl_record_queue_left left;
     uint64_t position = 0;
     course->begun = (tl_resumption){.tick = -1};
     course->samples = 0;
     course->tunings = 0;
     course->kept_size = 0;
-    while (tl_outbox_entry_left(&course->outbox, &position, &entry)) {
+    while (tl_record_queue_entry_left(&course->queue, &position, &entry)) {
         take_entry(course, &entry);
     }
-    TEST_ASSERT_EQUAL_UINT64(course->outbox.written, position);
-    if (tl_outbox_checkpoint_left(&course->outbox, 0, &left)) {
+    TEST_ASSERT_EQUAL_UINT64(course->queue.written, position);
+    if (tl_record_queue_checkpoint_left(&course->queue, 0, &left)) {
         TEST_ASSERT_EQUAL_size_t(course->checkpoint_size, left.size);
         TEST_ASSERT_EQUAL_MEMORY(course->checkpoint, left.bytes, left.size);
         course->kept_tick = left.tick;
@@ -257,10 +257,10 @@ void tl_course_expect_same(const tl_course *course, size_t least) {
         }
         TEST_ASSERT_TRUE(course->whole.there[step]);
         expect_same_bits(wanted->u, found->u, config->adjust_count, "u");
-        expect_same_bits(wanted->u_hat, found->u_hat, config->adjust_count, "nominal u");
+        expect_same_bits(wanted->nominal, found->nominal, config->adjust_count, "nominal u");
         expect_same_bits(wanted->y, found->y, config->match_count, "y");
-        expect_same_bits(wanted->y_hat, found->y_hat, config->match_count, "measured y");
-        TEST_ASSERT_EQUAL_UINT8(wanted->y_hat_quality[0], found->y_hat_quality[0]);
+        expect_same_bits(wanted->measured, found->measured, config->match_count, "measured y");
+        TEST_ASSERT_EQUAL_UINT8(wanted->measured_quality[0], found->measured_quality[0]);
         TEST_ASSERT_EQUAL_UINT32(wanted->flags & TL_FLAG_RESET, found->flags & TL_FLAG_RESET);
         compared++;
         last = step;

@@ -13,7 +13,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/twin/assembly.h"
 
 enum { TL_COURSE_TICKS = 240 };
@@ -34,7 +34,7 @@ typedef struct tl_course {
     unsigned char *checkpoint;
     size_t checkpoint_size;
     int64_t checkpoint_tick;
-    tl_outbox outbox; /* tl_course_outbox(), and what tl_course_read() has found in it: */
+    tl_record_queue queue; /* tl_course_queue(), and what tl_course_read() has found in it: */
     void *memory;
     tl_resumption begun; /* tick −1: no run */
     int64_t kept_tick;   /* of the checkpoint, */
@@ -47,7 +47,7 @@ typedef struct tl_course {
 } tl_course;
 
 /* `path` is that of tests/support/motor_lock.json. */
-void tl_course_open(tl_course *course, const char *path, tl_measurements measurements);
+void tl_course_open(tl_course *course, const char *path, tl_pairing measurements);
 void tl_course_close(tl_course *course);
 
 /* What its twins are built with. */
@@ -60,10 +60,10 @@ void tl_course_anew(tl_course *course);
 void tl_course_sample(const tl_course *course, int64_t tick, tl_sample *sample);
 
 /* As the cycle does: up to tick `last`. Records are kept in `part`, and put into the outbox (NULL: nowhere). */
-void tl_course_search(tl_course *course, int64_t last, tl_outbox *outbox);
+void tl_course_search(tl_course *course, int64_t last, tl_record_queue *queue);
 
 /* An empty outbox of its own, that nobody reads, for a run that goes on. */
-tl_outbox *tl_course_outbox(tl_course *course);
+tl_record_queue *tl_course_queue(tl_course *course);
 
 /* What there is in it: steps go to `part`, and have been followed; samples must be those of the plant, the checkpoint that of the course. */
 void tl_course_read(tl_course *course);

@@ -18,16 +18,16 @@ void tl_course_record_open(tl_course_record *record, const char *configuration, 
         .hash = course->other_hash, .text = course->other, .who = "ann", .origin = "test", .why = "to see"};
     record->recorded.settings.known = &record->known;
     record->recorded.settings.known_count = 1;
-    tl_test_outbox_open(&record->box, &record->recorded.settings, CHECKPOINT_BYTES);
-    tl_twin_recorder_start(&record->box.outbox, course->assembly.twin, course->start);
+    tl_test_queue_open(&record->box, &record->recorded.settings, CHECKPOINT_BYTES);
+    tl_twin_recorder_start(&record->box.queue, course->assembly.twin, course->start);
 }
 
 void tl_course_record_to(tl_course_record *record, int64_t last) {
-    tl_course_search(&record->course, last, &record->box.outbox);
-    tl_test_outbox_write(&record->box);
+    tl_course_search(&record->course, last, &record->box.queue);
+    tl_test_queue_write(&record->box);
 }
 
 void tl_course_record_close(tl_course_record *record) {
-    tl_test_outbox_close(&record->box);
+    tl_test_queue_close(&record->box);
     tl_course_close(&record->course);
 }

@@ -13,11 +13,11 @@
 #include "firmware/base/identity.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/course.h"
-#include "tests/support/test_outbox.h"
+#include "tests/support/test_record_queue.h"
 
 typedef struct tl_course_record {
     tl_course course;
-    tl_test_outbox box;
+    tl_test_queue box;
     char path[PATH_MAX]; /* of the database */
     char boot[TL_IDENTITY_TEXT];
     /* private */

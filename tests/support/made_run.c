@@ -105,15 +105,15 @@ void tl_made_record(int64_t step, tl_record *record) {
     record->delay_state = (tl_delay_state)((hash >> 36) % (TL_DELAY_LOST + 1));
     for (uint64_t i = 0; i < TL_MADE_MATCH; i++) {
         record->y[i] = number(step, 20 + i);
-        record->y_hat[i] = number(step, 30 + i);
-        record->y_hat_quality[i] = (uint8_t)((hash >> i) % 8 == 0 ? TL_STALE : TL_GOOD);
+        record->measured[i] = number(step, 30 + i);
+        record->measured_quality[i] = (uint8_t)((hash >> i) % 8 == 0 ? TL_STALE : TL_GOOD);
         record->readings[i] = (tl_record_readings){.count = (uint32_t)(hash >> i) % 3,
                                                    .rejected = (uint32_t)(hash >> i) % 2,
                                                    .squares = fabs(number(step, 60 + i))};
     }
     for (uint64_t i = 0; i < TL_MADE_ADJUST; i++) {
         record->u[i] = number(step, 40 + i);
-        record->u_hat[i] = number(step, 50 + i);
+        record->nominal[i] = number(step, 50 + i);
     }
 }
 
@@ -139,14 +139,14 @@ void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks) {
     }
 }
 
-void tl_made_beginning(tl_time start, tl_outbox_start *beginning) {
+void tl_made_beginning(tl_time start, tl_record_queue_start *beginning) {
     tl_account *account = &beginning->account;
-    *beginning = (tl_outbox_start){.resumption = {.start = start, .started = INT64_C(1795219200000)},
-                                   .account = {.components = TL_MADE_COMPONENTS,
-                                               .matches = TL_MADE_MATCH,
-                                               .adjusts = TL_MADE_ADJUST,
-                                               .prediction = TL_MADE_PREDICTION,
-                                               .lead = 0}};
+    *beginning = (tl_record_queue_start){.resumption = {.start = start, .started = INT64_C(1795219200000)},
+                                         .account = {.components = TL_MADE_COMPONENTS,
+                                                     .matches = TL_MADE_MATCH,
+                                                     .adjusts = TL_MADE_ADJUST,
+                                                     .prediction = TL_MADE_PREDICTION,
+                                                     .lead = 0}};
     for (int i = 0; i < TL_MADE_COMPONENTS; i++) {
         (void)snprintf(account->component[i].name, TL_ACCOUNT_TEXT, "component %d", i);
     }
@@ -155,7 +155,7 @@ void tl_made_beginning(tl_time start, tl_outbox_start *beginning) {
     }
 }
 
-bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
+bool tl_made_put_out(tl_record_queue *queue, int64_t first, int64_t ticks) {
     tl_sample sample;
     tl_record record;
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
@@ -164,8 +164,8 @@ bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks) {
         tl_made_sample(tick, &sample);
         tl_made_record(tick, &record);
         tl_made_ledger(tick, ledger);
-        has_room = tl_outbox_put_sample(outbox, &sample) && has_room;
-        has_room = tl_outbox_put_step(outbox, &record, ledger) && has_room;
+        has_room = tl_record_queue_put_sample(queue, &sample) && has_room;
+        has_room = tl_record_queue_put_step(queue, &record, ledger) && has_room;
     }
     return has_room;
 }

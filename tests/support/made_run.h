@@ -9,7 +9,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder.h"
 
 enum { TL_MADE_PLANT = 3, TL_MADE_MATCH = 2, TL_MADE_ADJUST = 2, TL_MADE_COMPONENTS = 3, TL_MADE_PREDICTION = 2 };
@@ -32,7 +32,7 @@ void tl_made_ledger(int64_t step, tl_recorder_component *ledger);
 void tl_made_put(tl_recorder *recorder, int64_t first, int64_t ticks);
 
 /* Its beginning in an outbox, and some ticks, a step for each: the test writes in between what the ring has no room for. False: it has none. */
-void tl_made_beginning(tl_time start, tl_outbox_start *beginning);
-bool tl_made_put_out(tl_outbox *outbox, int64_t first, int64_t ticks);
+void tl_made_beginning(tl_time start, tl_record_queue_start *beginning);
+bool tl_made_put_out(tl_record_queue *queue, int64_t first, int64_t ticks);
 
 #endif

@@ -27,9 +27,9 @@ static void tell_in_force(void *context, char hash[TL_SHA256_TEXT]) {
     memcpy(hash, run->in_force, sizeof run->in_force);
 }
 
-static void judge_by(void *context, const tl_lock_yardstick *yardstick) {
+static void judge_by(void *context, const tl_lock_tolerances *tolerances) {
     (void)context;
-    run->yardstick = *yardstick;
+    run->tolerances = *tolerances;
 }
 
 static bool tune(void *context, const tl_version *version, const char *why, const char *text, const tl_tuning *tuning) {
@@ -100,11 +100,11 @@ static void end_shadow(void *context) {
     run->ends++;
 }
 
-static bool flip(void *context) {
+static bool handover(void *context) {
     char hash[TL_SHA256_TEXT];
     (void)context;
-    run->flips++;
-    if (run->flipped == TL_ACTIVATION_TAKEN) {
+    run->handovers++;
+    if (run->handed_over == TL_ACTIVATION_TAKEN) {
         memcpy(hash, run->in_force, sizeof hash);
         memcpy(run->in_force, run->other, sizeof run->in_force);
         memcpy(run->other, hash, sizeof run->other);
@@ -112,10 +112,10 @@ static bool flip(void *context) {
     return true;
 }
 
-static tl_activation_news has_flipped(void *context, char why[TL_ACTIVATION_WHY]) {
+static tl_activation_news has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
     (void)context;
     (void)snprintf(why, TL_ACTIVATION_WHY, "it has died");
-    return run->flipped;
+    return run->handed_over;
 }
 
 static bool remember_text(void *context, const char *hash, char *text, size_t *size) {
@@ -155,8 +155,8 @@ static const tl_activation_host host = {.look = look,
                                         .begin_shadow = begin_shadow,
                                         .look_at_shadow = look_at_shadow,
                                         .end_shadow = end_shadow,
-                                        .flip = flip,
-                                        .has_flipped = has_flipped,
+                                        .handover = handover,
+                                        .has_handed_over = has_handed_over,
                                         .restart = restart,
                                         .tell = tell};
 
@@ -352,7 +352,7 @@ void tl_played_fail(void) {
 void tl_played_expect_refused(tl_control_result result, const char *why) {
     TEST_ASSERT_EQUAL_UINT(result, run->said[run->count - 1].as.end.result);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(tl_played_last_word(), why), tl_played_last_word());
-    TEST_ASSERT_EQUAL_INT(0, run->flips);
+    TEST_ASSERT_EQUAL_INT(0, run->handovers);
     TEST_ASSERT_EQUAL_STRING("", run->other);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
     TEST_ASSERT_FALSE(run->has_restarted);
@@ -392,11 +392,11 @@ void tl_played_set(void) {
     run->each = (tl_run_status){.ticks = 10, .steps = 10, .lock.steps[TL_LOCK_LOCKED] = 10};
     run->beside = run->each;
     run->other[0] = '\0';
-    run->flipped = TL_ACTIVATION_TAKEN;
+    run->handed_over = TL_ACTIVATION_TAKEN;
     run->is_slow = false;
     run->are_others = false;
     run->off = run->off_beside = 0.25;
-    run->flips = 0;
+    run->handovers = 0;
     (void)unsetenv("TRIAL");
     (void)unsetenv("TRIAL_ANSWERS");
     (void)unsetenv("TRIAL_MEMORY");

@@ -31,8 +31,8 @@ typedef struct tl_played {
     /* The run. */
     tl_activation_view view;
     char in_force[TL_SHA256_TEXT];
-    char given[TL_SHA256_TEXT];  /* of the newest tuning; "": none */
-    tl_lock_yardstick yardstick; /* that its lock is judged by as well */
+    char given[TL_SHA256_TEXT];    /* of the newest tuning; "": none */
+    tl_lock_tolerances tolerances; /* that its lock is judged by as well */
     tl_activation_news answer;
     bool has_restarted;
     int events;
@@ -41,14 +41,14 @@ typedef struct tl_played {
 
     /* The twin in the other place. */
     tl_activation_shadow shadow;
-    char other[TL_SHA256_TEXT]; /* of what it is of; "": there is none */
-    tl_live_needs needs;        /* that it was begun with */
-    tl_activation_news flipped; /* what comes of a flip */
-    bool is_slow;               /* nothing is ordered at once */
-    tl_run_status each;         /* look: so much more is done by the shadow, */
-    tl_run_status beside;       /* and by the run's twin */
-    double off, off_beside;     /* what the one output that both match is off by, for each look */
-    int flips, ends;
+    char other[TL_SHA256_TEXT];     /* of what it is of; "": there is none */
+    tl_live_needs needs;            /* that it was begun with */
+    tl_activation_news handed_over; /* what comes of a flip */
+    bool is_slow;                   /* nothing is ordered at once */
+    tl_run_status each;             /* look: so much more is done by the shadow, */
+    tl_run_status beside;           /* and by the run's twin */
+    double off, off_beside;         /* what the one output that both match is off by, for each look */
+    int handovers, ends;
     char allowed[PATH_MAX + 32]; /* where the administrator's list is */
     const char *step_s;          /* of configurations, */
     bool by_strokes;             /* which have an event horizon */

@@ -37,24 +37,24 @@ static void note(int signal) {
     told = signal;
 }
 
-static void beat(tl_heart *heart) {
-    tl_heart_beat(heart);
+static void beat(tl_thread_heartbeat *heartbeat) {
+    tl_thread_heartbeat_beat(heartbeat);
     tl_stage_pause_ms(10);
     if (told != 0) {
         tl_fmu_calls_note_asked();
     }
 }
 
-static void be_well(tl_heart *heart) {
+static void be_well(tl_thread_heartbeat *heartbeat) {
     for (int i = 0; told == 0 && i < 3000; i++) {
-        beat(heart);
+        beat(heartbeat);
     }
 }
 
 /* Whenever it was told to end: at its start, too. */
-static void be_well_and_deaf(tl_heart *heart) {
+static void be_well_and_deaf(tl_thread_heartbeat *heartbeat) {
     for (int i = 0; i < 3000; i++) {
-        beat(heart);
+        beat(heartbeat);
     }
 }
 
@@ -74,7 +74,7 @@ static void spoil_name(tl_heartbeats *beats) {
 }
 
 /* What an FMU does. */
-static void misbehave(char what, tl_heart *heart, tl_heartbeats *beats) {
+static void misbehave(char what, tl_thread_heartbeat *heartbeat, tl_heartbeats *beats) {
     tl_fmu_call_begin(tl_fmu_calls_name("motor"), TL_FMU_DO_STEP);
     switch (what) {
     case 'n':
@@ -89,7 +89,7 @@ static void misbehave(char what, tl_heart *heart, tl_heartbeats *beats) {
     case 'y':
         _exit(65);
     case 'b':
-        be_well_and_deaf(heart);
+        be_well_and_deaf(heartbeat);
         break;
     default:
         hang();
@@ -126,8 +126,8 @@ static void suffer(char what) {
 
 static int finish(char what, bool asked, tl_heartbeats *beats) {
     int code = what == '6' ? 65 : what == '7' || what == '8' ? 70 : 0;
-    tl_farewell why = asked ? TL_FAREWELL_ASKED : TL_FAREWELL_OVER;
-    why = code == 0 ? why : what == '7' ? TL_FAREWELL_FAILED : TL_FAREWELL_REFUSED;
+    tl_end_cause why = asked ? TL_END_CAUSE_ASKED : TL_END_CAUSE_OVER;
+    why = code == 0 ? why : what == '7' ? TL_END_CAUSE_FAILED : TL_END_CAUSE_REFUSED;
     tl_heartbeats_announce(beats, why, code);
     if (what == 'l') {
         crash();
@@ -147,7 +147,7 @@ static void begin_late(void) {
     (void)signal(SIGTERM, note);
 }
 
-static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
+static int play(char what, tl_thread_heartbeat *heartbeat, tl_heartbeats *beats) {
     if (what == 'k') {
         crash();
     }
@@ -156,7 +156,7 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
     }
     if (what == 'd') {
         (void)signal(SIGTERM, SIG_DFL);
-        be_well(heart);
+        be_well(heartbeat);
     }
     if (what == 'e') {
         begin_late();
@@ -168,11 +168,11 @@ static int play(char what, tl_heart *heart, tl_heartbeats *beats) {
         tl_heartbeats_set_ready(beats);
     }
     if (strchr("cfxynb", what) != NULL) {
-        misbehave(what, heart, beats);
+        misbehave(what, heartbeat, beats);
     }
     suffer(what);
     if (strchr("waei", what) != NULL) {
-        be_well(heart);
+        be_well(heartbeat);
     }
     return finish(what, strchr("waeti", what) != NULL, beats);
 }
@@ -203,14 +203,14 @@ static int play_twin(tl_stage_part *played, const tl_start *start, char what) {
     stage->unreadable[which] = start->unreadable;
     stage->processes[which] = tl_stage_processes_of(getppid());
     (void)snprintf(stage->reason[which], TL_RESTARTS_REASON, "%s", start->reason);
-    return play(what, tl_heart_begin(&played->beats, "cycle", TL_SECOND), &played->beats);
+    return play(what, tl_thread_heartbeat_start(&played->beats, "cycle", TL_SECOND), &played->beats);
 }
 
 static int play_other(tl_stage_part *played, char what) {
     if (what == '\0') {
         return 99;
     }
-    int code = play(what, tl_heart_begin(&played->beats, "writer", TL_SECOND), &played->beats);
+    int code = play(what, tl_thread_heartbeat_start(&played->beats, "writer", TL_SECOND), &played->beats);
     played->order = __atomic_add_fetch(&stage->ends, 1, __ATOMIC_SEQ_CST);
     return code;
 }

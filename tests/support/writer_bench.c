@@ -27,20 +27,20 @@ static void *share(size_t bytes) {
 static void make_memory(tl_writer_bench *bench) {
     const tl_recorder_shape shape = {
         .plant = TL_MADE_PLANT, .match = TL_MADE_MATCH, .adjust = TL_MADE_ADJUST, .components = TL_MADE_COMPONENTS};
-    bench->settings[0] = (tl_outbox_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
-    bench->settings[0].ring_bytes = tl_outbox_ring_bytes(&shape, bench->record.step);
-    bench->settings[TL_BENCH_IO] = (tl_outbox_settings){.shape = shape};
+    bench->settings[0] = (tl_record_queue_settings){.shape = shape, .checkpoint_bytes = TL_BENCH_CHECKPOINT};
+    bench->settings[0].ring_bytes = tl_record_queue_ring_bytes(&shape, bench->record.step);
+    bench->settings[TL_BENCH_IO] = (tl_record_queue_settings){.shape = shape};
     bench->settings[TL_BENCH_OTHER] = bench->settings[TL_BENCH_TWIN];
     bench->state = share(sizeof *bench->state);
-    for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
-        bench->bytes[i] = tl_outbox_bytes(&bench->settings[i]);
+    for (int i = 0; i < TL_BENCH_QUEUES; i++) {
+        bench->bytes[i] = tl_record_queue_bytes(&bench->settings[i]);
         bench->memory[i] = share(bench->bytes[i]);
-        bench->outboxes[i] =
-            (tl_recorder_writer_outbox){i == TL_BENCH_IO ? "io" : "twin", bench->settings[i], bench->memory[i]};
+        bench->queues[i] =
+            (tl_recorder_writer_queue){i == TL_BENCH_IO ? "io" : "twin", bench->settings[i], bench->memory[i]};
     }
-    tl_outbox_open(&bench->settings[0], bench->memory[0], &bench->state->taken[0], &bench->twin);
-    tl_outbox_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
-    tl_outbox_open(&bench->settings[2], bench->memory[2], &bench->state->taken[2], &bench->other);
+    tl_record_queue_open(&bench->settings[0], bench->memory[0], &bench->state->taken[0], &bench->twin);
+    tl_record_queue_open(&bench->settings[1], bench->memory[1], &bench->state->taken[1], &bench->io);
+    tl_record_queue_open(&bench->settings[2], bench->memory[2], &bench->state->taken[2], &bench->other);
     bench->ring = TL_BENCH_TWIN;
     bench->goes_on = false;
     bench->is_last = false;
@@ -51,7 +51,7 @@ static void make_memory(tl_writer_bench *bench) {
 
 static void free_memory(tl_writer_bench *bench) {
     (void)tl_recorder_writer_close(bench->writer, 0, NULL);
-    for (int i = 0; i < TL_BENCH_OUTBOXES; i++) {
+    for (int i = 0; i < TL_BENCH_QUEUES; i++) {
         (void)munmap(bench->memory[i], bench->bytes[i]);
     }
     (void)munmap(bench->state, sizeof *bench->state);
@@ -86,11 +86,11 @@ static bool goes_on(void *context) {
 }
 
 tl_status tl_writer_bench_try_open(tl_writer_bench *bench) {
-    bench->outboxes[TL_BENCH_TWIN].memory = bench->ring == TL_BENCH_TWIN ? bench->memory[TL_BENCH_TWIN] : NULL;
-    bench->outboxes[TL_BENCH_OTHER].memory = bench->ring == TL_BENCH_OTHER ? bench->memory[TL_BENCH_OTHER] : NULL;
+    bench->queues[TL_BENCH_TWIN].memory = bench->ring == TL_BENCH_TWIN ? bench->memory[TL_BENCH_TWIN] : NULL;
+    bench->queues[TL_BENCH_OTHER].memory = bench->ring == TL_BENCH_OTHER ? bench->memory[TL_BENCH_OTHER] : NULL;
     const tl_recorder_writer_settings settings = {.record = &bench->record,
-                                                  .outboxes = bench->outboxes,
-                                                  .outbox_count = TL_BENCH_OUTBOXES,
+                                                  .queues = bench->queues,
+                                                  .queue_count = TL_BENCH_QUEUES,
                                                   .ring = bench->ring,
                                                   .hand_over = TL_BENCH_HAND_OVER,
                                                   .goes_on = goes_on,
@@ -151,9 +151,9 @@ void tl_writer_bench_live(tl_writer_bench *bench, tl_time until, void (*write)(v
 }
 
 void tl_writer_bench_start(tl_writer_bench *bench, tl_time start) {
-    static tl_outbox_start made; /* too large for a stack */
+    static tl_record_queue_start made; /* too large for a stack */
     tl_made_beginning(start, &made);
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench->twin, &made));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&bench->twin, &made));
 }
 
 void tl_writer_bench_put(tl_writer_bench *bench, int64_t first, int64_t ticks) {
@@ -164,7 +164,7 @@ void tl_writer_bench_record(tl_writer_bench *bench, int64_t ticks) {
     tl_writer_bench_open(bench);
     tl_writer_bench_start(bench, 0);
     tl_writer_bench_put(bench, 0, ticks);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench->twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench->twin, "SIGTERM"));
     tl_writer_bench_close_well(bench);
 }
 

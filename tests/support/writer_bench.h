@@ -15,7 +15,7 @@
 #include "firmware/store/recorder_writer.h"
 #include "tests/support/scratch.h"
 
-enum { TL_BENCH_TWIN, TL_BENCH_IO, TL_BENCH_OTHER, TL_BENCH_OUTBOXES };
+enum { TL_BENCH_TWIN, TL_BENCH_IO, TL_BENCH_OTHER, TL_BENCH_QUEUES };
 enum { TL_BENCH_CHECKPOINT = 20000 };
 
 /* The reason with which a run in one ring hands over to one in the other. */
@@ -25,13 +25,13 @@ typedef struct tl_writer_bench {
     tl_scratch scratch;
     char path[PATH_MAX]; /* run.db */
     tl_recorder_settings record;
-    tl_outbox_settings settings[TL_BENCH_OUTBOXES];
-    tl_recorder_writer_outbox outboxes[TL_BENCH_OUTBOXES];
-    void *memory[TL_BENCH_OUTBOXES];
-    size_t bytes[TL_BENCH_OUTBOXES];
-    tl_outbox twin;
-    tl_outbox io;
-    tl_outbox other;
+    tl_record_queue_settings settings[TL_BENCH_QUEUES];
+    tl_recorder_writer_queue queues[TL_BENCH_QUEUES];
+    void *memory[TL_BENCH_QUEUES];
+    size_t bytes[TL_BENCH_QUEUES];
+    tl_record_queue twin;
+    tl_record_queue io;
+    tl_record_queue other;
     size_t ring;  /* that is read: of the twin, at first, or of the other one; the outbox without is not there then */
     bool goes_on; /* as in recorder_writer.h: what that says */
     tl_recorder_writer_state *state;

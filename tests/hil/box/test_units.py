@@ -7,7 +7,7 @@ import time
 import twinlock_test
 from twinlock_test import HUNG_S, BUILD, expect
 
-PROGRAMS = ["test_component", "test_csv_live", "test_journal", "test_lock", "test_mailbox", "test_plant_server"]
+PROGRAMS = ["test_component", "test_csv_live", "test_journal", "test_synchroniser", "test_sample_buffer", "test_plant_server"]
 
 
 def test_units():

@@ -19,7 +19,7 @@
 #include "description.h"
 #include "fmus/common/model.h"
 
-/* Each byte of where a process says why and with which code it ends, which is in these first ones: TL_FAREWELL_OVER (firmware/process/heartbeat.h). */
+/* Each byte of where a process says why and with which code it ends, which is in these first ones: TL_END_CAUSE_OVER (firmware/process/heartbeat.h). */
 enum { OVER = 2, PULSE = 4096 };
 
 typedef struct unruly {

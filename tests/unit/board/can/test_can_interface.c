@@ -30,7 +30,7 @@ static void test_none_of_that_name(void) {
     tl_can_state state;
     TEST_ASSERT_EQUAL_INT(0, tl_can_interface_index(any_socket, "nowhere0"));
     TEST_ASSERT_EQUAL_INT(ENODEV, errno);
-    TEST_ASSERT_FALSE(tl_can_interface_look(any_socket, "nowhere0", &state));
+    TEST_ASSERT_FALSE(tl_can_interface_probe(any_socket, "nowhere0", &state));
 }
 
 /* Its frames are as long as those of CAN FD. */
@@ -39,7 +39,7 @@ static void test_its_state(void) {
     if (getenv("TL_EMULATOR") != NULL) {
         TEST_IGNORE_MESSAGE("an emulator does not ask for everything");
     }
-    TEST_ASSERT_TRUE(tl_can_interface_look(any_socket, "lo", &state));
+    TEST_ASSERT_TRUE(tl_can_interface_probe(any_socket, "lo", &state));
     TEST_ASSERT_EQUAL_INT(state.up, state.running);
     TEST_ASSERT_TRUE(state.fd);
 }

@@ -58,11 +58,11 @@ static void test_a_change_is_told_once(void) {
 
 static void test_trouble_leaves_the_link_as_it_is(void) {
     tl_link link = {.state = TL_LINK_UNKNOWN};
-    tl_link_tell(&link, &SINK, "device", "not known yet");
+    tl_link_report(&link, &SINK, "device", "not known yet");
     expect_told(1, false, "device: not known yet");
     TEST_ASSERT_TRUE(tl_link_change(&link, true));
-    tl_link_tell(&link, &SINK, "part", "in trouble");
-    tl_link_tell(&link, &SINK, "part", "in trouble");
+    tl_link_report(&link, &SINK, "part", "in trouble");
+    tl_link_report(&link, &SINK, "part", "in trouble");
     expect_told(3, true, "part: in trouble");
     TEST_ASSERT_TRUE(tl_link_is_up(&link));
 }
@@ -81,7 +81,7 @@ static void test_a_long_text_is_cut(void) {
     tl_link link = {.state = TL_LINK_UP};
     memset(who, 'w', sizeof who - 1);
     who[sizeof who - 1] = '\0';
-    tl_link_tell(&link, &SINK, who, "in trouble");
+    tl_link_report(&link, &SINK, who, "in trouble");
     TEST_ASSERT_EQUAL_size_t(TL_LINK_TEXT - 1, strlen(last_text));
 }
 

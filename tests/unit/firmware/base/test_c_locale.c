@@ -86,9 +86,9 @@ static void on_link(void *context, const char *source, bool up, const char *text
 /* A source's thread reads a CSV file: deaf, all its cells would be no numbers. */
 static void test_a_live_source(void) {
     static const char *const columns[] = {"u"};
-    static tl_mailbox_slot slots[1];
+    static tl_sample_buffer_slot slots[1];
     static uint64_t posts;
-    static tl_plant_input input = {.count = 1, .mailboxes = {{.slots = slots, .count = &posts, .depth = 1}}};
+    static tl_plant_input input = {.count = 1, .buffers = {{.slots = slots, .count = &posts, .depth = 1}}};
     const char *path = tl_scratch_path(&scratch, "live.csv");
     const tl_csv_settings settings = {.path = path, .time_column = "time", .columns = columns, .column_count = 1};
     tl_plant_source source = {.name = "csv", .driver = &tl_csv_driver, .period = TL_SECOND / 1000};
@@ -102,7 +102,7 @@ static void test_a_live_source(void) {
     source.signal_count = 1;
     input.limits[0] = (tl_plant_limits){.minimum = -10, .maximum = 10};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_csv_open_live(&settings, &source.io, &error));
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(&source, 1, input.mailboxes, on_link, NULL, &readers, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(&source, 1, input.buffers, on_link, NULL, &readers, &error));
     while (__atomic_load_n(&posts, __ATOMIC_ACQUIRE) == 0) {
         const struct timespec pause = {.tv_nsec = 1000000};
         (void)nanosleep(&pause, NULL);

@@ -25,7 +25,7 @@ static tl_test_verdict run, own;
 static tl_block blocks[TL_LIVE_BLOCKS];
 static tl_plant_input input;
 static tl_live_job job;
-static tl_block mail;
+static tl_block sample_memory;
 static tl_error error;
 
 /* So that no block is made at one of their numbers. */
@@ -49,7 +49,7 @@ void tearDown(void) {
     for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
         tl_block_close(&blocks[i]);
     }
-    tl_block_close(&mail);
+    tl_block_close(&sample_memory);
     tl_config_free(&run.config);
     tl_config_free(&own.config);
     tl_plant_input_close(&input);
@@ -81,16 +81,16 @@ static void give(int number, size_t size) {
 }
 
 static void give_mail(int number, const tl_config *config, tl_block *block) {
-    tl_plant_mail_shape shape;
-    tl_plant_mail_shape_of(config, &shape);
+    tl_sample_buffers_shape shape;
+    tl_sample_buffers_shape_of(config, &shape);
     TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_block_make("mail", tl_plant_mail_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
+                          tl_block_make("mail", tl_sample_buffers_bytes(&shape), TL_BLOCK_THEY_WRITE, block, &error));
     put(number, block);
 }
 
 static void give_rest(void) {
     size_t sizes[TL_LIVE_BLOCKS];
-    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_PULSE, TL_LIVE_OUTBOX, TL_LIVE_TUNING, TL_LIVE_STAGE};
+    const int wanted[] = {TL_LIVE_IO_BEATS, TL_LIVE_TWIN_PULSE, TL_LIVE_QUEUE, TL_LIVE_TUNING, TL_HANDOVER};
     tl_live_block_sizes(&own.config, sizes);
     for (size_t i = 0; i < sizeof wanted / sizeof wanted[0]; i++) {
         give(wanted[i], sizes[wanted[i]]);
@@ -105,12 +105,12 @@ static tl_status take(void) {
 
 /* As io would. */
 static void post(tl_block *block, const tl_config *config, size_t signal, double value) {
-    tl_mailbox mailboxes[TL_MAX_SIGNALS];
-    tl_plant_mail_shape shape;
+    tl_sample_buffer buffers[TL_MAX_SIGNALS];
+    tl_sample_buffers_shape shape;
     const tl_reading reading = {.value = value, .stamp = 1000, .quality = TL_GOOD};
-    tl_plant_mail_shape_of(config, &shape);
-    tl_plant_mail_open(&shape, block->bytes, mailboxes);
-    tl_mailbox_post(&mailboxes[signal], &reading);
+    tl_sample_buffers_shape_of(config, &shape);
+    tl_sample_buffers_open(&shape, block->bytes, buffers);
+    tl_sample_buffer_post(&buffers[signal], &reading);
 }
 
 static void expect(size_t signal, double value, tl_quality quality) {
@@ -122,10 +122,10 @@ static void expect(size_t signal, double value, tl_quality quality) {
 
 static void test_the_plant_of_the_run(void) {
     edit("\"name\": \"motor\"", "\"name\": \"motor\", \"$schema\": \"x\"");
-    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
-    post(&mail, &run.config, W, 1.0);
+    post(&sample_memory, &run.config, W, 1.0);
     expect(W, 1.0, TL_GOOD);
 }
 
@@ -135,17 +135,17 @@ static void test_other_look_ups_than_the_run(void) {
          "\"connect\": [[\"plant.w\", \"motor.u\"]], \"synchronise\": {\"adjust\": {\"motor.k\": {\"step\": 1}},"
          " \"match\": {\"motor.omega\": {\"to\": \"plant.w\", \"tolerance\": 1,"
          " \"condition\": {\"low_pass_s\": 1}}}}");
-    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, take(), error.text);
     TEST_ASSERT_TRUE(own.config.signal_count > run.config.signal_count);
-    post(&mail, &run.config, W, 1.0);
+    post(&sample_memory, &run.config, W, 1.0);
     expect(W, 1.0, TL_GOOD);
 }
 
 static void test_a_mail_of_another_size(void) {
     edit("10.0.0.9\"", "10.0.0.8\", \"period_s\": 0.001");
-    give_mail(TL_LIVE_MAIL, &run.config, &mail);
+    give_mail(TL_LIVE_MAIL, &run.config, &sample_memory);
     give_rest();
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, take());
 }

@@ -13,11 +13,11 @@
 #define OTHER "bbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbbb"
 #define TUNED "cccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccccc"
 
-static tl_live_activator_pulse pulse;
-static tl_live_twin_pulse twins[TL_LIVE_PLACES];
-static tl_live_tuning tunings[TL_LIVE_PLACES];
+static tl_live_config_manager_pulse pulse;
+static tl_live_twin_pulse twins[TL_TWIN_SLOTS];
+static tl_live_tuning tunings[TL_TWIN_SLOTS];
 static tl_live_recorder_pulse recorder;
-static tl_live_stage stage;
+static tl_handover stage;
 static tl_live_candidate candidate;
 static tl_live_host host;
 static tl_activation_host functions;
@@ -64,23 +64,23 @@ static void obey(tl_live_shadow state, const char *text) {
 
 static void announce(void) {
     stage.to = 1 - stage.place;
-    stage.flips++;
+    stage.handovers++;
     stage.order = pulse.order.number;
 }
 
-static tl_lock_yardstick yardstick_in(size_t place) {
-    tl_lock_yardstick found;
-    TEST_ASSERT_TRUE(tl_latest_read(&tunings[place].yardstick, &found, sizeof found));
+static tl_lock_tolerances tolerances_in(size_t place) {
+    tl_lock_tolerances found;
+    TEST_ASSERT_TRUE(tl_latest_read(&tunings[place].tolerances, &found, sizeof found));
     return found;
 }
 
 static bool begin(const char *text, const char *of) {
-    const tl_lock_yardstick yardstick = {.match[1] = {0.5, 2.0}};
+    const tl_lock_tolerances tolerances = {.match[1] = {0.5, 2.0}};
     const tl_activation_candidate given = {
         .text = text,
         .size = strlen(text),
         .hash = of,
-        .yardstick = &yardstick,
+        .tolerances = &tolerances,
         .needs = {.match = 3, .adjust = 2, .components = 4, .unpacked_bytes = 99, .signals = 7}};
     return functions.begin_shadow(functions.context, &given);
 }
@@ -90,8 +90,8 @@ static tl_activation_phase phase(void) {
     return shadow.phase;
 }
 
-static tl_activation_news flipped(void) {
-    return functions.has_flipped(functions.context, why);
+static tl_activation_news handed_over(void) {
+    return functions.has_handed_over(functions.context, why);
 }
 
 static const char *in_force(void) {
@@ -114,10 +114,10 @@ static void publish(uint32_t place, tl_run_status *figures) {
 static void test_a_candidate_is_handed_over(void) {
     TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_NO_SHADOW, phase());
     TEST_ASSERT_TRUE(begin("{ \"a\": 1 }", OTHER));
-    TEST_ASSERT_EQUAL_DOUBLE(0.5, yardstick_in(1).match[1].tolerance);
-    functions.judge_by(functions.context, &(tl_lock_yardstick){.match[0] = {3.0, 1.0}});
-    TEST_ASSERT_EQUAL_DOUBLE(3.0, yardstick_in(0).match[0].tolerance);
-    TEST_ASSERT_EQUAL_DOUBLE(0.0, yardstick_in(1).match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, tolerances_in(1).match[1].tolerance);
+    functions.judge_by(functions.context, &(tl_lock_tolerances){.match[0] = {3.0, 1.0}});
+    TEST_ASSERT_EQUAL_DOUBLE(3.0, tolerances_in(0).match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(0.0, tolerances_in(1).match[0].tolerance);
     TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
     TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW, pulse.order.verb);
     TEST_ASSERT_EQUAL_UINT32(3, pulse.order.needs.match);
@@ -133,7 +133,7 @@ static void test_a_candidate_is_handed_over(void) {
 static void test_one_order_at_a_time(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     TEST_ASSERT_FALSE(begin("[]", TUNED));
-    TEST_ASSERT_FALSE(functions.flip(functions.context));
+    TEST_ASSERT_FALSE(functions.handover(functions.context));
     TEST_ASSERT_EQUAL_STRING("{}", candidate.text);
     TEST_ASSERT_EQUAL_UINT32(1, pulse.order.number);
 }
@@ -234,52 +234,52 @@ static void test_files_of_fmus(void) {
 
 /* ---- a flip ---- */
 
-static void begin_and_flip(void) {
+static void begin_and_handover(void) {
     TEST_ASSERT_TRUE(begin("{}", OTHER));
     obey(TL_LIVE_SHADOW_LIVES, "");
-    TEST_ASSERT_TRUE(functions.flip(functions.context));
-    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_FLIP, pulse.order.verb);
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+    TEST_ASSERT_TRUE(functions.handover(functions.context));
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_HAND_OVER, pulse.order.verb);
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
 }
 
-static void test_a_flip(void) {
-    begin_and_flip();
+static void test_a_handover(void) {
+    begin_and_handover();
     announce();
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
     TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
     stage.place = 1;
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
     TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
-    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    TEST_ASSERT_TRUE(functions.handover(functions.context));
     announce();
     stage.place = 0;
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
     TEST_ASSERT_EQUAL_STRING(FIRST, in_force());
 }
 
-static void test_a_flip_that_is_refused(void) {
-    begin_and_flip();
+static void test_a_handover_that_is_refused(void) {
+    begin_and_handover();
     obey(TL_LIVE_SHADOW_ENDED, "there is no shadow");
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, handed_over());
     TEST_ASSERT_EQUAL_STRING("there is no shadow", why);
 }
 
 /* The one before has ordered it, and died. */
-static void test_a_successor_sees_what_came_of_a_flip(void) {
-    begin_and_flip();
+static void test_a_successor_sees_what_came_of_a_handover(void) {
+    begin_and_handover();
     begin_host();
     memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_WAITS, handed_over());
     announce();
     stage.place = 1;
     begin_host();
     memcpy(host.hash[1], OTHER, sizeof host.hash[1]);
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_TAKEN, handed_over());
     TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
-    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    TEST_ASSERT_TRUE(functions.handover(functions.context));
     obey(TL_LIVE_SHADOW_ENDED, "it has died");
     begin_host();
-    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, flipped());
+    TEST_ASSERT_EQUAL_INT(TL_ACTIVATION_REFUSED, handed_over());
 }
 
 /* ---- tunings and figures follow ---- */
@@ -289,7 +289,7 @@ static void test_tunings_are_of_the_runs_place(void) {
     TEST_ASSERT_EQUAL_UINT32(2, tl_live_tuning_number(&tunings[0]));
     TEST_ASSERT_EQUAL_STRING(TUNED, in_force());
     recorder.state.tuning = 2;
-    begin_and_flip();
+    begin_and_handover();
     announce();
     stage.place = 1;
     TEST_ASSERT_EQUAL_STRING(OTHER, in_force());
@@ -307,12 +307,12 @@ static void test_tunings_are_of_the_runs_place(void) {
 /* Another twin was told it. */
 static void test_a_new_tenant_takes_no_tuning_of_the_one_before(void) {
     tl_live_tuning_head head;
-    begin_and_flip();
+    begin_and_handover();
     announce();
     stage.place = 1;
     TEST_ASSERT_TRUE(tune(TUNED));
     recorder.state.tuning = 2;
-    TEST_ASSERT_TRUE(functions.flip(functions.context));
+    TEST_ASSERT_TRUE(functions.handover(functions.context));
     announce();
     stage.place = 0;
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_live_tuning_read(&tunings[1], &head, NULL));
@@ -341,7 +341,7 @@ static void test_failures_are_those_of_the_configuration(void) {
 
 /* The supervisor says it; an FMU's name may be in it. */
 static void test_why_the_twin_has_failed(void) {
-    char failure[TL_LIVE_STAGE_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
+    char failure[TL_HANDOVER_WHY] = "it hung, in fmi2DoStep of mo\x1btor";
     functions.look(functions.context, &view);
     TEST_ASSERT_EQUAL_STRING("", view.figures.failure);
     tl_latest_publish(&stage.failure, failure, sizeof failure);
@@ -403,9 +403,9 @@ int main(void) {
     RUN_TEST(test_an_end_waits_until_it_can_be_ordered);
     RUN_TEST(test_a_shadow_is_looked_at);
     RUN_TEST(test_files_of_fmus);
-    RUN_TEST(test_a_flip);
-    RUN_TEST(test_a_flip_that_is_refused);
-    RUN_TEST(test_a_successor_sees_what_came_of_a_flip);
+    RUN_TEST(test_a_handover);
+    RUN_TEST(test_a_handover_that_is_refused);
+    RUN_TEST(test_a_successor_sees_what_came_of_a_handover);
     RUN_TEST(test_tunings_are_of_the_runs_place);
     RUN_TEST(test_a_new_tenant_takes_no_tuning_of_the_one_before);
     RUN_TEST(test_failures_are_those_of_the_configuration);

@@ -4,7 +4,7 @@
 #include <unity.h>
 
 #include "firmware/live/live_blocks.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 #include "tests/support/course_record.h"
 #include "tests/support/scratch.h"
 
@@ -14,9 +14,9 @@ static tl_scratch scratch;
 static tl_course_record run;
 static tl_live_twin_pulse pulse;
 static tl_live_past_answer answer;
-static tl_block past;
+static tl_block resume;
 static tl_live_samples wishes;
-static tl_past samples;
+static tl_resume samples;
 static tl_error error;
 
 void setUp(void) {
@@ -25,24 +25,24 @@ void setUp(void) {
     tl_course_record_to(&run, NEWEST);
     memset(&pulse, 0, sizeof pulse);
     memset(&answer, 0, sizeof answer);
-    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("past", ROOM, TL_BLOCK_THEY_WRITE, &past, &error));
-    wishes = (tl_live_samples){.pulse = &pulse, .answer = &answer, .past = &past, .boot = run.boot};
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("past", ROOM, TL_BLOCK_THEY_WRITE, &resume, &error));
+    wishes = (tl_live_samples){.pulse = &pulse, .answer = &answer, .resume = &resume, .boot = run.boot};
 }
 
 void tearDown(void) {
-    tl_block_close(&past);
+    tl_block_close(&resume);
     tl_course_record_close(&run);
     tl_scratch_empty(&scratch);
 }
 
 static void wish(uint32_t number, int64_t from) {
     pulse.past_from = from;
-    pulse.past = tl_live_wish_of(7, number);
+    pulse.resume = tl_live_wish_of(7, number);
 }
 
 static tl_status read_past(void) {
-    return tl_past_read_samples(past.bytes, (size_t)answer.size, &run.course.assembly.config, run.course.start,
-                                &samples, &error);
+    return tl_resume_read_samples(resume.bytes, (size_t)answer.size, &run.course.assembly.config, run.course.start,
+                                  &samples, &error);
 }
 
 static void test_one_wish_after_the_other(void) {
@@ -50,18 +50,18 @@ static void test_one_wish_after_the_other(void) {
     TEST_ASSERT_EQUAL_UINT64(0, answer.wish);
     wish(1, 40);
     tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, read_past(), error.text);
     TEST_ASSERT_EQUAL_INT64(40, samples.first);
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.last);
     wish(2, NEWEST);
     tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
     TEST_ASSERT_EQUAL_INT(TL_OK, read_past());
     TEST_ASSERT_EQUAL_INT64(NEWEST, samples.first);
     wish(3, NEWEST + 1);
     tl_live_samples_look(&wishes, run.path);
-    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_EQUAL_STRING("", answer.words[0].text);
 }
@@ -81,7 +81,7 @@ static void test_nobody_wants_any_more(void) {
     tl_live_samples_look(&wishes, run.path);
     pulse.begun = 1;
     tl_live_samples_look(&wishes, run.path);
-    const unsigned char *bytes = past.bytes;
+    const unsigned char *bytes = resume.bytes;
     for (size_t i = 0; i < ROOM; i++) {
         TEST_ASSERT_EQUAL_UINT8(0, bytes[i]);
     }
@@ -93,7 +93,7 @@ static void test_nobody_wants_any_more(void) {
 static void test_a_database_that_is_none(void) {
     wish(1, 40);
     tl_live_samples_look(&wishes, "/nowhere/run.db");
-    TEST_ASSERT_EQUAL_UINT64(pulse.past, answer.wish);
+    TEST_ASSERT_EQUAL_UINT64(pulse.resume, answer.wish);
     TEST_ASSERT_EQUAL_UINT64(0, answer.size);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(answer.words[0].text, "/nowhere/run.db"), answer.words[0].text);
 }

@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 
 static tl_bound_stay stay;
 static tl_time now;

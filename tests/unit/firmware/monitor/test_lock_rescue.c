@@ -3,7 +3,7 @@
 
 #include <unity.h>
 
-#include "firmware/monitor/lock_judge.h"
+#include "firmware/monitor/lock_monitor.h"
 
 enum { WINDOW = 100, PART = 10 }; /* steps of 10 ms */
 
@@ -11,7 +11,7 @@ static tl_plan_adjust adjust[1];
 static tl_plan_match match[1];
 static tl_config config;
 static tl_account account;
-static tl_lock_rescue rescue;
+static tl_recovery recovery;
 static tl_record record;
 static int64_t resets[32]; /* before these steps */
 static int count;
@@ -28,7 +28,7 @@ void setUp(void) {
     config.match_count = 1;
     config.step = TL_SECOND / 100;
     account.adjust[0] = (tl_account_adjust){.type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
-    tl_lock_rescue_init(&rescue, &config, &account);
+    tl_recovery_init(&recovery, &config, &account);
     record.outcome = TL_OPTIMISED;
 }
 
@@ -39,7 +39,7 @@ static void run(double away, int steps) {
     for (int i = 0; i < steps; i++) {
         const tl_lock_change *change = NULL;
         record.y[0] = i % 2 == 0 ? away : -away;
-        bool is_due = tl_lock_rescue_step(&rescue, &record, &change);
+        bool is_due = tl_recovery_step(&recovery, &record, &change);
         record.flags = is_due ? TL_FLAG_RESET : 0;
         record.step++;
         if (is_due) {
@@ -94,7 +94,7 @@ static void test_what_is_forgiven(void) {
 
 static void test_strokes_are_left_alone(void) {
     config.event.start.signal = "plant.valve";
-    tl_lock_rescue_init(&rescue, &config, &account);
+    tl_recovery_init(&recovery, &config, &account);
     record.outcome = TL_NOMINAL;
     record.objective = 1e9;
     run(1000, 1000);

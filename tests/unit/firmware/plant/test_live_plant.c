@@ -10,7 +10,7 @@
 #include "firmware/base/os.h"
 #include "firmware/cli/plant_server.h"
 #include "firmware/plant/live_plant.h"
-#include "firmware/plant/mailbox.h"
+#include "firmware/plant/sample_buffer.h"
 #include "tests/support/config_text.h"
 #include "tests/support/device_value.h"
 #include "tests/support/scratch.h"
@@ -41,7 +41,7 @@ static tl_scratch scratch;
 static tl_test_verdict verdict;
 static tl_plant_server *server;
 static tl_live_plant *plant;
-static void *mail;
+static void *sample_memory;
 static tl_plant_input input;
 static tl_error error;
 
@@ -77,12 +77,12 @@ void setUp(void) {
     links[0] = '\0';
     server = NULL;
     plant = NULL;
-    mail = NULL;
+    sample_memory = NULL;
 }
 
 void tearDown(void) {
     tl_live_plant_close(plant);
-    free(mail);
+    free(sample_memory);
     if (server != NULL) {
         tl_plant_server_stop(server);
     }
@@ -115,20 +115,20 @@ static void read_config(unsigned port) {
 /* The mail is made once for each test, as it outlives a plant. */
 static tl_status try_to_open(void) {
     const tl_config *config = &verdict.config;
-    tl_plant_mail_shape shape;
-    if (mail == NULL) {
+    tl_sample_buffers_shape shape;
+    if (sample_memory == NULL) {
         tl_live_plant_set_limits(&input, config);
-        tl_plant_mail_shape_of(config, &shape);
-        mail = calloc(1, tl_plant_mail_bytes(&shape));
-        TEST_ASSERT_NOT_NULL(mail);
-        tl_plant_mail_open(&shape, mail, input.mailboxes);
+        tl_sample_buffers_shape_of(config, &shape);
+        sample_memory = calloc(1, tl_sample_buffers_bytes(&shape));
+        TEST_ASSERT_NOT_NULL(sample_memory);
+        tl_sample_buffers_open(&shape, sample_memory, input.buffers);
     }
-    tl_mailbox mailboxes[TL_MAX_SIGNALS]; /* which the plant copies */
-    memcpy(mailboxes, input.mailboxes, sizeof mailboxes);
+    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* which the plant copies */
+    memcpy(buffers, input.buffers, sizeof buffers);
     const tl_live_plant_settings settings = {
-        .config = config, .kinds = TL_LIVE_PLANT_ALL, .mailboxes = mailboxes, .on_link = on_link, .context = links};
+        .config = config, .kinds = TL_LIVE_PLANT_ALL, .buffers = buffers, .on_link = on_link, .context = links};
     tl_status status = tl_live_plant_open(&settings, &plant, &error);
-    memset(mailboxes, 0xff, sizeof mailboxes);
+    memset(buffers, 0xff, sizeof buffers);
     return status;
 }
 
@@ -222,7 +222,7 @@ static void test_a_missing_file_is_waited_for(void) {
 }
 
 /* As a new process would, in the same memory: what was read before stays, and what a post of the dead one has left is mended. */
-static void test_a_successor_goes_on_in_the_mailboxes(void) {
+static void test_a_successor_goes_on_in_the_buffers(void) {
     start_server(0);
     write_rows();
     read_config(tl_plant_server_port(server));
@@ -232,16 +232,16 @@ static void test_a_successor_goes_on_in_the_mailboxes(void) {
     plant = NULL;
     tl_time before = tl_clock_now(NULL);
     tl_sample old = take();
-    const tl_mailbox *mailbox = &input.mailboxes[0];
-    uint64_t posts = *mailbox->count;
-    mailbox->slots[posts % mailbox->depth].sequence = 2 * posts + 1;
+    const tl_sample_buffer *buffer = &input.buffers[0];
+    uint64_t posts = *buffer->count;
+    buffer->slots[posts % buffer->depth].sequence = 2 * posts + 1;
     tl_test_set_value(server, 0, 2.5);
     open_plant();
     tl_time until = tl_clock_now(NULL) + PATIENCE;
     while (take().values[0] != 2.5) {
         TEST_ASSERT_TRUE_MESSAGE(tl_clock_now(NULL) < until, "nothing new");
     }
-    TEST_ASSERT_TRUE(*mailbox->count > posts);
+    TEST_ASSERT_TRUE(*buffer->count > posts);
     tl_sample again;
     tl_plant_input_take(&input, 0, before, &again);
     TEST_ASSERT_EQUAL_DOUBLE(1.5, again.values[0]);
@@ -291,7 +291,7 @@ int main(void) {
     RUN_TEST(test_values_are_judged_as_configured);
     RUN_TEST(test_a_dead_device_does_not_stop_the_others);
     RUN_TEST(test_a_missing_file_is_waited_for);
-    RUN_TEST(test_a_successor_goes_on_in_the_mailboxes);
+    RUN_TEST(test_a_successor_goes_on_in_the_buffers);
     RUN_TEST(test_a_signal_without_a_source);
     RUN_TEST(test_a_bus_that_is_not_there);
     RUN_TEST(test_closing_is_quick);

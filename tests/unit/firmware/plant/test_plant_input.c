@@ -9,23 +9,23 @@
 
 enum { SIGNALS = 2, DEPTH = 256 };
 
-static tl_mailbox_slot slots[SIGNALS][DEPTH];
+static tl_sample_buffer_slot slots[SIGNALS][DEPTH];
 static uint64_t counts[SIGNALS];
 static tl_plant_input input;
 static tl_sample sample;
 
-static void empty_mailboxes(void) {
+static void empty_buffers(void) {
     memset(slots, 0, sizeof slots);
     memset(counts, 0, sizeof counts);
 }
 
 void setUp(void) {
-    empty_mailboxes();
+    empty_buffers();
     memset(&input, 0, sizeof input);
     memset(&sample, 0xA5, sizeof sample);
     input.count = 1;
     for (size_t i = 0; i < SIGNALS; i++) {
-        input.mailboxes[i] = (tl_mailbox){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
+        input.buffers[i] = (tl_sample_buffer){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
     }
     input.limits[0] = (tl_plant_limits){.minimum = -HUGE_VAL, .maximum = HUGE_VAL, .stale = 0, .type = TL_REAL};
 }
@@ -34,12 +34,12 @@ void tearDown(void) {}
 
 static void post(double value, tl_time stamp, tl_quality quality) {
     tl_reading reading = {.value = value, .stamp = stamp, .quality = quality};
-    tl_mailbox_post(&input.mailboxes[0], &reading);
+    tl_sample_buffer_post(&input.buffers[0], &reading);
 }
 
 /* Posts a value at 1000 and looks at 1000. */
 static void expect(double value, tl_quality quality) {
-    empty_mailboxes();
+    empty_buffers();
     post(value, 1000, TL_GOOD);
     tl_plant_input_take(&input, 3, 1000, &sample);
     TEST_ASSERT_EQUAL_INT(quality, sample.quality[0]);
@@ -124,8 +124,8 @@ static void test_signals_are_apart(void) {
     input.count = 2;
     input.limits[1] = (tl_plant_limits){.minimum = 0, .maximum = 1, .type = TL_REAL};
     tl_reading reading = {.value = 2, .stamp = 5, .quality = TL_GOOD};
-    tl_mailbox_post(&input.mailboxes[0], &reading);
-    tl_mailbox_post(&input.mailboxes[1], &reading);
+    tl_sample_buffer_post(&input.buffers[0], &reading);
+    tl_sample_buffer_post(&input.buffers[1], &reading);
     tl_plant_input_take(&input, 0, 5, &sample);
     TEST_ASSERT_EQUAL_INT(TL_GOOD, sample.quality[0]);
     TEST_ASSERT_EQUAL_INT(TL_OUT_OF_RANGE, sample.quality[1]);
@@ -205,7 +205,7 @@ static void test_a_stamp_that_cannot_be(void) {
         const tl_time cannot[] = {INT64_MIN, INT64_MIN + 1, HERE[i] - TL_PLANT_FARTHEST - 1};
         input.limits[0].stale = 100;
         for (size_t j = 0; j < sizeof cannot / sizeof cannot[0]; j++) {
-            empty_mailboxes();
+            empty_buffers();
             post(7, cannot[j], TL_GOOD);
             tl_plant_input_take(&input, 0, HERE[i], &sample);
             TEST_ASSERT_EQUAL_INT(TL_NO_LINK, sample.quality[0]);
@@ -237,9 +237,9 @@ static void test_complete_once_all_signals_are_good(void) {
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
     post(1, 5, TL_GOOD);
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
-    tl_mailbox_post(&input.mailboxes[1], &bad);
+    tl_sample_buffer_post(&input.buffers[1], &bad);
     TEST_ASSERT_FALSE(tl_plant_input_is_complete(&input));
-    tl_mailbox_post(&input.mailboxes[1], &good);
+    tl_sample_buffer_post(&input.buffers[1], &good);
     TEST_ASSERT_TRUE(tl_plant_input_is_complete(&input));
 }
 
@@ -375,8 +375,8 @@ static void test_a_mean_over_a_step(void) {
 
 /* A thousand readings in a step: the first 256, and one line. */
 static void test_a_mean_of_a_flood(void) {
-    static tl_mailbox_slot many[2048];
-    input.mailboxes[0] = (tl_mailbox){.slots = many, .count = &counts[0], .depth = 2048};
+    static tl_sample_buffer_slot many[2048];
+    input.buffers[0] = (tl_sample_buffer){.slots = many, .count = &counts[0], .depth = 2048};
     for (int i = 0; i <= 1000; i++) {
         post(2, i * (STEP / 1000), TL_GOOD);
     }
@@ -476,7 +476,7 @@ static void test_a_tick_that_was_missed_sees_the_same(void) {
     static tl_sample in_time[40];
     const tl_condition condition = {.gate = 20, .median = 3, .low_pass = 7};
     for (int late = 0; late < 2; late++) {
-        empty_mailboxes();
+        empty_buffers();
         open_conditioned(condition, 25);
         for (int i = 0; i < 40; i++) {
             for (int k = 0; late == 0 ? k < 3 : i == 0 && k < 120; k++) {
@@ -538,12 +538,12 @@ static void test_conditioned_stamps_beyond_all(void) {
 }
 
 /* What a run is given instead of its mail. */
-static void test_another_mailbox(void) {
+static void test_another_buffer(void) {
     open_conditioned((tl_condition){.median = 3}, 0);
     post(1, 10, TL_GOOD);
     post(2, 20, TL_GOOD);
     tl_plant_input_take(&input, 0, 20, &sample);
-    input.mailboxes[0] = input.mailboxes[1];
+    input.buffers[0] = input.buffers[1];
     post(7, 20, TL_GOOD);
     post(3, 30, TL_GOOD);
     tl_plant_input_take(&input, 0, 30, &sample);
@@ -589,6 +589,6 @@ int main(void) {
     RUN_TEST(test_a_low_pass_is_looked_up_where_it_belongs);
     RUN_TEST(test_a_low_pass_whose_next_reading_has_not_come);
     RUN_TEST(test_conditioned_stamps_beyond_all);
-    RUN_TEST(test_another_mailbox);
+    RUN_TEST(test_another_buffer);
     return UNITY_END();
 }

@@ -5,14 +5,14 @@
 
 #include <unity.h>
 
-#include "firmware/plant/mailbox.h"
+#include "firmware/plant/sample_buffer.h"
 #include "tests/support/config_text.h"
 
 enum { COUNTS = 4096, SLOT = 32 };
 
 static tl_test_verdict verdict;
-static tl_plant_mail_shape shape;
-static tl_mailbox mailboxes[TL_MAX_SIGNALS];
+static tl_sample_buffers_shape shape;
+static tl_sample_buffer buffers[TL_MAX_SIGNALS];
 static void *memory;
 
 void setUp(void) {
@@ -43,7 +43,7 @@ static void read_config(const char *step_s, const char *period_s, const char *ha
     (void)snprintf(text, sizeof text, CONFIG, step_s, period_s, hang_s);
     tl_test_judge_text(text, strlen(text), &verdict);
     TEST_ASSERT_EQUAL_STRING("", verdict.problems[0].text);
-    tl_plant_mail_shape_of(&verdict.config, &shape);
+    tl_sample_buffers_shape_of(&verdict.config, &shape);
     TEST_ASSERT_EQUAL_size_t(3, shape.signals);
 }
 
@@ -76,21 +76,21 @@ static void test_at_least_256_and_at_most_65536(void) {
 }
 
 static void make_mail(void) {
-    memory = calloc(1, tl_plant_mail_bytes(&shape));
+    memory = calloc(1, tl_sample_buffers_bytes(&shape));
     TEST_ASSERT_NOT_NULL(memory);
-    tl_plant_mail_open(&shape, memory, mailboxes);
+    tl_sample_buffers_open(&shape, memory, buffers);
 }
 
-static void test_mailboxes_lie_one_behind_the_other(void) {
+static void test_buffers_lie_one_behind_the_other(void) {
     read_config("0.01", "0.001", "2");
-    size_t bytes = tl_plant_mail_bytes(&shape);
+    size_t bytes = tl_sample_buffers_bytes(&shape);
     TEST_ASSERT_EQUAL_size_t(COUNTS + (size_t)SLOT * (16384 + 16384 + 2048), bytes);
     make_mail();
     const unsigned char *end = (const unsigned char *)memory + COUNTS;
     for (size_t i = 0; i < 3; i++) {
-        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + 64 * i, mailboxes[i].count);
-        TEST_ASSERT_EQUAL_PTR(end, mailboxes[i].slots);
-        end += mailboxes[i].depth * sizeof *mailboxes[i].slots;
+        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + 64 * i, buffers[i].count);
+        TEST_ASSERT_EQUAL_PTR(end, buffers[i].slots);
+        end += buffers[i].depth * sizeof *buffers[i].slots;
     }
     TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + bytes, end);
 }
@@ -101,43 +101,43 @@ static void test_what_is_posted_to_one_is_in_none_of_the_others(void) {
     for (int post = 0; post < 40000; post++) {
         for (size_t i = 0; i < 3; i++) {
             const tl_reading reading = {.value = 10.0 * post + (double)i, .stamp = post, .quality = TL_GOOD};
-            tl_mailbox_post(&mailboxes[i], &reading);
+            tl_sample_buffer_post(&buffers[i], &reading);
         }
     }
     for (size_t i = 0; i < 3; i++) {
         tl_reading reading = {.value = -1};
-        TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[i], 39999, &reading));
+        TEST_ASSERT_TRUE(tl_sample_buffer_at(&buffers[i], 39999, &reading));
         TEST_ASSERT_EQUAL_DOUBLE(399990.0 + (double)i, reading.value);
-        TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[i], 0, &reading));
+        TEST_ASSERT_TRUE(tl_sample_buffer_at(&buffers[i], 0, &reading));
         TEST_ASSERT_EQUAL_INT64(40000 - (tl_time)shape.depth[i], reading.stamp); /* the oldest that is kept */
         TEST_ASSERT_EQUAL_DOUBLE(10.0 * (double)reading.stamp + (double)i, reading.value);
     }
 }
 
 /* Whatever look-ups a configuration has, its mail has the same size, and the same mailboxes in the same places. */
-static void test_a_second_look_up_has_no_mailbox_of_its_own(void) {
+static void test_a_second_look_up_has_no_buffer_of_its_own(void) {
     read_config("0.01", "0.001", "2");
-    size_t bytes = tl_plant_mail_bytes(&shape);
+    size_t bytes = tl_sample_buffers_bytes(&shape);
     shape.signals = 5;
     shape.of[3] = 2;
     shape.of[4] = 0;
-    TEST_ASSERT_EQUAL_size_t(bytes, tl_plant_mail_bytes(&shape));
+    TEST_ASSERT_EQUAL_size_t(bytes, tl_sample_buffers_bytes(&shape));
     make_mail();
-    TEST_ASSERT_EQUAL_MEMORY(&mailboxes[2], &mailboxes[3], sizeof mailboxes[3]);
-    TEST_ASSERT_EQUAL_MEMORY(&mailboxes[0], &mailboxes[4], sizeof mailboxes[4]);
+    TEST_ASSERT_EQUAL_MEMORY(&buffers[2], &buffers[3], sizeof buffers[3]);
+    TEST_ASSERT_EQUAL_MEMORY(&buffers[0], &buffers[4], sizeof buffers[4]);
 }
 
 static void test_a_plant_without_signals_has_a_mail_too(void) {
     shape.signals = 0;
-    TEST_ASSERT_EQUAL_size_t(COUNTS, tl_plant_mail_bytes(&shape)); /* a block of no bytes there is not */
+    TEST_ASSERT_EQUAL_size_t(COUNTS, tl_sample_buffers_bytes(&shape)); /* a block of no bytes there is not */
 }
 
 static void test_the_least(void) {
-    memory = tl_plant_mail_make_least(TL_MAX_SIGNALS, mailboxes);
+    memory = tl_sample_buffers_make_least(TL_MAX_SIGNALS, buffers);
     TEST_ASSERT_NOT_NULL(memory);
     for (size_t i = 0; i < TL_MAX_SIGNALS; i++) {
-        TEST_ASSERT_EQUAL_UINT32(256, mailboxes[i].depth);
-        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + COUNTS + i * 256 * SLOT, mailboxes[i].slots);
+        TEST_ASSERT_EQUAL_UINT32(256, buffers[i].depth);
+        TEST_ASSERT_EQUAL_PTR((unsigned char *)memory + COUNTS + i * 256 * SLOT, buffers[i].slots);
     }
 }
 
@@ -146,9 +146,9 @@ int main(void) {
     RUN_TEST(test_what_is_polled_while_a_twin_is_started_again_is_kept);
     RUN_TEST(test_neither_finer_than_a_millisecond_nor_coarser_than_a_step);
     RUN_TEST(test_at_least_256_and_at_most_65536);
-    RUN_TEST(test_mailboxes_lie_one_behind_the_other);
+    RUN_TEST(test_buffers_lie_one_behind_the_other);
     RUN_TEST(test_what_is_posted_to_one_is_in_none_of_the_others);
-    RUN_TEST(test_a_second_look_up_has_no_mailbox_of_its_own);
+    RUN_TEST(test_a_second_look_up_has_no_buffer_of_its_own);
     RUN_TEST(test_a_plant_without_signals_has_a_mail_too);
     RUN_TEST(test_the_least);
     return UNITY_END();

@@ -85,11 +85,11 @@ static const tl_plant_io_driver TOY = {.name = "toy", .poll = toy_poll, .interru
 
 /* ---- under test ---- */
 
-enum { SOURCES = 200, MAILBOXES = 8, DEPTH = 256 };
+enum { SOURCES = 200, BUFFERS = 8, DEPTH = 256 };
 
-static tl_mailbox_slot slots[MAILBOXES][DEPTH];
-static uint64_t counts[MAILBOXES];
-static tl_mailbox mailboxes[MAILBOXES];
+static tl_sample_buffer_slot slots[BUFFERS][DEPTH];
+static uint64_t counts[BUFFERS];
+static tl_sample_buffer buffers[BUFFERS];
 static tl_plant_io toys[SOURCES];
 static tl_plant_source sources[SOURCES];
 static tl_plant_readers *readers;
@@ -102,7 +102,7 @@ static char link_source[32];
 static char link_text[128];
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
-    TEST_ASSERT_EQUAL_PTR(mailboxes, context);
+    TEST_ASSERT_EQUAL_PTR(buffers, context);
     (void)pthread_mutex_lock(&lock);
     links++;
     link_up = up;
@@ -115,8 +115,8 @@ void setUp(void) {
     memset(slots, 0, sizeof slots);
     memset(counts, 0, sizeof counts);
     memset(toys, 0, sizeof toys);
-    for (size_t i = 0; i < MAILBOXES; i++) {
-        mailboxes[i] = (tl_mailbox){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
+    for (size_t i = 0; i < BUFFERS; i++) {
+        buffers[i] = (tl_sample_buffer){.slots = slots[i], .count = &counts[i], .depth = DEPTH};
     }
     for (size_t i = 0; i < SOURCES; i++) {
         sources[i] = (tl_plant_source){.name = "bench of the north wing",
@@ -134,8 +134,7 @@ void setUp(void) {
 void tearDown(void) {}
 
 static void start(size_t count) {
-    TEST_ASSERT_EQUAL_INT(TL_OK,
-                          tl_plant_readers_start(sources, count, mailboxes, on_link, mailboxes, &readers, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_plant_readers_start(sources, count, buffers, on_link, buffers, &readers, &error));
 }
 
 static void stop(size_t count) {
@@ -166,7 +165,7 @@ static size_t links_told(void) {
 
 static void expect_reading(size_t signal, double value, tl_quality quality) {
     tl_reading reading;
-    TEST_ASSERT_TRUE(tl_mailbox_at(&mailboxes[signal], INT64_MAX, &reading));
+    TEST_ASSERT_TRUE(tl_sample_buffer_at(&buffers[signal], INT64_MAX, &reading));
     TEST_ASSERT_EQUAL_DOUBLE(value, reading.value);
     TEST_ASSERT_EQUAL_INT(quality, reading.quality);
 }
@@ -191,7 +190,7 @@ static void test_readings_go_to_their_signals(void) {
     stop(1);
     expect_reading(4, 10, TL_GOOD);
     expect_reading(2, 11, TL_GOOD);
-    for (size_t i = 0; i < MAILBOXES; i++) {
+    for (size_t i = 0; i < BUFFERS; i++) {
         TEST_ASSERT_EQUAL_INT(i == 4 || i == 2, counts[i] > 0);
     }
 }
@@ -318,7 +317,7 @@ static void test_no_memory_for_threads(void) {
     struct rlimit tight = before;
     tight.rlim_cur = strtoul(text, NULL, 10) * (rlim_t)sysconf(_SC_PAGESIZE) + ((rlim_t)8 << 20); /* not 200 stacks */
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &tight));
-    tl_status status = tl_plant_readers_start(sources, SOURCES, mailboxes, on_link, mailboxes, &readers, &error);
+    tl_status status = tl_plant_readers_start(sources, SOURCES, buffers, on_link, buffers, &readers, &error);
     TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_AS, &before));
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, status);
     TEST_ASSERT_NULL(readers);

@@ -49,12 +49,12 @@ static void test_nobody_is_silent_where_nobody_is(void) {
 }
 
 static void test_silence(void) {
-    tl_heart *heart = tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(beats, "cycle", 2 * TL_SECOND);
     (void)look_after(0);
     TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
     TEST_ASSERT_EQUAL_STRING("cycle", look_after(TL_SECOND / 10));
     TEST_ASSERT_EQUAL_INT64(21 * TL_SECOND / 10, silence);
-    tl_heart_beat(heart);
+    tl_thread_heartbeat_beat(heartbeat);
     TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
 }
 
@@ -62,78 +62,78 @@ static void test_silence(void) {
 static void test_silence_begins_with_the_heart(void) {
     (void)look_after(0);
     TEST_ASSERT_NULL(look_for(5 * TL_SECOND));
-    (void)tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "cycle", 2 * TL_SECOND);
     TEST_ASSERT_NULL(look_for(2 * TL_SECOND));
     TEST_ASSERT_EQUAL_STRING("cycle", look_after(TL_SECOND / 10));
 }
 
 static void test_one_beat_in_time_is_enough(void) {
-    tl_heart *heart = tl_heart_begin(beats, "cycle", 2 * TL_SECOND);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(beats, "cycle", 2 * TL_SECOND);
     for (int i = 0; i < 50; i++) {
         TEST_ASSERT_NULL(look_for(19 * TL_SECOND / 10));
-        tl_heart_beat(heart);
+        tl_thread_heartbeat_beat(heartbeat);
     }
 }
 
 /* The others' beats are no life of this one. */
 static void test_the_silent_one_of_many(void) {
-    tl_heart *hearts[TL_HEARTBEATS];
+    tl_thread_heartbeat *hearts[TL_HEARTBEATS];
     char name[24];
     for (int i = 0; i < TL_HEARTBEATS; i++) {
         (void)snprintf(name, sizeof name, "thread %d", i);
-        hearts[i] = tl_heart_begin(beats, name, TL_SECOND);
+        hearts[i] = tl_thread_heartbeat_start(beats, name, TL_SECOND);
         TEST_ASSERT_NOT_NULL(hearts[i]);
     }
     const char *silent = NULL;
     for (int round = 0; round < 12 && silent == NULL; round++) {
         for (int i = 0; i < TL_HEARTBEATS; i++) {
             if (i != 41) {
-                tl_heart_beat(hearts[i]);
+                tl_thread_heartbeat_beat(hearts[i]);
             }
         }
         silent = look_after(TL_SECOND / 10);
     }
     TEST_ASSERT_EQUAL_STRING("thread 41", silent);
-    TEST_ASSERT_NULL(tl_heart_begin(beats, "one too many", TL_SECOND));
+    TEST_ASSERT_NULL(tl_thread_heartbeat_start(beats, "one too many", TL_SECOND));
 }
 
 /* A supervisor that slept an hour, a suspended box, a clock that jumped: of it all one look's worth counts. */
 static void test_the_looker_slept(void) {
-    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "cycle", TL_SECOND);
     (void)look_after(0);
     TEST_ASSERT_NULL(look_after(3600 * TL_SECOND));
     TEST_ASSERT_NULL(look_after(3600 * TL_SECOND));
 }
 
 static void test_more_patience_and_none(void) {
-    tl_heart *heart = tl_heart_begin(beats, "cycle", TL_SECOND);
-    (void)tl_heart_begin(beats, "main", 1000 * TL_SECOND);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(beats, "cycle", TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "main", 1000 * TL_SECOND);
     (void)look_after(0);
-    tl_heart_be_patient(heart, 5 * TL_SECOND);
+    tl_thread_heartbeat_set_timeout(heartbeat, 5 * TL_SECOND);
     TEST_ASSERT_NULL(look_for(5 * TL_SECOND));
-    tl_heart_end(heart);
+    tl_thread_heartbeat_stop(heartbeat);
     TEST_ASSERT_NULL(look_for(100 * TL_SECOND));
 }
 
 /* Somebody has written over it, and hangs. */
 static void test_hearts_that_are_gone(void) {
-    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
-    (void)tl_heart_begin(beats, "main", 1000 * TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "cycle", TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "main", 1000 * TL_SECOND);
     (void)look_after(0);
     memset(beats->hearts, 0, sizeof beats->hearts);
     TEST_ASSERT_NULL(look_for(TL_HEARTBEAT_NONE));
     TEST_ASSERT_EQUAL_STRING("every thread", look_after(TL_SECOND / 10));
     TEST_ASSERT_EQUAL_INT64(TL_HEARTBEAT_NONE + TL_SECOND / 10, silence);
-    (void)tl_heart_begin(beats, "cycle", TL_SECOND);
+    (void)tl_thread_heartbeat_start(beats, "cycle", TL_SECOND);
     TEST_ASSERT_NULL(look_for(TL_SECOND));
 }
 
 static void test_nobody_supervises(void) {
-    tl_heart *heart = tl_heart_begin(NULL, "cycle", TL_SECOND);
-    TEST_ASSERT_NULL(heart);
-    tl_heart_beat(heart);
-    tl_heart_be_patient(heart, TL_SECOND);
-    tl_heart_end(heart);
+    tl_thread_heartbeat *heartbeat = tl_thread_heartbeat_start(NULL, "cycle", TL_SECOND);
+    TEST_ASSERT_NULL(heartbeat);
+    tl_thread_heartbeat_beat(heartbeat);
+    tl_thread_heartbeat_set_timeout(heartbeat, TL_SECOND);
+    tl_thread_heartbeat_stop(heartbeat);
 }
 
 static void test_seen_from_another_process(void) {
@@ -143,7 +143,7 @@ static void test_seen_from_another_process(void) {
     TEST_ASSERT_EQUAL_STRING("", text);
     pid_t child = fork();
     if (child == 0) {
-        (void)tl_heart_begin(beats, "a name that is longer than there is room for it, and cut", TL_SECOND);
+        (void)tl_thread_heartbeat_start(beats, "a name that is longer than there is room for it, and cut", TL_SECOND);
         tl_heartbeats_set_ready(beats);
         tl_heartbeats_set_status(beats, "in lock");
         _exit(0);
@@ -195,18 +195,18 @@ static void test_another_call_is_a_new_one(void) {
 
 static void test_a_farewell(void) {
     int code = -1;
-    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
-    tl_heartbeats_announce(beats, TL_FAREWELL_REFUSED, 65);
-    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_REFUSED, tl_heartbeats_get_farewell(beats, &code));
+    TEST_ASSERT_EQUAL_INT(TL_END_CAUSE_NONE, tl_heartbeats_get_end_cause(beats, &code));
+    tl_heartbeats_announce(beats, TL_END_CAUSE_REFUSED, 65);
+    TEST_ASSERT_EQUAL_INT(TL_END_CAUSE_REFUSED, tl_heartbeats_get_end_cause(beats, &code));
     TEST_ASSERT_EQUAL_INT(65, code);
     memset(beats, 0, sizeof *beats);
-    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+    TEST_ASSERT_EQUAL_INT(TL_END_CAUSE_NONE, tl_heartbeats_get_end_cause(beats, &code));
 }
 
 static void test_a_farewell_that_was_spoilt(void) {
     int code = -1;
-    tl_heartbeats_announce(beats, (tl_farewell)(TL_FAREWELL_FAILED + 1), 1);
-    TEST_ASSERT_EQUAL_INT(TL_FAREWELL_NONE, tl_heartbeats_get_farewell(beats, &code));
+    tl_heartbeats_announce(beats, (tl_end_cause)(TL_END_CAUSE_FAILED + 1), 1);
+    TEST_ASSERT_EQUAL_INT(TL_END_CAUSE_NONE, tl_heartbeats_get_end_cause(beats, &code));
 }
 
 int main(void) {

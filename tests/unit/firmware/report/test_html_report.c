@@ -70,12 +70,12 @@ static void add(int64_t step, double value, tl_quality quality) {
     tl_record record = {.step = step, .executions = 3, .evaluations = 1};
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {
         record.y[i] = value;
-        record.y_hat[i] = value + 0.5;
-        record.y_hat_quality[i] = (uint8_t)quality;
+        record.measured[i] = value + 0.5;
+        record.measured_quality[i] = (uint8_t)quality;
     }
     for (size_t i = 0; i < TL_MAX_ADJUST; i++) {
         record.u[i] = value / 7.0;
-        record.u_hat[i] = value / 3.0;
+        record.nominal[i] = value / 3.0;
     }
     tl_html_report_add_record(report, &record);
 }

@@ -124,14 +124,14 @@ static void known_record(int64_t step, tl_record *record) {
     record->executions = 8;
     record->predicted = 9;
     record->y[0] = 10.0 + (step % 2 == 0 ? 0.5 : -0.5);
-    record->y_hat[0] = 10.0;
+    record->measured[0] = 10.0;
     record->y[1] = 3.0;
-    record->y_hat[1] = 1.0;
+    record->measured[1] = 1.0;
     record->readings[0] = (tl_record_readings){.count = 1, .rejected = step % 16 == 0 ? 1 : 0, .squares = 0.36};
-    record->y_hat_quality[1] = step % 4 == 0 ? TL_GOOD : TL_STALE;
+    record->measured_quality[1] = step % 4 == 0 ? TL_GOOD : TL_STALE;
     record->u[0] = 0.003 + (step < CHANGE ? 0.002 : 0.005) + (step % 2 == 0 ? 1e-5 : -1e-5);
-    record->u_hat[0] = 0.003;
-    record->u[1] = record->u_hat[1] = 24.0;
+    record->nominal[0] = 0.003;
+    record->u[1] = record->nominal[1] = 24.0;
 }
 
 static void record_anew(const char *verb) {
@@ -527,8 +527,8 @@ static void test_csv_of_the_other_tables(void) {
     const char *line = next_line(next_line(output));
     TEST_ASSERT_EQUAL_DOUBLE(0.01, field(line, 0));
     expect_same(record.u[0], field(line, 2));
-    expect_same(record.u_hat[0], field(line, 3));
-    expect_same(record.u[0] - record.u_hat[0], field(line, 4));
+    expect_same(record.nominal[0], field(line, 3));
+    expect_same(record.u[0] - record.nominal[0], field(line, 4));
     TEST_ASSERT_EQUAL_INT(0, SHOW(path, "--csv", "steps", "--since", "0.02s"));
     TEST_ASSERT_EQUAL_STRING("time,step,outcome,stop,J,J_nominal,evaluations,executions,used_ns,predicted,flags,held\n"
                              "15.98,1598,first guess,tolerance,0,0,2,8,0,9,,\n"

@@ -35,10 +35,10 @@ void tearDown(void) {
 }
 
 /* A record as lock.json's twin would give it. */
-static void add(tl_outcome outcome, uint32_t evaluations, double u, double u_hat) {
+static void add(tl_outcome outcome, uint32_t evaluations, double u, double nominal) {
     tl_record record = {.outcome = outcome, .evaluations = evaluations};
     record.u[0] = u;
-    record.u_hat[0] = u_hat;
+    record.nominal[0] = nominal;
     tl_summary_add(&summary, &assembly.config, &record);
 }
 

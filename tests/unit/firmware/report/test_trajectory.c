@@ -29,9 +29,9 @@ void setUp(void) {
     config.adjust_count = 1;
     record = (tl_record){.step = 0, .outcome = TL_OPTIMISED, .objective = 0.25, .evaluations = 7};
     record.y[0] = 62.5;
-    record.y_hat[0] = 63.0;
+    record.measured[0] = 63.0;
     record.u[0] = 0.5;
-    record.u_hat[0] = -1.0;
+    record.nominal[0] = -1.0;
 }
 
 void tearDown(void) {
@@ -68,7 +68,7 @@ static void test_a_free_step_has_no_objective(void) {
     record.outcome = TL_FREE;
     record.evaluations = 0;
     record.objective = (double)NAN;
-    record.y_hat_quality[0] = TL_STALE;
+    record.measured_quality[0] = TL_STALE;
     expect_written("time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality\n"
                    "14.010000000,1400,free,0,,62.5,63,stale\n");
 }
@@ -109,8 +109,8 @@ static void test_numbers_read_back_to_the_same_bits(void) {
 static void test_several_matches(void) {
     config.match_count = 2;
     record.y[1] = 1.5;
-    record.y_hat[1] = 2.5;
-    record.y_hat_quality[1] = TL_NO_LINK;
+    record.measured[1] = 2.5;
+    record.measured_quality[1] = TL_NO_LINK;
     expect_written("time,step,outcome,evaluations,J,motor.omega,plant.omega,plant.omega quality,"
                    "motor.i,plant.i,plant.i quality,motor.d,motor.d nominal\n"
                    "0.010000000,0,optimised,7,0.25,62.5,63,good,1.5,2.5,no link,0.5,-1\n");

@@ -350,22 +350,22 @@ static void test_how_far_a_tolerance_may_be_widened(void) {
 /* That of what is returned to, also of one that takes the place of another; and of none when it is kept. */
 static void test_what_it_is_judged_by(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune("2"));
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->tolerances.match[0].tolerance);
     TEST_ASSERT_EQUAL_STRING("motor.omega: tolerance 1 → 2", run->activation.probation.account.widened);
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, retune("3"));
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->tolerances.match[0].tolerance);
     tl_activation_end(&run->activation);
-    memset(&run->yardstick, 0, sizeof run->yardstick);
+    memset(&run->tolerances, 0, sizeof run->tolerances);
     tl_played_begin();
     tl_activation_look(&run->activation);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->yardstick.match[0].tolerance);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, run->tolerances.match[0].tolerance);
     run->view.figures.lock_before.state = TL_LOCK_LOST;
     tl_activation_look(&run->activation);
     TEST_ASSERT_TRUE(tl_activation_is_lost_before(&run->activation));
     keep();
     TEST_ASSERT_FALSE(tl_activation_is_lost_before(&run->activation));
     tl_activation_look(&run->activation);
-    TEST_ASSERT_FALSE(tl_lock_yardstick_is_there(&run->yardstick));
+    TEST_ASSERT_FALSE(tl_lock_tolerances_is_there(&run->tolerances));
 }
 
 /* No stroke and no window can be skipped by a short probation. */

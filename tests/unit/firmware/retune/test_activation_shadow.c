@@ -68,7 +68,7 @@ static void test_a_shadow_that_locks_as_little(void) {
     run->each.lock.steps[TL_LOCK_LOST] = 6;
     run->beside = run->each;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
-    TEST_ASSERT_EQUAL_INT(1, run->flips);
+    TEST_ASSERT_EQUAL_INT(1, run->handovers);
 }
 
 /* In lock all the time, by a tolerance of its own that is huge. */
@@ -81,7 +81,7 @@ static void test_a_shadow_that_is_far_worse(void) {
         "--accept-worse takes it all the same");
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1e6", 2, TL_CONTROL_EVEN_WORSE));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_COMPARE, "its tolerance is 1: taken all the same, as asked"));
-    TEST_ASSERT_EQUAL_INT(1, run->flips);
+    TEST_ASSERT_EQUAL_INT(1, run->handovers);
 }
 
 /* Who insists on an output does not on the lock. */
@@ -123,7 +123,7 @@ static void assert_restart_instead(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, TL_CONTROL_MAY_RESTART));
     TEST_ASSERT_TRUE(tl_played_was_said(TL_CONTROL_SHADOW, "by a restart, then"));
     TEST_ASSERT_EQUAL_STRING("", run->other);
-    TEST_ASSERT_EQUAL_INT(0, run->flips);
+    TEST_ASSERT_EQUAL_INT(0, run->handovers);
     TEST_ASSERT_TRUE(run->has_restarted);
     TEST_ASSERT_EQUAL_UINT64(2, run->versions.active);
 }
@@ -140,7 +140,7 @@ static void test_a_shadow_that_makes_ticks_up(void) {
     run->each.steps = 8;
     run->each.skipped = 2;
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, 0));
-    TEST_ASSERT_EQUAL_INT(1, run->flips);
+    TEST_ASSERT_EQUAL_INT(1, run->handovers);
 }
 
 static void test_a_shadow_that_dies(void) {
@@ -177,7 +177,7 @@ static void test_a_check_without_room_on_probation(void) {
     TEST_ASSERT_EQUAL_STRING("it can be activated, with a restart of the run", tl_played_last_word());
     TEST_ASSERT_EQUAL_STRING(before, run->other);
     tl_played_fail();
-    TEST_ASSERT_EQUAL_INT(2, run->flips);
+    TEST_ASSERT_EQUAL_INT(2, run->handovers);
     TEST_ASSERT_FALSE(run->has_restarted);
 }
 
@@ -251,7 +251,7 @@ static void test_a_shadow_only(void) {
     TEST_ASSERT_EQUAL_INT(TL_CONTROL_DONE, tl_played_take("1", 2, TL_CONTROL_ONLY_CHECK));
     TEST_ASSERT_EQUAL_STRING("it can be activated without a gap", tl_played_last_word());
     TEST_ASSERT_EQUAL_STRING("", run->other);
-    TEST_ASSERT_EQUAL_INT(0, run->flips);
+    TEST_ASSERT_EQUAL_INT(0, run->handovers);
     TEST_ASSERT_EQUAL_UINT64(1, run->versions.active);
 }
 

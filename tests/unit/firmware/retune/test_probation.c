@@ -307,8 +307,8 @@ static tl_probation_result pass_before(tl_lock_state before, double seconds) {
 
 static void begin_wider(uint32_t given_s, double require_lock, bool must_confirm) {
     begin(given_s, require_lock, must_confirm);
-    probation.account.yardstick.match[0].tolerance = 1.0;
-    probation.account.yardstick.match[0].weight = 1.0;
+    probation.account.tolerances.match[0].tolerance = 1.0;
+    probation.account.tolerances.match[0].weight = 1.0;
     (void)snprintf(probation.account.widened, TL_PROBATION_WIDENED, "motor.omega: tolerance 1 → 3");
 }
 

@@ -182,8 +182,8 @@ static void test_probation(void) {
     passed.lock.steps[TL_LOCK_LOCKED] = 900;
     passed.lock.steps[TL_LOCK_LOST] = 101;
     passed.lock_before.steps[TL_LOCK_LOST] = 500;
-    passed.yardstick.match[1].tolerance = 0.1;
-    passed.yardstick.match[1].weight = 1e300;
+    passed.tolerances.match[1].tolerance = 0.1;
+    passed.tolerances.match[1].weight = 1e300;
     (void)snprintf(passed.widened, sizeof passed.widened, "motor.omega: tolerance 1 → 3");
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_versions_pass(&versions, &passed, &error));
     open_here();
@@ -194,7 +194,7 @@ static void test_probation(void) {
     TEST_ASSERT_EQUAL_UINT64(900, versions.probation.account.lock.steps[TL_LOCK_LOCKED]);
     TEST_ASSERT_EQUAL_UINT64(101, versions.probation.account.lock.steps[TL_LOCK_LOST]);
     TEST_ASSERT_EQUAL_UINT64(500, versions.probation.account.lock_before.steps[TL_LOCK_LOST]);
-    TEST_ASSERT_EQUAL_MEMORY(&passed.yardstick, &versions.probation.account.yardstick, sizeof passed.yardstick);
+    TEST_ASSERT_EQUAL_MEMORY(&passed.tolerances, &versions.probation.account.tolerances, sizeof passed.tolerances);
     TEST_ASSERT_EQUAL_STRING("motor.omega: tolerance 1 → 3", versions.probation.account.widened);
     expect_choice("one", "two", 2, false);
 }

@@ -58,7 +58,7 @@ static void give(void) {
 static bool go(void *kept) {
     uint32_t at;
     bool anew;
-    if (!tl_fmu_history_find_way(&history, kept, &at, &anew)) {
+    if (!tl_fmu_history_find_path(&history, kept, &at, &anew)) {
         return false;
     }
     if (anew) {
@@ -112,13 +112,13 @@ static void test_shortest_way(void) {
     void *near = tl_fmu_history_keep(&history);
     give();
     void *far = tl_fmu_history_keep(&history);
-    TEST_ASSERT_TRUE(tl_fmu_history_find_way(&history, far, &first, &anew));
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &anew));
     TEST_ASSERT_TRUE(first == TL_FMU_HISTORY_NONE && !anew);
     TEST_ASSERT_TRUE(go(near));
-    TEST_ASSERT_TRUE(tl_fmu_history_find_way(&history, far, &first, &anew));
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, far, &first, &anew));
     TEST_ASSERT_TRUE(first != TL_FMU_HISTORY_NONE && !anew);
     TEST_ASSERT_TRUE(go(far));
-    TEST_ASSERT_TRUE(tl_fmu_history_find_way(&history, near, &first, &anew));
+    TEST_ASSERT_TRUE(tl_fmu_history_find_path(&history, near, &first, &anew));
     TEST_ASSERT_TRUE(anew);
 }
 

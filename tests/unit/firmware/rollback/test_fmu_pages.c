@@ -54,8 +54,8 @@ void setUp(void) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     memory = mmap(NULL, (size_t)(ALL + 3) * TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     TEST_ASSERT_TRUE(memory != MAP_FAILED);
-    const tl_fmu_place ranges[] = {{.begin = fixed(), .size = FIXED * TL_FMU_PAGE, .has_pages = true},
-                                   {.begin = memory, .size = GROWING * TL_FMU_PAGE, .has_pages = true}};
+    const tl_fmu_region ranges[] = {{.begin = fixed(), .size = FIXED * TL_FMU_PAGE, .has_pages = true},
+                                    {.begin = memory, .size = GROWING * TL_FMU_PAGE, .has_pages = true}};
     pages = tl_fmu_pages_open(ranges, 2, &error);
     TEST_ASSERT_NOT_NULL(pages);
     TEST_ASSERT_EQUAL_INT(tl_fmu_written_serves(), is_watched(fixed()) && is_watched(memory));
@@ -189,7 +189,7 @@ static void test_what_says_nothing_of_those_to_come(void) {
     expect(1);
     restore(0);
     expect(0);
-    tl_fmu_pages_measure_anew(pages);
+    tl_fmu_pages_remeasure(pages);
     test_what_one_takes();
     TEST_ASSERT_LESS_OR_EQUAL_size_t(known + (size_t)FIXED * TL_FMU_PAGE / 2, tl_fmu_pages_size(pages));
 }

@@ -152,7 +152,7 @@ static void test_to_any_place_in_any_order(void) {
         (void)step(i, i * 0.3);
     }
     for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
-        TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead(&replay, states[order[i]]));
+        TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, states[order[i]]));
         TEST_ASSERT_EQUAL_MEMORY(&then[order[i]], &fmu, sizeof fmu);
         (void)step(order[i], -5.0); /* elsewhere */
     }
@@ -174,9 +174,9 @@ static void test_forward_without_a_reset(void) {
     }
     model then = fmu;
     (void)tl_fmu_replay_keep(&replay, &end);
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead(&replay, begin));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, begin));
     TEST_ASSERT_EQUAL_UINT(1, resets);
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead(&replay, end));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, end));
     TEST_ASSERT_EQUAL_UINT(1, resets);
     TEST_ASSERT_EQUAL_MEMORY(&then, &fmu, sizeof fmu);
     tl_fmu_replay_give_back(&replay, &begin);
@@ -189,9 +189,9 @@ static void test_one_that_does_not_do_the_same_again(void) {
     (void)tl_fmu_replay_keep(&replay, &state);
     (void)step(1, 1.0);
     drift = 1e-12;
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead(&replay, state));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
     TEST_ASSERT_TRUE(told.differs);
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead_to_beginning(&replay));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore_start(&replay));
     TEST_ASSERT_FALSE(told.differs);
     tl_fmu_replay_give_back(&replay, &state);
 }
@@ -201,8 +201,8 @@ static void test_one_that_cannot_be_reset(void) {
     (void)tl_fmu_replay_keep(&replay, &state);
     (void)step(0, 1.0);
     refuses_reset = true;
-    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_lead(&replay, state));
-    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_lead_to_beginning(&replay));
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore(&replay, state));
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore_start(&replay));
     tl_fmu_replay_give_back(&replay, &state);
 }
 
@@ -213,7 +213,7 @@ static void test_after_a_step_that_failed(void) {
     (void)tl_fmu_replay_keep(&replay, &state);
     model then = fmu;
     TEST_ASSERT_EQUAL_INT(fmi2Error, step(1, 2e6));
-    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_lead(&replay, state));
+    TEST_ASSERT_EQUAL_INT(fmi2OK, tl_fmu_replay_restore(&replay, state));
     TEST_ASSERT_EQUAL_MEMORY(&then, &fmu, sizeof fmu);
     tl_fmu_replay_give_back(&replay, &state);
 }
@@ -227,7 +227,7 @@ static void test_too_far(void) {
     (void)step(MOST, 0.5);
     (void)tl_fmu_replay_keep(&replay, &state);
     (void)step(MOST + 1, 0.5);
-    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_lead(&replay, state));
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore(&replay, state));
     tl_fmu_replay_give_back(&replay, &state);
 }
 
@@ -243,7 +243,7 @@ static void test_without_ports(void) {
     replay = (tl_fmu_replay){.most = MOST, .told = &told, .functions = &functions, .instance = &fmu, .reset = reset};
     tl_fmu_replay_begin(&replay);
     TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_start(&replay));
-    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_lead_to_beginning(&replay));
+    TEST_ASSERT_EQUAL_INT(fmi2Error, tl_fmu_replay_restore_start(&replay));
 }
 
 int main(void) {

@@ -13,21 +13,21 @@
 #include "firmware/base/os.h"
 #include "firmware/plant/recording.h"
 #include "firmware/report/show.h"
-#include "firmware/twin/past.h"
+#include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/kept_file.h"
 #include "tests/support/random_numbers.h"
 #include "tests/support/read_assembly.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
-#include "tests/support/test_outbox.h"
+#include "tests/support/test_record_queue.h"
 
 enum { TICKS = 120, SAVED_AT = 60, PAGE = 4096, MUTANTS = 150, CHECKPOINT_BYTES = 256 * 1024 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static tl_assembly assembly;
-static tl_test_outbox box;
+static tl_test_queue box;
 static tl_twin_record recorded;
 static tl_error error;
 
@@ -40,7 +40,7 @@ void setUp(void) {
 }
 
 void tearDown(void) {
-    (void)tl_test_outbox_try_close(&box, NULL);
+    (void)tl_test_queue_try_close(&box, NULL);
     tl_assembly_free(&assembly);
     assembly = (tl_assembly){0};
     tl_kept_file_free(&whole);
@@ -62,22 +62,22 @@ static void load_assembly(void) {
 static void open_writer(void) {
     tl_twin_recorder_describe(&assembly.config, path, &recorded);
     recorded.settings.insistence = TL_DATABASE_ANYHOW;
-    tl_test_outbox_open(&box, &recorded.settings, CHECKPOINT_BYTES);
+    tl_test_queue_open(&box, &recorded.settings, CHECKPOINT_BYTES);
 }
 
 static void close_run(const char *reason) {
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, reason));
-    tl_test_outbox_close(&box);
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, reason));
+    tl_test_queue_close(&box);
 }
 
 static void save_checkpoint(int64_t tick) {
     size_t capacity = 0;
     size_t needed = 0;
     expect_ok(tl_twin_save(assembly.twin, NULL, 0, &capacity, &error));
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, capacity));
-    unsigned char *room = tl_outbox_checkpoint_room(&box.outbox, &capacity);
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&box.queue, capacity));
+    unsigned char *room = tl_record_queue_checkpoint_room(&box.queue, &capacity);
     expect_ok(tl_twin_save(assembly.twin, room, capacity, &needed, &error));
-    tl_outbox_put_checkpoint(&box.outbox, tick, needed);
+    tl_record_queue_put_checkpoint(&box.queue, tick, needed);
 }
 
 static void record_run(void) {
@@ -86,21 +86,21 @@ static void record_run(void) {
     bool ready = false;
     const tl_budget budget = {.evaluations = assembly.config.budget_evaluations};
     open_writer();
-    tl_twin_recorder_start(&box.outbox, assembly.twin, tl_clock_now(NULL) - TICKS * assembly.config.step);
+    tl_twin_recorder_start(&box.queue, assembly.twin, tl_clock_now(NULL) - TICKS * assembly.config.step);
     for (int64_t tick = 0; tick < TICKS; tick++) {
         sample.tick = tick;
         sample.values[0] = 0.01 * (double)(tick % 17);
         sample.values[1] = 60.0 + 0.1 * (double)(tick % 23);
-        TEST_ASSERT_TRUE(tl_outbox_put_sample(&box.outbox, &sample));
+        TEST_ASSERT_TRUE(tl_record_queue_put_sample(&box.queue, &sample));
         expect_ok(tl_twin_step(assembly.twin, &sample, &budget, &record, &ready, &error));
         if (ready) {
-            tl_twin_recorder_put(&box.outbox, &record, assembly.twin);
+            tl_twin_recorder_put(&box.queue, &record, assembly.twin);
         }
         if (tick == SAVED_AT) {
             save_checkpoint(tick);
         }
     }
-    tl_outbox_event(&box.outbox, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
+    tl_record_queue_event(&box.queue, 5, TL_EVENT_WARNING, "plant", "the drive does not answer");
     close_run("SIGTERM");
     tl_kept_file_read(&whole, path);
 }
@@ -149,32 +149,32 @@ static tl_status replay(void) {
 
 static void tell(void *context, tl_severity severity, const char *text) {
     (void)context;
-    tl_outbox_event(&box.outbox, -1, severity, "resume", text);
+    tl_record_queue_event(&box.queue, -1, severity, "resume", text);
 }
 
-static tl_past_outcome try_past(const tl_past *found, tl_summary *summary) {
-    const tl_past_follow_settings following = {.assembly = &assembly, .outbox = &box.outbox, .tell = tell};
-    tl_past past;
-    tl_past_outcome outcome = TL_PAST_FAILED;
-    void *image = malloc(tl_past_size(found));
+static tl_resume_outcome try_past(const tl_resume *found, tl_summary *summary) {
+    const tl_resume_follow_settings following = {.assembly = &assembly, .queue = &box.queue, .tell = tell};
+    tl_resume resume;
+    tl_resume_outcome outcome = TL_RESUME_FAILED;
+    void *image = malloc(tl_resume_size(found));
     TEST_ASSERT_NOT_NULL(image);
-    tl_past_write(found, image);
-    expect_ok(tl_past_read(image, tl_past_size(found), &assembly.config, tl_clock_now(NULL), &past, &error));
-    expect_ok(tl_past_follow(&following, &past, summary, &outcome, &error));
+    tl_resume_write(found, image);
+    expect_ok(tl_resume_read(image, tl_resume_size(found), &assembly.config, tl_clock_now(NULL), &resume, &error));
+    expect_ok(tl_resume_follow(&following, &resume, summary, &outcome, &error));
     free(image);
-    if (outcome == TL_PAST_FAILED) {
-        TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on"));
+    if (outcome == TL_RESUME_FAILED) {
+        TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "could not go on"));
     }
     return outcome;
 }
 
 /* As a twin and its recorder do it. */
 static void restart(tl_summary *summary) {
-    tl_past_outcome outcome = TL_PAST_REFUSED;
+    tl_resume_outcome outcome = TL_RESUME_REFUSED;
     *summary = (tl_summary){0};
     TEST_ASSERT_EQUAL_INT(TL_OK, tl_assembly_rebuild(&assembly));
     open_writer();
-    const tl_past_history_settings settings = {
+    const tl_resume_history_settings settings = {
         .config = &assembly.config,
         .path = tl_recorder_writer_path(box.writer),
         .fmus = recorded.fmus,
@@ -182,14 +182,14 @@ static void restart(tl_summary *summary) {
         .components = tl_twin_get_facts(assembly.twin).components,
         .tell = tell,
     };
-    tl_past_history *history = tl_past_history_open(&settings);
-    const tl_past *found = NULL;
-    while (outcome == TL_PAST_REFUSED && (found = tl_past_history_next(history)) != NULL) {
+    tl_resume_history *history = tl_resume_history_open(&settings);
+    const tl_resume *found = NULL;
+    while (outcome == TL_RESUME_REFUSED && (found = tl_resume_history_next(history)) != NULL) {
         outcome = try_past(found, summary);
     }
-    tl_past_history_close(history);
-    if (outcome != TL_PAST_FOLLOWED) {
-        tl_twin_recorder_start(&box.outbox, assembly.twin, tl_clock_now(NULL));
+    tl_resume_history_close(history);
+    if (outcome != TL_RESUME_FOLLOWED) {
+        tl_twin_recorder_start(&box.queue, assembly.twin, tl_clock_now(NULL));
     }
 }
 
@@ -279,8 +279,8 @@ static void test_mutants(void) {
         refused += replay() == TL_BAD_DATA ? 1 : 0;
         error = (tl_error){TL_OK, ""};
         restart(&summary);
-        (void)tl_outbox_put_end(&box.outbox, "end");
-        (void)tl_test_outbox_try_close(&box, NULL); /* nobody can write into some of them */
+        (void)tl_record_queue_put_end(&box.queue, "end");
+        (void)tl_test_queue_try_close(&box, NULL); /* nobody can write into some of them */
         TEST_ASSERT_TRUE(tl_clock_now(NULL) - began < 60 * TL_SECOND);
     }
     tl_log_set_level(TL_LOG_NOTICE);

@@ -110,8 +110,8 @@ static void see_output(void *context, const tl_history_output *found) {
     expect_next(TL_HISTORY_OUTPUTS, TL_MADE_MATCH, found->step, found->signal);
     tl_made_record(found->step, &record);
     expect_number(record.y[found->signal], found->y);
-    expect_number(record.y_hat[found->signal], found->y_hat);
-    TEST_ASSERT_EQUAL_INT64(record.y_hat_quality[found->signal], found->quality);
+    expect_number(record.measured[found->signal], found->measured);
+    TEST_ASSERT_EQUAL_INT64(record.measured_quality[found->signal], found->quality);
     TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].count, found->readings);
     expect_number(record.readings[found->signal].squares, found->squares);
     TEST_ASSERT_EQUAL_INT64(record.readings[found->signal].rejected, found->rejected);
@@ -123,7 +123,7 @@ static void see_adjustment(void *context, const tl_history_adjustment *found) {
     expect_next(TL_HISTORY_ADJUSTMENTS, TL_MADE_ADJUST, found->step, found->signal);
     tl_made_record(found->step, &record);
     expect_number(record.u[found->signal], found->u);
-    expect_number(record.u_hat[found->signal], found->u_hat);
+    expect_number(record.nominal[found->signal], found->nominal);
 }
 
 static void see_event(void *context, const tl_history_event *found) {

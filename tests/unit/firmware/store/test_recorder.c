@@ -130,9 +130,9 @@ static void test_steps_come_back_bit_for_bit(void) {
         for (int i = 0; i < TL_MADE_MATCH; i++) {
             TEST_ASSERT_EQUAL_INT(SQLITE_ROW, sqlite3_step(output));
             expect_bits(record.y[i], output, 0);
-            expect_bits(record.y_hat[i], output, 1);
-            TEST_ASSERT_EQUAL_INT(record.y_hat_quality[i], sqlite3_column_int(output, 2));
-            TEST_ASSERT_TRUE(sqlite3_column_double(output, 3) == record.y[i] - record.y_hat[i]);
+            expect_bits(record.measured[i], output, 1);
+            TEST_ASSERT_EQUAL_INT(record.measured_quality[i], sqlite3_column_int(output, 2));
+            TEST_ASSERT_TRUE(sqlite3_column_double(output, 3) == record.y[i] - record.measured[i]);
             TEST_ASSERT_EQUAL_UINT32(record.readings[i].count, sqlite3_column_int64(output, 4));
             expect_bits(record.readings[i].squares, output, 5);
             TEST_ASSERT_EQUAL_UINT32(record.readings[i].rejected, sqlite3_column_int64(output, 6));
@@ -140,8 +140,8 @@ static void test_steps_come_back_bit_for_bit(void) {
         for (int i = 0; i < TL_MADE_ADJUST; i++) {
             TEST_ASSERT_EQUAL_INT(SQLITE_ROW, sqlite3_step(adjusted));
             expect_bits(record.u[i], adjusted, 0);
-            expect_bits(record.u_hat[i], adjusted, 1);
-            TEST_ASSERT_TRUE(sqlite3_column_double(adjusted, 2) == record.u[i] - record.u_hat[i]);
+            expect_bits(record.nominal[i], adjusted, 1);
+            TEST_ASSERT_TRUE(sqlite3_column_double(adjusted, 2) == record.u[i] - record.nominal[i]);
         }
     }
     (void)sqlite3_finalize(head);
@@ -162,9 +162,9 @@ static void test_what_is_not_finite_is_null(void) {
     sample.values[0] = (double)NAN;
     sample.values[1] = (double)INFINITY;
     record.y[0] = (double)-INFINITY;
-    record.y_hat[1] = (double)NAN;
+    record.measured[1] = (double)NAN;
     record.u[0] = (double)NAN;
-    record.u_hat[1] = (double)INFINITY;
+    record.nominal[1] = (double)INFINITY;
     record.objective = (double)NAN;
     tl_recorder_put_sample(bench.recorder, &sample);
     tl_recorder_put_step(bench.recorder, &record, ledger);
@@ -580,7 +580,7 @@ static void test_the_largest_run(void) {
         sample.tick = tick;
         record.step = tick;
         sample.values[63] = (double)tick;
-        record.y_hat[15] = record.u_hat[7] = (double)tick;
+        record.measured[15] = record.nominal[7] = (double)tick;
         ledger[TL_RECORDER_COMPONENTS - 1].executions = (uint64_t)tick;
         tl_recorder_put_sample(bench.recorder, &sample);
         tl_recorder_put_step(bench.recorder, &record, ledger);

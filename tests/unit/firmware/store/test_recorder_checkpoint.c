@@ -11,14 +11,14 @@
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
-#include "tests/support/test_outbox.h"
+#include "tests/support/test_record_queue.h"
 
 enum { SIZE = 5000, LARGE = 60000, TOO_LARGE = 200000 };
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
 static char wal[PATH_MAX + 8];
-static tl_test_outbox box;
+static tl_test_queue box;
 static tl_history *history;
 static const tl_history_run *run;
 static tl_error error;
@@ -31,7 +31,7 @@ void setUp(void) {
 
 void tearDown(void) {
     tl_history_close(history);
-    tl_test_outbox_close(&box);
+    tl_test_queue_close(&box);
     tl_scratch_empty(&scratch);
 }
 
@@ -46,26 +46,26 @@ static void open_writer(int64_t max_bytes) {
     settings.fmus = "digest";
     settings.boot = "boot";
     settings.format = "this one";
-    tl_test_outbox_open(&box, &settings, TOO_LARGE);
+    tl_test_queue_open(&box, &settings, TOO_LARGE);
 }
 
 static void begin_run(int64_t max_bytes) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     open_writer(max_bytes);
     tl_made_beginning(1234, &start);
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &start));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &start));
 }
 
 static void close_writer(void) {
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "SIGTERM"));
-    tl_test_outbox_close(&box);
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "SIGTERM"));
+    tl_test_queue_close(&box);
 }
 
 static void put(int64_t first, int64_t ticks) {
     enum { AT_ONCE = 500 };
     for (int64_t done = 0; done < ticks; done += AT_ONCE) {
-        TEST_ASSERT_TRUE(tl_made_put_out(&box.outbox, first + done, ticks - done < AT_ONCE ? ticks - done : AT_ONCE));
-        tl_test_outbox_write(&box);
+        TEST_ASSERT_TRUE(tl_made_put_out(&box.queue, first + done, ticks - done < AT_ONCE ? ticks - done : AT_ONCE));
+        tl_test_queue_write(&box);
     }
 }
 
@@ -75,15 +75,15 @@ static unsigned char byte_of(int64_t tick, size_t i) {
 
 static void put_checkpoint(int64_t tick, size_t size) {
     size_t capacity = 0;
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&box.outbox, size));
-    unsigned char *room = tl_outbox_checkpoint_room(&box.outbox, &capacity);
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&box.queue, size));
+    unsigned char *room = tl_record_queue_checkpoint_room(&box.queue, &capacity);
     TEST_ASSERT_NOT_NULL(room);
     TEST_ASSERT_GREATER_OR_EQUAL_size_t(size, capacity);
     for (size_t i = 0; i < size; i++) {
         room[i] = byte_of(tick, i);
     }
-    tl_outbox_put_checkpoint(&box.outbox, tick, size);
-    tl_test_outbox_write(&box);
+    tl_record_queue_put_checkpoint(&box.queue, tick, size);
+    tl_test_queue_write(&box);
 }
 
 static void open_history(int64_t id) {
@@ -113,12 +113,12 @@ static void expect_checkpoint(const tl_history_checkpoint *checkpoint, int64_t t
 /* ---- what is kept ---- */
 
 static void test_the_two_newest_and_the_first_are_kept(void) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     open_writer(0);
     tl_made_beginning(0, &start);
     start.resumption =
         (tl_resumption){.from = TL_RESUMED_CHECKPOINT, .run = 7, .tick = 20, .start = -5, .started = 1000};
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &start));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &start));
     for (int64_t tick = 10; tick < 60; tick += 10) {
         put_checkpoint(tick, SIZE - (size_t)tick);
         put(tick, 10);

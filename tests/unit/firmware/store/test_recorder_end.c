@@ -48,7 +48,7 @@ static void test_an_end_that_was_told_stays(void) {
     bench.is_last = true;
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
     close_well();
     TEST_ASSERT_EQUAL_STRING("SIGTERM", end_of());
 }
@@ -70,7 +70,7 @@ static void test_the_last_sample_has_no_step(void) {
     tl_sample sample;
     record(false);
     tl_made_sample(10, &sample);
-    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    TEST_ASSERT_TRUE(tl_record_queue_put_sample(&bench.twin, &sample));
     tl_writer_bench_open(&bench);
     close_well();
     TEST_ASSERT_EQUAL_INT64(10, tl_sql_integer(bench.path, "SELECT samples_written FROM runs")); /* it may still come */

@@ -107,12 +107,12 @@ static void test_damage_that_shows_while_it_is_written(void) {
     tl_writer_bench_put(&bench, 0, 1000);
     write_now();
     tl_writer_bench_put(&bench, 1000, 10);
-    tl_outbox_event(&bench.twin, 1009, TL_EVENT_INFO, "twin", "an event");
+    tl_record_queue_event(&bench.twin, 1009, TL_EVENT_INFO, "twin", "an event");
     tl_faulty_vfs_refuse(SQLITE_CORRUPT, 0);
     write_now(); /* it cannot even make a new one */
     tl_faulty_vfs_refuse(SQLITE_OK, 0);
     tl_writer_bench_write_until(&bench, 2021);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_STRING("10 1000 0 SIGTERM 7",

@@ -22,7 +22,7 @@ static tl_test_random dice;
 static int64_t runs;
 static int64_t ticks; /* of the run */
 static int64_t all_ticks;
-static int64_t events[TL_BENCH_OUTBOXES];
+static int64_t events[TL_BENCH_QUEUES];
 static int64_t ended;
 
 void setUp(void) {
@@ -51,15 +51,15 @@ static void put_event(int which) {
         return; /* it might find no room */
     }
     (void)snprintf(text, sizeof text, "event %lld of run %lld", (long long)events[which]++, (long long)runs);
-    tl_outbox_event(which == 0 ? &bench.twin : &bench.io, ticks, TL_EVENT_INFO, which == 0 ? "twin" : "io", text);
+    tl_record_queue_event(which == 0 ? &bench.twin : &bench.io, ticks, TL_EVENT_INFO, which == 0 ? "twin" : "io", text);
 }
 
 static void put_checkpoint(void) {
     size_t capacity = 0;
-    unsigned char *room = tl_outbox_checkpoint_room(&bench.twin, &capacity);
+    unsigned char *room = tl_record_queue_checkpoint_room(&bench.twin, &capacity);
     TEST_ASSERT_NOT_NULL(room);
     memset(room, (int)(ticks % 251), CHECKPOINT);
-    tl_outbox_put_checkpoint(&bench.twin, ticks - 1, CHECKPOINT);
+    tl_record_queue_put_checkpoint(&bench.twin, ticks - 1, CHECKPOINT);
 }
 
 /* So that the largest entry finds room too. */
@@ -81,7 +81,7 @@ static void put_some(void) {
         put_checkpoint();
     }
     if (tl_test_random_chance(&dice, 2)) {
-        bool ends = tl_test_random_chance(&dice, 50) && tl_outbox_put_end(&bench.twin, "SIGTERM");
+        bool ends = tl_test_random_chance(&dice, 50) && tl_record_queue_put_end(&bench.twin, "SIGTERM");
         ended += ends ? 1 : 0;
         begin_run();
         put_event(0);
@@ -129,7 +129,7 @@ static void expect_all_once(void) {
 
 static void everything_is_there_once(void) {
     size_t lives = tl_test_campaign("TL_WRITER_LIVES", LIVES);
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, CHECKPOINT));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
     begin_run();
     for (size_t i = 0; i < lives; i++) {
         live_and_be_killed();

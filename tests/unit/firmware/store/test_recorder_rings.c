@@ -25,13 +25,13 @@ enum {
 
 /* What writers and this process tell each other, as on the stage of a live run. */
 typedef struct hall {
-    uint32_t flips;   /* announced, and done */
-    uint32_t drained; /* by a writer */
+    uint32_t handovers; /* announced, and done */
+    uint32_t drained;   /* by a writer */
 } hall;
 
 static tl_writer_bench bench;
 static hall *shared;
-static uint32_t read_flips; /* since which one the writer's ring is read */
+static uint32_t read_handovers; /* since which one the writer's ring is read */
 static tl_test_random dice;
 
 /* What was put. */
@@ -47,7 +47,7 @@ void setUp(void) {
     memset(shared, 0, sizeof *shared);
     dice = (tl_test_random){20261124};
     runs = ticks = all_ticks = events = of_io = 0;
-    read_flips = 0;
+    read_handovers = 0;
 }
 
 void tearDown(void) {
@@ -56,34 +56,34 @@ void tearDown(void) {
 
 /* ---- what is put ---- */
 
-static size_t ring_since(uint32_t flips) {
-    return flips % 2 == 0 ? TL_BENCH_TWIN : TL_BENCH_OTHER;
+static size_t ring_since(uint32_t handovers) {
+    return handovers % 2 == 0 ? TL_BENCH_TWIN : TL_BENCH_OTHER;
 }
 
 static size_t ring_of_run(void) {
-    return ring_since(shared->flips);
+    return ring_since(shared->handovers);
 }
 
-static tl_outbox *outbox_of_run(void) {
+static tl_record_queue *queue_of_run(void) {
     return ring_of_run() == TL_BENCH_TWIN ? &bench.twin : &bench.other;
 }
 
 /* That goes on with the one before, but for the first. */
 static void begin_run(void) {
-    static tl_outbox_start start; /* too large for a stack */
+    static tl_record_queue_start start; /* too large for a stack */
     tl_made_beginning(1000 * runs, &start);
     if (runs > 0) {
         start.resumption.from = TL_RESUMED_CHECKPOINT;
         start.resumption.run = -1;
         start.resumption.tick = 5;
     }
-    TEST_ASSERT_TRUE(tl_outbox_put_start(outbox_of_run(), &start));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(queue_of_run(), &start));
     runs++;
     ticks = 0;
 }
 
 static void put(int64_t count) {
-    TEST_ASSERT_TRUE(tl_made_put_out(outbox_of_run(), ticks, count));
+    TEST_ASSERT_TRUE(tl_made_put_out(queue_of_run(), ticks, count));
     ticks += count;
     all_ticks += count;
 }
@@ -92,40 +92,40 @@ static void put(int64_t count) {
 static void put_event(void) {
     char text[64];
     (void)snprintf(text, sizeof text, "event %lld of run %lld", (long long)events++, (long long)runs);
-    tl_outbox_event(outbox_of_run(), ticks, TL_EVENT_INFO, "twin", text);
+    tl_record_queue_event(queue_of_run(), ticks, TL_EVENT_INFO, "twin", text);
 }
 
 static void put_event_of_io(void) {
     char text[64];
     (void)snprintf(text, sizeof text, "event %lld", (long long)of_io++);
-    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", text);
+    tl_record_queue_event(&bench.io, -1, TL_EVENT_INFO, "io", text);
 }
 
 /* Its bytes say of which run it is. */
 static void put_checkpoint(void) {
     size_t capacity = 0;
-    unsigned char *room = tl_outbox_checkpoint_room(outbox_of_run(), &capacity);
+    unsigned char *room = tl_record_queue_checkpoint_room(queue_of_run(), &capacity);
     TEST_ASSERT_NOT_NULL(room);
     memset(room, (int)(runs % 251), CHECKPOINT);
-    tl_outbox_put_checkpoint(outbox_of_run(), ticks - 1, CHECKPOINT);
+    tl_record_queue_put_checkpoint(queue_of_run(), ticks - 1, CHECKPOINT);
 }
 
-static void flip(void) {
-    TEST_ASSERT_TRUE(tl_outbox_put_end(outbox_of_run(), TL_BENCH_HAND_OVER));
-    shared->flips++;
+static void handover(void) {
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(queue_of_run(), TL_BENCH_HAND_OVER));
+    shared->handovers++;
     begin_run();
 }
 
 /* ---- the writer, as the process that records has it ---- */
 
 static void open_writer(void) {
-    bench.ring = ring_since(read_flips);
+    bench.ring = ring_since(read_handovers);
     bench.is_last = true;
     tl_writer_bench_open(&bench);
 }
 
 static bool is_over(void) {
-    return __atomic_load_n(&shared->flips, __ATOMIC_ACQUIRE) != read_flips;
+    return __atomic_load_n(&shared->handovers, __ATOMIC_ACQUIRE) != read_handovers;
 }
 
 static void write_now(void) {
@@ -136,13 +136,13 @@ static void write_now(void) {
     bench.goes_on = !over;
     tl_recorder_writer_write(bench.writer);
     if (over && tl_recorder_writer_has_drained(bench.writer)) {
-        __atomic_store_n(&shared->drained, read_flips + 1, __ATOMIC_RELEASE);
+        __atomic_store_n(&shared->drained, read_handovers + 1, __ATOMIC_RELEASE);
     }
 }
 
 static bool follow(void) {
-    bool drained = __atomic_load_n(&shared->drained, __ATOMIC_ACQUIRE) == read_flips + 1;
-    read_flips += drained ? 1 : 0;
+    bool drained = __atomic_load_n(&shared->drained, __ATOMIC_ACQUIRE) == read_handovers + 1;
+    read_handovers += drained ? 1 : 0;
     return drained;
 }
 
@@ -160,14 +160,14 @@ static const char runs_of[] = "SELECT group_concat(run || ' ' || coalesce(ended_
 /* ---- one after the other ---- */
 
 static void test_the_next_run_comes_by_the_other_ring(void) {
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, CHECKPOINT));
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.other, CHECKPOINT));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.other, CHECKPOINT));
     open_writer();
     begin_run();
     put(10);
     put_event();
     write_now();
-    flip();
+    handover();
     put_event();
     put(7);
     put_checkpoint();
@@ -190,12 +190,12 @@ static void test_the_next_run_comes_by_the_other_ring(void) {
 }
 
 /* The first writer is that slow. It does not read the third run before the second one is written. */
-static void test_a_flip_back_before_the_first_was_written(void) {
+static void test_a_handover_back_before_the_first_was_written(void) {
     begin_run();
     put(10);
-    flip();
+    handover();
     put(8);
-    flip();
+    handover();
     put(6);
     open_writer();
     write_now();
@@ -218,9 +218,9 @@ static void test_a_flip_back_before_the_first_was_written(void) {
 static void test_nothing_of_a_later_run_is_lost_in_the_end(void) {
     begin_run();
     put(10);
-    flip();
+    handover();
     put(8);
-    flip();
+    handover();
     put(6);
     put_event();
     open_writer();
@@ -237,9 +237,9 @@ static void test_a_twin_that_dies_hands_over_all_the_same(void) {
     begin_run();
     put(10);
     tl_made_sample(10, &sample);
-    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+    TEST_ASSERT_TRUE(tl_record_queue_put_sample(&bench.twin, &sample));
     write_now();
-    shared->flips++;
+    shared->handovers++;
     begin_run();
     put(3);
     write_now();
@@ -256,7 +256,7 @@ static void test_a_run_that_hands_over_to_nobody(void) {
     open_writer();
     begin_run();
     put(10);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, TL_BENCH_HAND_OVER));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, TL_BENCH_HAND_OVER));
     begin_run();
     put(4);
     write_now();
@@ -269,7 +269,7 @@ static void test_a_successor_says_that_all_is_written(void) {
     open_writer();
     begin_run();
     put(10);
-    flip();
+    handover();
     write_now();
     shared->drained = 0;
     tl_writer_bench_close_well(&bench);
@@ -279,21 +279,22 @@ static void test_a_successor_says_that_all_is_written(void) {
 }
 
 /* Another configuration's, in new memory, of another size: the numbers of the reader go on. */
-static void test_a_new_outbox_in_the_place_of_an_old_one(void) {
+static void test_a_new_queue_in_the_place_of_an_old_one(void) {
     open_writer();
     begin_run();
     put(10);
     put_event();
-    flip();
+    handover();
     put(8);
     write_now();
     TEST_ASSERT_TRUE(follow());
     tl_writer_bench_close_well(&bench);
     memset(bench.memory[TL_BENCH_TWIN], 0, bench.bytes[TL_BENCH_TWIN]);
-    tl_outbox_open(&bench.settings[0], bench.memory[TL_BENCH_TWIN], &bench.state->taken[TL_BENCH_TWIN], &bench.twin);
-    TEST_ASSERT_EQUAL_UINT64(0, tl_outbox_lost(&bench.twin));
+    tl_record_queue_open(&bench.settings[0], bench.memory[TL_BENCH_TWIN], &bench.state->taken[TL_BENCH_TWIN],
+                         &bench.twin);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_lost(&bench.twin));
     open_writer();
-    flip();
+    handover();
     put(6);
     put_event();
     write_now();
@@ -310,15 +311,15 @@ static void test_a_new_outbox_in_the_place_of_an_old_one(void) {
 /* ---- killed ---- */
 
 static bool has_room(void) {
-    const tl_outbox_taken *taken = &bench.state->taken[ring_of_run()];
-    return outbox_of_run()->written - taken->ring < bench.settings[0].ring_bytes / 2 &&
+    const tl_record_queue_taken *taken = &bench.state->taken[ring_of_run()];
+    return queue_of_run()->written - taken->ring < bench.settings[0].ring_bytes / 2 &&
            (uint64_t)events - bench.state->taken[0].events - bench.state->taken[2].events < WAITING_EVENTS &&
            (uint64_t)of_io - bench.state->taken[TL_BENCH_IO].events < WAITING_EVENTS;
 }
 
 /* At most two flips ahead, as in a live run in which nobody moves in. */
-static bool may_flip(void) {
-    return shared->flips - read_flips < 2;
+static bool may_handover(void) {
+    return shared->handovers - read_handovers < 2;
 }
 
 static void put_some(void) {
@@ -331,8 +332,8 @@ static void put_some(void) {
     if (tl_test_random_chance(&dice, 5)) {
         put_checkpoint();
     }
-    if (tl_test_random_chance(&dice, 20) && may_flip()) {
-        flip();
+    if (tl_test_random_chance(&dice, 20) && may_handover()) {
+        handover();
         put_event();
     }
 }
@@ -340,7 +341,7 @@ static void put_some(void) {
 /* What writers have taken, and how many rings they have left: grows while they get somewhere. */
 static uint64_t taken_so_far(void) {
     uint64_t sum = __atomic_load_n(&shared->drained, __ATOMIC_ACQUIRE);
-    for (size_t i = 0; i < TL_BENCH_OUTBOXES; i++) {
+    for (size_t i = 0; i < TL_BENCH_QUEUES; i++) {
         sum += bench.state->taken[i].ring + bench.state->taken[i].events;
     }
     return sum;
@@ -349,7 +350,7 @@ static uint64_t taken_so_far(void) {
 /* How long at most. Doubled while nobody gets anywhere: a slow machine opens no database within a short life. */
 static void live_and_be_killed(size_t longest_us) {
     tl_time life = (tl_time)tl_test_random_below(&dice, longest_us) * 1000;
-    bench.ring = ring_since(read_flips);
+    bench.ring = ring_since(read_handovers);
     tl_writer_bench_live(&bench, tl_clock_now(NULL) + life, write_now, put_some);
     (void)follow();
 }
@@ -389,8 +390,8 @@ static void expect_all_once(void) {
 static void test_everything_is_there_once(void) {
     size_t lives = tl_test_campaign("TL_WRITER_LIVES", LIVES);
     int barren = 0; /* lives in a row in which nothing was taken */
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, CHECKPOINT));
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.other, CHECKPOINT));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, CHECKPOINT));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.other, CHECKPOINT));
     begin_run();
     for (size_t i = 0; i < lives || runs <= 3; i++) {
         uint64_t before = taken_so_far();
@@ -411,12 +412,12 @@ int main(void) {
     tl_scratch_make(&bench.scratch, TL_BINARY_DIR, "test_recorder_rings");
     UNITY_BEGIN();
     RUN_TEST(test_the_next_run_comes_by_the_other_ring);
-    RUN_TEST(test_a_flip_back_before_the_first_was_written);
+    RUN_TEST(test_a_handover_back_before_the_first_was_written);
     RUN_TEST(test_nothing_of_a_later_run_is_lost_in_the_end);
     RUN_TEST(test_a_twin_that_dies_hands_over_all_the_same);
     RUN_TEST(test_a_run_that_hands_over_to_nobody);
     RUN_TEST(test_a_successor_says_that_all_is_written);
-    RUN_TEST(test_a_new_outbox_in_the_place_of_an_old_one);
+    RUN_TEST(test_a_new_queue_in_the_place_of_an_old_one);
     RUN_TEST(test_everything_is_there_once);
     return tl_scratch_finish(&bench.scratch, UNITY_END());
 }

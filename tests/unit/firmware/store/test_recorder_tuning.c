@@ -9,14 +9,14 @@
 #include "tests/support/made_run.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
-#include "tests/support/test_outbox.h"
+#include "tests/support/test_record_queue.h"
 
 static const char *const FIRST = "{ \"twinlock\": 1, \"first\": 1 }";
 static const char *const SECOND = "{ \"twinlock\": 1, \"second\": 2 }";
 
 static tl_scratch scratch;
 static char path[PATH_MAX];
-static tl_test_outbox box;
+static tl_test_queue box;
 static tl_history *history;
 static const tl_history_run *run;
 static const tl_history_tuning *tunings;
@@ -39,7 +39,7 @@ void setUp(void) {
 
 void tearDown(void) {
     tl_history_close(history);
-    tl_test_outbox_close(&box);
+    tl_test_queue_close(&box);
     tl_scratch_empty(&scratch);
 }
 
@@ -54,36 +54,36 @@ static void open_writer(int64_t max_bytes) {
     settings.max_bytes = max_bytes;
     settings.known = &known;
     settings.known_count = 1;
-    tl_test_outbox_open(&box, &settings, 0);
+    tl_test_queue_open(&box, &settings, 0);
 }
 
 static void begin_run(const char *configured) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     (void)snprintf(tuning.hash, sizeof tuning.hash, "%s", configured);
     tuning.number = 0;
-    tl_outbox_name_configuration(&box.outbox, &tuning);
+    tl_record_queue_name_configuration(&box.queue, &tuning);
     tl_made_beginning(1234, &start);
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &start));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &start));
 }
 
 static void put(int64_t first, int64_t ticks) {
-    TEST_ASSERT_TRUE(tl_made_put_out(&box.outbox, first, ticks));
+    TEST_ASSERT_TRUE(tl_made_put_out(&box.queue, first, ticks));
 }
 
 static void take(int64_t tick, uint32_t number, const char *hash) {
     tuning.tick = tick;
     tuning.number = number;
     (void)snprintf(tuning.hash, sizeof tuning.hash, "%s", hash);
-    TEST_ASSERT_TRUE(tl_outbox_put_tuning(&box.outbox, &tuning));
+    TEST_ASSERT_TRUE(tl_record_queue_put_tuning(&box.queue, &tuning));
 }
 
 static void write_out(void) {
-    tl_test_outbox_write(&box);
+    tl_test_queue_write(&box);
 }
 
 static void close_writer(void) {
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "SIGTERM"));
-    tl_test_outbox_close(&box);
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "SIGTERM"));
+    tl_test_queue_close(&box);
 }
 
 static tl_status read_tunings(int64_t id) {

@@ -10,7 +10,7 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 #include "firmware/store/history.h"
-#include "firmware/store/outbox.h"
+#include "firmware/store/record_queue.h"
 #include "firmware/store/recorder.h"
 #include "tests/support/faulty_vfs.h"
 #include "tests/support/made_run.h"
@@ -45,8 +45,8 @@ static uint64_t written(void) {
 
 static void test_a_run_is_what_its_beginning_says(void) {
     tl_writer_bench_open(&bench);
-    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "before the run");
-    tl_outbox_event(&bench.twin, -1, TL_EVENT_INFO, "twin", "before the run");
+    tl_record_queue_event(&bench.io, -1, TL_EVENT_INFO, "io", "before the run");
+    tl_record_queue_event(&bench.twin, -1, TL_EVENT_INFO, "twin", "before the run");
     write_now();
     TEST_ASSERT_EQUAL_INT64(0, ask("SELECT count(*) FROM runs")); /* they wait */
     TEST_ASSERT_EQUAL_INT64(0, tl_recorder_state_get(bench.state).run);
@@ -56,9 +56,9 @@ static void test_a_run_is_what_its_beginning_says(void) {
     TEST_ASSERT_EQUAL_INT64(1, tl_recorder_state_get(bench.state).run);
     TEST_ASSERT_EQUAL_STRING(bench.path, tl_recorder_writer_path(bench.writer));
     TEST_ASSERT_EQUAL_INT64(1, ask("SELECT ended IS NULL FROM runs"));
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
     write_now();
-    tl_outbox_event(&bench.io, -1, TL_EVENT_INFO, "io", "after the run");
+    tl_record_queue_event(&bench.io, -1, TL_EVENT_INFO, "io", "after the run");
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_STRING("run|SIGTERM|2026-11-21T00:00:00.000Z|2|0|10|10|3|0",
@@ -84,8 +84,8 @@ static void test_stamps_count_from_the_start(void) {
     sample.stamps[0] = start - 17;
     sample.stamps[1] = start + 5;
     sample.stamps[2] = TL_TIME_NEVER;
-    TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "")); /* with what is put next it is handed over */
+    TEST_ASSERT_TRUE(tl_record_queue_put_sample(&bench.twin, &sample));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "")); /* with what is put next it is handed over */
     tl_writer_bench_close_well(&bench);
     TEST_ASSERT_EQUAL_STRING("-17 5 never",
                              tl_sql_text(bench.path, "SELECT group_concat(coalesce(stamp_ns, 'never'), ' ') FROM"
@@ -94,19 +94,19 @@ static void test_stamps_count_from_the_start(void) {
 }
 
 static void test_runs_follow_each_other(void) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
     tl_writer_bench_put(&bench, 0, 10);
-    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "first");
-    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = 8, .start = 2}};
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start)); /* its twin was killed */
-    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "second");
+    tl_record_queue_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "first");
+    start = (tl_record_queue_start){.resumption = {.from = TL_RESUMED_CHECKPOINT, .run = -1, .tick = 8, .start = 2}};
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&bench.twin, &start)); /* its twin was killed */
+    tl_record_queue_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "second");
     tl_writer_bench_put(&bench, 8, 10);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
-    start = (tl_outbox_start){.holds = true, .resumption = {.start = 3, .started = 1}};
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
-    tl_outbox_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "third");
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
+    start = (tl_record_queue_start){.holds = true, .resumption = {.start = 3, .started = 1}};
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&bench.twin, &start));
+    tl_record_queue_event(&bench.twin, 9, TL_EVENT_INFO, "twin", "third");
     tl_writer_bench_put(&bench, 0, 10);
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
@@ -124,18 +124,18 @@ static void test_runs_follow_each_other(void) {
 
 static void test_checkpoints(void) {
     size_t capacity = 0;
-    TEST_ASSERT_TRUE(tl_outbox_reserve_checkpoint(&bench.twin, 5000));
+    TEST_ASSERT_TRUE(tl_record_queue_reserve_checkpoint(&bench.twin, 5000));
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
     for (int64_t tick = 0; tick < 40; tick += 10) {
         tl_writer_bench_put(&bench, tick, 10);
-        memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
-        tl_outbox_put_checkpoint(&bench.twin, tick + 9, 5000);
+        memset(tl_record_queue_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+        tl_record_queue_put_checkpoint(&bench.twin, tick + 9, 5000);
         write_now();
         TEST_ASSERT_EQUAL_UINT64((uint64_t)tick / 10 + 1, bench.state->taken[0].checkpoint);
     }
-    memset(tl_outbox_checkpoint_room(&bench.twin, &capacity), 1, 5000);
-    tl_outbox_put_checkpoint(&bench.twin, INT64_MAX, 5000); /* which cannot be */
+    memset(tl_record_queue_checkpoint_room(&bench.twin, &capacity), 1, 5000);
+    tl_record_queue_put_checkpoint(&bench.twin, INT64_MAX, 5000); /* which cannot be */
     tl_writer_bench_close_well(&bench);
     TEST_ASSERT_EQUAL_STRING("29, 39", tl_sql_text(bench.path, "SELECT group_concat(tick, ', ') FROM checkpoints"));
 }
@@ -152,7 +152,7 @@ static void test_a_run_goes_on_in_its_row(void) {
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_put(&bench, 20, 10);
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
     tl_writer_bench_open(&bench);
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
@@ -266,7 +266,7 @@ static void test_what_a_full_disk_costs_is_counted(void) {
     tl_made_sample(10, &sample);
     for (int64_t tick = 10; refused < 100; tick++) {
         sample.tick = tick;
-        refused += tl_outbox_put_sample(&bench.twin, &sample) ? 0 : 1;
+        refused += tl_record_queue_put_sample(&bench.twin, &sample) ? 0 : 1;
     }
     TEST_ASSERT_TRUE(tl_recorder_writer_is_pressed(bench.writer));
     for (int i = 0; i < 10; i++) {
@@ -287,7 +287,7 @@ static void test_what_is_left_at_the_end(void) {
     write_now();
     tl_faulty_vfs_refuse(SQLITE_FULL, 0);
     tl_writer_bench_put(&bench, 10, 10);
-    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    tl_record_queue_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
     TEST_ASSERT_EQUAL_INT(TL_TRY_AGAIN, tl_writer_bench_close(&bench));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(bench.error.text, "its last 21 entries could not be written: database or disk"),
                                  bench.error.text);
@@ -318,7 +318,7 @@ static void test_batches_end_between_ticks(void) {
 /* ---- Outboxes that are not believed ------------------------------------------------------------------------------ */
 
 static void test_numbers_that_no_history_would_take(void) {
-    static tl_outbox_start start;
+    static tl_record_queue_start start;
     tl_sample sample;
     tl_record record;
     tl_recorder_component ledger[TL_MADE_COMPONENTS];
@@ -326,28 +326,28 @@ static void test_numbers_that_no_history_would_take(void) {
     const tl_history_run *run = NULL;
     static const int64_t ticks[] = {INT64_MIN, -1, 5, INT64_MAX / 2, INT64_MAX};
     tl_writer_bench_open(&bench);
-    start = (tl_outbox_start){.resumption = {.from = TL_RESUMED_CHECKPOINT,
-                                             .run = INT64_MAX,
-                                             .tick = INT64_MAX,
-                                             .start = INT64_MAX,
-                                             .started = INT64_MAX},
-                              .account = {.components = 1, .prediction = UINT32_MAX, .lead = UINT32_MAX}};
+    start = (tl_record_queue_start){.resumption = {.from = TL_RESUMED_CHECKPOINT,
+                                                   .run = INT64_MAX,
+                                                   .tick = INT64_MAX,
+                                                   .start = INT64_MAX,
+                                                   .started = INT64_MAX},
+                                    .account = {.components = 1, .prediction = UINT32_MAX, .lead = UINT32_MAX}};
     memcpy(start.account.component[0].name, "\xC3\xA4", 2);
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&bench.twin, &start));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&bench.twin, &start));
     for (size_t i = 0; i < sizeof ticks / sizeof ticks[0]; i++) {
         tl_made_sample(0, &sample);
         sample.tick = ticks[i];
         sample.stamps[0] = INT64_MIN;
         sample.stamps[1] = INT64_MAX;
-        TEST_ASSERT_TRUE(tl_outbox_put_sample(&bench.twin, &sample));
+        TEST_ASSERT_TRUE(tl_record_queue_put_sample(&bench.twin, &sample));
         tl_made_record(0, &record);
         record.step = ticks[i];
         record.used = INT64_MIN;
         memset(ledger, 0xFF, sizeof ledger);
-        TEST_ASSERT_TRUE(tl_outbox_put_step(&bench.twin, &record, ledger));
-        tl_outbox_event(&bench.twin, ticks[i], TL_EVENT_INFO, "\xFF", "\xC3");
+        TEST_ASSERT_TRUE(tl_record_queue_put_step(&bench.twin, &record, ledger));
+        tl_record_queue_event(&bench.twin, ticks[i], TL_EVENT_INFO, "\xFF", "\xC3");
     }
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "\xFF"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "\xFF"));
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_expect_whole(bench.path);
     TEST_ASSERT_EQUAL_STRING("1 1 8", tl_sql_text(bench.path, "SELECT samples_written || ' ' || steps_written || ' ' ||"
@@ -371,7 +371,7 @@ static void test_numbers_that_no_history_would_take(void) {
 }
 
 /* It is said once; the others are written on; and a successor that has mended it is read on. */
-static void test_an_outbox_that_is_damaged(void) {
+static void test_an_queue_that_is_damaged(void) {
     tl_writer_bench_open(&bench);
     tl_writer_bench_start(&bench, 1);
     tl_writer_bench_put(&bench, 0, 10);
@@ -381,7 +381,7 @@ static void test_an_outbox_that_is_damaged(void) {
     size_t at = (size_t)(bench.twin.ring - (unsigned char *)bench.memory[0]) + (size_t)bench.state->taken[0].ring;
     tl_writer_bench_put(&bench, 10, 10);
     memset((unsigned char *)bench.memory[0] + at, 0xEE, 64);
-    tl_outbox_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
+    tl_record_queue_event(&bench.io, 1, TL_EVENT_INFO, "io", "an event");
     write_now();
     write_now();
     TEST_ASSERT_EQUAL_UINT64(21, written());
@@ -390,7 +390,7 @@ static void test_an_outbox_that_is_damaged(void) {
     TEST_ASSERT_EQUAL_INT64(0, tl_recorder_writer_damage(bench.writer, 1));
     TEST_ASSERT_EQUAL_INT64(
         1, tl_writer_bench_count_own(bench.path, "the queue of twin was corrupted by the process of the FMUs: it %"));
-    tl_outbox_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
+    tl_record_queue_open(&bench.settings[0], bench.memory[0], &bench.state->taken[0], &bench.twin);
     tl_writer_bench_start(&bench, 2);
     tl_writer_bench_put(&bench, 20, 10);
     tl_writer_bench_write_until(&bench, 41);
@@ -447,13 +447,13 @@ static void test_a_ring_that_is_skipped(void) {
     tl_writer_bench_put(&bench, 0, 10);
     write_now();
     spoil_next();
-    ((struct tl_outbox_control *)bench.memory[0])->lost += UINT64_C(1) << 40;
+    ((struct tl_record_queue_control *)bench.memory[0])->lost += UINT64_C(1) << 40;
     write_until_read_on();
     tl_writer_bench_close_well(&bench);
     tl_writer_bench_open(&bench);
     tl_writer_bench_put(&bench, 20, 10);
     write_until_read_on();
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&bench.twin, "SIGTERM"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&bench.twin, "SIGTERM"));
     tl_writer_bench_close_well(&bench);
     expect_ticks(10, 30);
     TEST_ASSERT_EQUAL_INT64(10, ask("SELECT entries_lost FROM runs"));
@@ -525,7 +525,7 @@ int main(void) {
     RUN_TEST(test_what_is_left_at_the_end);
     RUN_TEST(test_batches_end_between_ticks);
     RUN_TEST(test_numbers_that_no_history_would_take);
-    RUN_TEST(test_an_outbox_that_is_damaged);
+    RUN_TEST(test_an_queue_that_is_damaged);
     RUN_TEST(test_a_ring_that_is_skipped);
     RUN_TEST(test_samples_that_the_twin_does_not_hand_over);
     RUN_TEST(test_a_beginning_that_is_skipped);

@@ -312,7 +312,7 @@ static void step_both(const tl_assembly *built, const tl_assembly *retuned, int6
     TEST_ASSERT_EQUAL_UINT32(records[0].executions, records[1].executions);
     TEST_ASSERT_EQUAL_MEMORY(&records[0].objective, &records[1].objective, sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(records[0].u, records[1].u, sizeof(double));
-    TEST_ASSERT_EQUAL_MEMORY(records[0].u_hat, records[1].u_hat, sizeof(double));
+    TEST_ASSERT_EQUAL_MEMORY(records[0].nominal, records[1].nominal, sizeof(double));
     TEST_ASSERT_EQUAL_MEMORY(records[0].y, records[1].y, sizeof(double));
 }
 

@@ -8,8 +8,8 @@
 #include "firmware/twin/twin_recorder.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
-#include "tests/support/test_outbox.h"
 #include "tests/support/test_plan.h"
+#include "tests/support/test_record_queue.h"
 
 enum { INTERVAL = 100 /* ticks: 10 s */, MUCH = 1 << 20 };
 
@@ -21,7 +21,7 @@ static tl_test_plan plan;
 static tl_test_run run;
 static tl_assembly assembly;
 static tl_journal journal;
-static tl_test_outbox box;
+static tl_test_queue box;
 static tl_checkpointer checkpointer;
 static tl_scratch scratch;
 static char path[PATH_MAX];
@@ -63,7 +63,7 @@ void setUp(void) {
 }
 
 static void close_recorder(void) {
-    tl_test_outbox_close(&box);
+    tl_test_queue_close(&box);
 }
 
 void tearDown(void) {
@@ -75,7 +75,7 @@ void tearDown(void) {
 }
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
+    tl_record_queue_event(context, tick, severity, source, text);
 }
 
 static void begin(size_t checkpoint_bytes) {
@@ -93,14 +93,14 @@ static void begin(size_t checkpoint_bytes) {
         .plant_count = 1,
         .component_count = 2,
     };
-    tl_test_outbox_open(&box, &settings, checkpoint_bytes);
+    tl_test_queue_open(&box, &settings, checkpoint_bytes);
     tl_journal_init(&journal, NULL);
-    tl_journal_listen(&journal, put_event, &box.outbox);
+    tl_journal_listen(&journal, put_event, &box.queue);
     assembly.twin = run.twin;
     assembly.config.step = STEP;
     assembly.config.record_resume = TL_SECOND;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
-    tl_twin_recorder_start(&box.outbox, run.twin, 0);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, true);
+    tl_twin_recorder_start(&box.queue, run.twin, 0);
 }
 
 /* Ticks, after each of which so much of a budget of 50 ms has been used. */
@@ -112,7 +112,7 @@ static void play(int64_t ticks, tl_time used) {
         const tl_budget budget = {.time = TL_SECOND / 20, .started = tl_clock_now(NULL) - used, .now = tl_clock_now};
         tl_checkpointer_after(&checkpointer, tick, &budget);
         if (tick % 10 == 0) {
-            tl_test_outbox_write(&box);
+            tl_test_queue_write(&box);
         }
     }
 }
@@ -251,7 +251,7 @@ static void test_an_fmu_that_refuses(void) {
 static void test_it_is_not_wanted(void) {
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, true);
     play(INTERVAL, 0);
     close_recorder();
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
@@ -277,12 +277,12 @@ static void test_rehearsed_and_saved_once(void) {
     uint64_t calls = fmu.calls[TL_TEST_SERIALIZE];
     step_and_rehearse(false); /* once is enough */
     TEST_ASSERT_EQUAL_UINT64(calls, fmu.calls[TL_TEST_SERIALIZE]);
-    tl_test_outbox_write(&box);
+    tl_test_queue_write(&box);
     TEST_ASSERT_EQUAL_INT64(0, checkpoints());
     TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
     TEST_ASSERT_NOT_EQUAL_size_t(0, size);
     tl_checkpointer_put(&checkpointer, run.sample.tick - 1, size);
-    tl_test_outbox_write(&box);
+    tl_test_queue_write(&box);
     TEST_ASSERT_EQUAL_INT64(1, checkpoints());
     play(INTERVAL + 2, 0);
     close_recorder();
@@ -307,7 +307,7 @@ static void test_a_shadow_that_nobody_goes_on_with(void) {
     size_t size = 0;
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, true);
     step_and_rehearse(false);
     TEST_ASSERT_TRUE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
 }
@@ -317,7 +317,7 @@ static void test_a_shadow_that_cannot_be_saved(void) {
     fmu.model.capabilities.can_serialize_state = false;
     begin(MUCH);
     assembly.config.record_resume = 0;
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, true);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, true);
     step_and_rehearse(false);
     TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);
@@ -327,7 +327,7 @@ static void test_a_shadow_that_cannot_be_saved(void) {
 static void test_fmus_whose_states_are_of_no_use_elsewhere(void) {
     size_t size = 0;
     begin(MUCH);
-    tl_checkpointer_init(&checkpointer, &assembly, &box.outbox, &journal, false);
+    tl_checkpointer_init(&checkpointer, &assembly, &box.queue, &journal, false);
     step_and_rehearse(false);
     TEST_ASSERT_FALSE(tl_checkpointer_save(&checkpointer, TL_SECOND, &size));
     TEST_ASSERT_EQUAL_UINT64(0, fmu.calls[TL_TEST_SERIALIZE]);

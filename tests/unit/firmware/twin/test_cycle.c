@@ -12,17 +12,17 @@
 #include "tests/support/follower.h"
 #include "tests/support/scratch.h"
 #include "tests/support/sql.h"
-#include "tests/support/test_outbox.h"
+#include "tests/support/test_record_queue.h"
 
 #define MILLISECOND (TL_SECOND / 1000)
 #define PATIENCE (60 * TL_SECOND)
 
 static tl_follower twin;
-static tl_mailbox_slot slots[256];
+static tl_sample_buffer_slot slots[256];
 static uint64_t posts;
 static tl_plant_input input;
 static tl_journal journal;
-static tl_test_outbox box;
+static tl_test_queue box;
 static size_t checkpoint_bytes; /* room in it */
 static tl_fmu_thread *thread;
 static tl_cycle *cycle;
@@ -66,7 +66,7 @@ static fmi2Status slow_step(fmi2Component component, fmi2Real point, fmi2Real si
 void setUp(void) {
     memset(slots, 0, sizeof slots);
     posts = 0;
-    input = (tl_plant_input){.mailboxes = {{.slots = slots, .count = &posts, .depth = 256}}};
+    input = (tl_plant_input){.buffers = {{.slots = slots, .count = &posts, .depth = 256}}};
     memset(&shown, 0, sizeof shown);
     memset(&tuning, 0, sizeof tuning);
     memset(&answer, 0, sizeof answer);
@@ -87,13 +87,13 @@ void tearDown(void) {
     if (cycle != NULL) {
         (void)tl_cycle_stop(cycle, &summary, &has_run, &error);
     }
-    tl_test_outbox_close(&box);
+    tl_test_queue_close(&box);
     tl_fmu_thread_end(thread);
     tl_follower_end(&twin);
     tl_scratch_empty(&scratch);
 }
 
-static void make_twin(tl_time step, tl_time duration, tl_measurements measurements) {
+static void make_twin(tl_time step, tl_time duration, tl_pairing measurements) {
     tl_follower_begin(&twin, step);
     quick_step = twin.fmu.functions.do_step;
     twin.fmu.functions.do_step = slow_step;
@@ -107,16 +107,16 @@ static void make_recorder(void) {
     settings.commit = 20 * MILLISECOND;
     settings.known = &known;
     settings.known_count = 1;
-    tl_test_outbox_open(&box, &settings, checkpoint_bytes);
+    tl_test_queue_open(&box, &settings, checkpoint_bytes);
 }
 
 static void post(double speed) {
     const tl_reading reading = {.value = speed, .stamp = tl_clock_now(NULL), .quality = TL_GOOD};
-    tl_mailbox_post(&input.mailboxes[0], &reading);
+    tl_sample_buffer_post(&input.buffers[0], &reading);
 }
 
 static void put_event(void *context, int64_t tick, tl_severity severity, const char *source, const char *text) {
-    tl_outbox_event(context, tick, severity, source, text);
+    tl_record_queue_event(context, tick, severity, source, text);
 }
 
 static void start(void) {
@@ -126,12 +126,12 @@ static void start(void) {
         make_recorder();
     }
     tl_journal_init(&journal, NULL);
-    tl_journal_listen(&journal, put_event, &box.outbox);
+    tl_journal_listen(&journal, put_event, &box.queue);
     post(5.0);
     const tl_cycle_settings settings = {.assembly = &twin.assembly,
                                         .thread = thread,
                                         .input = &input,
-                                        .outbox = &box.outbox,
+                                        .queue = &box.queue,
                                         .journal = &journal,
                                         .tuning = &tuning,
                                         .answer = &answer};
@@ -149,7 +149,7 @@ static void watch(uint64_t ticks) {
         if (tl_cycle_status_now(cycle, &shown)) {
             TEST_ASSERT_TRUE(shown.ended || shown.ticks - shown.steps - shown.skipped <= pending);
             TEST_ASSERT_TRUE(shown.steps >= steps);
-            TEST_ASSERT_TRUE(shown.steps == 0 || shown.record.u_hat[0] == 0.0);
+            TEST_ASSERT_TRUE(shown.steps == 0 || shown.record.nominal[0] == 0.0);
             steps = shown.steps;
         }
         tl_clock_sleep_until(tl_clock_now(NULL) + MILLISECOND / 5);
@@ -159,8 +159,8 @@ static void watch(uint64_t ticks) {
 static tl_status end(void) {
     tl_status status = tl_cycle_stop(cycle, &summary, &has_run, &error);
     cycle = NULL;
-    (void)tl_outbox_put_end(&box.outbox, "end");
-    tl_test_outbox_close(&box);
+    (void)tl_record_queue_put_end(&box.queue, "end");
+    tl_test_queue_close(&box);
     return status;
 }
 
@@ -187,7 +187,7 @@ static void expect_ledger(void) {
 
 /* ---- ticks ---- */
 
-static void run_for_a_duration(tl_measurements measurements) {
+static void run_for_a_duration(tl_pairing measurements) {
     make_twin(2 * MILLISECOND, 100 * MILLISECOND, measurements);
     start();
     watch(UINT64_MAX);
@@ -298,7 +298,7 @@ static void test_fmus_that_begin_anew(void) {
 }
 
 /* A twin whose tolerance is so wide that nothing is ever searched, until it is told another one. */
-static void begin_wide(tl_time step, tl_measurements measurements) {
+static void begin_wide(tl_time step, tl_pairing measurements) {
     make_twin(step, 0, measurements);
     tl_config_tuning(&twin.assembly.config, &told.tuning);
     told.tuning.match[0].tolerance = 100.0;
@@ -329,7 +329,7 @@ static double recorded(const char *what, const char *compared, int64_t number) {
 }
 
 /* Up to a tick it is as it was, and from then on as it was told; the twin, the judge and the budget alike. */
-static void retune_in_mode(tl_measurements measurements) {
+static void retune_in_mode(tl_pairing measurements) {
     tl_live_tuning_answer heard;
     begin_wide(2 * MILLISECOND, measurements);
     tell(2);
@@ -411,7 +411,7 @@ static void test_a_tuning_that_is_in_force_already(void) {
     tell(2);
     make_recorder();
     tl_run_tuning configured = {.number = 2, .values = told.tuning};
-    tl_outbox_name_configuration(&box.outbox, &configured);
+    tl_record_queue_name_configuration(&box.queue, &configured);
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);
@@ -421,7 +421,7 @@ static void test_a_tuning_that_is_in_force_already(void) {
 
 /* Somebody tried to go on with an earlier run, and failed: the twin is a new one, and has nothing of what that had. */
 static void test_a_tuning_of_a_run_that_got_nowhere(void) {
-    static tl_outbox_start before;
+    static tl_record_queue_start before;
     make_twin(2 * MILLISECOND, 20 * MILLISECOND, TL_LAG);
     tl_config_tuning(&twin.assembly.config, &told.tuning);
     told.tuning.margin = 0.25;
@@ -430,8 +430,8 @@ static void test_a_tuning_of_a_run_that_got_nowhere(void) {
     tl_run_tuning taken = {.tick = 5, .number = 2, .values = told.tuning};
     memcpy(taken.hash, told.hash, sizeof taken.hash);
     tl_account_take(twin.assembly.twin, &before.account);
-    TEST_ASSERT_TRUE(tl_outbox_put_start(&box.outbox, &before) && tl_outbox_put_tuning(&box.outbox, &taken));
-    TEST_ASSERT_TRUE(tl_outbox_put_end(&box.outbox, "could not go on with an earlier run"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&box.queue, &before) && tl_record_queue_put_tuning(&box.queue, &taken));
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&box.queue, "could not go on with an earlier run"));
     start();
     watch(UINT64_MAX);
     TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, end(), error.text);

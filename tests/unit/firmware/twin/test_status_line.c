@@ -18,9 +18,9 @@ void setUp(void) {
     match[0].variable = "motor.omega";
     status = (tl_cycle_status){.skipped = 3, .lock = {.state = TL_LOCK_LOCKED}};
     status.record =
-        (tl_record){.step = 99, .outcome = TL_OPTIMISED, .used = 12000, .u = {1.5}, .u_hat = {1.0}, .y = {2.0}};
-    status.record.y_hat[0] = 2.5;
-    status.record.y_hat_quality[0] = TL_GOOD;
+        (tl_record){.step = 99, .outcome = TL_OPTIMISED, .used = 12000, .u = {1.5}, .nominal = {1.0}, .y = {2.0}};
+    status.record.measured[0] = 2.5;
+    status.record.measured_quality[0] = TL_GOOD;
 }
 
 void tearDown(void) {}
@@ -43,7 +43,7 @@ static void test_that_u_rests(void) {
 }
 
 static void test_a_measurement_that_is_not_good(void) {
-    status.record.y_hat_quality[0] = TL_NO_LINK;
+    status.record.measured_quality[0] = TL_NO_LINK;
     expect_words("(plant 2.5, no link)");
 }
 

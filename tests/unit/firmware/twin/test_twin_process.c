@@ -30,7 +30,7 @@
 #define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
 #define SLOW "twin slow"
 
-enum { PULSE = 6, OUTBOX = 8, GATE = 9, NUMBERS = 12, DONE = 42, WAIT_S = 20 };
+enum { PULSE = 6, QUEUE = 8, GATE = 9, NUMBERS = 12, DONE = 42, WAIT_S = 20 };
 
 /* What the process tells, in a block that it writes. */
 typedef struct told {
@@ -252,14 +252,14 @@ static void test_another_one_is_another_user(void) {
 static void test_it_holds(void) {
     order.holds = true;
     order.unconfined = true; /* what confines opens some places for good */
-    settings.given[OUTBOX] = nothing;
+    settings.given[QUEUE] = nothing;
     settings.given[NUMBERS - 1] = nothing;
     start();
     expect_end(DONE, 0);
     TEST_ASSERT_FALSE(seen->has_files);
     TEST_ASSERT_FALSE(seen->facts.filter);
     TEST_ASSERT_EQUAL_HEX(
-        1U << 0 | 1U << 1 | 1U << 2 | 1U << TL_TWIN_JOB | 1U << PULSE | 1U << OUTBOX | 1U << (NUMBERS - 1), seen->open);
+        1U << 0 | 1U << 1 | 1U << 2 | 1U << TL_TWIN_JOB | 1U << PULSE | 1U << QUEUE | 1U << (NUMBERS - 1), seen->open);
 }
 
 static void test_it_holds_confined(void) {

@@ -23,8 +23,8 @@ void setUp(void) {
     result.record.stop = TL_STOP_TOLERANCE;
     result.record.flags = TL_FLAG_FALLBACK;
     result.record.delay_state = TL_DELAY_KNOWN;
-    result.record.y_hat_quality[0] = TL_GOOD;
-    result.record.y_hat_quality[1] = TL_STALE;
+    result.record.measured_quality[0] = TL_GOOD;
+    result.record.measured_quality[1] = TL_STALE;
 }
 
 void tearDown(void) {}
@@ -43,7 +43,7 @@ static void test_the_ends_of_all_ranges(void) {
     result.record.stop = TL_STOP_TIME;
     result.record.flags = 2 * TL_LAST_FLAG - 1;
     result.record.delay_state = TL_DELAY_LOST;
-    result.record.y_hat_quality[1] = TL_OUTLIER;
+    result.record.measured_quality[1] = TL_OUTLIER;
     result.status = TL_TRY_AGAIN;
     TEST_ASSERT_TRUE(is_sound());
     result.record.step = LEAST;
@@ -128,11 +128,11 @@ static void test_a_flag_that_is_none(void) {
 
 static void test_a_quality_that_is_none(void) {
     for (size_t i = 0; i < config.match_count; i++) {
-        result.record.y_hat_quality[i] = TL_OUTLIER + 1;
+        result.record.measured_quality[i] = TL_OUTLIER + 1;
         TEST_ASSERT_FALSE(is_sound());
-        result.record.y_hat_quality[i] = UINT8_MAX;
+        result.record.measured_quality[i] = UINT8_MAX;
         TEST_ASSERT_FALSE(is_sound());
-        result.record.y_hat_quality[i] = TL_GOOD;
+        result.record.measured_quality[i] = TL_GOOD;
     }
     TEST_ASSERT_TRUE(is_sound());
 }

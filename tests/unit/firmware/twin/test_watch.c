@@ -307,7 +307,7 @@ static void test_strokes_are_told_where_they_change_something(void) {
     config.event.start.signal = "plant.move";
     config.adjust_count = 1;
     record.u[0] = 0.01;
-    record.u_hat[0] = 0.01;
+    record.nominal[0] = 0.01;
     stroke(TL_FIRST_GUESS, 0.01, 0.0, 0);
     expect_told("");
     stroke(TL_OPTIMISED, 0.0231, 0.0, 7);
@@ -341,7 +341,7 @@ static void test_a_stroke_that_a_reset_gave_up(void) {
     config.event.start.signal = "plant.move";
     config.adjust_count = 1;
     record.u[0] = 0.01;
-    record.u_hat[0] = 0.01;
+    record.nominal[0] = 0.01;
     stroke(TL_OPTIMISED, 0.0231, 0.0, 7);
     expect_told_with("stroke: motor.d from 0.01 to 0.0231");
     record.u[0] = 0.01;

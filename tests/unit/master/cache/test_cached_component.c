@@ -530,7 +530,7 @@ static uint64_t walk_with_failures(size_t *failures) {
             walking = tl_cached_component_step(&cached, step + depth++, &error) == TL_OK;
         }
         *failures += !walking;
-        for (size_t again = 0; again < 3; again++) { /* a commit is repeated as lock.c does */
+        for (size_t again = 0; again < 3; again++) { /* a commit is repeated as synchroniser.c does */
             rewind_candidate();
             set_inputs(i % 2 == 0 ? CIRCLE : STAR);
             tl_cached_component_make_room(&cached);

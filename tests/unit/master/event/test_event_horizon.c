@@ -157,7 +157,7 @@ static void assert_next_stroke(void) {
 /* ---- what is found ---- */
 
 static void the_winner_becomes_the_twin_and_the_next_stroke_is_right(void) {
-    static const tl_measurements modes[] = {TL_LAG, TL_HOLD};
+    static const tl_pairing modes[] = {TL_LAG, TL_HOLD};
     tl_test_random chance = {3};
     int at_once = 0;
     for (int i = 0; i < 120; i++) {
@@ -178,7 +178,7 @@ static void the_winner_becomes_the_twin_and_the_next_stroke_is_right(void) {
         TEST_ASSERT_TRUE(records[again].objective < 1.0);
         at_once += records[again].outcome == TL_FIRST_GUESS ? 1 : 0;
         assert_next_stroke();
-        TEST_ASSERT_TRUE(records[TICKS - 1].u_hat[0] == NOMINAL);
+        TEST_ASSERT_TRUE(records[TICKS - 1].nominal[0] == NOMINAL);
     }
     TEST_ASSERT_TRUE(at_once > 60); /* the others are a tick off: strokes do not begin at quite the same place */
 }

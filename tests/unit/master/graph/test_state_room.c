@@ -68,7 +68,7 @@ typedef struct setting {
     const char *solver;
     uint32_t prediction;
     tl_shape shape;
-    tl_measurements measurements;
+    tl_pairing measurements;
     tl_keep keep;
     uint64_t bytes;
     size_t (*heap)(void);
@@ -139,7 +139,7 @@ static void room_for_few_states_changes_no_bit(void) {
         setting set = {.solver = solvers[number % SOLVERS],
                        .prediction = 3 + number % 4,
                        .shape = number % 2 != 0 ? TL_DYNAMIC : TL_STATIC,
-                       .measurements = (tl_measurements)(number / 4 % 3),
+                       .measurements = (tl_pairing)(number / 4 % 3),
                        .keep = number % 3 == 0 ? TL_KEEP_OUTPUTS : TL_KEEP_STATES};
         setUp();
         build(&set, 0);

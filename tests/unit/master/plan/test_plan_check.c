@@ -125,10 +125,10 @@ static void a_margin_is_below_one(void) {
 
 static void choices_are_among_those_there_are(void) {
     for (int i = 0; i <= TL_HOLD; i++) {
-        plan.measurements = (tl_measurements)i;
+        plan.measurements = (tl_pairing)i;
         expect_none();
     }
-    plan.measurements = (tl_measurements)(TL_HOLD + 1);
+    plan.measurements = (tl_pairing)(TL_HOLD + 1);
     expect_problem("synchronise.horizon.measurements", "found the choice number 3, expected one from 0 to 2");
     plan.measurements = TL_LAG;
     plan.shape = (tl_shape)(TL_DYNAMIC + 1);

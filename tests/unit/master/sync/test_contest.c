@@ -20,15 +20,15 @@ typedef struct world {
     bool spikes;   /* one measurement in fifty is far off */
 } world;
 
-static tl_contest contest;
-static tl_contest_verdict verdict;
+static tl_free_run_check contest;
+static tl_free_run_check_verdict verdict;
 static tl_test_random numbers;
 static double followed; /* by the locked twin, of the last measurement's noise */
 static uint32_t trial;  /* so many were over before the verdict */
 
 void setUp(void) {
-    contest = (tl_contest){.guard = GUARD};
-    verdict = (tl_contest_verdict){0};
+    contest = (tl_free_run_check){.guard = GUARD};
+    verdict = (tl_free_run_check_verdict){0};
     numbers = (tl_test_random){7};
     followed = 0.0;
     trial = 0;
@@ -56,9 +56,9 @@ static void one_trial(const world *of) {
         noise += of->spikes && tl_test_random_chance(&numbers, 2) ? 40.0 : 0.0;
         followed = contest.rests ? 0.0 : of->gain * noise;
         double rested = contest.rests ? of->bias + of->drift * trial : followed;
-        const tl_contest_errors errors = {
+        const tl_free_run_check_errors errors = {
             .locked = {rested - noise}, .free = {free - noise}, .predicted = {began + unknown - noise}, .weight = 1.0};
-        verdict = tl_contest_step(&contest, &errors, true);
+        verdict = tl_free_run_check_step(&contest, &errors, true);
         TEST_ASSERT_EQUAL_INT(step == GUARD - 1 && !contest.rests, verdict.predict);
     }
     trial++;
@@ -66,7 +66,7 @@ static void one_trial(const world *of) {
 
 /* Until it says something, or for good. */
 static void go_on(const world *of, uint32_t most) {
-    verdict = (tl_contest_verdict){0};
+    verdict = (tl_free_run_check_verdict){0};
     for (trial = 0; trial < most && !verdict.turned && !verdict.renew;) {
         one_trial(of);
     }
@@ -77,7 +77,7 @@ static void go_on(const world *of, uint32_t most) {
 static void u_rests_if_the_model_is_right(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0}, TRIALS);
     TEST_ASSERT_TRUE(verdict.turned && verdict.adopt && contest.rests);
-    TEST_ASSERT_GREATER_OR_EQUAL_UINT32(TL_CONTEST_LEAST, trial);
+    TEST_ASSERT_GREATER_OR_EQUAL_UINT32(TL_FREE_RUN_CHECK_LEAST, trial);
     TEST_ASSERT_LESS_THAN_UINT32(100, trial);
 }
 
@@ -93,13 +93,13 @@ static void and_if_the_lock_follows_only_a_part_of_the_noise(void) {
 }
 
 static void it_stays_locked_if_the_free_twin_is_further_off(void) {
-    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, 5 * TL_CONTEST_TRIALS);
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, 5 * TL_FREE_RUN_CHECK_TRIALS);
     TEST_ASSERT_FALSE(verdict.turned || contest.rests);
 }
 
 /* A prediction is no better than the free twin then; what was measured is. */
 static void it_stays_locked_if_nobody_can_predict(void) {
-    go_on(&(world){.noise = 0.3, .gain = 1.0, .unrest = 0.5}, 5 * TL_CONTEST_TRIALS);
+    go_on(&(world){.noise = 0.3, .gain = 1.0, .unrest = 0.5}, 5 * TL_FREE_RUN_CHECK_TRIALS);
     TEST_ASSERT_FALSE(verdict.turned || contest.rests);
 }
 
@@ -107,7 +107,7 @@ static void it_stays_locked_if_nobody_can_predict(void) {
 static void it_stays_locked_if_what_it_does_not_know_swings(void) {
     for (int i = 1; i <= 31; i++) {
         setUp();
-        go_on(&(world){.noise = 0.3, .gain = 1.0, .swing = 2.0, .pace = 0.1 * i}, 5 * TL_CONTEST_TRIALS);
+        go_on(&(world){.noise = 0.3, .gain = 1.0, .swing = 2.0, .pace = 0.1 * i}, 5 * TL_FREE_RUN_CHECK_TRIALS);
         TEST_ASSERT_FALSE(verdict.turned || contest.rests);
     }
 }
@@ -118,7 +118,7 @@ static void it_stays_locked_if_there_is_no_noise(void) {
 }
 
 static void outliers_do_not_decide(void) {
-    go_on(&(world){.noise = 0.3, .gain = 0.0, .bias = 0.6, .spikes = true}, 5 * TL_CONTEST_TRIALS);
+    go_on(&(world){.noise = 0.3, .gain = 0.0, .bias = 0.6, .spikes = true}, 5 * TL_FREE_RUN_CHECK_TRIALS);
     TEST_ASSERT_FALSE(verdict.turned || contest.rests);
 }
 
@@ -129,7 +129,7 @@ static void a_free_twin_that_drifts_away_is_not_adopted(void) {
     for (uint64_t seed = 1; seed <= 20; seed++) {
         setUp();
         numbers.state = seed;
-        go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = -0.3, .drift = 0.02}, TL_CONTEST_TRIALS);
+        go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = -0.3, .drift = 0.02}, TL_FREE_RUN_CHECK_TRIALS);
         turned += verdict.turned ? 1 : 0;
         adopted += verdict.adopt ? 1 : 0;
     }
@@ -139,13 +139,13 @@ static void a_free_twin_that_drifts_away_is_not_adopted(void) {
 static void one_that_has_lost_for_long_begins_anew(void) {
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 2.0}, TRIALS);
     TEST_ASSERT_TRUE(verdict.renew && !contest.rests);
-    TEST_ASSERT_EQUAL_UINT32(TL_CONTEST_LOST * TL_CONTEST_TRIALS, trial);
+    TEST_ASSERT_EQUAL_UINT32(TL_FREE_RUN_CHECK_LOST * TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
 /* Until u rests; the trials that it took, or `most`. A free twin that begins anew does not end it. */
 static uint32_t trials_to_rest(const world *of, uint32_t most) {
     for (trial = 0; trial < most && !contest.rests;) {
-        verdict = (tl_contest_verdict){0};
+        verdict = (tl_free_run_check_verdict){0};
         one_trial(of);
     }
     return trial;
@@ -153,17 +153,18 @@ static uint32_t trials_to_rest(const world *of, uint32_t most) {
 
 /* What the model did not know hid the noise, and averages over a thousand trials would be full of that for minutes. */
 static void it_forgets_what_was_before_times_have_changed(void) {
-    uint32_t most = TL_CONTEST_MEMORY;
+    uint32_t most = TL_FREE_RUN_CHECK_MEMORY;
     TEST_ASSERT_EQUAL_UINT32(most,
                              trials_to_rest(&(world){.noise = 0.3, .gain = 1.0, .swing = 1.0, .pace = 0.6}, most));
     TEST_ASSERT_TRUE(contest.known.noise.mean < 0.0);
-    TEST_ASSERT_LESS_THAN_UINT32(8 * TL_CONTEST_TRIALS, trials_to_rest(&(world){.noise = 0.3, .gain = 1.0}, most));
+    TEST_ASSERT_LESS_THAN_UINT32(8 * TL_FREE_RUN_CHECK_TRIALS,
+                                 trials_to_rest(&(world){.noise = 0.3, .gain = 1.0}, most));
     TEST_ASSERT_TRUE(contest.known.noise.mean > 0.0);
 }
 
 /* So much worse that each prediction looks as if the plant were upset. */
 static void and_if_a_sensor_becomes_worse(void) {
-    uint32_t most = 5 * TL_CONTEST_TRIALS;
+    uint32_t most = 5 * TL_FREE_RUN_CHECK_TRIALS;
     TEST_ASSERT_EQUAL_UINT32(most, trials_to_rest(&(world){.noise = 0.1, .gain = 1.0, .bias = 0.2}, most));
     TEST_ASSERT_LESS_THAN_UINT32(most, trials_to_rest(&(world){.noise = 0.4, .gain = 1.0, .bias = 0.2}, most));
 }
@@ -192,25 +193,25 @@ static void what_is_off_for_long_ends_it(void) {
     let_it_rest();
     go_on(&(world){.noise = 0.3, .gain = 1.0, .bias = 0.45}, TRIALS);
     TEST_ASSERT_TRUE(verdict.turned && !contest.rests);
-    TEST_ASSERT_LESS_THAN_UINT32(TL_CONTEST_TRIALS, trial);
+    TEST_ASSERT_LESS_THAN_UINT32(TL_FREE_RUN_CHECK_TRIALS, trial);
 }
 
 /* ---- what is no number, and what is not there ---- */
 
 static void nothing_measured_says_nothing(void) {
-    const tl_contest_errors errors = {.weight = 1.0};
+    const tl_free_run_check_errors errors = {.weight = 1.0};
     for (uint32_t i = 0; i < GUARD * TRIALS; i++) {
-        verdict = tl_contest_step(&contest, &errors, i % 3 == 0);
+        verdict = tl_free_run_check_step(&contest, &errors, i % 3 == 0);
         TEST_ASSERT_FALSE(verdict.turned || verdict.renew || verdict.adopt);
     }
     TEST_ASSERT_EQUAL_UINT32(0, contest.known.count); /* two predictions in a row never ended with a measurement */
 }
 
 static void what_is_not_finite_is_as_far_as_can_be(void) {
-    const tl_contest_errors errors = {
+    const tl_free_run_check_errors errors = {
         .locked = {0.1}, .free = {(double)NAN, HUGE_VAL}, .predicted = {-HUGE_VAL}, .weight = 1.0};
-    for (uint32_t i = 0; i < GUARD * TL_CONTEST_LOST * TL_CONTEST_TRIALS; i++) {
-        verdict = tl_contest_step(&contest, &errors, true);
+    for (uint32_t i = 0; i < GUARD * TL_FREE_RUN_CHECK_LOST * TL_FREE_RUN_CHECK_TRIALS; i++) {
+        verdict = tl_free_run_check_step(&contest, &errors, true);
         TEST_ASSERT_FALSE(verdict.turned);
     }
     TEST_ASSERT_TRUE(verdict.renew && isfinite(contest.known.noise.mean));
@@ -222,20 +223,20 @@ static unsigned char bytes[4096];
 
 static size_t save(void) {
     tl_archive archive = tl_archive_saving(bytes, sizeof bytes);
-    tl_contest_archive(&contest, &archive);
+    tl_free_run_check_archive(&contest, &archive);
     TEST_ASSERT_TRUE(tl_archive_is_whole(&archive));
     return archive.at;
 }
 
-static bool load(tl_contest *into, size_t size) {
-    *into = (tl_contest){.guard = GUARD};
+static bool load(tl_free_run_check *into, size_t size) {
+    *into = (tl_free_run_check){.guard = GUARD};
     tl_archive archive = tl_archive_loading(bytes, size);
-    tl_contest_archive(into, &archive);
+    tl_free_run_check_archive(into, &archive);
     return tl_archive_is_whole(&archive);
 }
 
 static void it_comes_back_from_its_bytes(void) {
-    static tl_contest other;
+    static tl_free_run_check other;
     let_it_rest();
     size_t size = save();
     TEST_ASSERT_TRUE(load(&other, size));
@@ -247,8 +248,8 @@ static void it_comes_back_from_its_bytes(void) {
 }
 
 static void counts_that_cannot_be_are_refused(void) {
-    static tl_contest other;
-    contest.at = TL_CONTEST_TRIALS;
+    static tl_free_run_check other;
+    contest.at = TL_FREE_RUN_CHECK_TRIALS;
     TEST_ASSERT_FALSE(load(&other, save()));
     contest.at = 0;
     contest.steps = GUARD;
@@ -257,7 +258,7 @@ static void counts_that_cannot_be_are_refused(void) {
     contest.excess = (double)NAN;
     TEST_ASSERT_FALSE(load(&other, save()));
     contest.excess = 0.0;
-    contest.recent.count = TL_CONTEST_RECENT + 1;
+    contest.recent.count = TL_FREE_RUN_CHECK_RECENT + 1;
     TEST_ASSERT_FALSE(load(&other, save()));
     contest.recent.count = 0;
     contest.known.noise.square = HUGE_VAL;
@@ -270,7 +271,7 @@ static void to_begin_anew_keeps_what_is_known_of_the_noise(void) {
     let_it_rest();
     double noise = contest.known.noise.mean;
     TEST_ASSERT_DOUBLE_WITHIN(0.03, 0.09, noise);
-    tl_contest_begin_anew(&contest);
+    tl_free_run_check_reset(&contest);
     TEST_ASSERT_FALSE(contest.rests);
     TEST_ASSERT_EQUAL_UINT32(0, contest.count);
     TEST_ASSERT_EQUAL_DOUBLE(noise, contest.known.noise.mean);

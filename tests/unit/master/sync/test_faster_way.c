@@ -271,7 +271,7 @@ static void find_steps_until_timed(void) {
                                            size,           has_choice, prefer_copy};
     fmu.functions.aside = &counting;
     lead(with);
-    steps_until_timed -= 2 * TL_FASTER_WAY_ROUNDS + 1; /* the last of them begins with a copy */
+    steps_until_timed -= 2 * TL_ROLLBACK_TIMING_ROUNDS + 1; /* the last of them begins with a copy */
     tearDown();
     setUp();
 }

@@ -53,7 +53,7 @@ static bool judges(size_t solver) {
 }
 
 static void assert_nominal(const tl_record *record, size_t variable) {
-    TEST_ASSERT_TRUE(record->u[variable] == record->u_hat[variable]);
+    TEST_ASSERT_TRUE(record->u[variable] == record->nominal[variable]);
 }
 
 /* ---- one variable ---- */
@@ -108,7 +108,7 @@ static void it_comes_back_when_it_matters_again(void) {
                     TEST_ASSERT_TRUE(!judges(s) || record->held == (matters ? 0 : 1));
                     TEST_ASSERT_TRUE(!matters || record->outcome <= TL_OPTIMISED);
                     TEST_ASSERT_TRUE(!matters || fabs(record->u[0] - 1.5) < 0.01);
-                    TEST_ASSERT_TRUE(matters || record->u[0] == record->u_hat[0]);
+                    TEST_ASSERT_TRUE(matters || record->u[0] == record->nominal[0]);
                 }
             }
         }
@@ -130,7 +130,7 @@ static void the_other_one_is_still_adjusted(void) {
                 bool guessed = s == 0 && i > 0; /* with a slope that leaves the blind one where it is */
                 TEST_ASSERT_EQUAL_INT(TL_OPTIMISED, record->outcome);
                 TEST_ASSERT_DOUBLE_WITHIN(0.01, 2.0 + 0.1 * i, record->u[1 - blind]);
-                TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, record->u_hat[blind], record->u[blind]);
+                TEST_ASSERT_DOUBLE_WITHIN(judges(s) ? 0.0 : 1e-9, record->nominal[blind], record->u[blind]);
                 TEST_ASSERT_TRUE(!judges(s) || guessed || record->held == 1U << blind);
             }
         }

@@ -132,7 +132,7 @@ static void the_measurement_is_converted_to_the_outputs_unit(void) {
     push(20.0, 0.0, false);
     terms[TERM_A].conversion = (tl_conversion){1.0, 273.15};
     y[0] = 293.15;
-    TEST_ASSERT_EQUAL_DOUBLE(293.15, tl_objective_y_hat(&objective, TERM_A, 0, &quality));
+    TEST_ASSERT_EQUAL_DOUBLE(293.15, tl_objective_measured(&objective, TERM_A, 0, &quality));
     TEST_ASSERT_EQUAL_DOUBLE(0.0, value_at(0));
 }
 
@@ -143,7 +143,7 @@ static void bad_measurements_are_left_out(void) {
     push(100.0, 5.0, false);
     TEST_ASSERT_EQUAL_DOUBLE(25.0, value_at(1)); /* of b alone */
     TEST_ASSERT_EQUAL_DOUBLE(0.0, residuals[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, tl_objective_y_hat(&objective, TERM_A, 1, &quality)); /* the last good one */
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, tl_objective_measured(&objective, TERM_A, 1, &quality)); /* the last good one */
     TEST_ASSERT_EQUAL_INT(TL_STALE, quality);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, value_at(0)); /* at its own instant it still counts */
 }

@@ -105,12 +105,12 @@ static bool guess(tl_optimiser *optimiser, const tl_forecast *forecast, double *
     return plain_solver->guess(optimiser, forecast, u);
 }
 
-static void wrap_solver(tl_lock *lock) {
-    plain_solver = lock->solver;
+static void wrap_solver(tl_synchroniser *synchroniser) {
+    plain_solver = synchroniser->solver;
     thoughtful = *plain_solver;
     thoughtful.minimise = minimise;
     thoughtful.guess = plain_solver->guess != NULL ? guess : NULL;
-    lock->solver = &thoughtful;
+    synchroniser->solver = &thoughtful;
 }
 
 /* ---- the twin ---- */
@@ -151,7 +151,7 @@ static void build(const char *solver, uint32_t prediction, bool saving) {
         fmus[i].functions.get_fmu_state = costly_get;
         fmus[i].functions.set_fmu_state = costly_set;
     }
-    wrap_solver(&run.twin->lock);
+    wrap_solver(&run.twin->synchroniser);
 }
 
 static void step(void) {
@@ -232,7 +232,7 @@ static void build_loose(void) {
     const tl_budget budget = run.budget;
     tl_test_run_init(&run, tl_test_plan_build(&plan));
     run.budget = budget;
-    wrap_solver(&run.twin->lock);
+    wrap_solver(&run.twin->synchroniser);
 }
 
 static bool was_late(const tl_record *record) {

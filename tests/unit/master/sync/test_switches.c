@@ -109,8 +109,8 @@ static void the_record_tells_both(void) {
     build(1, 1, 0);
     (void)tick(1, 0);
     const tl_record *record = tick(1, 0);
-    TEST_ASSERT_TRUE(record->u[0] == 1.0 && record->u_hat[0] == 0.0);
-    TEST_ASSERT_TRUE(record->y[0] == 1.0 && record->y_hat[0] == 1.0);
+    TEST_ASSERT_TRUE(record->u[0] == 1.0 && record->nominal[0] == 0.0);
+    TEST_ASSERT_TRUE(record->y[0] == 1.0 && record->measured[0] == 1.0);
 }
 
 /* The start, then each negated in turn: what was no better is taken back before the next. */
@@ -133,7 +133,7 @@ static void a_switch_costs_two_evaluations_at_most(void) {
     (void)tick(1, 0);
     for (unsigned number = 0; number < 64; number++) {
         const tl_record *record = tick(1, number / 3 & 1U);
-        TEST_ASSERT_EQUAL_INT(record->u[0] == record->u_hat[0] ? TL_NOMINAL : TL_BEST_SO_FAR, record->outcome);
+        TEST_ASSERT_EQUAL_INT(record->u[0] == record->nominal[0] ? TL_NOMINAL : TL_BEST_SO_FAR, record->outcome);
         TEST_ASSERT_EQUAL_UINT32(2, record->evaluations);
         TEST_ASSERT_TRUE(isfinite(record->objective_nominal));
         TEST_ASSERT_EQUAL_HEX32(1, committed(record));

@@ -33,7 +33,7 @@ typedef struct setting {
     const char *fallback;
     uint32_t prediction;
     tl_shape shape;
-    tl_measurements measurements;
+    tl_pairing measurements;
     bool saving;
     tl_keep keep;
     uint32_t stagnation;
@@ -417,7 +417,7 @@ static double mean_error(int64_t ticks) {
     double sum = 0.0;
     for (int64_t i = 0; i < ticks; i++) {
         step();
-        sum += fabs(run.record.y[0] - run.record.y_hat[0]);
+        sum += fabs(run.record.y[0] - run.record.measured[0]);
     }
     return sum / (double)ticks;
 }
@@ -524,7 +524,7 @@ static void any_setting_is_repeated_to_the_bit(void) {
         watch.seed = seed;
         setting set = press_setting(tl_test_any(&watch.seed, PRESS_SETTINGS));
         bool numbers = strcmp(set.algorithm, "boolean") != 0;
-        set.measurements = (tl_measurements)tl_test_any(&watch.seed, 3);
+        set.measurements = (tl_pairing)tl_test_any(&watch.seed, 3);
         set.fallback =
             numbers && tl_test_any(&watch.seed, 2) == 0 ? solvers[tl_test_any(&watch.seed, SOLVERS - 1)] : NULL;
         set.stagnation = tl_test_any(&watch.seed, 3) == 0 ? 3 + tl_test_any(&watch.seed, 8) : 0;
@@ -593,7 +593,7 @@ static void a_budget_that_is_always_too_short_commits_nominal(void) {
                     TEST_ASSERT_EQUAL_UINT32(0, run.record.evaluations);
                     TEST_ASSERT_EQUAL_UINT32(TL_FLAG_WITHOUT_NOMINAL, run.record.flags);
                     TEST_ASSERT_EQUAL_INT64(BOTH, run.record.used); /* nothing but the commit */
-                    TEST_ASSERT_EQUAL_MEMORY(run.record.u_hat, run.record.u, 2 * sizeof run.record.u[0]);
+                    TEST_ASSERT_EQUAL_MEMORY(run.record.nominal, run.record.u, 2 * sizeof run.record.u[0]);
                     TEST_ASSERT_EQUAL_MEMORY(&alone[tick], &run.record.y[0], sizeof alone[0]);
                 }
             }

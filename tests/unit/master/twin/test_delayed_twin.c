@@ -24,7 +24,7 @@ void tearDown(void) {
 }
 
 /* "a" passes the plant's u on to "b", a step each, and b's offset is adjusted so that it matches the plant's y. */
-static void make(tl_measurements measurements, int32_t input_ticks, int32_t output_ticks) {
+static void make(tl_pairing measurements, int32_t input_ticks, int32_t output_ticks) {
     setUp();
     for (size_t i = 0; i < 2; i++) {
         tl_test_fmu_init(&fmus[i], 1, false, &call_log);
@@ -103,7 +103,7 @@ static void a_shift_is_as_if_the_plant_were_shifted(void) {
             TEST_ASSERT_EQUAL_INT(expected[i].outcome, records[i].outcome);
             TEST_ASSERT_EQUAL_UINT32(expected[i].executions, records[i].executions);
             TEST_ASSERT_TRUE(expected[i].y[0] == records[i].y[0]);
-            TEST_ASSERT_TRUE(expected[i].y_hat[0] == records[i].y_hat[0]);
+            TEST_ASSERT_TRUE(expected[i].measured[0] == records[i].measured[0]);
             TEST_ASSERT_TRUE(expected[i].u[0] == records[i].u[0]);
         }
         expect_ledger();
@@ -113,7 +113,7 @@ static void a_shift_is_as_if_the_plant_were_shifted(void) {
 
 static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
     for (size_t s = 0; s < PAIRS; s++) {
-        for (tl_measurements mode = TL_LAG; mode <= TL_HOLD; mode++) {
+        for (tl_pairing mode = TL_LAG; mode <= TL_HOLD; mode++) {
             make(mode, SHIFTS[s][0], SHIFTS[s][1]);
             tl_test_run_build(&run, &plan);
             play(0, 0);
@@ -122,8 +122,8 @@ static void y_is_paired_with_the_sample_so_many_ticks_away(void) {
                 if (mode == TL_AHEAD && SHIFTS[s][1] > 0) { /* which waits for none */
                     seen = records[i].step + 1;
                 }
-                TEST_ASSERT_EQUAL_INT(seen < 0 ? TL_NO_LINK : TL_GOOD, records[i].y_hat_quality[0]);
-                TEST_ASSERT_TRUE(records[i].y_hat[0] == y_of(seen < 0 ? 0 : seen));
+                TEST_ASSERT_EQUAL_INT(seen < 0 ? TL_NO_LINK : TL_GOOD, records[i].measured_quality[0]);
+                TEST_ASSERT_TRUE(records[i].measured[0] == y_of(seen < 0 ? 0 : seen));
             }
             expect_ledger();
             tl_test_run_end(&run, &plan);

@@ -71,7 +71,7 @@ static void choose_search(tl_test_random *random) {
 }
 
 static void make_plan(void) {
-    static const tl_measurements modes[] = {TL_LAG, TL_AHEAD, TL_HOLD};
+    static const tl_pairing modes[] = {TL_LAG, TL_AHEAD, TL_HOLD};
     tl_test_random random = {tl_test_mix(seed)};
     tl_test_random_network(&network, &plan, &call_log, &random, true);
     plan.plan.prediction = tl_test_network_least(&network) + (uint32_t)tl_test_random_below(&random, 7);
@@ -214,8 +214,9 @@ static bool same_record(const tl_record *a, const tl_record *b) {
     size_t u = plan.plan.adjust_count * sizeof(double);
     size_t y = plan.plan.match_count * sizeof(double);
     return a->step == b->step && a->outcome == b->outcome && a->stop == b->stop && a->evaluations == b->evaluations &&
-           a->flags == b->flags && a->held == b->held && same_bits(a->u, b->u, u) && same_bits(a->u_hat, b->u_hat, u) &&
-           same_bits(a->y, b->y, y) && same_bits(&a->objective, &b->objective, sizeof a->objective) &&
+           a->flags == b->flags && a->held == b->held && same_bits(a->u, b->u, u) &&
+           same_bits(a->nominal, b->nominal, u) && same_bits(a->y, b->y, y) &&
+           same_bits(&a->objective, &b->objective, sizeof a->objective) &&
            same_bits(&a->objective_nominal, &b->objective_nominal, sizeof a->objective_nominal);
 }
 

@@ -35,7 +35,7 @@ static struct {
     size_t variable_count;
     uint32_t prediction;
     tl_shape shape;
-    tl_measurements measurements;
+    tl_pairing measurements;
     const char *algorithm;
 } setting;
 
@@ -128,7 +128,7 @@ static void choose_setting(void) {
     setting.variable_count = 1 + tl_test_any(&seed, 2);
     setting.prediction = 1 + tl_test_any(&seed, LONGEST);
     setting.shape = (tl_shape)tl_test_any(&seed, 2);
-    setting.measurements = (tl_measurements)tl_test_any(&seed, 3);
+    setting.measurements = (tl_pairing)tl_test_any(&seed, 3);
     setting.algorithm = solvers[tl_test_any(&seed, SOLVERS)];
 }
 
@@ -187,7 +187,7 @@ static void make_plant(void) {
 /* ---- what is asserted ---- */
 
 static bool is_nominal(const tl_record *record) {
-    return memcmp(record->u, record->u_hat, setting.variable_count * sizeof record->u[0]) == 0;
+    return memcmp(record->u, record->nominal, setting.variable_count * sizeof record->u[0]) == 0;
 }
 
 /* What the twin says of J is true. */
@@ -268,7 +268,7 @@ static bool tick(void) {
 
 /* The record of a step, while what is known of y is still that of its beginning. */
 static void look_at(const tl_record *record) {
-    double nominal = objective_of(record->step, record->u_hat);
+    double nominal = objective_of(record->step, record->nominal);
     seen_failing_nominal += isfinite(nominal) ? 0 : 1;
     assert_honest(record, nominal);
     assert_not_worse(record, nominal);

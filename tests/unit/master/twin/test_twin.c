@@ -157,7 +157,7 @@ static void a_free_twin_executes_each_component_once_a_step(void) {
         TEST_ASSERT_EQUAL_UINT32(0, record->evaluations);
         TEST_ASSERT_TRUE(isnan(record->objective));
         TEST_ASSERT_EQUAL_DOUBLE((double)i - 1.0, record->y[0]);
-        TEST_ASSERT_EQUAL_DOUBLE((double)i, record->y_hat[0]);
+        TEST_ASSERT_EQUAL_DOUBLE((double)i, record->measured[0]);
     }
     tl_twin_facts facts = tl_twin_get_facts(run.twin);
     TEST_ASSERT_EQUAL_UINT32(0, facts.distance);
@@ -169,7 +169,7 @@ static void a_free_twin_executes_each_component_once_a_step(void) {
 /* ---- which samples ---- */
 
 /* "m" passes on a signal that is the number of the tick; an offset may be added to match the same signal a step later. */
-static void make_counter(tl_measurements measurements, uint32_t prediction) {
+static void make_counter(tl_pairing measurements, uint32_t prediction) {
     (void)add("m", 1);
     tl_test_plan_signal(&plan, "tick", TL_REAL, "");
     tl_test_plan_connect(&plan, "plant.tick", "m.u0");
@@ -206,11 +206,11 @@ static void lag_knows_every_sample_of_its_horizon(void) {
             }
             TEST_ASSERT_EQUAL_INT64(m - (int64_t)predictions[p], record->step);
             assert_inputs(record, predictions[p], m);
-            TEST_ASSERT_EQUAL_DOUBLE((double)record->step + 1.0, record->y_hat[0]);
+            TEST_ASSERT_EQUAL_DOUBLE((double)record->step + 1.0, record->measured[0]);
             /* y(i + 1) = i + offset, so that an offset of 1 is right at every sample of the horizon */
             TEST_ASSERT_DOUBLE_WITHIN(0.01, 1.0, record->u[0]);
-            TEST_ASSERT_DOUBLE_WITHIN(0.01, record->y_hat[0], record->y[0]);
-            double error = record->y[0] - record->y_hat[0];
+            TEST_ASSERT_DOUBLE_WITHIN(0.01, record->measured[0], record->y[0]);
+            double error = record->y[0] - record->measured[0];
             TEST_ASSERT_DOUBLE_WITHIN(1e-6, (double)predictions[p] * error * error / 1e-4, record->objective);
         }
         tl_test_run_end(&run, &plan);
@@ -230,7 +230,7 @@ static void ahead_takes_the_newest_sample_for_the_later_ones(void) {
                 TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
                 TEST_ASSERT_TRUE(record->u[0] == 0.0); /* i is matched with i, the newest */
                 TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, record->y[0]);
-                TEST_ASSERT_EQUAL_DOUBLE((double)m, record->y_hat[0]); /* the record knows better */
+                TEST_ASSERT_EQUAL_DOUBLE((double)m, record->measured[0]); /* the record knows better */
                 TEST_ASSERT_EQUAL_DOUBLE(0.0, record->objective);
             }
             if (m >= 1) { /* what this tick computed is step m; its record comes with the next */
@@ -262,7 +262,7 @@ static void ahead_is_finished_by_the_sample_that_follows(void) {
     TEST_ASSERT_TRUE(run.ready);
     TEST_ASSERT_EQUAL_INT64(1, run.record.step);
     TEST_ASSERT_EQUAL_DOUBLE(1.0, run.record.y[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(2.5, run.record.y_hat[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(2.5, run.record.measured[0]);
     TEST_ASSERT_EQUAL_UINT64(calls, call_log.count);
     TEST_ASSERT_EQUAL_UINT64(2, tl_twin_metrics(run.twin, 0)->pairs);
     tl_twin_finish(run.twin, &run.sample, &run.record, &run.ready);
@@ -293,7 +293,7 @@ static void a_made_up_step_uses_the_samples_of_its_own_instants(void) {
         if (run.ready) {
             TEST_ASSERT_EQUAL_INT64(m - 2, run.record.step);
             TEST_ASSERT_EQUAL_INT(missed, run.record.outcome == TL_MADE_UP);
-            TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, run.record.y_hat[0]);
+            TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, run.record.measured[0]);
             TEST_ASSERT_DOUBLE_WITHIN(0.01, (double)m - 1.0, run.record.y[0]); /* by the offset found before */
             assert_inputs(&run.record, 2, m);
         }
@@ -313,7 +313,7 @@ static void a_missed_tick_in_mode_ahead_keeps_the_pairs(void) {
         if (run.ready) {
             TEST_ASSERT_EQUAL_INT64(m - 1, run.record.step);
             TEST_ASSERT_EQUAL_INT(m - 1 == 3 || m - 1 == 4, run.record.outcome == TL_MADE_UP);
-            TEST_ASSERT_EQUAL_DOUBLE((double)m, run.record.y_hat[0]);
+            TEST_ASSERT_EQUAL_DOUBLE((double)m, run.record.measured[0]);
             TEST_ASSERT_EQUAL_DOUBLE((double)m - 1.0, run.record.y[0]);
         }
     }
@@ -347,7 +347,7 @@ static void start_values_and_nominals_are_set_before_the_first_step(void) {
     const tl_record *record = tick(6.0);
     TEST_ASSERT_EQUAL_INT(TL_FIRST_GUESS, record->outcome);
     TEST_ASSERT_EQUAL_DOUBLE(3.0 * 2.0 + 0.25, record->y[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(0.25, record->u_hat[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(0.25, record->nominal[0]);
 }
 
 static void nominals_are_in_force_while_initialising(void) {
@@ -377,8 +377,8 @@ static void a_nominal_is_what_was_set_or_else_the_start_value(void) {
     tl_test_run_build(&run, &plan);
     (void)tick(4.0);
     const tl_record *record = tick(4.0);
-    TEST_ASSERT_EQUAL_DOUBLE(4.0, record->u_hat[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(1.0, record->u_hat[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(4.0, record->nominal[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(1.0, record->nominal[1]);
 }
 
 static void before_any_reading_a_signal_is_what_it_drives(void) {
@@ -399,9 +399,9 @@ static void before_any_reading_a_signal_is_what_it_drives(void) {
     const tl_record *record = tick((double)NAN);
     TEST_ASSERT_EQUAL_DOUBLE(5.0, record->y[0]);
     TEST_ASSERT_EQUAL_DOUBLE(-8.0, record->y[1]);
-    TEST_ASSERT_EQUAL_DOUBLE(5.0, record->y_hat[0]);
-    TEST_ASSERT_EQUAL_DOUBLE(-8.0, record->y_hat[1]);
-    TEST_ASSERT_EQUAL_UINT8(TL_NO_LINK, record->y_hat_quality[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(5.0, record->measured[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(-8.0, record->measured[1]);
+    TEST_ASSERT_EQUAL_UINT8(TL_NO_LINK, record->measured_quality[0]);
     TEST_ASSERT_EQUAL_UINT64(1, tl_twin_metrics(run.twin, 0)->left_out);
 }
 
@@ -422,7 +422,7 @@ static void the_start_value_is_held_in_the_signals_unit(void) {
     (void)tick(0.0);
     const tl_record *record = tick(0.0);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 300.0, record->y[0]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 300.0, record->y_hat[0]); /* in the unit of y */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 300.0, record->measured[0]); /* in the unit of y */
     TEST_ASSERT_EQUAL_STRING("K", tl_twin_match_unit(run.twin, 0));
 }
 
@@ -478,7 +478,7 @@ static void a_failed_step_ends_a_free_twin(void) {
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
     TEST_ASSERT_TRUE(run.ready); /* the record of the step before is complete all the same */
     TEST_ASSERT_EQUAL_INT64(1, run.record.step);
-    TEST_ASSERT_EQUAL_DOUBLE(2.0, run.record.y_hat[0]);
+    TEST_ASSERT_EQUAL_DOUBLE(2.0, run.record.measured[0]);
     tl_test_run_step(&run); /* after a discarded step no other may follow */
     TEST_ASSERT_EQUAL_INT(TL_FMU_FAILED, run.status);
     TEST_ASSERT_FALSE(run.ready);

@@ -98,10 +98,10 @@ static void expect_same_course(tl_test_scene_kind of, bool with_measurement) {
         compared++;
         expect_same_bits(whole[step].y, part[step].y, TL_SCENE_MATCHES, what);
         expect_same_bits(whole[step].u, part[step].u, scene.plan.plan.adjust_count, what);
-        expect_same_bits(whole[step].u_hat, part[step].u_hat, scene.plan.plan.adjust_count, what);
+        expect_same_bits(whole[step].nominal, part[step].nominal, scene.plan.plan.adjust_count, what);
         if (with_measurement) {
-            expect_same_bits(whole[step].y_hat, part[step].y_hat, TL_SCENE_MATCHES, what);
-            TEST_ASSERT_EQUAL_UINT8_MESSAGE(whole[step].y_hat_quality[0], part[step].y_hat_quality[0], what);
+            expect_same_bits(whole[step].measured, part[step].measured, TL_SCENE_MATCHES, what);
+            TEST_ASSERT_EQUAL_UINT8_MESSAGE(whole[step].measured_quality[0], part[step].measured_quality[0], what);
             TEST_ASSERT_EQUAL_INT64_MESSAGE(whole[step].delay, part[step].delay, what);
         }
     }

@@ -67,10 +67,10 @@ static void expect_same(const course *wanted, const course *found, const char *w
             const tl_record *b = &found->record[step];
             compared++;
             TEST_ASSERT_EQUAL_MEMORY_MESSAGE(a->y, b->y, TL_SCENE_MATCHES * sizeof a->y[0], what);
-            TEST_ASSERT_EQUAL_MEMORY_MESSAGE(a->y_hat, b->y_hat, TL_SCENE_MATCHES * sizeof a->y_hat[0], what);
+            TEST_ASSERT_EQUAL_MEMORY_MESSAGE(a->measured, b->measured, TL_SCENE_MATCHES * sizeof a->measured[0], what);
             size_t adjusted = scene.plan.plan.adjust_count * sizeof a->u[0];
             TEST_ASSERT_TRUE_MESSAGE(memcmp(a->u, b->u, adjusted) == 0, what);
-            TEST_ASSERT_TRUE_MESSAGE(memcmp(a->u_hat, b->u_hat, adjusted) == 0, what);
+            TEST_ASSERT_TRUE_MESSAGE(memcmp(a->nominal, b->nominal, adjusted) == 0, what);
             TEST_ASSERT_EQUAL_MEMORY_MESSAGE(&a->objective, &b->objective, sizeof a->objective, what);
             TEST_ASSERT_EQUAL_INT_MESSAGE(a->outcome, b->outcome, what);
             TEST_ASSERT_EQUAL_INT_MESSAGE(a->stop, b->stop, what);

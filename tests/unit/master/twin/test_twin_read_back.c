@@ -33,12 +33,13 @@ static void begin(tl_test_scene_kind kind) {
 }
 
 static tl_status tell(size_t capacity) {
-    return tl_twin_tell_states(first.run.twin, bytes, capacity, &size, here, &first.run.error);
+    return tl_twin_write_states(first.run.twin, bytes, capacity, &size, here, &first.run.error);
 }
 
 static void begin_to_read(tl_test_scene_kind kind) {
     tl_test_scene_build(&other, kind);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_begin_to_read(other.run.twin, &other.run.error), other.run.error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(TL_OK, tl_twin_prepare_reader(other.run.twin, &other.run.error),
+                                  other.run.error.text);
 }
 
 static void read_back(size_t component) {

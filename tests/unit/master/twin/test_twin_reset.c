@@ -113,9 +113,9 @@ static void expect_same_step(int64_t step, bool searched, bool measured) {
     (void)snprintf(what, sizeof what, "%s, step %d", tl_test_scene_name(scene.kind), (int)step);
     expect_same_bits(a->y, b->y, TL_SCENE_MATCHES, what);
     expect_same_bits(a->u, b->u, scene.plan.plan.adjust_count, what);
-    expect_same_bits(a->u_hat, b->u_hat, scene.plan.plan.adjust_count, what);
+    expect_same_bits(a->nominal, b->nominal, scene.plan.plan.adjust_count, what);
     if (measured) {
-        expect_same_bits(a->y_hat, b->y_hat, TL_SCENE_MATCHES, what);
+        expect_same_bits(a->measured, b->measured, TL_SCENE_MATCHES, what);
     }
     if (searched) {
         expect_same_bits(&a->objective, &b->objective, 1, what);
@@ -255,7 +255,7 @@ static double fit(double value, tl_type type) {
 
 /* Of networks at random; the outputs as one number. */
 static uint64_t run_network(uint64_t seed, const tl_plan_saving *saving) {
-    static const tl_measurements modes[] = {TL_LAG, TL_AHEAD, TL_HOLD};
+    static const tl_pairing modes[] = {TL_LAG, TL_AHEAD, TL_HOLD};
     tl_test_random random = {tl_test_mix(seed)};
     tl_test_run one = {0};
     uint64_t sum = 0;
@@ -440,8 +440,8 @@ static void test_a_made_up_step_after_it_is_nominal(void) {
         int64_t step = 155 - (int64_t)tl_twin_get_facts(run->twin).lead;
         TEST_ASSERT_EQUAL_INT(TL_MADE_UP, found[step].outcome);
         TEST_ASSERT_EQUAL_UINT32(TL_FLAG_RESET, found[step].flags);
-        expect_same_bits(found[step].u_hat, found[step].u, 1, "nominal");
-        TEST_ASSERT_TRUE(found[step - 1].u[0] != found[step - 1].u_hat[0]);
+        expect_same_bits(found[step].nominal, found[step].u, 1, "nominal");
+        TEST_ASSERT_TRUE(found[step - 1].u[0] != found[step - 1].nominal[0]);
         tl_test_scene_end(&scene);
     }
 }
@@ -453,7 +453,7 @@ enum { RISE = 2 * TL_SCENE_PERIOD + 10 };
 static void test_a_stroke_is_given_up(void) {
     tl_test_scene_build(&scene, TL_SCENE_STROKES);
     run_to(RISE + 5, found, in_found);
-    double nominal = found[RISE].u_hat[0];
+    double nominal = found[RISE].nominal[0];
     TEST_ASSERT_TRUE(found[RISE].u[0] != nominal); /* two strokes have been searched */
     int64_t lead = tl_twin_get_facts(run->twin).lead;
     tl_twin_reset(run->twin);

@@ -105,7 +105,7 @@ typedef struct way {
     uint32_t prediction;
     bool structure, sequences;
     tl_keep keep;
-    tl_measurements measurements;
+    tl_pairing measurements;
 } way;
 
 static void use_way(const way *of) {

@@ -1,0 +1,236 @@
+/* The change of twins: see handover_control.h. */
+#include "firmware/live/handover_control.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+static const tl_time TICKS_BEFORE =
+    3600 * TL_SECOND; /* by which a twin's figures may be ahead of the clock and be believed */
+
+/* ---- what there is ---- */
+
+static tl_twin_slot *place_of_run(const tl_handover_control *self) {
+    return &self->places[self->stage->place];
+}
+
+static tl_twin_slot *place_of_shadow(const tl_handover_control *self) {
+    return &self->places[1 - self->stage->place];
+}
+
+static bool is_recorder_behind(const tl_handover_control *self) {
+    return self->recorder != NULL && self->recorder_handovers != self->stage->handovers;
+}
+
+static bool has_drained(const tl_handover_control *self) {
+    return is_recorder_behind(self) && self->recorder_handovers != self->done &&
+           __atomic_load_n(&self->recorder->drained, __ATOMIC_ACQUIRE) == self->recorder_handovers + 1;
+}
+
+/* ---- answers ---- */
+
+static void obey(tl_handover_control *self, uint32_t number) {
+    self->waiting = 0;
+    __atomic_store_n(&self->stage->order, number, __ATOMIC_RELEASE);
+}
+
+static void show_shadow(tl_handover_control *self, tl_live_shadow shadow, const char *why) {
+    tl_handover *stage = self->stage;
+    (void)snprintf(stage->why, sizeof stage->why, "%.*s", TL_HANDOVER_WHY - 1, why);
+    __atomic_store_n(&stage->shadow, (uint32_t)shadow, __ATOMIC_RELEASE);
+}
+
+static void refuse_shadow(tl_handover_control *self, uint32_t number, const char *why) {
+    show_shadow(self, TL_LIVE_SHADOW_ENDED, why);
+    obey(self, number);
+}
+
+/* ---- a shadow ---- */
+
+/* What has to be before there can be one; NULL: it is. */
+static const char *find_hindrance(const tl_handover_control *self, tl_time now) {
+    const tl_twin_slot *run = place_of_run(self);
+    tl_time start = __atomic_load_n(&run->pulse->start, __ATOMIC_ACQUIRE);
+    if (place_of_shadow(self)->pid != 0) {
+        return "the shadow before has not ended";
+    }
+    if (run->pid == 0 || !tl_heartbeats_is_ready(&run->pulse->beats) || start <= 0 || start > now) {
+        return "the run's twin has not begun";
+    }
+    return is_recorder_behind(self) ? "the recorder has not written the end of the run before" : NULL;
+}
+
+/* False: it is not over. */
+static bool has_lost_patience(tl_handover_control *self, uint32_t number, tl_time now) {
+    self->since = self->waiting == number ? self->since : now;
+    self->waiting = number;
+    return now - self->since > TL_HANDOVER_CONTROL_PATIENCE;
+}
+
+static void let_in(tl_handover_control *self, uint32_t number, const tl_live_needs *needs) {
+    const tl_twin_slot *run = place_of_run(self);
+    tl_twin_slot *place = place_of_shadow(self);
+    tl_error error = {0};
+    tl_status status = tl_twin_slot_move_in_candidate(place, self->candidate, needs, self->step, &error);
+    if (status != TL_OK) {
+        refuse_shadow(self, number, error.text);
+        return;
+    }
+    place->unconfined = place->unconfined && self->unconfined;
+    place->start = run->pulse->start;
+    place->started = run->pulse->started;
+    self->wants_shadow = true;
+    show_shadow(self, TL_LIVE_SHADOW_LIVES, "");
+    obey(self, number);
+}
+
+static void want_shadow(tl_handover_control *self, uint32_t number, const tl_live_needs *needs, tl_time now) {
+    self->wants_shadow = false;
+    if (self->holds) {
+        refuse_shadow(self, number, "safe hold: the run has no twin beside which another one could run");
+        return;
+    }
+    const char *hindrance = find_hindrance(self, now);
+    if (hindrance == NULL) {
+        let_in(self, number, needs);
+    } else if (has_lost_patience(self, number, now)) {
+        refuse_shadow(self, number, hindrance);
+    }
+}
+
+/* ---- a flip ---- */
+
+/* The first tick that is far enough ahead, and that the run's twin has not come to; below 0: none can be told. */
+static int64_t tick_of_handover(const tl_handover_control *self, tl_time start, tl_time now) {
+    const tl_time step = self->step;
+    tl_run_status figures = {.tick = 0};
+    if (start <= 0 || start > now) {
+        return -1;
+    }
+    int64_t tick = (now + tl_handover_ahead(step) - start) / step + 1;
+    (void)tl_latest_read(&place_of_run(self)->pulse->figures, &figures, sizeof figures);
+    if (figures.tick < tick) {
+        return tick;
+    }
+    return figures.tick - tick < TICKS_BEFORE / step ? figures.tick + 1 : -1;
+}
+
+static void announce(tl_handover_control *self, int64_t tick, tl_time now) {
+    tl_handover *stage = self->stage;
+    const tl_twin_slot *to = place_of_shadow(self);
+    const tl_time step = self->step;
+    char text[160];
+    __atomic_store_n(&stage->to, 1 - stage->place, __ATOMIC_RELAXED);
+    __atomic_store_n(&stage->tick, tick, __ATOMIC_RELAXED);
+    __atomic_store_n(&stage->handovers, stage->handovers + 1, __ATOMIC_RELEASE);
+    self->until = to->start + tick * step + tl_handover_ahead(step);
+    self->until = self->until > now ? self->until : now;
+    (void)snprintf(text, sizeof text,
+                   "from tick %" PRId64 " on the run goes on with another twin, of configuration %.12s", tick,
+                   to->hash);
+    self->tell(self->context, text);
+}
+
+/* Why there can be none; NULL: it can. */
+static const char *find_refusal(const tl_handover_control *self) {
+    const tl_twin_slot *run = place_of_run(self);
+    const tl_twin_slot *shadow = place_of_shadow(self);
+    if (self->holds) {
+        return "safe hold: the run has no twin";
+    }
+    if (shadow->pid == 0 || !self->wants_shadow) {
+        return "there is no shadow";
+    }
+    if (!tl_heartbeats_is_ready(&shadow->pulse->beats)) {
+        return "the shadow has not begun";
+    }
+    return run->pid != 0 && run->pulse->start != 0 && run->pulse->start != shadow->start
+               ? "the run has begun anew: the shadow's ticks are not its own"
+               : NULL;
+}
+
+static void handover(tl_handover_control *self, uint32_t number, tl_time now) {
+    const char *refusal = find_refusal(self);
+    int64_t tick = refusal == NULL ? tick_of_handover(self, place_of_shadow(self)->start, now) : -1;
+    if (tick < 0) {
+        show_shadow(self, (tl_live_shadow)self->stage->shadow, /* what there was of a shadow stays */
+                    refusal != NULL ? refusal : "the run's ticks are not to be believed");
+    } else {
+        announce(self, tick, now);
+    }
+    obey(self, number);
+}
+
+/* Both are who they are to be now. */
+static void swap(tl_handover_control *self, tl_orders *orders) {
+    tl_handover *stage = self->stage;
+    tl_twin_slot *before = place_of_run(self);
+    bool is_dead = before->pid == 0;
+    before->start = place_of_shadow(self)->start;
+    before->started = place_of_shadow(self)->started;
+    self->done = stage->handovers;
+    self->wants_shadow = !is_dead;
+    show_shadow(self, is_dead ? TL_LIVE_SHADOW_ENDED : TL_LIVE_SHADOW_LIVES,
+                is_dead ? "it had died before another twin took over" : "");
+    __atomic_store_n(&stage->place, 1 - stage->place, __ATOMIC_RELEASE);
+    orders->swap = true;
+}
+
+static void look_at_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
+    const tl_twin_slot *before = place_of_run(self);
+    bool has_handed_over = __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->stage->handovers;
+    bool is_dead = before->pid == 0 && !ends; /* who is asked to end has ended the last run */
+    if (has_handed_over || is_dead) {
+        swap(self, orders);
+        return;
+    }
+    orders->soon = true;
+    orders->kill_twin = now > self->until && !ends;
+}
+
+/* ---- orders ---- */
+
+static void look_at_order(tl_handover_control *self, tl_time now) {
+    const tl_live_order *order = &self->orders->order;
+    uint32_t number = __atomic_load_n(&order->number, __ATOMIC_ACQUIRE);
+    tl_live_needs needs = order->needs;
+    if (number == self->stage->order) {
+        return;
+    }
+    switch (order->verb) {
+    case TL_LIVE_SHADOW:
+        want_shadow(self, number, &needs, now);
+        break;
+    case TL_LIVE_HAND_OVER:
+        handover(self, number, now);
+        break;
+    default: /* what is no order ends what there is */
+        self->wants_shadow = false;
+        show_shadow(self, TL_LIVE_SHADOW_NONE, "");
+        obey(self, number);
+        break;
+    }
+}
+
+void tl_handover_control_look(tl_handover_control *change, tl_time now, bool ends, tl_orders *orders) {
+    if (change->stage->handovers != change->done) {
+        look_at_handover(change, now, ends, orders);
+    } else if (!ends) {
+        look_at_order(change, now);
+    }
+    orders->shadow = change->wants_shadow && !change->holds;
+    orders->recorder = has_drained(change);
+}
+
+void tl_handover_control_note_end_of_shadow(tl_handover_control *change, const char *reason) {
+    if (change->wants_shadow) {
+        show_shadow(change, TL_LIVE_SHADOW_ENDED, change->holds ? "safe hold: the run has no twin" : reason);
+    }
+    change->wants_shadow = false;
+}
+
+void tl_handover_control_begin_recorder(tl_handover_control *change) {
+    if (has_drained(change)) {
+        change->recorder_handovers++;
+        change->recorder_place = 1 - change->recorder_place;
+    }
+}

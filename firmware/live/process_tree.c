@@ -1,0 +1,648 @@
+/* The tree of processes of a live run: starting it, running it, and its end: see process_tree.h. */
+#include "firmware/live/process_tree.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <inttypes.h>
+#include <sched.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+#include "firmware/base/output.h"
+#include "firmware/live/handover_control.h"
+#include "firmware/live/live_role.h"
+#include "firmware/live/log_relay.h"
+#include "firmware/live/saved_states.h"
+#include "firmware/live/supervisor.h"
+#include "firmware/live/twin_slots.h"
+#include "firmware/plant/live_plant.h"
+#include "firmware/process/role.h"
+#include "firmware/report/summary.h"
+#include "firmware/retune/control.h"
+#include "firmware/store/record_queue.h"
+#include "firmware/twin/twin_process.h"
+
+/* ---- the data: used by the supervisor's thread, but for tl_process_tree_put_event() ---- */
+
+typedef struct tl_process_tree {
+    const tl_process_tree_settings *settings;
+    tl_config config;                /* as the processes have it, with what the command line changes */
+    tl_live_job job;                 /* what does not change from start to start */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* they outlive each process that writes them */
+    tl_twin_slot places[TL_TWIN_SLOTS];
+    tl_handover_control change;
+    uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
+    int listener;           /* the control socket; -1: there is none, and never an activator */
+    bool was_activated;     /* one was begun: the first sees to what was not finished before */
+    tl_saved_states states; /* of the FMUs with which the run begins, */
+    bool told_states;       /* and that they are of no use */
+    bool again;             /* the run is to begin anew */
+    int stopped;            /* by this signal; 0: by none */
+    tl_record_queue queue;  /* of the supervisor */
+    tl_log_relay log;
+    int32_t urgent; /* the thread of the run's twin that has the priority; 0: none */
+    FILE *output;
+    tl_time began;
+} tl_process_tree;
+
+static inline tl_handover *tl_process_tree_stage(const tl_process_tree *self) {
+    return self->blocks[TL_HANDOVER].bytes;
+}
+
+/* That of the run. */
+static inline tl_twin_slot *tl_process_tree_place_of_run(tl_process_tree *self) {
+    return &self->places[tl_process_tree_stage(self)->place];
+}
+
+/* The place in which the supervisor's twin is, or its shadow. */
+static inline tl_twin_slot *tl_process_tree_place_of(tl_process_tree *self, tl_member which) {
+    return &self->places[which == TL_MEMBER_TWIN ? self->twins_place : 1 - self->twins_place];
+}
+
+static inline tl_live_recorder_pulse *tl_process_tree_recorder_pulse(const tl_process_tree *self) {
+    return self->blocks[TL_LIVE_RECORDER_PULSE].bytes;
+}
+
+static inline tl_live_config_manager_pulse *activator_pulse(const tl_process_tree *self) {
+    return self->blocks[TL_LIVE_CONFIG_MANAGER_PULSE].bytes;
+}
+
+static inline bool tl_process_tree_records(const tl_process_tree *self) {
+    return self->job.database[0] != '\0';
+}
+
+/* ---- events ---- */
+
+static void tl_process_tree_put_event(tl_process_tree *self, tl_severity severity, const char *source,
+                                      const char *text) {
+    if (tl_process_tree_records(self)) {
+        tl_record_queue_event(&self->queue, -1, severity, source, text);
+    }
+}
+
+/* ---- what is heard of FMUs ---- */
+
+/* In the output thread of the process. Of a shadow's FMUs nothing is kept but the log. */
+static void hear_refusal_in(tl_process_tree *self, uint32_t place, const char *text) {
+    if (__atomic_load_n(&tl_process_tree_stage(self)->place, __ATOMIC_ACQUIRE) == place) {
+        tl_process_tree_put_event(self, TL_EVENT_WARNING, "twin", text);
+    }
+}
+
+static void hear_refusal(void *context, const char *text) {
+    hear_refusal_in(context, 0, text);
+}
+
+static void hear_refusal_of_other(void *context, const char *text) {
+    hear_refusal_in(context, 1, text);
+}
+
+/* ---- descriptors ---- */
+
+/* Descriptors for a process of the job: to be closed here once it has them. */
+static void give(const tl_process_tree *self, tl_live_kind kind, const tl_live_job *job,
+                 int given[TL_ROLE_DESCRIPTORS]) {
+    const tl_live_access access = tl_live_access_of(kind, job);
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        given[i] = -1;
+        if (i < TL_LIVE_BLOCKS && (access.writes >> i & 1) != 0) {
+            given[i] = fcntl(self->blocks[i].descriptor, F_DUPFD_CLOEXEC, 0);
+        } else if (i < TL_LIVE_BLOCKS && (access.reads >> i & 1) != 0) {
+            given[i] = tl_block_reader(&self->blocks[i]);
+        }
+    }
+}
+
+static void take_back(const int given[TL_ROLE_DESCRIPTORS]) {
+    for (int i = 0; i < TL_ROLE_DESCRIPTORS; i++) {
+        if (given[i] >= 0) {
+            (void)close(given[i]);
+        }
+    }
+}
+
+/* One without FMUs: with a job of the configuration in a place, and a pipe for what it prints. */
+static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t place, tl_error *error) {
+    static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER};
+    char title[TL_ROLE_TITLE];
+    tl_role_settings settings = {.title = title, .fallback = self->settings->be};
+    int *given = settings.descriptors;
+    tl_block job = {.descriptor = -1};
+    tl_role role = {.pid = 0};
+    (void)snprintf(title, sizeof title, "%s [%s]", names[kind], self->config.name);
+    self->job.place = place;
+    size_t size = 0;
+    unsigned char *bytes = tl_live_job_pack(&self->job, self->settings->config->path, self->places[place].text, &size);
+    tl_status status = bytes != NULL ? tl_block_make_of("twinlock job", bytes, size, &job, error)
+                                     : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of \"%s\"", title);
+    free(bytes);
+    give(self, kind, &self->job, given);
+    given[0] = open("/dev/null", O_RDWR | O_CLOEXEC);
+    if (status == TL_OK) {
+        given[1] = fcntl(tl_log_relay_pipe(&self->log, (unsigned)kind), F_DUPFD_CLOEXEC, 0);
+        given[2] = fcntl(given[1], F_DUPFD_CLOEXEC, 0);
+        given[TL_LIVE_JOB] = fcntl(job.descriptor, F_DUPFD_CLOEXEC, 0);
+        given[TL_LIVE_KNOCKER] = kind == TL_LIVE_IS_ACTIVATOR ? fcntl(self->listener, F_DUPFD_CLOEXEC, 0) : -1;
+        bool is_short = given[0] < 0 || given[2] < 0 || given[TL_LIVE_JOB] < 0;
+        (void)(is_short ? tl_fail(error, TL_TRY_AGAIN, "no descriptors for \"%s\": %s", title, strerror(errno))
+                        : tl_role_start(&settings, &role, error));
+    }
+    take_back(given);
+    tl_block_close(&job);
+    return role.pid;
+}
+
+/* Nothing of the one before is left but what its successor goes on with. */
+static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint64_t unreadable) {
+    pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
+    pulse->realtime = 0;
+    pulse->begun = 0;
+    pulse->resume = 0;
+    pulse->start = 0;
+    pulse->end.is_there = 0;
+    pulse->number++;
+    pulse->first += start->waits ? 1 : 0;
+    pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
+}
+
+/* What a twin is told of its start. */
+static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *place, bool is_shadow,
+                               const tl_start *start) {
+    tl_live_job job = self->job;
+    job.place = (uint32_t)(place - self->places);
+    job.number = place->pulse->number;
+    job.unconfined = place->unconfined;
+    job.is_shadow = is_shadow;
+    job.start = is_shadow ? place->start : 0;
+    if (start->waits) { /* the first one records from the beginning of the wait on, which io's mail still has */
+        job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
+    }
+    job.started = is_shadow ? place->started : 0;
+    job.handovers = tl_process_tree_stage(self)->handovers;
+    job.how = *start;
+    return job;
+}
+
+/* A shadow is told the run's configuration: it reads the samples that the run has recorded. */
+static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *place, const tl_live_job *job, const char *title,
+                                tl_error *error) {
+    size_t live_size = 0;
+    const char *of_run = job->is_shadow ? self->places[1 - job->place].text : "";
+    unsigned char *live = tl_live_job_pack(job, self->settings->config->path, of_run, &live_size);
+    if (live == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the job of a twin");
+    }
+    const tl_twin_job twin_job = {
+        .task = TL_TASK_LIVE,
+        .holds = job->how.hold,
+        .path = self->settings->config->path,
+        .text = place->text,
+        .unconfined = place->unconfined,
+        .live = live,
+        .live_size = live_size,
+    };
+    tl_twin_process_settings settings = {
+        .job = &twin_job,
+        .fmus = place->fmus,
+        .which = job->place,
+        .title = title,
+        .calls = &place->pulse->beats.calls,
+        .memory_limit = self->settings->memory_limit,
+        .tasks = self->settings->tasks,
+        .hear = job->place == 0 ? hear_refusal : hear_refusal_of_other,
+        .context = self,
+    };
+    give(self, TL_LIVE_IS_TWIN, job, settings.given);
+    tl_status status = tl_twin_process_start(&settings, &place->twin, error);
+    take_back(settings.given);
+    free(live);
+    return status;
+}
+
+static pid_t start_twin(tl_process_tree *self, tl_twin_slot *place, bool is_shadow, const tl_start *start,
+                        tl_error *error) {
+    char title[TL_ROLE_TITLE];
+    const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
+    prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* the first number stays */
+    const tl_live_job job = job_of_twin(self, place, is_shadow, start);
+    const char *kind = start->waits  ? "twin, waits"
+                       : start->hold ? "twin, safe hold"
+                       : is_shadow   ? TL_LIVE_TWIN_SHADOW
+                                     : TL_LIVE_TWIN;
+    (void)snprintf(title, sizeof title, "%s [%s]%s", kind, self->config.name,
+                   is_shadow || start->hold ? "" : TL_LIVE_TWIN_ROOM);
+    tl_status status = start_with_job(self, place, &job, title, error);
+    place->pid = status == TL_OK ? tl_twin_process_role(place->twin)->pid : 0;
+    return place->pid;
+}
+
+/* As tl_supervisor_settings.begin; the context is the tree. */
+static pid_t tl_process_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
+    tl_process_tree *self = context;
+    pid_t pid = 0;
+    switch (which) {
+    case TL_MEMBER_TWIN:
+        self->urgent = 0;
+        self->change.holds = start->hold;
+        return start_twin(self, tl_process_tree_place_of(self, which), false, start, error);
+    case TL_MEMBER_SHADOW:
+        pid = start_twin(self, tl_process_tree_place_of(self, which), true, start, error);
+        if (pid == 0) {
+            tl_handover_control_note_end_of_shadow(&self->change, error->text);
+        }
+        return pid;
+    case TL_MEMBER_IO:
+        return start_plain(self, TL_LIVE_IS_IO, tl_process_tree_stage(self)->place, error);
+    case TL_MEMBER_ACTIVATOR:
+        self->was_activated = true;
+        for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
+            memcpy(self->job.hash[i], self->places[i].hash, sizeof self->job.hash[i]);
+        }
+        return start_plain(self, TL_LIVE_IS_ACTIVATOR, tl_process_tree_stage(self)->place, error);
+    default:
+        tl_handover_control_begin_recorder(&self->change);
+        self->job.handovers = self->change.recorder_handovers;
+        return start_plain(self, TL_LIVE_IS_RECORDER, self->change.recorder_place, error);
+    }
+}
+
+/* ---- tree ---- */
+
+/* ---- shared memory ---- */
+
+static tl_status make_memory(tl_process_tree *self, tl_error *error) {
+    static const struct {
+        int number;
+        const char *name;
+        bool of_recorder; /* there only if something is recorded */
+        tl_block_writer writer;
+    } made[] = {
+        {TL_LIVE_MAIL, "twinlock mail", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_IO_BEATS, "twinlock io", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_IO_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_CONFIG_MANAGER_EVENTS, "twinlock events", false, TL_BLOCK_THEY_WRITE},
+        {TL_HANDOVER, "twinlock stage", false, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_CANDIDATE, "twinlock candidate", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_CONFIG_MANAGER_PULSE, "twinlock activator", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_RECORDER_PULSE, "twinlock recorder", true, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_SUPERVISOR_EVENTS, "twinlock events", true, TL_BLOCK_WE_WRITE},
+        {TL_LIVE_TWIN_PULSE, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TWIN_PULSE + 1, "twinlock twin", false, TL_BLOCK_THEY_WRITE},
+        {TL_LIVE_TUNING, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_TUNING + 1, "twinlock tuning", false, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST, "twinlock past", true, TL_BLOCK_SPARSE},
+        {TL_LIVE_PAST + 1, "twinlock past", true, TL_BLOCK_SPARSE},
+    };
+    const bool records = tl_process_tree_records(self);
+    tl_config begun = *self->settings->config; /* whose text is in force first, */
+    size_t sizes[TL_LIVE_BLOCKS];
+    tl_status status = TL_OK;
+    tl_config_use_lookups(&begun); /* and of which the twin has all signals */
+    tl_live_block_sizes(&self->config, sizes);
+    for (size_t i = 0; i < sizeof made / sizeof made[0] && status == TL_OK; i++) {
+        tl_block *block = &self->blocks[made[i].number];
+        const size_t size = sizes[made[i].number];
+        if (records || !made[i].of_recorder) {
+            status = tl_block_make(made[i].name, size, made[i].writer, block, error);
+        }
+    }
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) { /* outboxes are made for a configuration */
+        self->places[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
+        self->places[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
+    }
+    if (status == TL_OK) {
+        status = tl_twin_slot_move_in(&self->places[0], &begun, self->settings->unconfined, error);
+    }
+    if (status == TL_OK && records) {
+        const tl_record_queue_settings events = tl_live_event_queue();
+        tl_record_queue_open(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
+                             &tl_process_tree_recorder_pulse(self)->state.taken[TL_LIVE_QUEUE_SUPERVISOR],
+                             &self->queue);
+    }
+    return status;
+}
+
+/* ---- ending ---- */
+
+static uint64_t end_twin(tl_process_tree *self, tl_twin_slot *place, bool by_others, char reason[TL_RESTARTS_REASON]) {
+    char why[TL_TWIN_KILLED_TEXT];
+    bool was_killed = tl_twin_process_was_killed(place->twin, why);
+    if (was_killed) {
+        (void)snprintf(reason, TL_RESTARTS_REASON, "%.*s", TL_RESTARTS_REASON - 1, why);
+    }
+    tl_twin_process_let_go(place->twin);
+    tl_log_relay_close_process(&self->log, place->twin);
+    place->twin = NULL;
+    place->pid = 0;
+    /* A checkpoint that it had loaded may be to blame. */
+    bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
+    place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
+    return is_to_blame ? place->pulse->fmus : 0;
+}
+
+/* One that could not go on has said why. It is bounded here, and cleaned by who shows it. */
+static void note_end_of_shadow(tl_process_tree *self, const tl_heartbeats *beats, const char *reason) {
+    char said[TL_HEARTBEAT_STATUS] = "";
+    int code = 0;
+    tl_end_cause farewell = tl_heartbeats_get_end_cause(beats, &code);
+    bool is_said =
+        (farewell == TL_END_CAUSE_REFUSED || farewell == TL_END_CAUSE_FAILED) && tl_heartbeats_get_status(beats, said);
+    said[sizeof said - 1] = '\0';
+    tl_handover_control_note_end_of_shadow(&self->change, is_said && said[0] != '\0' ? said : reason);
+}
+
+static uint64_t ended(void *context, tl_member which, bool by_others, char reason[TL_RESTARTS_REASON]) {
+    tl_process_tree *self = context;
+    uint64_t unreadable = 0;
+    if (which == TL_MEMBER_TWIN || which == TL_MEMBER_SHADOW) {
+        unreadable = end_twin(self, tl_process_tree_place_of(self, which), by_others, reason);
+    }
+    if (which == TL_MEMBER_TWIN) {
+        char why[TL_HANDOVER_WHY] = "";
+        (void)snprintf(why, sizeof why, "%.*s", TL_HANDOVER_WHY - 1, reason);
+        tl_latest_publish(&tl_process_tree_stage(self)->failure, why, sizeof why);
+    }
+    if (which == TL_MEMBER_SHADOW) {
+        note_end_of_shadow(self, &tl_process_tree_place_of(self, which)->pulse->beats, reason);
+    }
+    return unreadable;
+}
+
+static void tell(void *context, const char *text) {
+    tl_process_tree_put_event(context, TL_EVENT_ERROR, "supervisor", text);
+}
+
+/* ---- looking ---- */
+
+/* Only a thread of that process: the word of one with FMUs alone is worth nothing. */
+static void schedule(pid_t process, int32_t thread, int priority) {
+    const struct sched_param parameter = {.sched_priority = priority};
+    char path[64];
+    struct stat about;
+    (void)snprintf(path, sizeof path, "/proc/%ld/task/%ld", (long)process, (long)thread);
+    if (thread > 0 && stat(path, &about) == 0) {
+        (void)sched_setscheduler(thread, priority > 0 ? SCHED_FIFO | SCHED_RESET_ON_FORK : SCHED_OTHER, &parameter);
+    }
+}
+
+/* The twin's cycle wants its priority, or does not any more: no thread beside FMUs can set one itself. */
+static void look_at_priority(tl_process_tree *self) {
+    const tl_twin_slot *place = tl_process_tree_place_of_run(self);
+    int32_t wished = __atomic_load_n(&place->pulse->realtime, __ATOMIC_ACQUIRE);
+    if (place->pid != 0 && wished != self->urgent) {
+        schedule(place->pid, self->urgent, 0);
+        schedule(place->pid, wished, self->config.realtime_priority);
+        self->urgent = wished;
+    }
+}
+
+static void tell_of_handover(void *context, const char *text) {
+    tl_log(TL_LOG_NOTICE, "%s", text);
+    tl_process_tree_put_event(context, TL_EVENT_INFO, "supervisor", text);
+}
+
+static void look(void *context, bool ends, tl_orders *orders) {
+    tl_process_tree *self = context;
+    const tl_twin_slot *before = tl_process_tree_place_of_run(self);
+    tl_handover_control_look(&self->change, tl_clock_now(NULL), ends, orders);
+    if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
+        schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
+        self->urgent = 0;
+        tl_log_relay_watch(&self->log, &tl_process_tree_place_of_run(self)->pulse->beats);
+        self->twins_place = ends ? self->twins_place : tl_process_tree_stage(self)->place;
+    }
+    if (ends) {
+        tl_saved_states_stop(&self->states);
+    }
+    look_at_priority(self);
+    orders->end = __atomic_load_n(&activator_pulse(self)->restart, __ATOMIC_ACQUIRE) != 0;
+    orders->activator = self->listener >= 0 && (!self->was_activated || tl_control_is_knocked_at(self->listener));
+    if (orders->end && !ends) {
+        self->again = true;
+        __atomic_store_n(&tl_process_tree_stage(self)->again, 1, __ATOMIC_RELEASE);
+    }
+}
+
+static tl_wait wait_for_states(void *context) {
+    tl_process_tree *self = context;
+    tl_wait wait = tl_saved_states_look(&self->states);
+    if (self->states.files != 0 && !self->told_states) {
+        char text[TL_EVENT_TEXT]; /* which has room for less than the log */
+        tl_log(TL_LOG_WARNING,
+               "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
+               self->states.why);
+        (void)snprintf(text, sizeof text, "%.200s: none are saved", self->states.why);
+        tl_process_tree_put_event(self, TL_EVENT_WARNING, "supervisor", text);
+        self->told_states = true;
+    }
+    return wait;
+}
+
+/* The recorder's word, of those whose outboxes it reads. */
+static tl_time damaged(void *context, tl_member which) {
+    const tl_process_tree *self = context;
+    size_t queue = which == TL_MEMBER_IO ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_TWIN + self->twins_place;
+    bool is_read = tl_process_tree_records(self) && (which == TL_MEMBER_IO || which == TL_MEMBER_TWIN);
+    return is_read ? __atomic_load_n(&tl_process_tree_recorder_pulse(self)->damaged[queue], __ATOMIC_RELAXED) : 0;
+}
+
+/* ---- the run ---- */
+
+static tl_status open_all(tl_process_tree *self, tl_error *error) {
+    const tl_process_tree_settings *settings = self->settings;
+    tl_error ignored;
+    if (settings->database != NULL) {
+        (void)snprintf(self->job.database, sizeof self->job.database, "%s", settings->database);
+    } else if (self->config.record_file != NULL) {
+        (void)tl_config_file_path(&self->config, self->config.record_file, self->job.database,
+                                  sizeof self->job.database);
+    }
+    self->states = (tl_saved_states){.config = settings->config,
+                                     .unconfined = settings->unconfined,
+                                     .memory_limit = settings->memory_limit,
+                                     .be = settings->be};
+    /* Without an account nothing would be remembered. */
+    tl_saved_states_open(settings->supervised ? settings->state : NULL, &self->states);
+    tl_status status = make_memory(self, error);
+    if (status == TL_OK && settings->control != NULL &&
+        tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
+        tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
+    }
+    if (status == TL_OK) {
+        self->change = (tl_handover_control){
+            .stage = tl_process_tree_stage(self),
+            .places = self->places,
+            .orders = activator_pulse(self),
+            .candidate = &self->blocks[TL_LIVE_CANDIDATE],
+            .recorder = tl_process_tree_records(self) ? tl_process_tree_recorder_pulse(self) : NULL,
+            .step = self->config.step,
+            .unconfined = settings->unconfined,
+            .context = self,
+            .tell = tell_of_handover};
+        status =
+            tl_log_relay_start(&self->log, &tl_process_tree_place_of_run(self)->pulse->beats, settings->status, error);
+    }
+    return status;
+}
+
+/* Of the run that is the last one. Nothing is left that could be harmed by reading what is not our own. */
+static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
+    const char *text = tl_process_tree_place_of_run(self)->text;
+    if (text == self->settings->config->text) {
+        return TL_OK;
+    }
+    tl_config_free(&self->config);
+    self->config = (tl_config){.path = NULL};
+    return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
+}
+
+/* What the twin says of its run, as far as it can be; and whether that is what was wanted of it. */
+static tl_status print_summary(tl_process_tree *self, tl_error *error) {
+    tl_live_end *end = &tl_process_tree_place_of_run(self)->pulse->end;
+    tl_summary summary = end->summary;
+    tl_account account = end->account;
+    if (end->is_there == 0) {
+        return self->settings->require_lock <= 0.0
+                   ? TL_OK
+                   : tl_fail(error, TL_NOT_LOCKED, "the run ended without a twin: it was not in lock");
+    }
+    tl_status status = read_last_config(self, error);
+    if (status != TL_OK) {
+        return status;
+    }
+    summary.wall_s = tl_seconds(tl_clock_now(NULL) - self->began);
+    if (!tl_run_end_is_sound(&summary, &account, &self->config)) {
+        return tl_fail(error, TL_FMU_FAILED,
+                       "the summary of the run is none: the process of the FMUs has destroyed it");
+    }
+    if (self->settings->json) {
+        status = tl_summary_print_json(&summary, &self->config, &account, self->output, error);
+    } else {
+        tl_summary_print_table(&summary, &self->config, &account, self->output);
+    }
+    bool asked = self->settings->require_lock > 0.0 || !self->settings->supervised;
+    return status == TL_OK && asked
+               ? tl_summary_require_lock(&summary, &self->config, self->settings->require_lock, error)
+               : status;
+}
+
+static int supervise(tl_process_tree *self) {
+    const tl_supervisor_settings settings = {
+        .alone = !self->settings->supervised,
+        .call_limit = self->settings->call_limit,
+        .has_duration = self->config.duration > 0,
+        .state = self->settings->state,
+        .watchdog = self->settings->watchdog,
+        .watchdog_s = self->settings->watchdog_s,
+        .beats = {[TL_MEMBER_RECORDER] =
+                      tl_process_tree_records(self) ? &tl_process_tree_recorder_pulse(self)->beats : NULL,
+                  [TL_MEMBER_IO] = self->blocks[TL_LIVE_IO_BEATS].bytes,
+                  [TL_MEMBER_TWIN] = &self->places[0].pulse->beats,
+                  [TL_MEMBER_SHADOW] = &self->places[1].pulse->beats,
+                  [TL_MEMBER_ACTIVATOR] = &activator_pulse(self)->beats},
+        .context = self,
+        .begin = tl_process_tree_begin,
+        .ended = ended,
+        .tell = tell,
+        .damaged = damaged,
+        .wait = wait_for_states,
+        .look = look,
+    };
+    return tl_supervise(&settings, &self->stopped);
+}
+
+static void close_all(tl_process_tree *self) {
+    tl_log_relay_stop(&self->log);
+    tl_saved_states_stop(&self->states);
+    if (self->listener >= 0) {
+        (void)close(self->listener);
+        (void)unlink(self->settings->control);
+    }
+    for (size_t i = 0; i < TL_TWIN_SLOTS && self->places[i].queue != NULL; i++) {
+        tl_twin_slot_move_out(&self->places[i]);
+    }
+    for (size_t i = 0; i < TL_LIVE_BLOCKS; i++) {
+        tl_block_close(&self->blocks[i]);
+    }
+    tl_config_free(&self->config);
+}
+
+/* What nobody has recorded, if the last one who could have has not said that itself. */
+static void say_rest(tl_process_tree *self) {
+    const tl_record_queue_settings events = tl_live_event_queue();
+    int code = 0;
+    if (!tl_process_tree_records(self) ||
+        tl_heartbeats_get_end_cause(&tl_process_tree_recorder_pulse(self)->beats, &code) != TL_END_CAUSE_NONE) {
+        return;
+    }
+    const tl_record_queue_taken *taken = tl_process_tree_recorder_pulse(self)->state.taken;
+    uint64_t rest = 0;
+    for (uint32_t i = 0; i < TL_TWIN_SLOTS; i++) {
+        rest += tl_twin_slot_count_rest(&self->places[i], &taken[TL_LIVE_QUEUE_TWIN + i]);
+    }
+    rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_IO_EVENTS].bytes, &taken[TL_LIVE_QUEUE_IO]);
+    rest += tl_record_queue_rest_count(&events, self->blocks[TL_LIVE_SUPERVISOR_EVENTS].bytes,
+                                       &taken[TL_LIVE_QUEUE_SUPERVISOR]);
+    if (rest > 0) {
+        tl_log(TL_LOG_ERROR, "%" PRIu64 " %s lost: no recorder is left to write what came last", rest,
+               rest == 1 ? "sample, step or event is" : "samples, steps and events are");
+    }
+}
+
+static int finish(tl_process_tree *self, int code) {
+    tl_error error = {0};
+    tl_status printed = print_summary(self, &error);
+    tl_log_relay_stop(&self->log); /* all that the processes have said comes before what is said of them */
+    if (code != 0) {
+        say_rest(self);
+    }
+    if (printed != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+    }
+    printed = tl_output_finish(self->output, printed);
+    close_all(self);
+    return code != 0 ? code : tl_exit_code(printed);
+}
+
+int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tree_end *end) {
+    static tl_process_tree self; /* one for the process; its threads may look at it */
+    tl_error error = {0};
+    sigset_t asked;
+    self.settings = settings;
+    self.began = tl_clock_now(NULL);
+    self.output = tl_output_claim();
+    self.job.alone = !settings->supervised;
+    self.job.unconfined = settings->unconfined;
+    self.job.duration = settings->duration;
+    self.job.memory_limit = settings->memory_limit;
+    self.listener = -1;
+    *end = (tl_process_tree_end){.again = false};
+    if (settings->control != NULL) {
+        (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
+        (void)snprintf(self.job.allowed, sizeof self.job.allowed, "%s", settings->allowed);
+    }
+    tl_supervisor_block_signals(&asked, NULL); /* from now on they wait for the supervisor */
+    tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
+        tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
+    if (status == TL_OK) {
+        status = tl_live_plant_check(&self.config, &error);
+    }
+    if (status == TL_OK) {
+        status = open_all(&self, &error);
+    }
+    if (status != TL_OK) {
+        tl_log(TL_LOG_ERROR, "%s", error.text);
+        close_all(&self);
+        end->is_failure = true;
+        return tl_exit_code(tl_output_finish(self.output, status));
+    }
+    int code = finish(&self, supervise(&self));
+    end->again = self.again && code == 0 && self.stopped == 0;
+    end->is_failure = code != 0 && self.stopped == 0;
+    return code;
+}

@@ -1,0 +1,209 @@
+/* The recorded part of a shadow's course: see shadow_warm_up.h. */
+#include "firmware/live/shadow_warm_up.h"
+
+#include <string.h>
+
+#include "firmware/base/os.h"
+#include "firmware/fmu/fmu_guard.h"
+#include "firmware/process/interrupt.h"
+#include "firmware/twin/resume.h"
+
+/* That is computed in one go. */
+static const tl_time PIECE = TL_SECOND / 50;
+
+/* Of the plant's time: what is left to be made up by the cycle; and what the first tick lies ahead if nothing was recorded. */
+static const tl_time LEFT = 2 * TL_SECOND;
+
+/* How old the end of what was recorded may be. */
+static const tl_time STALE = 10 * TL_SECOND;
+
+/* What the caller's silence may last: while its FMUs begin, and after it; and beside one call of an FMU. */
+static const tl_time PATIENCE = 120 * TL_SECOND;
+static const tl_time BESIDES = TL_SECOND;
+enum { AHEAD = 2 };
+
+/* The pace that is asked for, of the plant's; and for how long it is not judged. */
+static const double PACE = 1.2;
+static const tl_time FIRST_PACE = 5 * TL_SECOND;
+
+typedef struct course_walk {
+    const tl_shadow_warm_up *course;
+    size_t recorded[TL_MAX_SIGNALS]; /* of each signal: its place among those of the run */
+    tl_resume samples;
+    int64_t next;
+    bool has_begun;
+    tl_time computed; /* in all */
+    tl_time slept;
+    tl_run_status figures;
+    tl_metrics match[TL_MAX_MATCH];
+    tl_status status;
+    tl_error *error;
+} course_walk;
+
+/* ---- signals ---- */
+
+/* Both configurations have the same signals in the same order (config_change.h), but each its own second look-ups. One that the run does not have is taken as the
+ * signal itself was looked up. */
+static size_t find_recorded(const tl_config *run, const tl_config_signal *signal) {
+    for (size_t i = 0; i < run->signal_count; i++) {
+        if (strcmp(run->signals[i].plan.name, signal->plan.name) == 0) {
+            return i;
+        }
+    }
+    return signal->of;
+}
+
+static void sample_of(const course_walk *self, const tl_sample *of_run, tl_sample *sample) {
+    *sample = (tl_sample){.tick = of_run->tick, .instant = of_run->instant};
+    for (size_t i = 0; i < self->course->assembly->config.signal_count; i++) {
+        const size_t at = self->recorded[i];
+        sample->values[i] = of_run->values[at];
+        sample->stamps[i] = of_run->stamps[at];
+        sample->quality[i] = of_run->quality[at];
+    }
+}
+
+/* ---- in the thread of the FMUs ---- */
+
+static void count(course_walk *self, const tl_record *record) {
+    tl_run_status *figures = &self->figures;
+    figures->steps++;
+    figures->evaluations += record->evaluations;
+    figures->executions += record->executions;
+    figures->timed_out += record->stop == TL_STOP_TIME ? 1 : 0;
+    figures->used += record->used;
+    for (size_t i = 0; i < self->course->assembly->config.match_count; i++) {
+        tl_metrics_add(&self->match[i], record->y[i], record->measured[i], (tl_quality)record->measured_quality[i]);
+    }
+}
+
+static void take_tick(course_walk *self, const tl_sample *sample) {
+    const tl_config *config = &self->course->assembly->config;
+    const tl_budget budget = {
+        .evaluations = config->budget_evaluations,
+        .time = config->budget_time,
+        .started = tl_clock_now(NULL),
+        .now = tl_clock_now,
+    };
+    tl_record record;
+    bool ready = false;
+    self->status = tl_twin_step(self->course->assembly->twin, sample, &budget, &record, &ready, self->error);
+    if (ready) {
+        count(self, &record);
+    }
+    if (self->status == TL_OK) {
+        self->next++;
+        self->figures.tick++;
+    }
+}
+
+static void take_piece(void *context) {
+    course_walk *self = context;
+    tl_time begun = tl_clock_now(NULL);
+    tl_time now = begun;
+    tl_resume_tick recorded;
+    tl_sample sample;
+    const int64_t most =
+        self->computed == 0 ? 1 : INT64_MAX; /* at the first tick FMUs begin: that takes more patience */
+    while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
+           tl_resume_tick_at(&self->samples, self->next, &recorded)) {
+        sample_of(self, &recorded.sample, &sample);
+        take_tick(self, &sample);
+        now = tl_clock_now(NULL);
+    }
+    tl_fmu_guard_tick();
+    self->computed += now - begun;
+}
+
+/* ---- in the main thread ---- */
+
+static tl_status judge_pace(const course_walk *self, tl_error *error) {
+    double taken = tl_seconds(self->computed + self->slept);
+    double pace = tl_seconds(tl_time_of_step(0, self->course->assembly->config.step, self->figures.tick)) / taken;
+    if (self->computed + self->slept < FIRST_PACE || pace >= PACE) {
+        return TL_OK;
+    }
+    return tl_fail(error, TL_TRY_AGAIN,
+                   "this box does not carry two twins: with half a processor the new one is %.2g times as fast as the "
+                   "plant, and %.1f are needed",
+                   pace, PACE);
+}
+
+static void rest(course_walk *self, tl_time computed) {
+    tl_clock_sleep_until(tl_clock_now(NULL) + computed);
+    self->slept += computed;
+    tl_thread_heartbeat_beat(self->course->heartbeat);
+    tl_thread_heartbeat_set_timeout(self->course->heartbeat, self->course->assembly->config.realtime_hang + BESIDES);
+    self->course->show(self->course->context, &self->figures, self->match);
+}
+
+/* All of the samples at hand. */
+static tl_status take_samples(course_walk *self) {
+    tl_status status = TL_OK;
+    while (status == TL_OK && self->next <= self->samples.last && tl_interrupt_requested() == NULL) {
+        tl_time before = self->computed;
+        tl_fmu_thread_call(self->course->thread, take_piece, self);
+        rest(self, self->computed - before);
+        status = self->status == TL_OK ? judge_pace(self, self->error) : self->status;
+    }
+    return status;
+}
+
+static int64_t present(const course_walk *self) {
+    return (tl_clock_now(NULL) - self->course->start) / self->course->assembly->config.step;
+}
+
+/* The next samples; false: there are none that follow, and why was told if it is worth that. */
+static bool fetch(course_walk *self) {
+    const tl_shadow_warm_up *course = self->course;
+    const void *image = NULL;
+    tl_error error;
+    size_t size = course->fetch(course->context, self->has_begun ? self->next : -1, &image);
+    if (size == 0) {
+        return false;
+    }
+    if (tl_resume_read_samples(image, size, course->run, course->start, &self->samples, &error) != TL_OK) {
+        tl_journal_event(course->journal, -1, TL_EVENT_INFO, "resume", "begins live: %.180s", error.text);
+        return false;
+    }
+    return !self->has_begun || self->samples.first == self->next;
+}
+
+static void begin_at(course_walk *self, int64_t tick) {
+    tl_twin_begin_at(self->course->assembly->twin, tick);
+    self->next = tick;
+    self->has_begun = true;
+}
+
+/* A disk that takes nothing any more: what it has ends long ago, and nobody knows what the plant has done since. */
+static bool is_stale(const course_walk *self) {
+    tl_time step = self->course->assembly->config.step;
+    bool is_old = !self->has_begun && (present(self) - self->samples.first) > (TL_RESUME_SAMPLES_BEFORE + STALE) / step;
+    if (is_old) {
+        tl_journal_event(self->course->journal, -1, TL_EVENT_WARNING, "resume",
+                         "begins live: what is recorded of the plant is too old, as if nothing could be recorded now");
+    }
+    return is_old;
+}
+
+tl_status tl_shadow_warm_up_run(const tl_shadow_warm_up *course, int64_t *next, tl_error *error) {
+    course_walk self = {.course = course, .error = error};
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < course->assembly->config.signal_count; i++) {
+        self.recorded[i] = find_recorded(course->run, &course->assembly->config.signals[i]);
+    }
+    while (status == TL_OK && (!self.has_begun || present(&self) - self.next > LEFT / course->assembly->config.step) &&
+           tl_interrupt_requested() == NULL && fetch(&self) && !is_stale(&self)) {
+        if (!self.has_begun) {
+            begin_at(&self, self.samples.first);
+        }
+        self.figures.last = self.figures.tick + present(&self) - self.next;
+        status = take_samples(&self);
+    }
+    if (!self.has_begun) {
+        begin_at(&self, present(&self) + AHEAD);
+    }
+    tl_thread_heartbeat_set_timeout(course->heartbeat, PATIENCE);
+    *next = self.next;
+    return status;
+}

@@ -1,0 +1,277 @@
+/* Places of twins beside each other in a run: see twin_slots.h. */
+#include "firmware/live/twin_slots.h"
+
+#include <errno.h>
+#include <libgen.h>
+#include <limits.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/config/drivers.h"
+#include "firmware/fmu/fmu_archive.h"
+#include "firmware/process/confine.h"
+#include "firmware/store/record_queue.h"
+
+/* ---- live place ---- */
+
+void tl_twin_slot_move_out(tl_twin_slot *place) {
+    tl_block_close(place->queue);
+    free(place->copy);
+    place->copy = NULL;
+    place->text = NULL;
+    place->hash[0] = '\0';
+}
+
+static tl_status make_queue(tl_twin_slot *place, const tl_record_queue_settings *settings, tl_error *error) {
+    place->queue_settings = *settings;
+    return tl_block_make("twinlock outbox", tl_record_queue_bytes(settings), TL_BLOCK_SPARSE, place->queue, error);
+}
+
+tl_status tl_twin_slot_move_in(tl_twin_slot *place, const tl_config *config, bool unconfined, tl_error *error) {
+    const tl_record_queue_settings settings = tl_live_twin_queue(config);
+    place->text = config->text;
+    memcpy(place->hash, config->hash, sizeof place->hash);
+    place->fmus = tl_twin_fmus_of(config);
+    place->unconfined = unconfined;
+    place->pulse->first = place->pulse->number + 1;
+    return make_queue(place, &settings, error);
+}
+
+/* ---- a candidate ---- */
+
+static bool read_at(const tl_block *block, size_t at, void *bytes, size_t size) {
+    return pread(block->descriptor, bytes, size, (off_t)at) == (ssize_t)size;
+}
+
+/* Without mapping it: our memory is locked. */
+static tl_status copy_text(tl_twin_slot *place, const tl_block *candidate, tl_error *error) {
+    uint32_t size = 0;
+    char hash[TL_SHA256_TEXT] = "";
+    char found[TL_SHA256_TEXT];
+    if (!read_at(candidate, offsetof(tl_live_candidate, size), &size, sizeof size) || size == 0 ||
+        size > TL_CONFIG_MAX_BYTES || !read_at(candidate, offsetof(tl_live_candidate, hash), hash, sizeof hash - 1)) {
+        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text of %u bytes, expected 1 … %d", (unsigned)size,
+                       (int)TL_CONFIG_MAX_BYTES);
+    }
+    place->copy = malloc((size_t)size + 1);
+    if (place->copy == NULL || !read_at(candidate, offsetof(tl_live_candidate, text), place->copy, size)) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the candidate");
+    }
+    place->copy[size] = '\0';
+    tl_sha256(place->copy, size, found);
+    if (strlen(place->copy) != size || strcmp(found, hash) != 0) {
+        return tl_fail(error, TL_BAD_DATA, "a candidate came with a text that is not that of its digest");
+    }
+    place->text = place->copy;
+    memcpy(place->hash, found, sizeof place->hash);
+    return TL_OK;
+}
+
+static tl_status check_needs(const tl_live_needs *needs, tl_error *error) {
+    bool fits = needs->match <= TL_MAX_MATCH && needs->adjust <= TL_MAX_ADJUST &&
+                needs->components < TL_RECORDER_COMPONENTS && needs->unconfined <= 1 && needs->signals >= 1 &&
+                needs->signals <= TL_MAX_SIGNALS &&
+                needs->unpacked_bytes <= needs->components * (uint64_t)TL_FMU_TOTAL_BYTES;
+    return fits ? TL_OK
+                : tl_fail(error, TL_BAD_DATA, "a candidate came with numbers that cannot be: %u, %u, %u, %u",
+                          (unsigned)needs->match, (unsigned)needs->adjust, (unsigned)needs->components,
+                          (unsigned)needs->signals);
+}
+
+tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *place, const tl_block *candidate, const tl_live_needs *needs,
+                                         tl_time step, tl_error *error) {
+    const tl_recorder_shape shape = {.plant = needs->signals,
+                                     .match = needs->match,
+                                     .adjust = needs->adjust,
+                                     .components = (size_t)needs->components + 1};
+    tl_twin_slot_move_out(place);
+    tl_status status = check_needs(needs, error);
+    if (status == TL_OK) {
+        status = copy_text(place, candidate, error);
+    }
+    if (status == TL_OK) {
+        const tl_record_queue_settings settings = tl_live_queue_of_shape(&shape, step);
+        status = make_queue(place, &settings, error);
+    }
+    if (status != TL_OK) {
+        tl_twin_slot_move_out(place);
+        return status;
+    }
+    place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
+    place->unconfined = needs->unconfined != 0;
+    uint32_t number = place->pulse->number; /* goes on: by that answers are told apart */
+    memset(place->pulse, 0, sizeof *place->pulse);
+    place->pulse->number = number;
+    place->pulse->first = number + 1;
+    return TL_OK;
+}
+
+/* ---- the end ---- */
+
+uint64_t tl_twin_slot_count_rest(const tl_twin_slot *place, const tl_record_queue_taken *taken) {
+    tl_block queue = {.descriptor = -1};
+    tl_error error;
+    uint64_t count = 0;
+    if (place->queue->size != 0 &&
+        tl_block_take(tl_block_reader(place->queue), place->queue->size, TL_BLOCK_WE_WRITE, &queue, &error) == TL_OK) {
+        count = tl_record_queue_rest_count(&place->queue_settings, queue.bytes, taken);
+    }
+    tl_block_close(&queue);
+    return count;
+}
+
+/* ---- live places ---- */
+
+/* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
+static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
+                                     "/etc",
+                                     "/run/systemd/resolve",
+                                     "/run/resolvconf",
+                                     "/run/NetworkManager",
+                                     "/run/connman",
+                                     "/run/nscd"};
+
+enum { DOMAIN_PORT = 53, COMMON = sizeof common / sizeof common[0] };
+
+/* Texts of ours. */
+typedef struct places {
+    char **path;
+    size_t count;
+    bool failed; /* memory was out */
+} places;
+
+static void free_places(places *list) {
+    for (size_t i = 0; i < list->count; i++) {
+        free(list->path[i]);
+    }
+    free(list->path);
+}
+
+/* False: it is not there. */
+static bool add(places *list, const char *path) {
+    char *found = realpath(path, NULL);
+    list->failed = list->failed || (found == NULL && errno == ENOMEM);
+    if (found == NULL) {
+        return list->failed;
+    }
+    char **grown = realloc(list->path, (list->count + 1) * sizeof *grown);
+    if (grown == NULL) {
+        list->failed = true;
+        free(found);
+        return true;
+    }
+    list->path = grown;
+    list->path[list->count++] = found;
+    return true;
+}
+
+static void add_common(places *list, bool with_names) {
+    for (size_t i = 0; i < (with_names ? COMMON : 1); i++) {
+        (void)add(list, common[i]);
+    }
+}
+
+/* The folder of a file that may come later, or anew: that folder, or the nearest one above that is there. */
+static void add_folder(places *list, const char *file) {
+    char path[PATH_MAX];
+    (void)snprintf(path, sizeof path, "%s", file);
+    char *folder = dirname(path);
+    while (!add(list, folder) && strcmp(folder, "/") != 0 && strcmp(folder, ".") != 0) {
+        folder = dirname(folder);
+    }
+}
+
+/* Also where a link leads to now. */
+static void add_folders(places *list, const char *file) {
+    char *found = realpath(file, NULL);
+    add_folder(list, file);
+    if (found != NULL) {
+        add_folder(list, found);
+    }
+    free(found);
+}
+
+/* `settings`: what differs. Frees both lists. */
+static tl_status confine(tl_confine_settings settings, places *read, places *write, tl_error *error) {
+    tl_confine_facts facts;
+    settings.read = (const char *const *)read->path;
+    settings.read_count = read->count;
+    settings.write = (const char *const *)write->path;
+    settings.write_count = write->count;
+    settings.start_socket = -1;
+    settings.whole_process = true;
+    settings.lives_on = true;
+    tl_status status = read->failed || write->failed
+                           ? tl_fail(error, TL_TRY_AGAIN, "not enough memory for the places of a process")
+                           : tl_confine(&settings, &facts, NULL, error);
+    free_places(read);
+    free_places(write);
+    return status;
+}
+
+/* The files, devices and ports of one source, and what its driver needs. */
+static void add_source(tl_confine_settings *settings, uint16_t *ports, places *read, places *write,
+                       const tl_config *config, const tl_config_source *source) {
+    const tl_plant_access *access = source->driver->access;
+    tl_source_reach reach = {.read = NULL};
+    char path[PATH_MAX];
+    if (source->driver->reach != NULL) {
+        source->driver->reach(source, &reach);
+    }
+    if (reach.read != NULL && tl_config_file_path(config, reach.read, path, sizeof path)) {
+        add_folders(read, path);
+    }
+    if (reach.write != NULL && tl_config_file_path(config, reach.write, path, sizeof path)) {
+        add_folders(write, path);
+    }
+    if (access->read != NULL) {
+        (void)add(read, access->read);
+    }
+    if (access->write != NULL) {
+        (void)add(write, access->write);
+    }
+    if (reach.port != 0) {
+        ports[settings->port_count++] = reach.port;
+    }
+    settings->plant = access;
+    settings->names = settings->names || reach.names;
+}
+
+tl_status tl_twin_slots_confine_io(const tl_config *config, unsigned kind, tl_error *error) {
+    places read = {.path = NULL};
+    places write = {.path = NULL};
+    uint16_t *ports = calloc(config->source_count + 1, sizeof *ports);
+    tl_confine_settings settings = {.ports = ports};
+    if (ports == NULL) {
+        return tl_fail(error, TL_TRY_AGAIN, "not enough memory");
+    }
+    for (size_t i = 0; i < config->source_count; i++) {
+        if (kind == tl_driver_bit(config->sources[i].driver)) {
+            add_source(&settings, ports, &read, &write, config, &config->sources[i]);
+        }
+    }
+    add_common(&read, settings.names);
+    if (settings.names) { /* an answer that is too long for a datagram */
+        ports[settings.port_count++] = DOMAIN_PORT;
+    }
+    tl_status status = confine(settings, &read, &write, error);
+    free(ports);
+    return status;
+}
+
+tl_status tl_twin_slots_confine_recorder(const tl_config *config, const char *database, tl_error *error) {
+    places read = {.path = NULL};
+    places write = {.path = NULL};
+    add_common(&read, true);
+    add_folders(&write, database);
+    for (size_t i = 0; i < config->component_count; i++) {
+        char path[PATH_MAX];
+        if (tl_config_fmu_path(config, config->components[i].fmu, path, sizeof path)) {
+            (void)add(&read, path);
+        }
+    }
+    return confine((tl_confine_settings){.keeps_files = true}, &read, &write, error);
+}

@@ -1,0 +1,356 @@
+/* A client's dialogue with a plant, over restarts, and what is printed of it: see control_client.h. */
+#include "firmware/retune/control_client.h"
+
+#include <pwd.h>
+#include <signal.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "firmware/base/log.h"
+#include "firmware/base/os.h"
+
+/* An activator has to be begun first, perhaps, on a loaded box; and a disk may be slow. */
+static const tl_time PATIENCE = 200 * TL_SECOND;
+
+/* On probation nothing is said for as long as it lasts. */
+static const tl_time PATIENCE_ON_PROBATION = (tl_time)(8 * 24 * 3600) * TL_SECOND;
+
+/* A run that begins anew loads its FMUs before it can be asked; and its answer takes no time then. */
+static const tl_time COMING_BACK = 60 * TL_SECOND;
+static const tl_time ANSWER = 5 * TL_SECOND;
+
+typedef struct talk {
+    const tl_control_client_settings *settings;
+    const tl_control_request *request;
+    tl_control_result result;
+    bool has_ended;            /* TL_CONTROL_END was printed */
+    bool is_tried;             /* the change is on probation */
+    bool is_active;            /* the step `activate` was printed, and none after it that says what came of it */
+    bool follows;              /* over a restart */
+    int socket;                /* −1: none */
+    char hash[TL_SHA256_TEXT]; /* what is to be active */
+    uint64_t version;          /* its number, 0: not known yet */
+    tl_time heard;             /* when something came last, or the run answered */
+} talk;
+
+/* ---- what is printed ---- */
+
+static void print_state(const tl_control_state *state, FILE *output) {
+    (void)fprintf(output, "%s: %s\n", state->plant, state->lock[0] == '\0' ? "no twin runs" : state->lock);
+    (void)fprintf(output, "  configuration %.12s, version %llu\n", state->hash, (unsigned long long)state->version);
+    if (state->step == TL_CONTROL_PROBATION) {
+        (void)fprintf(output, "  on probation, %u s are left\n", state->left_s);
+    } else if (state->step != TL_CONTROL_IDLE) {
+        (void)fprintf(output, "  a change is under way: %s\n", tl_control_step_name((tl_control_step)state->step));
+    }
+    (void)fprintf(output, "  %llu ticks of %g s: %llu steps, %llu made up, %llu deadlines missed, %.1f %% in lock\n",
+                  (unsigned long long)state->ticks, state->step_s, (unsigned long long)state->steps,
+                  (unsigned long long)state->skipped, (unsigned long long)state->deadline_misses, state->in_lock);
+    if (state->line[0] != '\0') {
+        (void)fprintf(output, "  %s\n", state->line);
+    }
+}
+
+static void print_version(const tl_control_version *version, FILE *output) {
+    char number[24] = "-"; /* of what never was a version */
+    if (version->version != 0) {
+        (void)snprintf(number, sizeof number, "%llu", (unsigned long long)version->version);
+    }
+    (void)fprintf(output, "%c%4s  %.12s  %s  by %s, %s%s%s", version->is_active != 0 ? '*' : ' ', number, version->hash,
+                  version->at, version->who, version->origin, version->kind[0] == '\0' ? "" : ", ", version->kind);
+    (void)fprintf(output, "\n       %s%s%s\n", version->result, version->why[0] == '\0' ? "" : "; ", version->why);
+}
+
+static void print_change(const tl_control_reply *reply, FILE *output) {
+    const tl_control_change *change = &reply->as.change;
+    const char *note = strcmp(change->right, "commission") == 0   ? ", takes the right to commission"
+                       : strcmp(change->right, "on the box") == 0 ? ", on the box only"
+                                                                  : "";
+    (void)fprintf(output, "            %s: %s → %s (%s%s)\n", change->path,
+                  change->before[0] == '\0' ? "nothing" : change->before,
+                  change->after[0] == '\0' ? "nothing" : change->after, change->kind, note);
+    if (reply->more > 0) {
+        (void)fprintf(output, "            and %u more\n", reply->more);
+    }
+}
+
+static void print_step(const talk *self, tl_control_step step, const char *text) {
+    (void)fprintf(self->settings->output, "%-10s  %s\n", tl_control_step_name(step), text);
+    (void)fflush(self->settings->output);
+}
+
+static void end_talk(talk *self, tl_control_result result, const char *text) {
+    self->has_ended = true;
+    self->result = result;
+    if (result != TL_CONTROL_DONE && result != TL_CONTROL_SAME) {
+        tl_log(TL_LOG_ERROR, "%s: %s", tl_control_result_name(result), text);
+    } else if (text[0] != '\0') {
+        (void)fprintf(self->settings->output, "%s\n", text);
+    }
+}
+
+static void print_reply(const talk *self, const tl_control_reply *reply) {
+    FILE *output = self->settings->output;
+    switch ((tl_control_kind)reply->kind) {
+    case TL_CONTROL_STATE:
+        print_state(&reply->as.state, output);
+        break;
+    case TL_CONTROL_VERSION:
+        print_version(&reply->as.version, output);
+        break;
+    case TL_CONTROL_CHANGE:
+        print_change(reply, output);
+        break;
+    case TL_CONTROL_PROBLEM:
+        tl_control_log_problem(self->settings->subject, &reply->as.problem);
+        if (reply->more > 0) {
+            tl_log(TL_LOG_ERROR, "%s: and %u more", self->settings->subject, reply->more);
+        }
+        break;
+    case TL_CONTROL_STEP:
+        print_step(self, (tl_control_step)reply->as.progress.step, reply->as.progress.text);
+        break;
+    case TL_CONTROL_END:
+    case TL_CONTROL_CONFIGURATION:
+    case TL_CONTROL_KINDS:
+        break;
+    }
+    (void)fflush(output);
+}
+
+/* ---- names ---- */
+
+tl_status tl_control_client_find(const char *subject, const char *given, char path[PATH_MAX], tl_error *error) {
+    const char *slash = strrchr(subject, '/');
+    const char *name = slash == NULL ? subject : slash + 1;
+    size_t size = strlen(name);
+    size_t end = strlen(".json");
+    if (given == NULL && strcmp(subject, TL_CONTROL_CLIENT_INPUT) == 0) {
+        return tl_fail(error, TL_BAD_USAGE, "standard input names no run (expected --control SOCKET)");
+    }
+    size -= size > end && strcmp(name + size - end, ".json") == 0 ? end : 0;
+    int length = given != NULL
+                     ? snprintf(path, PATH_MAX, "%s", given)
+                     : snprintf(path, PATH_MAX, "%s/%.*s/%s", TL_CONTROL_FOLDER, (int)size, name, TL_CONTROL_SOCKET);
+    return length > 0 && length < PATH_MAX
+               ? TL_OK
+               : tl_fail(error, TL_BAD_USAGE, "the name of the control socket is too long; give --control");
+}
+
+void tl_control_client_name(uid_t user, char who[TL_CONTROL_NAME]) {
+    char room[1024];
+    struct passwd about;
+    struct passwd *found = NULL;
+    if (getpwuid_r(user, &about, room, sizeof room, &found) == 0 && found != NULL) {
+        (void)snprintf(who, TL_CONTROL_NAME, "%s", found->pw_name);
+    } else {
+        (void)snprintf(who, TL_CONTROL_NAME, "user %lu", (unsigned long)user);
+    }
+}
+
+/* ---- while the connection lasts ---- */
+
+static void hang_up(talk *self) {
+    if (self->socket >= 0) {
+        (void)close(self->socket);
+    }
+    self->socket = -1;
+}
+
+static bool waits(const talk *self) {
+    return (self->request->flags & TL_CONTROL_WAIT) != 0;
+}
+
+static void note_step(talk *self, tl_control_step step) {
+    self->is_tried = step == TL_CONTROL_PROBATION;
+    if (step == TL_CONTROL_ACTIVATE) {
+        self->is_active = true;
+    } else if (step == TL_CONTROL_KEPT || step == TL_CONTROL_RETURNED) {
+        self->is_active = false;
+    }
+}
+
+static void follow(talk *self) {
+    hang_up(self);
+    self->follows = true;
+    self->is_tried = false;
+    self->heard = tl_clock_now(NULL);
+}
+
+/* Done, and nothing was told of what came of it: the run begins anew with it. */
+static void take_end(talk *self, const tl_control_reply *reply) {
+    const tl_control_end *end = &reply->as.end;
+    if (waits(self) && self->is_active && end->result == TL_CONTROL_DONE) {
+        memcpy(self->hash, end->hash, sizeof self->hash);
+        self->version = end->version;
+        print_step(self, TL_CONTROL_ACTIVATE, end->text);
+        follow(self);
+        return;
+    }
+    hang_up(self);
+    end_talk(self, (tl_control_result)end->result, end->text);
+}
+
+static tl_status fail_to_hear(talk *self, tl_status status, tl_error *error) {
+    tl_time silence = tl_clock_now(NULL) - self->heard;
+    tl_time patience = self->is_tried ? PATIENCE_ON_PROBATION : PATIENCE + (tl_time)self->request->shadow_s * TL_SECOND;
+    bool is_known = self->hash[0] != '\0';
+    if (status == TL_TRY_AGAIN && silence < patience) {
+        return TL_OK;
+    }
+    if (status == TL_PLANT_DOWN && waits(self) && self->is_active && is_known) {
+        print_step(self, self->is_tried ? TL_CONTROL_PROBATION : TL_CONTROL_ACTIVATE,
+                   "the run has hung up before it said what came of it: it is waited for, for 60 s at most");
+        follow(self);
+        return TL_OK;
+    }
+    hang_up(self);
+    if (status == TL_PLANT_DOWN && self->request->verb != TL_CONTROL_SHOW) {
+        return tl_fail(
+            error, status,
+            "the plant's twin has hung up before it said what came of it: `twinlock reload --state` shows what "
+            "is active now, `--versions` what came of each");
+    }
+    return status;
+}
+
+static tl_status listen(talk *self, tl_error *error) {
+    tl_control_reply reply;
+    tl_status status = tl_control_next(self->socket, TL_SECOND, &reply, NULL, error);
+    if (status != TL_OK) {
+        return fail_to_hear(self, status, error);
+    }
+    self->heard = tl_clock_now(NULL);
+    if (reply.kind == TL_CONTROL_END) {
+        take_end(self, &reply);
+        return TL_OK;
+    }
+    if (reply.kind == TL_CONTROL_STEP) {
+        note_step(self, (tl_control_step)reply.as.progress.step);
+    }
+    print_reply(self, &reply);
+    return TL_OK;
+}
+
+/* ---- over a restart ---- */
+
+/* One question to the run that is there now. `number`: of the version wanted. False: nobody answers. */
+static bool inquire(const talk *self, tl_control_verb verb, uint64_t number, tl_control_reply *found) {
+    tl_control_request request;
+    tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
+    tl_error error;
+    int socket = -1;
+    bool is_found = false;
+    memset(&request, 0, sizeof request);
+    request.verb = (uint32_t)verb;
+    memcpy(request.who, self->request->who, sizeof request.who);
+    tl_status status = tl_control_connect(self->settings->path, &socket, &error);
+    if (status != TL_OK) {
+        return false;
+    }
+    status = tl_control_ask(socket, &request, NULL, 0, &error);
+    while (status == TL_OK && reply.kind != TL_CONTROL_END) {
+        status = tl_control_next(socket, ANSWER, &reply, NULL, &error);
+        bool is_it =
+            reply.kind == TL_CONTROL_STATE || (reply.kind == TL_CONTROL_VERSION && reply.as.version.version == number);
+        if (status == TL_OK && is_it) {
+            *found = reply;
+            is_found = true;
+        }
+    }
+    (void)close(socket);
+    return is_found;
+}
+
+/* The run that is there now says whether the change was kept, and its versions why. */
+static void end_following(talk *self, const tl_control_state *state, bool is_kept) {
+    char text[TL_CONTROL_TEXT];
+    tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
+    const char *why = "";
+    if (self->version != 0 && inquire(self, TL_CONTROL_VERSIONS, self->version, &reply)) {
+        const char *colon = strstr(reply.as.version.result, ": "); /* "kept: in lock for …" */
+        why = colon != NULL ? colon + strlen(": ") : reply.as.version.result;
+    }
+    self->follows = false;
+    print_step(self, is_kept ? TL_CONTROL_KEPT : TL_CONTROL_RETURNED, why);
+    (void)snprintf(text, sizeof text, "version %llu is kept", (unsigned long long)state->version);
+    end_talk(self, is_kept ? TL_CONTROL_DONE : TL_CONTROL_UNDONE,
+             is_kept          ? text
+             : why[0] != '\0' ? why
+                              : "another version is active");
+}
+
+static void take_state(talk *self, const tl_control_state *state) {
+    char text[TL_CONTROL_TEXT];
+    bool is_ours = strcmp(state->hash, self->hash) == 0;
+    self->heard = tl_clock_now(NULL);
+    self->version = is_ours ? state->version : self->version;
+    if (!is_ours || state->step == TL_CONTROL_IDLE) {
+        end_following(self, state, is_ours);
+    } else if (state->step == TL_CONTROL_PROBATION && state->lock[0] != '\0' && !self->is_tried) {
+        self->is_tried = true;
+        (void)snprintf(text, sizeof text, "%u s are left", state->left_s);
+        print_step(self, TL_CONTROL_PROBATION, text);
+    }
+}
+
+static tl_status ask_next_run(talk *self, tl_error *error) {
+    tl_control_reply reply;
+    tl_clock_sleep_until(tl_clock_now(NULL) + TL_SECOND);
+    if (inquire(self, TL_CONTROL_SHOW, 0, &reply)) {
+        take_state(self, &reply.as.state);
+    } else if (tl_clock_now(NULL) - self->heard > COMING_BACK) {
+        return tl_fail(
+            error, TL_PLANT_DOWN,
+            "the run has not come back for 60 s: its log says why; once it runs, `twinlock reload --versions` shows "
+            "what came of the change");
+    }
+    return TL_OK;
+}
+
+/* ---- Ctrl-C ends who follows a change, and not the change ---- */
+
+static void say_last_word(int signal_) {
+    static const char word[] =
+        "\nthe change goes on in the run: `twinlock reload --state` shows how it is, and `twinlock reload "
+        "--rollback` cancels it, or returns from it\n";
+    (void)!write(STDERR_FILENO, word, sizeof word - 1);
+    (void)signal(signal_, SIG_DFL);
+    (void)raise(signal_); /* by default now, once this returns */
+}
+
+/* A signal that is ignored stays so. */
+static void claim_signal(int signal_, void (*handler)(int)) {
+    if (signal(signal_, handler) == SIG_IGN) {
+        (void)signal(signal_, SIG_IGN);
+    }
+}
+
+static void claim_signals(void (*handler)(int)) {
+    claim_signal(SIGINT, handler);
+    claim_signal(SIGTERM, handler);
+}
+
+/* ---- all of it ---- */
+
+tl_status tl_control_client_run(const tl_control_client_settings *settings, const tl_control_request *request,
+                                const char *text, size_t size, tl_control_result *result, tl_error *error) {
+    talk self = {.settings = settings, .request = request, .socket = -1, .heard = tl_clock_now(NULL)};
+    tl_status status = tl_control_connect(settings->path, &self.socket, error);
+    if (status == TL_OK) {
+        if (text != NULL) {
+            tl_sha256(text, size, self.hash);
+        }
+        status = tl_control_ask(self.socket, request, text, size, error);
+    }
+    if (status == TL_OK && (request->verb == TL_CONTROL_TAKE || request->verb == TL_CONTROL_RETURN)) {
+        claim_signals(say_last_word);
+    }
+    while (status == TL_OK && !self.has_ended) {
+        status = self.follows ? ask_next_run(&self, error) : listen(&self, error);
+    }
+    claim_signals(SIG_DFL);
+    hang_up(&self);
+    *result = self.result;
+    return status;
+}

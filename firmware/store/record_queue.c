@@ -1,0 +1,741 @@
+/* The record queue: what a process hands to the recorder, in memory that the recorder reads: see record_queue.h. */
+#include "firmware/store/record_queue.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+
+#include "firmware/base/os.h"
+#include "firmware/base/text.h"
+
+/* ---- recorder events ---- */
+
+static void copy_text(char *to, size_t size, const char *from) {
+    size_t length = strnlen(from, size - 1);
+    memcpy(to, from, length);
+    memset(to + length, 0, size - length);
+}
+
+void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_severity severity, const char *source,
+                            const char *text) {
+    entry->at = tl_utc_now();
+    entry->tick = tick;
+    entry->position = 0;
+    entry->severity = severity;
+    copy_text(entry->source, sizeof entry->source, source);
+    copy_text(entry->text, sizeof entry->text, text);
+}
+
+/* ---- The writer's side of an outbox. The header says what it is, record_queue.h what lies where.
+ *
+ * Ring:        who appends publishes the new end with a release; the reader hands room back by `taken`, which is acquired here. What was appended and
+ *              not published when its writer died is not there. A sample that waits for its step has another end, which only a successor looks at.
+ * Kept:        nothing has to be marked. An entry stays until another one needs its bytes, and its position tells whether that has
+ *              happened: at most one entry is appended beyond the published end.
+ * Events:      a thread draws a number if its slot is free, fills it, and says so with a release. One that died in between leaves a gap, which the
+ *              successor marks.
+ * Checkpoints: see tl_record_queue_checkpoint. Both sides copy word by word, relaxed: no thread waits for another, and no fence is needed (ThreadSanitizer
+ *              does not know them).
+ * Death:       the kernel shows a successor all that a dead process has stored, in its order. */
+
+enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
+
+static const tl_time RING_TIME = 30 * TL_SECOND;
+static const tl_time LOOK_BACK = 10 * TL_SECOND; /* between two checkpoints, or LOOK_BACK_TICKS */
+static const tl_time NAP = TL_SECOND / 1000;     /* between two looks for room */
+
+/* ---- Sizes ------------------------------------------------------------------------------------------------------- */
+
+static size_t round_up(size_t bytes, size_t to) {
+    return (bytes + to - 1) / to * to;
+}
+
+/* Where the parts are, from the beginning of the memory. */
+static size_t tl_record_queue_ring_at(void) {
+    return round_up(sizeof(tl_record_queue_control), PAGE);
+}
+
+size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings, unsigned place) {
+    return tl_record_queue_ring_at() + round_up(settings->ring_bytes, PAGE) +
+           place * round_up(settings->checkpoint_bytes, PAGE);
+}
+
+size_t tl_record_queue_bytes(const tl_record_queue_settings *settings) {
+    return tl_record_queue_checkpoint_at(settings, TL_RECORD_QUEUE_PLACES + 1);
+}
+
+size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step) {
+    uint64_t each = tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(shape, TL_ENTRY_STEP);
+    uint64_t ticks = (uint64_t)(RING_TIME / step) + 1;
+    uint64_t back = (uint64_t)(LOOK_BACK / step) + 1;
+    ticks += 2 * (back < LOOK_BACK_TICKS ? back : LOOK_BACK_TICKS);
+    uint64_t bytes = ticks < RING_MOST ? ticks * each + 2 * tl_recorder_entry_largest(shape) : RING_MOST;
+    size_t rounded = RING_LEAST;
+    while (rounded < bytes && rounded < RING_MOST) {
+        rounded *= 2;
+    }
+    return rounded;
+}
+
+/* ---- Room in the ring -------------------------------------------------------------------------------------------- */
+
+static void lose(const tl_record_queue *queue) {
+    (void)__atomic_add_fetch(&queue->control->lost, 1, __ATOMIC_RELAXED);
+}
+
+static bool has_reader(const tl_record_queue *queue) {
+    return queue->taken != NULL;
+}
+
+/* If what the reader says cannot be, it has taken nothing of what is there. */
+static bool has_room(const tl_record_queue *queue, size_t size) {
+    uint64_t waiting = has_reader(queue) ? queue->written - __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : 0;
+    return waiting <= queue->settings.ring_bytes && queue->settings.ring_bytes - waiting >= size;
+}
+
+static tl_recorder_pen pen_of(const tl_record_queue *queue) {
+    return (tl_recorder_pen){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .position = queue->written};
+}
+
+/* All that was put is there. A writer that dies between the two stores leaves no sample that waits. */
+static void publish(tl_record_queue *queue) {
+    queue->published = queue->written;
+    __atomic_store_n(&queue->control->head, queue->written, __ATOMIC_RELEASE);
+    __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
+}
+
+/* A reader that has found the ring corrupted skips to its end, and may have been told a wrong one: the next entry goes there. */
+static void follow_reader(tl_record_queue *queue) {
+    uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : queue->written;
+    uint64_t ahead = taken - queue->written;
+    if (ahead != 0 && ahead <= queue->settings.ring_bytes) {
+        queue->written = taken;
+        publish(queue);
+    }
+}
+
+static void publish_entry(tl_record_queue *queue, const tl_recorder_pen *pen) {
+    queue->written = pen->position;
+    publish(queue);
+}
+
+/* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
+static bool put_waiting_start(tl_record_queue *queue) {
+    tl_record_queue_control *control = queue->control;
+    follow_reader(queue);
+    if (!control->start_waits) {
+        return true;
+    }
+    if (!has_room(queue, tl_recorder_entry_size_of_start(control->start.holds))) {
+        return false;
+    }
+    tl_recorder_pen pen = pen_of(queue);
+    tl_recorder_entry_pack_start(&pen, &control->start, queue->id);
+    publish_entry(queue, &pen);
+    control->start_waits = false;
+    return true;
+}
+
+/* Room for an entry of this kind, and for what belongs to it; if there is none, it is lost. */
+static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_recorder_pen *pen) {
+    size_t size = tl_recorder_entry_size(&queue->settings.shape, kind);
+    size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&queue->settings.shape, TL_ENTRY_STEP) : 0;
+    bool found = put_waiting_start(queue) && has_room(queue, size + step);
+    if (!found) {
+        lose(queue);
+    }
+    *pen = pen_of(queue);
+    return found;
+}
+
+/* Nothing that was put up to this end has taken its bytes. */
+static bool is_kept(const tl_record_queue *queue, uint64_t end, uint64_t position) {
+    uint64_t since = end - position;
+    size_t reach = queue->settings.ring_bytes;
+    size_t slack = tl_recorder_entry_largest(&queue->settings.shape);
+    return reach > slack && since <= reach - slack;
+}
+
+static void store_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words: there is room for them on both sides */
+        size_t word = 0;
+        memcpy(&word, from + at, sizeof word);
+        __atomic_store_n((size_t *)(void *)(to + at), word, __ATOMIC_RELAXED);
+    }
+}
+
+static void load_bytes(unsigned char *to, const unsigned char *from, size_t size) {
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words are there */
+        size_t word = __atomic_load_n((const size_t *)(const void *)(from + at), __ATOMIC_RELAXED);
+        memcpy(to + at, &word, size - at < sizeof word ? size - at : sizeof word);
+    }
+}
+
+/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
+static bool look_at_mark(const tl_record_queue_checkpoint *place, uint64_t *number, uint64_t *digest,
+                         tl_record_queue_mark *mark) {
+    *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
+    *digest = __atomic_load_n(&place->digest, __ATOMIC_RELAXED);
+    load_bytes((unsigned char *)mark, (const unsigned char *)place->mark, sizeof *mark);
+    return *number != 0 && *number < TL_RECORD_QUEUE_NUMBERS &&
+           (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
+}
+
+/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
+ * behind it. */
+static void go_back(tl_record_queue *queue, uint64_t end) {
+    uint64_t before = queue->written;
+    queue->written = end;
+    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
+        tl_record_queue_checkpoint *there = &queue->control->places[place];
+        uint64_t number = 0;
+        uint64_t digest = 0;
+        tl_record_queue_mark mark;
+        if (!look_at_mark(there, &number, &digest, &mark) || !is_kept(queue, before, mark.position) ||
+            !is_kept(queue, end, mark.position)) {
+            __atomic_store_n(&there->number, 0, __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* ---- A run ------------------------------------------------------------------------------------------------------- */
+
+/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. Else it goes to
+ * the reader together with the beginning: who dies before that leaves it to the next one to decide. */
+static void settle_waiting_sample(tl_record_queue *queue, const tl_resumption *beginning) {
+    bool waits = queue->written != queue->published;
+    if (waits && beginning->from != TL_RESUMED_NOT && queue->waiting >= beginning->tick) {
+        go_back(queue, queue->published);
+        publish(queue);
+    }
+}
+
+void tl_record_queue_name_fmus(tl_record_queue *queue, const char fmus[TL_SHA256_TEXT]) {
+    memcpy(queue->fmus, fmus, sizeof queue->fmus);
+}
+
+void tl_record_queue_name_configuration(tl_record_queue *queue, const tl_run_tuning *configured) {
+    queue->configured = *configured;
+    queue->tuning = *configured;
+}
+
+bool tl_record_queue_put_start(tl_record_queue *queue, const tl_record_queue_start *start) {
+    settle_waiting_sample(queue, &start->resumption);
+    queue->control->start = *start;
+    memcpy(queue->control->start.fmus, start->holds ? "" : queue->fmus, start->holds ? 1 : sizeof queue->fmus);
+    queue->control->start.configured = queue->configured;
+    queue->control->start_waits = true;
+    queue->beginning = start->resumption;
+    queue->id = (uint64_t)tl_clock_now(NULL);
+    queue->tuning = queue->configured;
+    return put_waiting_start(queue);
+}
+
+bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample) {
+    tl_recorder_pen pen;
+    bool found = find_room(queue, TL_ENTRY_SAMPLE, &pen);
+    if (found) {
+        publish(queue);
+        tl_recorder_entry_pack_sample(&pen, &queue->settings.shape, sample, queue->beginning.start, queue->id);
+        queue->written = pen.position;
+        queue->waiting = sample->tick;
+        __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
+    }
+    return found;
+}
+
+bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_recorder_component *ledger) {
+    tl_recorder_pen pen;
+    bool found = find_room(queue, TL_ENTRY_STEP, &pen);
+    if (found) {
+        tl_recorder_entry_pack_step(&pen, &queue->settings.shape, record, ledger);
+        publish_entry(queue, &pen);
+    }
+    return found;
+}
+
+bool tl_record_queue_has_room_for_tuning(const tl_record_queue *queue) {
+    const tl_recorder_shape *shape = &queue->settings.shape;
+    return !queue->control->start_waits && has_room(queue, tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
+                                                               tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) +
+                                                               2 * tl_recorder_entry_size(shape, TL_ENTRY_STEP));
+}
+
+static bool put_part(tl_record_queue *queue, tl_recorder_kind kind, const void *part, size_t size) {
+    tl_recorder_pen pen;
+    bool found = find_room(queue, kind, &pen);
+    if (found) {
+        tl_recorder_entry_pack_part(&pen, kind, part, size);
+        publish_entry(queue, &pen);
+    }
+    return found;
+}
+
+bool tl_record_queue_put_tuning(tl_record_queue *queue, const tl_run_tuning *tuning) {
+    queue->tuning = *tuning;
+    return put_part(queue, TL_ENTRY_TUNING, tuning, sizeof *tuning);
+}
+
+const tl_run_tuning *tl_record_queue_tuning(const tl_record_queue *queue) {
+    return &queue->tuning;
+}
+
+const tl_resumption *tl_record_queue_beginning(const tl_record_queue *queue) {
+    return &queue->beginning;
+}
+
+bool tl_record_queue_put_end(tl_record_queue *queue, const char *reason) {
+    char text[TL_RECORDER_REASON];
+    copy_text(text, sizeof text, reason);
+    return put_part(queue, TL_ENTRY_END, text, sizeof text);
+}
+
+bool tl_record_queue_wait_for_room(tl_record_queue *queue, tl_time until) {
+    const tl_recorder_shape *shape = &queue->settings.shape;
+    size_t size = tl_recorder_entry_size(shape, TL_ENTRY_SAMPLE) + tl_recorder_entry_size(shape, TL_ENTRY_STEP) +
+                  tl_recorder_entry_size(shape, TL_ENTRY_END) + tl_recorder_entry_size(shape, TL_ENTRY_TUNING) +
+                  (queue->control->start_waits ? tl_recorder_entry_size(shape, TL_ENTRY_START) : 0);
+    tl_time now = tl_clock_now(NULL);
+    follow_reader(queue);
+    while (!has_room(queue, size) && now < until) {
+        tl_clock_sleep_until(now + NAP < until ? now + NAP : until);
+        now = tl_clock_now(NULL);
+    }
+    return has_room(queue, size);
+}
+
+uint64_t tl_record_queue_lost(const tl_record_queue *queue) {
+    return __atomic_load_n(&queue->control->lost, __ATOMIC_RELAXED);
+}
+
+/* ---- Events ------------------------------------------------------------------------------------------------------ */
+
+static uint64_t tl_record_queue_state_if_there(uint64_t number) {
+    return 2 * number + 2;
+}
+
+/* False: its slot is not free. */
+static bool draw_number(const tl_record_queue *queue, uint64_t *number) {
+    uint64_t *next = &queue->control->next;
+    bool drawn = false;
+    bool is_free = true;
+    while (is_free && !drawn) { /* again only if another thread has drawn one meanwhile */
+        uint64_t taken =
+            __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE); /* first: what is taken was drawn before */
+        *number = __atomic_load_n(next, __ATOMIC_RELAXED);
+        is_free = *number - taken < TL_RECORDER_EVENTS;
+        drawn = is_free &&
+                __atomic_compare_exchange_n(next, number, *number + 1, false, __ATOMIC_RELAXED, __ATOMIC_RELAXED);
+    }
+    return drawn;
+}
+
+void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity severity, const char *source,
+                           const char *text) {
+    uint64_t number = 0;
+    uint64_t position = __atomic_load_n(&queue->control->head, __ATOMIC_RELAXED);
+    if (!has_reader(queue)) {
+        return;
+    }
+    if (!draw_number(queue, &number)) {
+        lose(queue);
+        return;
+    }
+    tl_record_queue_slot *slot = &queue->control->slots[number % TL_RECORDER_EVENTS];
+    /* The reader gave the slot back. Here it is seen besides what the thread that filled it before has done: ThreadSanitizer does not know what
+     * a reader in another process has seen. */
+    (void)__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE);
+    tl_recorder_event_fill(&slot->entry, tick, severity, source, text);
+    slot->entry.position = position;
+    __atomic_store_n(&slot->state, tl_record_queue_state_if_there(number), __ATOMIC_RELEASE);
+}
+
+/* NULL, or what is wrong with an event. */
+static const char *tl_record_queue_event_fault(const tl_recorder_event_entry *event) {
+    if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
+        return "an event of a severity that there is not";
+    }
+    bool end = memchr(event->source, '\0', sizeof event->source) != NULL &&
+               memchr(event->text, '\0', sizeof event->text) != NULL;
+    return end ? NULL : "an event with a text without an end";
+}
+
+/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+
+uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mark, const unsigned char *bytes) {
+    return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
+}
+
+static unsigned char *bytes_of_place(const tl_record_queue *queue, unsigned place) {
+    return (unsigned char *)queue->control + tl_record_queue_checkpoint_at(&queue->settings, place);
+}
+
+/* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
+static void touch_pages(unsigned char *bytes, size_t size) {
+    for (size_t i = 0; i < size; i += PAGE) {
+        volatile size_t *word = (volatile size_t *)(void *)(bytes + i);
+        __atomic_store_n(word, __atomic_load_n(word, __ATOMIC_RELAXED), __ATOMIC_RELAXED);
+    }
+}
+
+bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size) {
+    if (size > queue->settings.checkpoint_bytes) {
+        return false;
+    }
+    bool there = true;
+    for (unsigned place = 0; place <= TL_RECORD_QUEUE_PLACES && there; place++) {
+        unsigned char *bytes = bytes_of_place(queue, place);
+        there = !queue->hides || mprotect(bytes, round_up(size, PAGE), PROT_READ | PROT_WRITE) == 0;
+        touch_pages(bytes, there ? size : 0);
+    }
+    queue->reserved = there ? size : 0;
+    return there;
+}
+
+unsigned char *tl_record_queue_checkpoint_room(tl_record_queue *queue, size_t *capacity) {
+    *capacity = queue->reserved;
+    return queue->reserved == 0 ? NULL : bytes_of_place(queue, TL_RECORD_QUEUE_PLACES);
+}
+
+void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t size) {
+    uint64_t number = queue->number + 1;
+    const unsigned char *room = bytes_of_place(queue, TL_RECORD_QUEUE_PLACES);
+    tl_record_queue_checkpoint *place = &queue->control->places[number % TL_RECORD_QUEUE_PLACES];
+    const tl_record_queue_control *control = queue->control;
+    size_t waiting = control->start_waits ? tl_recorder_entry_size_of_start(control->start.holds) : 0;
+    tl_record_queue_mark mark = {.tick = tick,
+                                 .size = size,
+                                 .position = queue->written,
+                                 .behind = queue->written + waiting,
+                                 .beginning = queue->beginning,
+                                 .tuning = queue->tuning};
+    assert(size <= queue->reserved);
+    __atomic_store_n(&place->number, 0, __ATOMIC_RELAXED);
+    store_bytes((unsigned char *)place->mark, (const unsigned char *)&mark, sizeof mark);
+    store_bytes(bytes_of_place(queue, (unsigned)(number % TL_RECORD_QUEUE_PLACES)), room, size);
+    __atomic_store_n(&place->digest, tl_record_queue_digest(number, &mark, room), __ATOMIC_RELAXED);
+    __atomic_store_n(&place->number, number, __ATOMIC_RELEASE);
+    queue->number = number;
+}
+
+/* ---- What a dead one has left ------------------------------------------------------------------------------------ */
+
+static tl_recorder_page page_of(const tl_record_queue *queue) {
+    return (tl_recorder_page){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .end = queue->written};
+}
+
+/* Number of the checkpoint in a place that is whole; 0: there is none. */
+static uint64_t look_at_place(const tl_record_queue *queue, unsigned place, tl_record_queue_mark *mark) {
+    uint64_t number = 0;
+    uint64_t digest = 0;
+    bool whole = look_at_mark(&queue->control->places[place], &number, &digest, mark) &&
+                 number % TL_RECORD_QUEUE_PLACES == place && mark->size <= queue->settings.checkpoint_bytes &&
+                 tl_record_queue_digest(number, mark, bytes_of_place(queue, place)) == digest;
+    return whole ? number : 0;
+}
+
+void tl_record_queue_hide_unused(tl_record_queue *queue) {
+    size_t capacity = round_up(queue->settings.checkpoint_bytes, PAGE);
+    for (unsigned place = 0; place <= TL_RECORD_QUEUE_PLACES; place++) {
+        tl_record_queue_mark mark = {.size = 0};
+        bool is_left = place < TL_RECORD_QUEUE_PLACES && look_at_place(queue, place, &mark) != 0;
+        size_t used = is_left ? (size_t)mark.size : 0;
+        used = round_up(used > queue->reserved ? used : queue->reserved, PAGE);
+        if (place < TL_RECORD_QUEUE_PLACES && !is_left) { /* nobody is to look there */
+            __atomic_store_n(&queue->control->places[place].number, 0, __ATOMIC_RELAXED);
+        }
+        if (used < capacity) {
+            (void)mprotect(bytes_of_place(queue, place) + used, capacity - used, PROT_NONE);
+        }
+    }
+    queue->hides = true;
+}
+
+bool tl_record_queue_checkpoint_left(const tl_record_queue *queue, unsigned which, tl_record_queue_left *left) {
+    tl_record_queue_mark marks[TL_RECORD_QUEUE_PLACES];
+    uint64_t numbers[TL_RECORD_QUEUE_PLACES];
+    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
+        numbers[place] = look_at_place(queue, place, &marks[place]);
+        numbers[place] = is_kept(queue, queue->written, marks[place].position) ? numbers[place] : 0;
+    }
+    unsigned newest = numbers[1] > numbers[0] ? 1 : 0;
+    unsigned place = which == 0 ? newest : 1 - newest;
+    if (which >= TL_RECORD_QUEUE_PLACES || numbers[place] == 0) {
+        return false;
+    }
+    *left = (tl_record_queue_left){.tick = marks[place].tick,
+                                   .bytes = bytes_of_place(queue, place),
+                                   .size = (size_t)marks[place].size,
+                                   .position = marks[place].position,
+                                   .beginning = marks[place].beginning,
+                                   .tuning = marks[place].tuning};
+    return true;
+}
+
+bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry) {
+    tl_recorder_page page = page_of(queue);
+    return is_kept(queue, queue->written, *position) && *position != queue->written &&
+           tl_recorder_entry_unpack(&page, &queue->settings.shape, position, entry) == NULL;
+}
+
+/* ---- Opening ----------------------------------------------------------------------------------------------------- */
+
+/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
+ * may have hit what it had put before, or the ends. */
+static void mend_ring(tl_record_queue *queue) {
+    tl_recorder_entry entry;
+    uint64_t head = __atomic_load_n(&queue->control->head, __ATOMIC_ACQUIRE);
+    uint64_t waiting = __atomic_load_n(&queue->control->put, __ATOMIC_ACQUIRE) - head;
+    uint64_t end = waiting <= queue->settings.ring_bytes ? head + waiting : head; /* of what a dead one has put */
+    uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : head;
+    uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
+    uint64_t position = taken;
+    bool sound = end - taken <= queue->settings.ring_bytes;
+    queue->written = end;
+    queue->published = taken;
+    tl_recorder_page page = page_of(queue);
+    while (sound && position != end) {
+        uint64_t before = position;
+        sound = tl_recorder_entry_unpack(&page, &queue->settings.shape, &position, &entry) == NULL;
+        bool waits = sound && entry.kind == TL_ENTRY_SAMPLE && position - taken > there;
+        queue->published = waits ? before : position;
+        queue->waiting = waits ? entry.sample.tick : 0;
+    }
+    if (!sound) {
+        lose(queue);
+        go_back(queue, position);
+    }
+    __atomic_store_n(&queue->control->head, queue->published, __ATOMIC_RELEASE);
+    __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
+}
+
+/* The slot of an event that was drawn. */
+static void mend_event(tl_record_queue_slot *slot, uint64_t number, uint64_t head) {
+    uint64_t state = __atomic_load_n(&slot->state, __ATOMIC_RELAXED);
+    if (slot->entry.position > head) { /* entries that it came after are gone */
+        slot->entry.position = head;
+    }
+    bool known = state == tl_record_queue_state_if_there(number) + 1 ||
+                 (state == tl_record_queue_state_if_there(number) && tl_record_queue_event_fault(&slot->entry) == NULL);
+    if (!known) {
+        __atomic_store_n(&slot->state, tl_record_queue_state_if_there(number) + 1, __ATOMIC_RELEASE);
+    }
+}
+
+static void mend_events(tl_record_queue *queue) {
+    tl_record_queue_control *control = queue->control;
+    uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE) : control->next;
+    if (control->next - taken > TL_RECORDER_EVENTS) {
+        lose(queue);
+        control->next = taken;
+    }
+    for (uint64_t number = taken; number != taken + TL_RECORDER_EVENTS; number++) {
+        tl_record_queue_slot *slot = &control->slots[number % TL_RECORDER_EVENTS];
+        if (number - taken < control->next - taken) {
+            mend_event(slot, number, queue->written);
+        } else { /* none yet: as if the one before it had been there */
+            __atomic_store_n(&slot->state, tl_record_queue_state_if_there(number - TL_RECORDER_EVENTS),
+                             __ATOMIC_RELAXED);
+        }
+    }
+}
+
+/* The next one does not go where the newest is. */
+static void mend_checkpoints(tl_record_queue *queue) {
+    uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
+    uint64_t newest = 0;
+    for (unsigned place = 0; place < TL_RECORD_QUEUE_PLACES; place++) {
+        tl_record_queue_mark mark;
+        uint64_t number = look_at_place(queue, place, &mark);
+        newest = number > newest ? number : newest;
+    }
+    queue->number = newest;
+    if (taken > newest && taken < TL_RECORD_QUEUE_NUMBERS) { /* what it has taken is damaged now */
+        queue->number = taken + (newest != 0 && (taken + 1 - newest) % TL_RECORD_QUEUE_PLACES == 0 ? 1 : 0);
+    }
+}
+
+/* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
+static void follow_numbers(tl_record_queue *queue) {
+    tl_record_queue_control *control = queue->control;
+    uint64_t head = __atomic_load_n(&control->head, __ATOMIC_ACQUIRE);
+    uint64_t put = __atomic_load_n(&control->put, __ATOMIC_ACQUIRE);
+    if (has_reader(queue) && (head | put | control->next | control->lost) == 0) {
+        uint64_t taken = __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE);
+        control->next = __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE);
+        __atomic_store_n(&control->head, taken, __ATOMIC_RELEASE);
+        __atomic_store_n(&control->put, taken, __ATOMIC_RELEASE);
+    }
+}
+
+void tl_record_queue_open(const tl_record_queue_settings *settings, void *memory, const tl_record_queue_taken *taken,
+                          tl_record_queue *queue) {
+    unsigned char *bytes = memory;
+    size_t ring = settings->ring_bytes;
+    assert((uintptr_t)memory % TL_RECORD_QUEUE_LINE == 0);
+    assert((ring & (ring - 1)) == 0 && (ring == 0 || ring > 2 * tl_recorder_entry_largest(&settings->shape)));
+    (void)ring;
+    *queue = (tl_record_queue){
+        .settings = *settings, .control = memory, .ring = bytes + tl_record_queue_ring_at(), .taken = taken};
+    touch_pages(bytes, tl_record_queue_checkpoint_at(settings, 0));
+    queue->control->start_waits = false;
+    follow_numbers(queue);
+    mend_ring(queue);
+    mend_events(queue);
+    mend_checkpoints(queue);
+}
+
+/* ---- The reader's side of an outbox. The header says how much it believes. What is looked at is copied first: see recorder_entry.c. */
+
+void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const void *memory,
+                                 tl_record_queue_reader *reader) {
+    *reader = (tl_record_queue_reader){
+        .settings = *settings, .control = memory, .ring = (const unsigned char *)memory + tl_record_queue_ring_at()};
+}
+
+static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
+
+/* The part is not read any more. */
+static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) {
+    va_list arguments;
+    *part = true;
+    va_start(arguments, format);
+    (void)vsnprintf(reader->fault, sizeof reader->fault, format, arguments);
+    va_end(arguments);
+    return false;
+}
+
+void tl_record_queue_reader_leave(tl_record_queue_reader *reader) {
+    reader->is_left = true;
+}
+
+/* A reader before this one may have thought that the writer was no more, and have taken what waited: then that is not there yet, seen from here. */
+uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t taken) {
+    uint64_t ring = reader->settings.ring_bytes;
+    uint64_t head = __atomic_load_n(&reader->control->head, __ATOMIC_ACQUIRE);
+    uint64_t waiting = __atomic_load_n(&reader->control->put, __ATOMIC_ACQUIRE) - head;
+    bool waits = waiting <= ring && (reader->is_left || taken - head <= waiting);
+    uint64_t end = !waits ? head : reader->is_left ? head + waiting : taken;
+    if (!reader->is_ring_broken && end - taken > ring) {
+        (void)refuse(reader, &reader->is_ring_broken, "counts %" PRIu64 " bytes in a ring of %" PRIu64, end - taken,
+                     ring);
+    }
+    return reader->is_ring_broken ? taken : end;
+}
+
+uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t taken) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    uint64_t end = tl_record_queue_reader_end(reader, taken);
+    uint64_t position = taken;
+    while (position != end && tl_record_queue_reader_entry(reader, &position, end, &entry)) {
+    }
+    return reader->is_ring_broken ? end : taken;
+}
+
+bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *position, uint64_t end,
+                                  tl_recorder_entry *entry) {
+    const tl_recorder_page page = {.bytes = reader->ring, .capacity = reader->settings.ring_bytes, .end = end};
+    if (reader->is_ring_broken) {
+        return false;
+    }
+    const char *fault = tl_recorder_entry_unpack(&page, &reader->settings.shape, position, entry);
+    return fault == NULL || refuse(reader, &reader->is_ring_broken, "holds %s", fault);
+}
+
+bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t number, tl_recorder_event_entry *event,
+                                  bool *skip) {
+    const tl_record_queue_slot *slot = &reader->control->slots[number % TL_RECORDER_EVENTS];
+    int64_t ahead = (int64_t)(__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE) - tl_record_queue_state_if_there(number));
+    *skip = ahead == 1;
+    if (reader->are_events_broken || ahead < 0) {
+        return false;
+    }
+    if (ahead > 1) {
+        return refuse(reader, &reader->are_events_broken, "has overwritten events that were not taken");
+    }
+    if (*skip) {
+        return true;
+    }
+    memcpy(event, &slot->entry, sizeof *event);
+    __atomic_signal_fence(__ATOMIC_SEQ_CST);
+    const char *fault = tl_record_queue_event_fault(event);
+    if (fault != NULL) {
+        return refuse(reader, &reader->are_events_broken, "holds %s", fault);
+    }
+    tl_recorder_text_clean(event->source);
+    tl_recorder_text_clean(event->text);
+    return true;
+}
+
+/* One that may be taken, as far as its place tells. */
+typedef struct offer {
+    unsigned place;
+    uint64_t number; /* 0: none */
+    uint64_t digest;
+    tl_record_queue_mark mark;
+} offer;
+
+static offer look(const tl_record_queue_reader *reader, unsigned place, uint64_t taken, uint64_t position) {
+    offer found = {.place = place};
+    bool good = look_at_mark(&reader->control->places[place], &found.number, &found.digest, &found.mark) &&
+                found.number > taken && found.mark.behind <= position && found.mark.size > 0 &&
+                found.mark.size <= reader->settings.checkpoint_bytes;
+    found.number = good ? found.number : 0;
+    return found;
+}
+
+/* False: there is none, it is not whole, or it was overwritten meanwhile. */
+static bool copy(const tl_record_queue_reader *reader, const offer *offered, unsigned char *bytes) {
+    const unsigned char *there = (const unsigned char *)reader->control;
+    if (offered->number == 0 || reader->is_ring_broken) {
+        return false;
+    }
+    load_bytes(bytes, there + tl_record_queue_checkpoint_at(&reader->settings, offered->place),
+               (size_t)offered->mark.size);
+    return tl_record_queue_digest(offered->number, &offered->mark, bytes) == offered->digest;
+}
+
+bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
+                                       unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number) {
+    offer first = look(reader, 0, taken, position);
+    offer second = look(reader, 1, taken, position);
+    const offer *newer = second.number > first.number ? &second : &first;
+    const offer *older = newer == &first ? &second : &first;
+    const offer *offered = copy(reader, older, bytes) ? older : copy(reader, newer, bytes) ? newer : NULL;
+    if (offered == NULL) {
+        return false;
+    }
+    *size = (size_t)offered->mark.size;
+    *tick = offered->mark.tick;
+    *number = offered->number;
+    return true;
+}
+
+uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader) {
+    return __atomic_load_n(&reader->control->lost, __ATOMIC_RELAXED);
+}
+
+/* ---- outbox rest ---- */
+
+uint64_t tl_record_queue_rest_count(const tl_record_queue_settings *settings, const void *memory,
+                                    const tl_record_queue_taken *taken) {
+    static tl_recorder_entry entry; /* too large for a small stack */
+    tl_recorder_event_entry event;
+    tl_record_queue_reader reader;
+    uint64_t position = taken->ring;
+    uint64_t count = 0;
+    bool skip = false;
+    tl_record_queue_reader_open(settings, memory, &reader);
+    uint64_t end = settings->ring_bytes > 0 ? tl_record_queue_reader_end(&reader, position) : position;
+    for (uint64_t i = 0;
+         i < TL_RECORDER_EVENTS && tl_record_queue_reader_event(&reader, taken->events + i, &event, &skip); i++) {
+        count += skip ? 0 : 1;
+    }
+    while (position != end && tl_record_queue_reader_entry(&reader, &position, end, &entry)) {
+        count += entry.kind == TL_ENTRY_SAMPLE || entry.kind == TL_ENTRY_STEP ? 1 : 0;
+    }
+    return count;
+}

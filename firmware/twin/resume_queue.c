@@ -1,0 +1,383 @@
+/* Pasts out of an outbox: see resume.h.
+ *
+ * The entries since a checkpoint are walked through once. They may be of several runs, since a successor that dies has begun one of its own:
+ * each is a stretch, and the newest of them that got anywhere is gone on with. */
+#include "firmware/twin/resume.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "firmware/base/os.h"
+
+enum {
+    CHECKPOINTS = 2,
+    FRUITLESS =
+        TL_RESUME_FRUITLESS - 1 /* the two places reach back no further than to two that put their checkpoint again */
+};
+
+static const char *const NO_MEMORY = "there is not enough memory for what the run before has left";
+
+/* What is left of one run. */
+typedef struct stretch {
+    bool is_there;
+    bool holds; /* there was no twin */
+    tl_resumption beginning;
+    bool has_checkpoint; /* `left` of the walk, and no hole since */
+    bool has_hole;
+    bool has_begun;                           /* `ticks` say which tick is to come */
+    tl_resume_ticks ticks;                    /* since the last hole */
+    int64_t last;                             /* the last tick that has a step; −1: none */
+    tl_time used;                             /* ns, by searches, */
+    uint64_t executions;                      /* of so many executions */
+    tl_run_tuning tunings[TL_RESUME_TUNINGS]; /* in force first, and the newest that were taken since */
+    size_t tuning_count;
+    bool ended;
+    char reason[TL_RECORDER_REASON];
+} stretch;
+
+struct tl_resume_queue {
+    const tl_record_queue *queue;
+    const tl_config *config;
+    tl_twin_facts facts;
+    tl_resume_tell *tell;
+    void *context; /* of tell */
+    unsigned candidate;
+    bool was_given[CHECKPOINTS]; /* a checkpoint that was found already */
+    bool has_told;
+    tl_record_queue_left left;
+    stretch newest; /* of the walk, so far, */
+    stretch chosen; /* and the newest that may be gone on with, */
+    int fruitless;  /* since which so many got nowhere */
+    bool is_out_of_memory;
+    tl_recorder_entry entry;
+    tl_resume found;
+    void *image;
+    char why[TL_RESUME_WHY];
+};
+
+/* ---- one stretch ---- */
+
+static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning, const tl_run_tuning *in_force) {
+    tl_resume_ticks ticks = self->newest.ticks; /* its memory is used again */
+    ticks.shape = tl_recorder_shape_of(self->config);
+    tl_resume_ticks_begin(&ticks, 0);
+    self->newest = (stretch){.is_there = true, .beginning = *beginning, .last = -1, .ticks = ticks};
+    self->newest.tunings[0] = *in_force;
+    self->newest.tunings[0].tick = 0;
+    self->newest.tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
+}
+
+/* One that was ended before it had a step of its own has nothing that the run before it has not. */
+static bool got_anywhere(const stretch *run) {
+    int64_t own = run->beginning.from == TL_RESUMED_NOT ? 0 : run->beginning.tick;
+    return run->is_there && !run->holds && run->last >= own;
+}
+
+static bool is_tick(const tl_resume_queue *self, int64_t tick) {
+    return tick >= 0 && tick <= TL_RESUME_FAR / self->config->step;
+}
+
+static void take_sample(tl_resume_queue *self, const tl_sample *sample) {
+    stretch *run = &self->newest;
+    bool follows = run->has_begun && sample->tick == run->ticks.first + (int64_t)run->ticks.count;
+    if (!run->is_there || !is_tick(self, sample->tick)) {
+        return;
+    }
+    if (!follows) {
+        run->has_hole = run->has_begun;
+        run->has_checkpoint = false;
+        run->has_begun = true;
+        tl_resume_ticks_begin(&run->ticks, sample->tick);
+    }
+    self->is_out_of_memory = !tl_resume_ticks_add(&run->ticks, sample) || self->is_out_of_memory;
+}
+
+static void take_step(tl_resume_queue *self, const tl_record *record) {
+    stretch *run = &self->newest;
+    int64_t tick = is_tick(self, record->step) ? record->step + (int64_t)self->facts.lead : -1;
+    bool is_sound = run->is_there && is_tick(self, tick);
+    for (size_t i = 0; i < self->config->adjust_count; i++) {
+        is_sound = is_sound && isfinite(record->u[i]);
+    }
+    if (!is_sound) {
+        return;
+    }
+    run->last = tick > run->last ? tick : run->last;
+    tl_resume_ticks_set_step(&run->ticks, tick, record->u, (record->flags & TL_FLAG_RESET) != 0);
+    if (record->used > 0 && record->used < TL_SECOND) {
+        run->used += record->used;
+        run->executions += record->executions;
+    }
+}
+
+/* The same tick's twice, if a successor died in it. What is too many leaves the second oldest out. */
+static void take_tuning(tl_resume_queue *self, const tl_run_tuning *tuning) {
+    stretch *run = &self->newest;
+    int64_t before = run->tuning_count != 0 ? run->tunings[run->tuning_count - 1].tick : 0;
+    if (!run->is_there || !is_tick(self, tuning->tick) || tuning->tick < before || tuning->hash[0] == '\0') {
+        return;
+    }
+    if (run->tuning_count == TL_RESUME_TUNINGS) {
+        run->tuning_count--;
+        memmove(&run->tunings[1], &run->tunings[2], (TL_RESUME_TUNINGS - 2) * sizeof run->tunings[0]);
+    }
+    run->tunings[run->tuning_count++] = *tuning;
+}
+
+/* ---- the walk ---- */
+
+static void choose_newest(tl_resume_queue *self) {
+    stretch earlier = self->chosen;
+    self->chosen = self->newest;
+    self->newest = earlier;
+}
+
+/* The newest stretch is over. */
+static void choose(tl_resume_queue *self) {
+    if (got_anywhere(&self->newest)) {
+        self->fruitless = 0;
+        choose_newest(self);
+    } else {
+        self->fruitless += self->newest.is_there && !self->newest.holds ? 1 : 0;
+    }
+}
+
+static void take_entry(tl_resume_queue *self, const tl_recorder_entry *entry) {
+    switch (entry->kind) {
+    case TL_ENTRY_START:
+        choose(self);
+        begin_stretch(self, &entry->start.resumption, &entry->start.configured);
+        self->newest.holds = entry->start.holds;
+        break;
+    case TL_ENTRY_SAMPLE:
+        take_sample(self, &entry->sample);
+        break;
+    case TL_ENTRY_STEP:
+        take_step(self, &entry->record);
+        break;
+    case TL_ENTRY_END:
+        self->newest.ended = true;
+        memcpy(self->newest.reason, entry->reason, sizeof entry->reason);
+        break;
+    case TL_ENTRY_TUNING:
+        take_tuning(self, &entry->tuning);
+        break;
+    }
+}
+
+/* Where the walk begins: at a place, or, if there is none, with the first entry that ever was. */
+static bool begin_walk(tl_resume_queue *self, unsigned which, uint64_t *position) {
+    *position = 0;
+    if (!tl_record_queue_checkpoint_left(self->queue, which, &self->left)) {
+        return which == 0;
+    }
+    if (self->left.tick < -1 || !is_tick(self, self->left.tick + 1)) {
+        return false;
+    }
+    begin_stretch(self, &self->left.beginning, &self->left.tuning);
+    self->newest.has_checkpoint = self->left.size != 0;
+    self->newest.has_begun = self->left.size != 0;
+    self->newest.last = self->left.tick;
+    tl_resume_ticks_begin(&self->newest.ticks, self->left.tick + 1);
+    *position = self->left.position;
+    return true;
+}
+
+/* All that is left since then. `any_run`: the newest run is chosen though it got nowhere, if there is no other. False: there is no
+ * such place, or no memory. */
+static bool walk(tl_resume_queue *self, unsigned which, bool any_run) {
+    uint64_t position = 0;
+    self->chosen.is_there = false;
+    self->newest.is_there = false;
+    self->fruitless = 0;
+    if (!begin_walk(self, which, &position)) {
+        return false;
+    }
+    while (!self->is_out_of_memory && tl_record_queue_entry_left(self->queue, &position, &self->entry)) {
+        take_entry(self, &self->entry);
+    }
+    choose(self);
+    if (any_run && !self->chosen.is_there && self->newest.is_there && !self->newest.holds) {
+        choose_newest(self);
+    }
+    return !self->is_out_of_memory;
+}
+
+/* ---- the rule ---- */
+
+static bool may_go_on(tl_resume_queue *self, const stretch *run) {
+    tl_time start = run->beginning.start;
+    bool is_near = start >= -TL_RESUME_FAR && start <= TL_RESUME_FAR;
+    tl_time gap = is_near ? tl_clock_now(NULL) - tl_time_of_step(start, self->config->step, run->last) : -1;
+    return tl_resume_was_interrupted(TL_RESUME_UNNUMBERED, run->ended ? run->reason : NULL, self->why) &&
+           tl_resume_is_under_way(TL_RESUME_UNNUMBERED, self->config, run->last, gap, self->facts.lead, self->why);
+}
+
+static int64_t most_followed(const tl_resume_queue *self, const stretch *run) {
+    tl_time each = run->executions > 0 ? run->used / (tl_time)run->executions : 0;
+    return tl_resume_most_followed(each < TL_SECOND ? each : TL_SECOND, self->facts.components);
+}
+
+/* ---- from where ---- */
+
+static void take(tl_resume_queue *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
+    run->tuning_count = tl_resume_choose_tunings(run->tunings, run->tuning_count, first, last);
+    self->found = (tl_resume){
+        .from = from,
+        .run = TL_RESUME_UNNUMBERED,
+        .first = first,
+        .last = last,
+        .step = self->config->step,
+        .start = run->beginning.start,
+        .started = run->beginning.started,
+        .checkpoint = from == TL_RESUMED_CHECKPOINT ? self->left.bytes : NULL,
+        .checkpoint_size = from == TL_RESUMED_CHECKPOINT ? self->left.size : 0,
+        .tunings = (const unsigned char *)run->tunings,
+        .tuning_count = run->tuning_count,
+        .shape = run->ticks.shape,
+        .ticks = run->ticks.bytes + (size_t)(first - run->ticks.first) * tl_resume_tick_bytes(&run->ticks.shape),
+    };
+    tl_resume_identify(self->config, self->found.signals);
+}
+
+/* Of mode ahead it may lead one tick further. */
+static bool take_checkpoint(tl_resume_queue *self, stretch *run) {
+    int64_t last = tl_resume_ticks_last(&run->ticks, run->ticks.first);
+    bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
+    if (leads) {
+        take(self, run, TL_RESUMED_CHECKPOINT, run->ticks.first, last);
+    }
+    return leads;
+}
+
+/* Without one: all that is left if there is time for it, else the newest of it. */
+static bool take_inputs(tl_resume_queue *self, stretch *run) {
+    int64_t most = most_followed(self, run);
+    bool is_there = run->last - run->ticks.first < (int64_t)run->ticks.count;
+    bool long_ago = run->last - run->ticks.first + 1 > most;
+    int64_t first = long_ago ? run->last - most + 1 : run->ticks.first;
+    if (!is_there || (run->has_hole && !long_ago) || tl_resume_ticks_last(&run->ticks, first) != run->last) {
+        return tl_resume_refuse(self->why, "what the run before has recorded of its last ticks has a hole");
+    }
+    take(self, run, first == 0 ? TL_RESUMED_START : TL_RESUMED_INPUTS, first, run->last);
+    return true;
+}
+
+/* ---- one after the other ---- */
+
+/* What is tried: a place with its checkpoint, at first only for a run that got anywhere, then the entries alone. */
+typedef struct candidate {
+    unsigned which;
+    bool with_checkpoint;
+    bool any_run;
+} candidate;
+
+static const candidate candidates[] = {{0, true, false}, {1, true, false}, {0, true, true},
+                                       {1, true, true},  {1, false, true}, {0, false, true}};
+enum { ATTEMPTS = sizeof candidates / sizeof candidates[0] };
+
+/* *over: whatever else is left, it is not gone on with. */
+static bool try_next(tl_resume_queue *self, const candidate *now, bool *over) {
+    if ((now->with_checkpoint && self->was_given[now->which]) || !walk(self, now->which, now->any_run)) {
+        return false;
+    }
+    if (self->fruitless >= FRUITLESS) {
+        *over = true;
+        return tl_resume_refuse(self->why, "%d runs in a row have got nowhere", self->fruitless);
+    }
+    if (!self->chosen.is_there) {
+        return tl_resume_refuse(self->why, "what the run before has left does not reach back to its last ticks");
+    }
+    *over = !may_go_on(self, &self->chosen);
+    if (*over) {
+        return false;
+    }
+    if (!now->with_checkpoint) {
+        return take_inputs(self, &self->chosen);
+    }
+    self->was_given[now->which] = take_checkpoint(self, &self->chosen);
+    return self->was_given[now->which];
+}
+
+static void tell_why(const tl_resume_queue *self, const char *why) {
+    tl_resume_say(self->tell, self->context, TL_EVENT_INFO, "begins anew: %.200s", why);
+}
+
+/* The image of what was found, and read as any other. */
+static bool make_image(tl_resume_queue *self, tl_resume *resume) {
+    const tl_resume *found = &self->found;
+    tl_error error = {TL_OK, ""};
+    size_t size = tl_resume_size(found);
+    free(self->image);
+    self->image = malloc(size);
+    if (self->image == NULL) {
+        tell_why(self, NO_MEMORY);
+        return false;
+    }
+    tl_resume_write(found, self->image);
+    bool sound = tl_resume_read(self->image, size, self->config, tl_clock_now(NULL), resume, &error) == TL_OK;
+    if (!sound) {
+        tell_why(self, error.text);
+    }
+    return sound;
+}
+
+bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
+    bool found = false;
+    bool over = left == NULL;
+    while (!found && !over && left->candidate < ATTEMPTS) {
+        found = try_next(left, &candidates[left->candidate++], &over);
+    }
+    if (found) {
+        found = make_image(left, resume);
+    } else if (left != NULL && !left->has_told) {
+        tell_why(left, left->is_out_of_memory ? NO_MEMORY : left->why);
+    }
+    if (!found && left != NULL) {
+        left->has_told = true;
+        left->candidate = ATTEMPTS;
+    }
+    return found;
+}
+
+/* Whether there is anything of a run with a twin: a checkpoint, or, from the first entry that ever was on, one that is not of a run that holds. */
+static bool is_anything_left(tl_resume_queue *self) {
+    uint64_t position = 0;
+    bool holds = false;
+    bool is_left = tl_record_queue_checkpoint_left(self->queue, 0, &self->left);
+    while (!is_left && tl_record_queue_entry_left(self->queue, &position, &self->entry)) {
+        holds = self->entry.kind == TL_ENTRY_START ? self->entry.start.holds : holds;
+        is_left = !holds;
+    }
+    return is_left;
+}
+
+tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly, tl_resume_tell *tell,
+                                      void *context) {
+    tl_resume_queue *opened = assembly->config.record_resume != 0 ? calloc(1, sizeof *opened) : NULL;
+    if (opened == NULL) {
+        return NULL;
+    }
+    opened->queue = queue;
+    opened->config = &assembly->config;
+    opened->facts = tl_twin_get_facts(assembly->twin);
+    opened->tell = tell;
+    opened->context = context;
+    (void)tl_resume_refuse(opened->why, "what the run before has left is damaged");
+    if (!is_anything_left(opened)) {
+        tl_resume_queue_close(opened);
+        return NULL;
+    }
+    return opened;
+}
+
+void tl_resume_queue_close(tl_resume_queue *left) {
+    if (left != NULL) {
+        tl_resume_ticks_free(&left->newest.ticks);
+        tl_resume_ticks_free(&left->chosen.ticks);
+        free(left->image);
+        free(left);
+    }
+}

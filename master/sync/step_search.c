@@ -1,0 +1,441 @@
+/* Step search: see step_search.h. */
+#include "master/sync/step_search.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "master/base/estimate.h"
+
+/* A reduction of J by at least this part is progress. */
+static const double PROGRESS = 0.01;
+
+/* In first steps of the search. */
+static const double LEAST_MOVE = 1e-9;
+
+/* Evaluations without progress after which a solver that asks outside of its bounds is stopped. */
+enum { MOST_IDLE = 1000 };
+
+static void read_nominal(const tl_synchroniser *synchroniser, double *nominal) {
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        nominal[v] = tl_exchange_nominal(synchroniser->exchange, v);
+    }
+}
+
+void tl_step_search_begin(tl_step_search *search, tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget,
+                          tl_error *error) {
+    search->synchroniser = synchroniser;
+    search->step = step;
+    search->budget = budget;
+    search->limit = budget == NULL ? 0 : budget->evaluations;
+    search->evaluations = 0;
+    search->dirty = false;
+    search->back = TL_OK;
+    search->walked = false;
+    search->closing = false;
+    search->guessed = false;
+    search->late = false;
+    search->nominal_follows = false;
+    search->stop = TL_STOP_NONE;
+    search->flags = 0;
+    search->held = 0;
+    search->seen = 0;
+    search->idle = 0;
+    search->stagnated = false;
+    search->acquaints = false;
+    search->start_value = HUGE_VAL;
+    search->best_value = HUGE_VAL;
+    search->nominal_value = (double)NAN;
+    search->fatal = TL_OK;
+    search->error = error;
+    read_nominal(synchroniser, search->nominal);
+    tl_horizon_hold(&synchroniser->horizon, search->nominal, synchroniser->memory.nominal);
+    if (synchroniser->solver->rest != NULL) {
+        synchroniser->solver->rest(synchroniser->optimiser, synchroniser->memory.nominal);
+    }
+}
+
+void tl_step_search_set_inputs(const tl_synchroniser *synchroniser, const double *u, uint32_t depth) {
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        tl_exchange_set_adjusted(synchroniser->exchange, v, tl_horizon_value(&synchroniser->horizon, u, v, depth));
+    }
+}
+
+/* ---- time ---- */
+
+tl_status tl_step_search_go_back(tl_step_search *search) {
+    if (search->dirty) {
+        search->back = tl_track_rewind(search->synchroniser->track, search->error);
+        search->dirty = false;
+    }
+    return search->back;
+}
+
+/* Predicted cost of the rest of a candidate from `depth` on. */
+static tl_time cost_from(const tl_synchroniser *synchroniser, uint32_t depth) {
+    const tl_exchange *exchange = synchroniser->exchange;
+    return exchange->whole ? tl_exchange_cost(exchange, synchroniser->horizon.prediction - depth)
+                           : tl_ledger_cost(&synchroniser->ledger, exchange->costs.each, depth);
+}
+
+/* Largest cost of the evaluation of nominal, if it is still to come, and of the committed step,
+ * which is the first one of a candidate. */
+static tl_time cost_of_rest(const tl_step_search *search) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_exchange *exchange = synchroniser->exchange;
+    tl_time horizon = search->nominal_follows ? (tl_time)synchroniser->horizon.prediction : 0;
+    if (exchange->whole || horizon == 0) {
+        return tl_exchange_cost(exchange, horizon + 1);
+    }
+    tl_time sum = 0;
+    for (size_t k = 0; k < exchange->component_count; k++) {
+        tl_time reach = exchange->reach != NULL ? (tl_time)exchange->reach[k] : horizon;
+        sum += tl_cost_of(&exchange->costs.each[k], exchange->cached != NULL && reach > 0 ? reach : reach + 1);
+    }
+    return sum;
+}
+
+/* What must follow the present candidate: the committed step, and nominal's evaluation if it is to
+ * come. */
+static tl_time reserve(const tl_step_search *search) {
+    const tl_synchroniser_times *times = &search->synchroniser->times;
+    tl_time nominal = search->nominal_follows ? times->asking.most + times->within.most : 0;
+    return times->committing.most + nominal + cost_of_rest(search);
+}
+
+/* Whether so much, and what must follow, fits into the time left since the last clock reading. */
+static bool has_time(tl_step_search *search, tl_time wanted) {
+    const tl_budget *budget = search->budget;
+    tl_time elapsed = tl_duration(budget->started, search->synchroniser->exchange->costs.read);
+    if (elapsed + wanted + reserve(search) <= budget->time) {
+        return true;
+    }
+    search->stop = TL_STOP_TIME;
+    search->synchroniser->times.refused = true;
+    return false;
+}
+
+/* Whether the rest of the candidate from `depth` on, and what must follow, fit into the time. */
+static bool fits(tl_step_search *search, uint32_t depth) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_synchroniser_times *times = &synchroniser->times;
+    tl_time within = times->within.most > times->beside ? times->within.most - times->beside : 0;
+    return has_time(search, cost_from(synchroniser, depth) + within + (search->closing ? 0 : times->thinking.most));
+}
+
+/* Ends the current part of the step; NULL: a part that is not predicted. */
+static void end_part(tl_step_search *search, tl_estimate *part) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    tl_time took = synchroniser->times.beside + tl_costs_lap(&synchroniser->exchange->costs);
+    if (part != NULL) {
+        tl_estimate_took(part, took);
+    }
+    synchroniser->times.beside = 0;
+}
+
+static void find_follower(tl_step_search *search, const double *u) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    search->nominal_follows = isnan(search->nominal_value) &&
+                              memcmp(u, synchroniser->memory.nominal, synchroniser->horizon.count * sizeof *u) != 0;
+}
+
+/* An evaluation of u starts, under the clock. */
+static bool is_in_time(tl_step_search *search, const double *u) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    tl_synchroniser_times *times = &synchroniser->times;
+    tl_estimate *before = search->walked ? &times->thinking : NULL;
+    bool predicts = synchroniser->ledger.saving.sequences;
+    if (predicts) {
+        end_part(search, before);
+        if (!has_time(search, times->asking.most)) {
+            return false;
+        }
+    }
+    tl_ledger_expect(&synchroniser->ledger, u);
+    (void)tl_step_search_go_back(search);
+    end_part(search, predicts ? &times->asking : before);
+    return fits(search, 0);
+}
+
+bool tl_step_search_may_guess(tl_step_search *search) {
+    if (search->budget->now != NULL) {
+        end_part(search, NULL);
+        search->guessed = has_time(search, search->synchroniser->times.guessing.most);
+    } else {
+        search->guessed = true;
+    }
+    return search->guessed;
+}
+
+void tl_step_search_has_guess(tl_step_search *search) {
+    if (search->budget->now != NULL) {
+        end_part(search, &search->synchroniser->times.guessing);
+    }
+}
+
+/* Beyond the limit there may be room reserved for nominal, which this is. */
+static bool is_awaited(const tl_step_search *search, const double *u) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    return search->evaluations < search->budget->evaluations && isnan(search->nominal_value) &&
+           memcmp(u, synchroniser->memory.nominal, synchroniser->horizon.count * sizeof *u) == 0;
+}
+
+bool tl_step_search_may_evaluate(tl_step_search *search, const double *u) {
+    if (search->evaluations >= search->limit && !is_awaited(search, u)) {
+        search->stop = search->budget->repeated ? TL_STOP_TIME : TL_STOP_EVALUATIONS;
+        return false;
+    }
+    find_follower(search, u);
+    if (search->budget->now != NULL) {
+        return is_in_time(search, u);
+    }
+    tl_ledger_expect(&search->synchroniser->ledger, u);
+    return true;
+}
+
+/* ---- one candidate ---- */
+
+/* Whether a candidate should be aborted at `depth`. */
+static bool runs_late(tl_step_search *search, uint32_t depth) {
+    if (depth == 0 || search->budget->now == NULL) {
+        return false;
+    }
+    search->synchroniser->times.beside += tl_costs_lap(&search->synchroniser->exchange->costs);
+    search->late = !fits(search, depth);
+    return search->late;
+}
+
+/* Simulates u over the horizon; its sum of squares so far in *sum. Ends early if an FMU fails or
+ * time runs out. */
+static tl_status walk(tl_step_search *search, const double *u, double *sum) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_horizon *horizon = &synchroniser->horizon;
+    tl_exchange *exchange = synchroniser->exchange;
+    tl_status status = TL_OK;
+    uint32_t depth = 0;
+    while (depth < horizon->prediction && !runs_late(search, depth)) {
+        if (depth < horizon->longest || exchange->cached != NULL) {
+            tl_step_search_set_inputs(synchroniser, u, depth);
+        }
+        status = tl_track_try(synchroniser->track, search->step + depth, depth, search->error);
+        if (status != TL_OK) {
+            break;
+        }
+        depth++;
+        if (depth >= horizon->distance) {
+            *sum += tl_objective_at(&synchroniser->objective, depth, synchroniser->memory.residuals,
+                                    synchroniser->memory.candidate_course);
+        }
+    }
+    tl_ledger_walked(&synchroniser->ledger, depth, status == TL_OK ? SIZE_MAX : exchange->failed);
+    return status;
+}
+
+/* J of u, or HUGE_VAL if an FMU fails, a result is not finite, or time runs out. */
+static double simulate(tl_step_search *search, const double *u) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    tl_status status = tl_step_search_go_back(search);
+    search->dirty = true;
+    double sum = tl_objective_penalise(&synchroniser->objective, u, search->nominal, synchroniser->memory.before,
+                                       synchroniser->memory.residuals);
+    status = status == TL_OK ? walk(search, u, &sum) : status;
+    if (status == TL_FMU_FATAL) {
+        search->fatal = status;
+    }
+    return status == TL_OK && !search->late && isfinite(sum) ? sum : HUGE_VAL;
+}
+
+/* The same with a clock: measures the overhead of an evaluation beside its executions. */
+static double simulate_measured(tl_step_search *search, const double *u) {
+    double value = simulate(search, u);
+    end_part(search, &search->synchroniser->times.within);
+    search->walked = true;
+    return value;
+}
+
+static void keep_best(tl_step_search *search, const double *u, double value) {
+    tl_synchroniser *synchroniser = search->synchroniser;
+    search->idle = value < search->best_value * (1.0 - PROGRESS) ? 0 : search->idle + 1;
+    if (value < search->best_value) {
+        search->best_value = value;
+        memcpy(synchroniser->memory.best, u, synchroniser->horizon.count * sizeof *u);
+        memcpy(synchroniser->memory.best_residuals, synchroniser->memory.residuals,
+               synchroniser->objective.residual_count * sizeof *synchroniser->memory.residuals);
+        memcpy(synchroniser->memory.best_course, synchroniser->memory.candidate_course,
+               tl_objective_samples(&synchroniser->objective) * synchroniser->objective.matched *
+                   sizeof *synchroniser->memory.best_course);
+    }
+}
+
+/* J of u, counted. HUGE_VAL also if it is late, which is no evaluation: a repetition without a
+ * clock does not make it either. Whoever asks for nominal, it is evaluated once. */
+static double evaluate(tl_step_search *search, const double *u) {
+    bool nominal = isnan(search->nominal_value) && !search->nominal_follows;
+    double value = search->budget->now == NULL ? simulate(search, u) : simulate_measured(search, u);
+    if (search->late) {
+        return HUGE_VAL;
+    }
+    search->evaluations++;
+    if (nominal) {
+        search->nominal_value = value;
+        search->limit = search->budget->evaluations;
+    }
+    return value;
+}
+
+double tl_step_search_evaluate(tl_step_search *search, const double *u) {
+    double value = evaluate(search, u);
+    if (!search->late) {
+        keep_best(search, u, value);
+    }
+    return value;
+}
+
+/* ---- identifiability ---- */
+
+/* The one variable in which u differs from another point by a significant move, in steps; else
+ * SIZE_MAX. */
+static size_t moved_variable(const tl_step_search *search, const double *u, const double *from, double *move) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    size_t moved = SIZE_MAX;
+    *move = 0.0;
+    for (size_t v = 0; v < synchroniser->horizon.variables; v++) {
+        double largest = 0.0;
+        for (size_t i = synchroniser->horizon.offset[v];
+             i < synchroniser->horizon.offset[v] + synchroniser->horizon.length[v]; i++) {
+            largest = fmax(largest, fabs(u[i] - from[i]) / synchroniser->adjusted[v].step);
+        }
+        if (largest > 0.0 && moved != SIZE_MAX) {
+            return SIZE_MAX;
+        }
+        moved = largest > 0.0 ? v : moved;
+        *move = fmax(*move, largest);
+    }
+    return *move >= TL_SIGNIFICANT_MOVE ? moved : SIZE_MAX;
+}
+
+/* Whether this candidate shows, compared with a point with these residuals, that a variable has an
+ * effect or not. */
+static void probe_beside(tl_step_search *search, const double *u, const double *from, const double *residuals) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    double move = 0.0;
+    size_t variable = moved_variable(search, u, from, &move);
+    if (variable == SIZE_MAX) {
+        return;
+    }
+    double change = tl_objective_change(&synchroniser->objective, synchroniser->memory.residuals, residuals);
+    uint32_t bit = (uint32_t)1 << variable;
+    if (change >= synchroniser->noise_floor * move) {
+        search->seen |= bit;
+    } else if ((search->seen & bit) == 0) {
+        search->held |= bit;
+    }
+}
+
+/* The same compared with the search's start and with the best so far: solvers vary one unknown
+ * after the other from either. */
+static void probe(tl_step_search *search, const double *u, double value) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    const tl_synchroniser_memory *memory = &synchroniser->memory;
+    if (!(synchroniser->noise_floor > 0.0) || !isfinite(value) || synchroniser->solver->booleans) {
+        return;
+    }
+    if (isfinite(search->start_value)) {
+        probe_beside(search, u, memory->start, memory->start_residuals);
+    }
+    if (isfinite(search->best_value)) {
+        probe_beside(search, u, memory->best, memory->best_residuals);
+    }
+}
+
+/* A candidate that has just shown that a variable has no effect is not better for having moved it.
+ */
+static void judge(tl_step_search *search, const double *u, double value) {
+    uint32_t before = search->held;
+    probe(search, u, value);
+    keep_best(search, u, search->held == before ? value : HUGE_VAL);
+}
+
+bool tl_step_search_is_blind(const tl_step_search *search) {
+    return search->held != 0 && search->held == ((uint32_t)1 << search->synchroniser->horizon.variables) - 1;
+}
+
+void tl_step_search_hold(const tl_step_search *search, double *u) {
+    const tl_horizon *horizon = &search->synchroniser->horizon;
+    for (size_t v = 0; v < horizon->variables; v++) {
+        if ((search->held >> v & 1U) != 0) {
+            for (uint32_t m = 0; m < horizon->length[v]; m++) {
+                u[horizon->offset[v] + m] = search->nominal[v];
+            }
+        }
+    }
+}
+
+/* ---- evaluations ---- */
+
+/* Values that a solver may get at all: finite numbers for points within the bounds. */
+static bool is_sane(const tl_synchroniser *synchroniser, const double *u) {
+    for (size_t i = 0; i < synchroniser->horizon.count; i++) {
+        if (!(u[i] >= synchroniser->space.lower[i] && u[i] <= synchroniser->space.upper[i] && isfinite(u[i]))) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* The point that is evaluated for a requested one: variables that are not identifiable are at
+ * nominal, and so are insignificant differences from it. (Rounding would hide such a difference in
+ * the outputs, but it would cost executions.) */
+static const double *settled(const tl_step_search *search, const double *u) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    double *trial = synchroniser->memory.trial;
+    const double *nominal = synchroniser->memory.nominal;
+    for (size_t i = 0; i < synchroniser->horizon.count; i++) {
+        trial[i] = fabs(u[i] - nominal[i]) <= LEAST_MOVE * synchroniser->space.step[i] ? nominal[i] : u[i];
+    }
+    tl_step_search_hold(search, trial);
+    return trial;
+}
+
+static bool is_over(const tl_step_search *search) {
+    bool acquaints = search->acquaints && search->synchroniser->solver->is_new(search->synchroniser->optimiser);
+    return search->fatal != TL_OK || search->late || (search->best_value < TL_OBJECTIVE_TOLERANCE && !acquaints) ||
+           search->stagnated || tl_step_search_is_blind(search);
+}
+
+/* After an evaluation: whether the solver may continue. */
+static bool may_go_on(tl_step_search *search) {
+    const tl_synchroniser *synchroniser = search->synchroniser;
+    if (search->best_value < TL_OBJECTIVE_TOLERANCE) {
+        search->stop = TL_STOP_TOLERANCE;
+    }
+    if (synchroniser->stagnation != 0 && search->idle >= synchroniser->stagnation) {
+        search->stagnated = true;
+        search->flags |= TL_FLAG_STAGNATED;
+    }
+    return !is_over(search);
+}
+
+bool tl_step_search_ask(void *context, const double *u, double *value, const double **residuals) {
+    tl_step_search *search = context;
+    tl_synchroniser *synchroniser = search->synchroniser;
+    if (residuals != NULL) {
+        *residuals = synchroniser->memory.residuals;
+    }
+    *value = HUGE_VAL;
+    if (is_over(search)) {
+        return false;
+    }
+    if (!is_sane(synchroniser, u)) {
+        search->idle++;
+        return may_go_on(search) && search->idle < MOST_IDLE;
+    }
+    u = settled(search, u);
+    if (!tl_step_search_may_evaluate(search, u)) {
+        return false;
+    }
+    *value = evaluate(search, u);
+    if (!search->late) {
+        judge(search, u, *value);
+    }
+    return may_go_on(search);
+}

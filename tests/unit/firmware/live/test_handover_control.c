@@ -1,0 +1,568 @@
+/* The change of twins, with played ones: what is ordered, what a twin, a shadow and a recorder say, and what the supervisor is told to do about it. The
+ * clock is the test's. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <unity.h>
+
+#include "firmware/live/handover_control.h"
+
+#define LOCK TL_SOURCE_DIR "/tests/support/motor_lock.json"
+#define TEXT "{\"this is\": \"a candidate, which the supervisor does not read\"}"
+
+enum { RUN = 1001, SHADOW = 1002, NEXT = 1003 };
+
+static tl_config config;
+static tl_handover stage;
+static tl_block blocks[TL_LIVE_BLOCKS];
+static tl_twin_slot places[TL_TWIN_SLOTS];
+static tl_live_config_manager_pulse activator;
+static tl_live_recorder_pulse recorder;
+static tl_block candidate_block;
+static tl_live_candidate *candidate;
+static tl_handover_control change;
+static tl_orders orders;
+static tl_time now;
+static char told[200];
+
+static void tell(void *context, const char *text) {
+    (void)context;
+    (void)snprintf(told, sizeof told, "%s", text);
+}
+
+static void play_ready(tl_twin_slot *place, pid_t pid, tl_time start) {
+    place->pid = pid;
+    memset(&place->pulse->beats, 0, sizeof place->pulse->beats);
+    tl_heartbeats_set_ready(&place->pulse->beats);
+    place->pulse->start = start;
+    place->pulse->started = 77;
+}
+
+void setUp(void) {
+    tl_report report = {0};
+    tl_error error = {TL_OK, ""};
+    memset(&stage, 0, sizeof stage);
+    memset(&activator, 0, sizeof activator);
+    memset(&recorder, 0, sizeof recorder);
+    told[0] = '\0';
+    now = 1000 * TL_SECOND;
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_config_read(LOCK, &config, &report));
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
+        tl_block *pulse = &blocks[TL_LIVE_TWIN_PULSE + i];
+        TEST_ASSERT_EQUAL_INT(TL_OK, tl_block_make("twin", sizeof *places->pulse, TL_BLOCK_THEY_WRITE, pulse, &error));
+        places[i] = (tl_twin_slot){.pulse = pulse->bytes, .queue = &blocks[TL_LIVE_QUEUE + i]};
+    }
+    TEST_ASSERT_EQUAL_INT(TL_OK, tl_twin_slot_move_in(&places[0], &config, false, &error));
+    TEST_ASSERT_EQUAL_INT(TL_OK,
+                          tl_block_make("candidate", sizeof *candidate, TL_BLOCK_THEY_WRITE, &candidate_block, &error));
+    candidate = candidate_block.bytes;
+    change = (tl_handover_control){.stage = &stage,
+                                   .places = places,
+                                   .orders = &activator,
+                                   .candidate = &candidate_block,
+                                   .recorder = &recorder,
+                                   .step = config.step,
+                                   .unconfined = false,
+                                   .tell = tell};
+    play_ready(&places[0], RUN, 900 * TL_SECOND);
+}
+
+void tearDown(void) {
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
+        tl_twin_slot_move_out(&places[i]);
+        tl_block_close(&blocks[TL_LIVE_TWIN_PULSE + i]);
+    }
+    tl_block_close(&candidate_block);
+    tl_config_free(&config);
+}
+
+static void look(void) {
+    orders = (tl_orders){.end = false};
+    tl_handover_control_look(&change, now, false, &orders);
+}
+
+static void look_after(tl_time time) {
+    now += time;
+    look();
+}
+
+static void order(tl_live_verb verb) {
+    activator.order.verb = (uint32_t)verb;
+    activator.order.number++;
+    look();
+}
+
+static void write_candidate(void) {
+    candidate->size = (uint32_t)strlen(TEXT);
+    memcpy(candidate->text, TEXT, sizeof TEXT);
+    tl_sha256(TEXT, strlen(TEXT), candidate->hash);
+    activator.order.needs = (tl_live_needs){
+        .match = 2, .adjust = 1, .components = 3, .unpacked_bytes = 1000, .signals = (uint32_t)config.signal_count};
+}
+
+static void expect_obeyed(bool is) {
+    TEST_ASSERT_EQUAL_INT(is, stage.order == activator.order.number);
+}
+
+static void expect_refused(const char *why) {
+    expect_obeyed(true);
+    TEST_ASSERT_EQUAL_STRING(why, stage.why);
+    TEST_ASSERT_FALSE(orders.swap);
+}
+
+/* As the supervisor would: with a process in its place. */
+static void begin_shadow(pid_t pid) {
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    TEST_ASSERT_TRUE(orders.shadow);
+    expect_obeyed(true);
+    tl_twin_slot *place = &places[1 - stage.place];
+    play_ready(place, pid, place->start);
+    look();
+}
+
+static void end_twin(tl_twin_slot *place) {
+    place->pid = 0;
+    look();
+}
+
+/* ---- a shadow ---- */
+
+static void test_a_candidate_moves_in(void) {
+    places[1].pulse->number = 6;
+    places[1].pulse->handed_over = 3;
+    begin_shadow(SHADOW);
+    TEST_ASSERT_EQUAL_STRING(TEXT, places[1].text);
+    TEST_ASSERT_EQUAL_STRING(candidate->hash, places[1].hash);
+    TEST_ASSERT_EQUAL_size_t(config.signal_count, places[1].queue_settings.shape.plant);
+    TEST_ASSERT_EQUAL_size_t(2, places[1].queue_settings.shape.match);
+    TEST_ASSERT_EQUAL_size_t(4, places[1].queue_settings.shape.components);
+    TEST_ASSERT_EQUAL_size_t(tl_record_queue_bytes(&places[1].queue_settings), places[1].queue->size);
+    TEST_ASSERT_EQUAL_INT64(900 * TL_SECOND, places[1].start);
+    TEST_ASSERT_EQUAL_INT64(77, places[1].started);
+    TEST_ASSERT_EQUAL_UINT32(6, places[1].pulse->number);
+    TEST_ASSERT_EQUAL_UINT32(7, places[1].pulse->first);
+    TEST_ASSERT_EQUAL_UINT32(0, places[1].pulse->handed_over);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+}
+
+/* What comes later is not believed: it was copied. */
+static void test_a_candidate_is_copied(void) {
+    begin_shadow(SHADOW);
+    candidate->text[0] = 'x';
+    TEST_ASSERT_EQUAL_STRING(TEXT, places[1].text);
+}
+
+static void refuse_candidate(const char *why) {
+    order(TL_LIVE_SHADOW);
+    TEST_ASSERT_FALSE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
+    TEST_ASSERT_NULL(places[1].text);
+    TEST_ASSERT_EQUAL_size_t(0, places[1].queue->size);
+    expect_refused(why);
+}
+
+static void test_candidates_that_are_none(void) {
+    write_candidate();
+    candidate->text[3] = 'x';
+    refuse_candidate("a candidate came with a text that is not that of its digest");
+    write_candidate();
+    candidate->text[3] = '\0';
+    tl_sha256(candidate->text, candidate->size, candidate->hash);
+    refuse_candidate("a candidate came with a text that is not that of its digest");
+    write_candidate();
+    candidate->size = TL_CONFIG_MAX_BYTES + 1;
+    refuse_candidate("a candidate came with a text of 262145 bytes, expected 1 … 262144");
+    candidate->size = 0;
+    refuse_candidate("a candidate came with a text of 0 bytes, expected 1 … 262144");
+    write_candidate();
+    activator.order.needs.match = TL_MAX_MATCH + 1;
+    refuse_candidate("a candidate came with numbers that cannot be: 17, 1, 3, 2");
+    write_candidate();
+    activator.order.needs.components = TL_RECORDER_COMPONENTS;
+    refuse_candidate("a candidate came with numbers that cannot be: 2, 1, 64, 2");
+}
+
+static void test_nobody_is_less_confined_than_the_run(void) {
+    write_candidate();
+    activator.order.needs.unconfined = 1;
+    order(TL_LIVE_SHADOW);
+    TEST_ASSERT_FALSE(places[1].unconfined);
+}
+
+static void test_a_shadow_waits_for_the_runs_twin(void) {
+    places[0].pulse->start = 0;
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    expect_obeyed(false);
+    TEST_ASSERT_FALSE(orders.shadow);
+    look_after(TL_HANDOVER_CONTROL_PATIENCE);
+    expect_obeyed(false);
+    play_ready(&places[0], RUN, 950 * TL_SECOND);
+    look();
+    expect_obeyed(true);
+    TEST_ASSERT_TRUE(orders.shadow);
+    TEST_ASSERT_EQUAL_INT64(950 * TL_SECOND, places[1].start);
+}
+
+static void test_nobody_waits_for_ever(void) {
+    play_ready(&places[0], RUN, INT64_MAX); /* it lies */
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    look_after(TL_HANDOVER_CONTROL_PATIENCE);
+    expect_obeyed(false);
+    look_after(1);
+    expect_refused("the run's twin has not begun");
+}
+
+static void test_a_shadow_that_ends(void) {
+    begin_shadow(SHADOW);
+    places[1].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was ended by signal 9");
+    look();
+    TEST_ASSERT_FALSE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
+    TEST_ASSERT_EQUAL_STRING("it was ended by signal 9", stage.why);
+}
+
+static void test_another_shadow_waits_for_the_end_of_the_one_before(void) {
+    begin_shadow(SHADOW);
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    expect_obeyed(false);
+    TEST_ASSERT_FALSE(orders.shadow);
+    places[1].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was told to");
+    look();
+    expect_obeyed(true);
+    TEST_ASSERT_TRUE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+}
+
+static void test_a_shadow_is_not_wanted_any_more(void) {
+    begin_shadow(SHADOW);
+    order(TL_LIVE_NO_SHADOW);
+    expect_obeyed(true);
+    TEST_ASSERT_FALSE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, stage.shadow);
+    places[1].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was told to");
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_NONE, stage.shadow);
+}
+
+static void test_no_order_is_one(void) {
+    begin_shadow(SHADOW);
+    order(TL_LIVE_VERBS);
+    expect_obeyed(true);
+    TEST_ASSERT_FALSE(orders.shadow);
+}
+
+static void test_safe_hold(void) {
+    begin_shadow(SHADOW);
+    change.holds = true;
+    look();
+    TEST_ASSERT_FALSE(orders.shadow);
+    order(TL_LIVE_HAND_OVER);
+    expect_refused("safe hold: the run has no twin");
+    places[1].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was told to");
+    TEST_ASSERT_EQUAL_STRING("safe hold: the run has no twin", stage.why);
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    expect_refused("safe hold: the run has no twin beside which another one could run");
+}
+
+/* ---- a flip ---- */
+
+static int64_t tick_at(tl_time time) {
+    return (time - 900 * TL_SECOND) / config.step;
+}
+
+static void announce(void) {
+    order(TL_LIVE_HAND_OVER);
+    expect_obeyed(true);
+}
+
+static void test_a_handover(void) {
+    begin_shadow(SHADOW);
+    announce();
+    TEST_ASSERT_EQUAL_UINT32(1, stage.handovers);
+    TEST_ASSERT_EQUAL_UINT32(1, stage.to);
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, stage.tick);
+    TEST_ASSERT_EQUAL_STRING_LEN("from tick ", told, 10);
+    TEST_ASSERT_NOT_NULL(strstr(told, "goes on with another twin"));
+    look_after(TL_SECOND / 10);
+    TEST_ASSERT_FALSE(orders.swap);
+    TEST_ASSERT_TRUE(orders.soon);
+    TEST_ASSERT_TRUE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    places[0].pulse->handed_over = 1;
+    look();
+    TEST_ASSERT_TRUE(orders.swap);
+    TEST_ASSERT_TRUE(orders.shadow); /* the old one */
+    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+    look();
+    TEST_ASSERT_FALSE(orders.swap);
+    TEST_ASSERT_FALSE(orders.soon);
+}
+
+static void handover(uint32_t number) {
+    announce();
+    places[stage.place].pulse->handed_over = number;
+    look();
+    TEST_ASSERT_TRUE(orders.swap);
+}
+
+/* Without waiting for the recorder, which may not be able to write. */
+static void test_a_handover_back(void) {
+    begin_shadow(SHADOW);
+    handover(1);
+    handover(2);
+    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(2, stage.handovers);
+    TEST_ASSERT_EQUAL_UINT32(0, stage.to);
+    TEST_ASSERT_EQUAL_STRING(config.text, places[stage.place].text);
+}
+
+static void test_a_twin_that_dies_before_its_tick(void) {
+    begin_shadow(SHADOW);
+    announce();
+    end_twin(&places[0]);
+    TEST_ASSERT_TRUE(orders.swap);
+    TEST_ASSERT_FALSE(orders.shadow);
+    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_ENDED, stage.shadow);
+    TEST_ASSERT_EQUAL_STRING("it had died before another twin took over", stage.why);
+}
+
+/* So a bad version is returned from. */
+static void test_a_twin_that_is_dead_is_not_waited_for(void) {
+    begin_shadow(SHADOW);
+    end_twin(&places[0]);
+    places[0].pulse->start = 0;
+    announce();
+    look();
+    TEST_ASSERT_TRUE(orders.swap);
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + tl_handover_ahead(config.step)) + 1, stage.tick);
+}
+
+static void test_a_twin_that_does_not_do_its_part(void) {
+    begin_shadow(SHADOW);
+    announce();
+    look_after(2 * tl_handover_ahead(config.step));
+    TEST_ASSERT_FALSE(orders.kill_twin);
+    look_after(2 * config.step);
+    TEST_ASSERT_TRUE(orders.kill_twin);
+    TEST_ASSERT_FALSE(orders.swap);
+    orders = (tl_orders){.end = false};
+    tl_handover_control_look(&change, now, true, &orders); /* it is asked to end by now */
+    TEST_ASSERT_FALSE(orders.kill_twin);
+}
+
+/* The supervisor is told all the same: it begins it again. */
+static void test_a_shadow_that_dies_before_its_tick(void) {
+    begin_shadow(SHADOW);
+    announce();
+    places[1].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was ended by signal 9");
+    places[0].pulse->handed_over = 1;
+    look();
+    TEST_ASSERT_TRUE(orders.swap);
+    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow);
+}
+
+static void test_handovers_that_cannot_be(void) {
+    order(TL_LIVE_HAND_OVER);
+    expect_refused("there is no shadow");
+    begin_shadow(SHADOW);
+    memset(&places[1].pulse->beats, 0, sizeof places[1].pulse->beats);
+    order(TL_LIVE_HAND_OVER);
+    expect_refused("the shadow has not begun");
+    tl_heartbeats_set_ready(&places[1].pulse->beats);
+    places[0].pulse->start++;
+    order(TL_LIVE_HAND_OVER);
+    expect_refused("the run has begun anew: the shadow's ticks are not its own");
+    TEST_ASSERT_EQUAL_UINT32(0, stage.handovers);
+    TEST_ASSERT_EQUAL_UINT32(TL_LIVE_SHADOW_LIVES, stage.shadow); /* there it still is */
+    TEST_ASSERT_EQUAL_STRING("", told);
+}
+
+static void publish_tick(int64_t tick) {
+    static tl_run_status figures;
+    figures.tick = tick;
+    tl_latest_publish(&places[0].pulse->figures, &figures, sizeof figures);
+}
+
+static void test_a_twin_that_is_ahead(void) {
+    begin_shadow(SHADOW);
+    publish_tick(tick_at(now + 10 * TL_SECOND));
+    announce();
+    TEST_ASSERT_EQUAL_INT64(tick_at(now + 10 * TL_SECOND) + 1, stage.tick);
+}
+
+static void test_a_twin_that_says_what_cannot_be(void) {
+    begin_shadow(SHADOW);
+    publish_tick(INT64_MAX);
+    order(TL_LIVE_HAND_OVER);
+    expect_refused("the run's ticks are not to be believed");
+}
+
+/* ---- signals ---- */
+
+/* Its own second look-ups are among them. */
+static void test_a_candidate_with_more_look_ups(void) {
+    const uint32_t more = (uint32_t)config.signal_count + 3;
+    write_candidate();
+    activator.order.needs.signals = more;
+    order(TL_LIVE_SHADOW);
+    expect_obeyed(true);
+    TEST_ASSERT_EQUAL_size_t(more, places[1].queue_settings.shape.plant);
+}
+
+static void test_numbers_of_signals_that_cannot_be(void) {
+    static const uint32_t signals[] = {0, TL_MAX_SIGNALS + 1};
+    for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++) {
+        char why[96];
+        (void)snprintf(why, sizeof why, "a candidate came with numbers that cannot be: 2, 1, 3, %u",
+                       (unsigned)signals[i]);
+        write_candidate();
+        activator.order.needs.signals = signals[i];
+        refuse_candidate(why);
+    }
+}
+
+/* ---- the recorder ---- */
+
+static void test_the_recorder_follows(void) {
+    begin_shadow(SHADOW);
+    tl_handover_control_begin_recorder(&change);
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    recorder.drained = 1; /* before there was a flip: a lie */
+    look();
+    TEST_ASSERT_FALSE(orders.recorder);
+    recorder.drained = 0;
+    handover(1);
+    TEST_ASSERT_FALSE(orders.recorder);
+    tl_handover_control_begin_recorder(&change); /* the one before has died */
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    recorder.drained = 1;
+    look();
+    TEST_ASSERT_TRUE(orders.recorder);
+    tl_handover_control_begin_recorder(&change);
+    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_handovers);
+    look();
+    TEST_ASSERT_FALSE(orders.recorder);
+}
+
+static void test_a_recorder_two_handovers_behind(void) {
+    begin_shadow(SHADOW);
+    handover(1);
+    handover(2);
+    recorder.drained = 1;
+    look();
+    TEST_ASSERT_TRUE(orders.recorder);
+    tl_handover_control_begin_recorder(&change);
+    TEST_ASSERT_EQUAL_UINT32(1, change.recorder_place);
+    look();
+    TEST_ASSERT_FALSE(orders.recorder);
+    recorder.drained = 2;
+    look();
+    TEST_ASSERT_TRUE(orders.recorder);
+    tl_handover_control_begin_recorder(&change);
+    TEST_ASSERT_EQUAL_UINT32(0, change.recorder_place);
+    TEST_ASSERT_EQUAL_UINT32(2, change.recorder_handovers);
+}
+
+/* Also in the end. */
+static void test_a_recorder_follows_when_all_end(void) {
+    begin_shadow(SHADOW);
+    announce();
+    places[0].pulse->handed_over = 1;
+    recorder.drained = 1;
+    orders = (tl_orders){.end = false};
+    tl_handover_control_look(&change, now, true, &orders);
+    TEST_ASSERT_TRUE(orders.recorder);
+    TEST_ASSERT_EQUAL_UINT32(1, stage.place);
+}
+
+/* The run's twin was asked to end, and has ended the run: what the shadow has begun is none. */
+static void test_a_handover_that_the_end_overtakes(void) {
+    begin_shadow(SHADOW);
+    announce();
+    places[0].pid = 0;
+    recorder.drained = 1;
+    orders = (tl_orders){.end = false};
+    tl_handover_control_look(&change, now, true, &orders);
+    TEST_ASSERT_EQUAL_UINT32(0, stage.place);
+    TEST_ASSERT_FALSE(orders.swap);
+    TEST_ASSERT_FALSE(orders.recorder);
+}
+
+/* What is in the outbox there is not written yet. */
+static void test_nobody_moves_in_before_the_recorder_is_that_far(void) {
+    begin_shadow(SHADOW);
+    handover(1);
+    places[0].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was ended by signal 9");
+    write_candidate();
+    order(TL_LIVE_SHADOW);
+    expect_obeyed(false);
+    TEST_ASSERT_EQUAL_STRING(config.text, places[0].text);
+    recorder.drained = 1;
+    look();
+    tl_handover_control_begin_recorder(&change);
+    look();
+    expect_obeyed(true);
+    TEST_ASSERT_EQUAL_STRING(TEXT, places[0].text);
+    TEST_ASSERT_TRUE(orders.shadow);
+}
+
+static void test_without_a_recorder_nobody_waits_for_it(void) {
+    change.recorder = NULL;
+    begin_shadow(SHADOW);
+    handover(1);
+    places[0].pid = 0;
+    tl_handover_control_note_end_of_shadow(&change, "it was ended by signal 9");
+    begin_shadow(NEXT);
+    TEST_ASSERT_EQUAL_STRING(TEXT, places[0].text);
+    TEST_ASSERT_FALSE(orders.recorder);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(test_a_candidate_moves_in);
+    RUN_TEST(test_a_candidate_is_copied);
+    RUN_TEST(test_candidates_that_are_none);
+    RUN_TEST(test_nobody_is_less_confined_than_the_run);
+    RUN_TEST(test_a_shadow_waits_for_the_runs_twin);
+    RUN_TEST(test_nobody_waits_for_ever);
+    RUN_TEST(test_a_shadow_that_ends);
+    RUN_TEST(test_another_shadow_waits_for_the_end_of_the_one_before);
+    RUN_TEST(test_a_shadow_is_not_wanted_any_more);
+    RUN_TEST(test_no_order_is_one);
+    RUN_TEST(test_safe_hold);
+    RUN_TEST(test_a_handover);
+    RUN_TEST(test_a_handover_back);
+    RUN_TEST(test_a_twin_that_dies_before_its_tick);
+    RUN_TEST(test_a_twin_that_is_dead_is_not_waited_for);
+    RUN_TEST(test_a_twin_that_does_not_do_its_part);
+    RUN_TEST(test_a_shadow_that_dies_before_its_tick);
+    RUN_TEST(test_handovers_that_cannot_be);
+    RUN_TEST(test_a_twin_that_is_ahead);
+    RUN_TEST(test_a_twin_that_says_what_cannot_be);
+    RUN_TEST(test_a_candidate_with_more_look_ups);
+    RUN_TEST(test_numbers_of_signals_that_cannot_be);
+    RUN_TEST(test_the_recorder_follows);
+    RUN_TEST(test_a_recorder_two_handovers_behind);
+    RUN_TEST(test_a_recorder_follows_when_all_end);
+    RUN_TEST(test_a_handover_that_the_end_overtakes);
+    RUN_TEST(test_nobody_moves_in_before_the_recorder_is_that_far);
+    RUN_TEST(test_without_a_recorder_nobody_waits_for_it);
+    return UNITY_END();
+}

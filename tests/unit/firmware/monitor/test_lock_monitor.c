@@ -1,0 +1,672 @@
+/* The judge of the lock, held against records that are made up: what each state takes, and that none chatters. */
+#include <math.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/monitor/lock_monitor.h"
+
+enum { WINDOW = 100, PART = 10 }; /* steps of 10 ms */
+
+static const double WITHIN = 0.3;
+static const double OUTSIDE = 4;
+static const double FAR_AWAY = 1000;
+
+static tl_config_signal signals[2];
+static tl_plan_adjust adjust[2];
+static tl_plan_match match[2];
+static tl_config config;
+static tl_account account;
+static tl_lock_monitor judge;
+static tl_record record;
+static tl_sample sample;
+static tl_lock_change told; /* the last change */
+static int changes;         /* since the last look */
+
+void setUp(void) {
+    memset(&record, 0, sizeof record);
+    memset(&sample, 0, sizeof sample);
+    memset(&config, 0, sizeof config);
+    memset(&told, 0, sizeof told);
+    changes = 0;
+    signals[0].plan.name = "torque";
+    signals[1].plan.name = "omega";
+    adjust[0].variable = "motor.d";
+    adjust[1].variable = "valve.open";
+    match[0] = (tl_plan_match){.variable = "motor.omega", .to = "plant.omega", .tolerance = 2, .weight = 1};
+    config.signals = signals;
+    config.signal_count = 2;
+    config.adjust = adjust;
+    config.adjust_count = 2;
+    config.match = match;
+    config.match_count = 1;
+    config.step = TL_SECOND / 100;
+    account.adjust[0] = (tl_account_adjust){.type = TL_REAL, .step = 0.1, .lower = -1, .upper = 2};
+    account.adjust[1] = (tl_account_adjust){.type = TL_BOOLEAN};
+    tl_lock_monitor_init(&judge, &config, &account);
+}
+
+void tearDown(void) {}
+
+static void step(void) {
+    tl_lock_monitor_sample(&judge, &sample);
+    const tl_lock_change *change = tl_lock_monitor_step(&judge, &record);
+    if (change != NULL) {
+        told = *change;
+        changes++;
+    }
+    record.step++;
+}
+
+/* A step that is so many tolerances of 2 off. */
+static void one(double away) {
+    record.y[0] = 2 * away;
+    record.objective = away * away;
+    record.outcome = away < 1 ? TL_FIRST_GUESS : TL_NOMINAL;
+    step();
+}
+
+static void many(double away, int count) {
+    for (int i = 0; i < count; i++) {
+        one(away);
+    }
+}
+
+/* Of ten steps so many are so many tolerances off. */
+static void mixed(int of_ten, double away, int count) {
+    for (int i = 0; i < count; i++) {
+        one(i % 10 < of_ten ? away : WITHIN);
+    }
+}
+
+static void lock(void) {
+    many(WITHIN, WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    changes = 0;
+}
+
+/* One change since the last look, to this, and this is said of it. */
+static void expect_change(tl_lock_state state, const char *cause) {
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_STRING(tl_lock_state_name(state), tl_lock_state_name(told.to));
+    TEST_ASSERT_EQUAL_STRING(cause, told.cause);
+    changes = 0;
+}
+
+static void expect_no_change(void) {
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, changes, told.cause);
+}
+
+static tl_lock_tally tally(void) {
+    tl_lock_tally found;
+    tl_lock_monitor_get(&judge, &found);
+    return found;
+}
+
+static uint64_t total(void) {
+    tl_lock_tally found = tally();
+    return tl_lock_tally_total(&found);
+}
+
+/* ---- locked and lost ---- */
+
+static void test_locked_when_a_window_is_full(void) {
+    many(WITHIN, WINDOW - 1);
+    expect_no_change();
+    one(WITHIN);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    many(WITHIN, 10 * WINDOW);
+    expect_no_change();
+    TEST_ASSERT_EQUAL_UINT64(11 * WINDOW, tally().steps[TL_LOCK_LOCKED]);
+    TEST_ASSERT_EQUAL_UINT64(11 * WINDOW, tally().within);
+    TEST_ASSERT_EQUAL_UINT64(10 * WINDOW / PART + 1, tally().windows);
+}
+
+/* The cycle's thread judges ten times a second, and writes a sentence at a change only: what it told stays. */
+static void test_what_was_told_stays(void) {
+    const tl_lock_change *first = NULL;
+    record.outcome = TL_FIRST_GUESS;
+    for (int i = 0; i < WINDOW; i++) {
+        first = tl_lock_monitor_step(&judge, &record);
+    }
+    TEST_ASSERT_NOT_NULL(first);
+    const tl_lock_change before = *first;
+    mixed(2, OUTSIDE, 3 * WINDOW);
+    expect_no_change();
+    TEST_ASSERT_EQUAL_MEMORY(&before, first, sizeof before);
+}
+
+static void test_lost_and_found(void) {
+    lock();
+    many(OUTSIDE, WINDOW / 2 - 1);
+    expect_no_change();
+    one(OUTSIDE);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    TEST_ASSERT_FALSE(judge.astray);
+    many(WITHIN, WINDOW + PART);
+    expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
+    TEST_ASSERT_EQUAL_UINT64(1, tally().losses);
+    TEST_ASSERT_EQUAL_UINT64(2, tally().changes);
+}
+
+/* A tolerance of one standard deviation of the noise: a third of the steps is outside, of a twin that is right. */
+static void test_noise_is_no_loss(void) {
+    mixed(3, OUTSIDE, 20 * WINDOW);
+    TEST_ASSERT_EQUAL_UINT64(0, tally().within);
+    expect_change(TL_LOCK_LOCKED, "70 % of the last 100 steps are within tolerance");
+}
+
+/* Between the two limits it stays what it was. */
+static void test_no_chatter(void) {
+    lock();
+    mixed(4, OUTSIDE, 5 * WINDOW);
+    expect_no_change();
+    mixed(6, OUTSIDE, 5 * WINDOW);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    mixed(4, OUTSIDE, 5 * WINDOW);
+    expect_no_change();
+    mixed(2, OUTSIDE, 5 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+}
+
+/* Every second step within tolerance, the other one far away: in a row there are never two of a kind. */
+static void test_a_twin_that_swings_is_lost(void) {
+    lock();
+    for (int i = 0; i < WINDOW / 2; i++) {
+        record.u[0] = i % 2 == 0 ? 103 : 0.0031;
+        one(i % 2 == 0 ? 1e-11 : FAR_AWAY);
+    }
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_TRUE(judge.astray);
+    TEST_ASSERT_EQUAL_STRING(
+        "10 % of the last 100 steps are off by 10 tolerances or more (limit 10 %), at worst by 1e+03", told.cause);
+}
+
+/* A limit cycle of u makes a loss of what would be noise: it tells that nothing converges. */
+static void test_a_limit_cycle(void) {
+    lock();
+    for (int i = 0; i < 3 * WINDOW; i++) {
+        record.u[0] = i % 3 == 0 ? 1.5 : 0.0;
+        one(i % 5 == 0 ? OUTSIDE : WITHIN);
+    }
+    expect_change(TL_LOCK_LOST,
+                  "12 % of the last 100 steps are out of tolerance (limit 10 %); motor.d swings between 0 and "
+                  "1.5 every 3 steps");
+    many(WITHIN, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+}
+
+static void test_what_is_no_limit_cycle(void) {
+    uint32_t seed = 1;
+    lock();
+    for (int i = 0; i < 4 * WINDOW; i++) {
+        record.u[0] = i % 2 == 0 ? 0.09 : 0.0; /* less than a first step of the search */
+        record.u[1] = i % 2;                   /* a Boolean switches */
+        one(i % 5 == 0 ? OUTSIDE : WITHIN);
+    }
+    expect_no_change();
+    for (int i = 0; i < 4 * WINDOW; i++) {
+        seed = seed * 1103515245U + 12345U;
+        record.u[0] = (seed >> 16) % 1000 / 1000.0; /* noise */
+        one(i % 5 == 0 ? OUTSIDE : WITHIN);
+    }
+    expect_no_change();
+}
+
+/* A measurement that jumps, while the twin stays where it was: the twin has gone nowhere. */
+static void test_a_plant_that_jumps(void) {
+    lock();
+    for (int i = 0; i < WINDOW; i++) {
+        record.measured[0] = i % 2 == 0 ? 1000 : -1000;
+        one(0);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_FALSE(judge.astray);
+}
+
+/* Astray at first, and perfect since: the first window that is full says that it was lost, and not that it shall begin anew. */
+static void test_a_twin_that_came_back_by_itself(void) {
+    for (int i = 0; i < 4 * PART; i++) {
+        one(i % 2 == 0 ? FAR_AWAY : -FAR_AWAY);
+    }
+    many(WITHIN, WINDOW - 4 * PART);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_FALSE(judge.astray);
+}
+
+/* An output that swings against a measurement that is not good, which is the last good one, says nothing. */
+static void test_what_swings_unmeasured(void) {
+    match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1, .weight = 1};
+    config.match_count = 2;
+    lock();
+    record.measured_quality[1] = TL_STALE;
+    for (int i = 0; i < 2 * WINDOW; i++) {
+        record.y[1] = i % 2 == 0 ? FAR_AWAY : -FAR_AWAY;
+        one(WITHIN);
+    }
+    expect_no_change();
+    TEST_ASSERT_FALSE(judge.astray);
+}
+
+/* Far off, and on its steady way: of a model that does not fit. To begin anew would not make it a better one. */
+static void test_a_twin_that_is_elsewhere(void) {
+    lock();
+    for (int i = 0; i < 20 * WINDOW; i++) {
+        one(9.9 * i);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_FALSE(judge.astray);
+}
+
+static void test_numbers_that_are_none(void) {
+    lock();
+    many((double)INFINITY, 3 * PART);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_TRUE(judge.astray);
+}
+
+/* What a search makes of a long horizon is another matter: it is the committed steps that are held against the plant. */
+/* One step is enough, in a window that is full and in what is left at the end; and it is counted. */
+static void test_a_runaway(void) {
+    lock();
+    one(0.9e9);
+    many(WITHIN, PART - 1);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, tally().state);
+    TEST_ASSERT_EQUAL_UINT64(0, tally().ran_away);
+    one(1.1e9);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, tally().state); /* if it ended here */
+    expect_no_change();
+    many(WITHIN, PART - 1);
+    expect_change(TL_LOCK_LOST, "an output, or J, has run away: it was off by 1e+09 tolerances or more, or not finite, "
+                                "in 1 of the last 100 steps");
+    TEST_ASSERT_EQUAL_UINT64(1, tally().ran_away);
+    many(WITHIN, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+}
+
+static void test_an_objective_that_is_not_finite(void) {
+    static const struct {
+        tl_outcome outcome;
+        tl_stop stop;
+        uint64_t ran_away;
+    } cases[] = {{TL_OPTIMISED, TL_STOP_NONE, 1},
+                 {TL_BEST_SO_FAR, TL_STOP_NONE, 1},
+                 {TL_BEST_SO_FAR, TL_STOP_TIME, 0},
+                 {TL_NOMINAL, TL_STOP_NONE, 0}};
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        setUp();
+        lock();
+        record.outcome = cases[i].outcome;
+        record.stop = cases[i].stop;
+        record.objective = (double)NAN;
+        step();
+        TEST_ASSERT_EQUAL_UINT64(cases[i].ran_away, tally().ran_away);
+    }
+}
+
+/* Though nothing is compared. */
+static void test_an_output_that_is_no_number_any_more(void) {
+    match[0].weight = 0;
+    record.y[0] = (double)INFINITY;
+    step();
+    TEST_ASSERT_EQUAL_UINT64(1, tally().ran_away);
+}
+
+static void test_at_a_bound_for_a_minute(void) {
+    int reached = 0;
+    int left = 0;
+    for (int i = 0; i < 20000; i++) {
+        record.u[0] = i < 10000 ? 2 : 0.5;
+        record.u[1] = 1;
+        one(WITHIN);
+        reached += judge.stay[0].turn == TL_BOUND_REACHED ? 1 : 0;
+        left += judge.stay[0].turn == TL_BOUND_LEFT ? 1 : 0;
+        TEST_ASSERT_EQUAL_INT(TL_BOUND_AS_BEFORE, judge.stay[1].turn);
+    }
+    TEST_ASSERT_EQUAL_INT(1, reached);
+    TEST_ASSERT_EQUAL_INT(1, left);
+}
+
+static void test_what_the_search_says_does_not_count(void) {
+    record.outcome = TL_BEST_SO_FAR;
+    record.objective = 40;
+    record.y[0] = 1.9;
+    for (int i = 0; i < WINDOW; i++) {
+        step();
+    }
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    record.outcome = TL_MADE_UP;
+    record.objective = (double)NAN;
+    record.y[0] = -2.1;
+    for (int i = 0; i < WINDOW / 2; i++) {
+        step();
+    }
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+}
+
+/* Two outputs: what counts is how far they are off together, by their weights; one that is bad does not. */
+static void test_several_outputs(void) {
+    match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1, .weight = 3};
+    config.match_count = 2;
+    record.outcome = TL_OPTIMISED;
+    record.y[0] = 3;   /* 1.5 tolerances, squared 2.25 */
+    record.y[1] = 0.7; /* 0.49, three times */
+    for (int i = 0; i < WINDOW; i++) {
+        step();
+    }
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    record.measured_quality[1] = TL_STALE;
+    for (int i = 0; i < WINDOW / 2; i++) {
+        step();
+    }
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+}
+
+/* What an earlier run has computed was judged there. */
+static void test_what_is_followed_does_not_count(void) {
+    record.outcome = TL_FOLLOWED;
+    for (int i = 0; i < 10 * WINDOW; i++) {
+        step();
+    }
+    expect_no_change();
+    TEST_ASSERT_EQUAL_UINT64(0, total());
+}
+
+/* ---- free ---- */
+
+static void test_no_signal_to_hold_on_to(void) {
+    lock();
+    record.measured_quality[0] = TL_NO_LINK;
+    record.objective = (double)NAN;
+    record.outcome = TL_FREE_RUN;
+    for (int i = 0; i < WINDOW / 2; i++) {
+        step();
+    }
+    expect_change(TL_LOCK_FREE, "no matched signal was good in 50 % of the last 100 steps (limit 50 %)");
+    record.measured_quality[0] = TL_GOOD;
+    many(WITHIN, WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    TEST_ASSERT_EQUAL_INT(1, changes);
+}
+
+static void test_a_signal_that_is_only_compared_holds_nothing(void) {
+    match[0].weight = 0;
+    many(WITHIN, WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to);
+}
+
+/* A horizon may have measurements if the step itself has none, as between two messages. */
+static void test_a_step_between_two_measurements(void) {
+    for (int i = 0; i < WINDOW; i++) {
+        record.measured_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
+        many(WITHIN, 1);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+    for (int i = 0; i < WINDOW; i++) {
+        record.measured_quality[0] = (uint8_t)(i % 3 == 0 ? TL_GOOD : TL_STALE);
+        many(3.0, 1); /* what is compared says that it is lost */
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told.cause, "are out of tolerance (limit 50 %)"), told.cause);
+    record.measured_quality[0] = TL_STALE;
+    many(WITHIN, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_FREE, told.to); /* nothing is compared any more */
+}
+
+static void test_nothing_is_adjusted(void) {
+    config.adjust_count = 0;
+    record.outcome = TL_FREE;
+    for (int i = 0; i < WINDOW; i++) {
+        step();
+    }
+    expect_no_change();
+    TEST_ASSERT_EQUAL_UINT64(0, total());
+}
+
+/* ---- degraded ---- */
+
+static void test_a_signal_of_the_plant_is_bad(void) {
+    lock();
+    sample.quality[0] = TL_STALE;
+    many(WITHIN, WINDOW / 2);
+    expect_change(TL_LOCK_DEGRADED, "plant.torque was not good in 50 % of the last 100 samples (limit 50 %)");
+    sample.quality[0] = TL_GOOD;
+    many(WITHIN, WINDOW / 2);
+    expect_no_change();
+    many(WITHIN, WINDOW / 2);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+}
+
+/* Whatever the share: what is within tolerance of a twin that cannot be led back may be so by luck. */
+static void test_an_fmu_that_does_not_come_back(void) {
+    lock();
+    record.flags = TL_FLAG_DIFFERED;
+    one(WITHIN);
+    record.flags = 0;
+    many(WITHIN, WINDOW / 10 - 1);
+    expect_change(TL_LOCK_DEGRADED,
+                  "an FMU was found not to come back to where it was, before 1 of the last 100 steps");
+    many(WITHIN, WINDOW - WINDOW / 10);
+    expect_no_change();
+    many(WITHIN, WINDOW / 10);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    record.flags = TL_FLAG_DIFFERED;
+    many(WITHIN, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, changes); /* and stays */
+    record.flags = 0;
+}
+
+/* ---- tracking ---- */
+
+static void corrected(double by, int count) {
+    record.nominal[0] = 0.5;
+    record.u[0] = 0.5 + by;
+    many(WITHIN, count);
+}
+
+static void test_more_correction_than_usual(void) {
+    corrected(0.05, WINDOW + PART * TL_LOCK_LEARNS);
+    changes = 0;
+    corrected(0.1, 3 * WINDOW);
+    expect_no_change();
+    corrected(0.3, WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_TRACKING, told.to);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told.cause, "motor.d is corrected by "), told.cause);
+    changes = 0;
+    corrected(0.05, 2 * WINDOW);
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOCKED, told.to);
+}
+
+/* Nobody knows yet what is usual. */
+static void test_what_is_usual_has_to_be_learned(void) {
+    corrected(0.05, WINDOW);
+    changes = 0;
+    corrected(0.9, WINDOW);
+    expect_no_change();
+}
+
+static void test_at_a_bound(void) {
+    lock();
+    record.u[0] = 2;
+    many(WITHIN, WINDOW / 2);
+    expect_change(TL_LOCK_TRACKING, "motor.d is at a bound in 50 % of the last 100 steps (limit 50 %)");
+    record.u[0] = 0;
+    record.u[1] = 1; /* a Boolean is always at one */
+    many(WITHIN, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+}
+
+/* ---- windows ---- */
+
+/* Parts of two steps, if a tenth of a second has none. */
+static void test_a_slow_twin(void) {
+    config.step = TL_SECOND;
+    tl_lock_monitor_init(&judge, &config, &account);
+    many(WITHIN, 20);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 20 steps are within tolerance");
+}
+
+/* A stroke is what counts, and three are a window. */
+static void test_strokes(void) {
+    config.event.start.signal = "plant.valve";
+    tl_lock_monitor_init(&judge, &config, &account);
+    for (int stroke = 0; stroke < 3; stroke++) {
+        record.outcome = TL_HELD;
+        for (int i = 0; i < WINDOW; i++) {
+            step();
+        }
+        one(WITHIN);
+    }
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 3 strokes are within tolerance");
+    many(OUTSIDE, 3);
+    expect_change(TL_LOCK_LOST, "50 % of the last 6 strokes are out of tolerance (limit 50 %)");
+    TEST_ASSERT_EQUAL_UINT64(6, total());
+}
+
+/* It is told at its end, from what there was. */
+static void test_a_run_shorter_than_a_window(void) {
+    many(OUTSIDE, PART + 3);
+    tl_lock_tally found = tally();
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, found.state);
+    TEST_ASSERT_EQUAL_UINT64(PART + 3, found.steps[TL_LOCK_LOST]);
+    many(OUTSIDE, WINDOW - PART - 3); /* to look changes nothing */
+    TEST_ASSERT_EQUAL_INT(1, changes);
+    TEST_ASSERT_EQUAL_UINT64(WINDOW, tally().steps[TL_LOCK_LOST]);
+}
+
+static void test_a_twin_that_begins_anew(void) {
+    lock();
+    for (int i = 0; i < WINDOW; i++) {
+        one(i % 2 == 0 ? FAR_AWAY : -FAR_AWAY);
+    }
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, told.to);
+    changes = 0;
+    TEST_ASSERT_TRUE(judge.astray);
+    record.flags = TL_FLAG_RESET;
+    one(WITHIN);
+    record.flags = 0;
+    TEST_ASSERT_FALSE(judge.astray);
+    many(WITHIN, WINDOW - 1);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    TEST_ASSERT_EQUAL_UINT64(3 * WINDOW, total());
+}
+
+/* Another tolerance counts from the next step on; another bound within what the FMU declares. */
+static void another_tuning_counts_from_the_next_step_on(void) {
+    tl_tuning tuning;
+    adjust[0].lower = -1;
+    adjust[0].upper = 2;
+    account.adjust[0].least = -0.5;
+    account.adjust[0].most = 10;
+    tl_lock_monitor_init(&judge, &config, &account);
+    lock();
+    tl_config_tuning(&config, &tuning);
+    tuning.match[0].tolerance = match[0].tolerance * WITHIN / OUTSIDE; /* what was within is outside now */
+    tuning.adjust[0].lower = -5;
+    tuning.adjust[0].upper = 5;
+    tl_config_retune(&config, &tuning);
+    tl_lock_monitor_retune(&judge, &tuning);
+    TEST_ASSERT_EQUAL_DOUBLE(-0.5, judge.adjust[0].lower);
+    TEST_ASSERT_EQUAL_DOUBLE(5, judge.adjust[0].upper);
+    many(WITHIN, WINDOW / 2);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    tuning.match[0].tolerance = 2;
+    tl_config_retune(&config, &tuning);
+    tl_lock_monitor_retune(&judge, &tuning);
+    many(WITHIN, WINDOW / 4);
+    expect_no_change();
+    many(WITHIN, WINDOW / 2 + PART / 2);
+    expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
+}
+
+/* Whatever the tolerance, weight and further outputs of the configuration: the yardstick is what counts. */
+static void test_another_tolerances(void) {
+    const tl_lock_tolerances tolerances = {.match[0] = {match[0].tolerance, match[0].weight}};
+    match[0].tolerance = 1e300;
+    match[0].weight = 1e-300;
+    match[1] = (tl_plan_match){.variable = "motor.i", .to = "plant.i", .tolerance = 1e300, .weight = 1e300};
+    config.match_count = 2;
+    tl_lock_monitor_init(&judge, &config, &account);
+    many(2.0, WINDOW);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 100 steps are within tolerance");
+    judge.tolerances = &tolerances;
+    many(2.0, WINDOW / 2);
+    expect_change(TL_LOCK_LOST, "50 % of the last 100 steps are out of tolerance (limit 50 %)");
+    many(0.5, WINDOW + PART);
+    expect_change(TL_LOCK_LOCKED, "80 % of the last 100 steps are within tolerance");
+}
+
+/* A stroke is within tolerance if its J would be below 1 by the yardstick. */
+static void test_strokes_by_another_tolerances(void) {
+    const tl_lock_tolerances tolerances = {.match[0] = {match[0].tolerance, match[0].weight}};
+    match[0].tolerance = 10 * match[0].tolerance;
+    config.event.start.signal = "plant.valve";
+    tl_lock_monitor_init(&judge, &config, &account);
+    judge.tolerances = &tolerances;
+    many(0.09, 3);
+    expect_change(TL_LOCK_LOCKED, "100 % of the last 3 strokes are within tolerance");
+    many(0.2, 3);
+    expect_change(TL_LOCK_LOST, "50 % of the last 6 strokes are out of tolerance (limit 50 %)");
+    match[0].weight = 0.0; /* the search does not look at it */
+    many(0.0, 20);
+    TEST_ASSERT_EQUAL_INT(TL_LOCK_LOST, tally().state);
+}
+
+/* Ten parts of 0.1 s or two steps; or three strokes, however long they are. */
+static void test_the_window(void) {
+    tl_lock_window window = tl_lock_monitor_window(&config);
+    TEST_ASSERT_EQUAL_INT64(TL_SECOND, window.time);
+    TEST_ASSERT_EQUAL_UINT32(0, window.strokes);
+    config.step = 3 * TL_SECOND;
+    TEST_ASSERT_EQUAL_INT64(60 * TL_SECOND, tl_lock_monitor_window(&config).time);
+    config.event = (tl_plan_event){.start.signal = "plant.torque", .longest = 7 * TL_SECOND};
+    window = tl_lock_monitor_window(&config);
+    TEST_ASSERT_EQUAL_INT64(21 * TL_SECOND, window.time);
+    TEST_ASSERT_EQUAL_UINT32(3, window.strokes);
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(another_tuning_counts_from_the_next_step_on);
+    RUN_TEST(test_locked_when_a_window_is_full);
+    RUN_TEST(test_what_was_told_stays);
+    RUN_TEST(test_lost_and_found);
+    RUN_TEST(test_noise_is_no_loss);
+    RUN_TEST(test_no_chatter);
+    RUN_TEST(test_a_twin_that_swings_is_lost);
+    RUN_TEST(test_a_limit_cycle);
+    RUN_TEST(test_what_is_no_limit_cycle);
+    RUN_TEST(test_a_plant_that_jumps);
+    RUN_TEST(test_a_twin_that_came_back_by_itself);
+    RUN_TEST(test_what_swings_unmeasured);
+    RUN_TEST(test_a_twin_that_is_elsewhere);
+    RUN_TEST(test_numbers_that_are_none);
+    RUN_TEST(test_a_runaway);
+    RUN_TEST(test_an_objective_that_is_not_finite);
+    RUN_TEST(test_an_output_that_is_no_number_any_more);
+    RUN_TEST(test_at_a_bound_for_a_minute);
+    RUN_TEST(test_what_the_search_says_does_not_count);
+    RUN_TEST(test_several_outputs);
+    RUN_TEST(test_what_is_followed_does_not_count);
+    RUN_TEST(test_no_signal_to_hold_on_to);
+    RUN_TEST(test_a_signal_that_is_only_compared_holds_nothing);
+    RUN_TEST(test_a_step_between_two_measurements);
+    RUN_TEST(test_nothing_is_adjusted);
+    RUN_TEST(test_a_signal_of_the_plant_is_bad);
+    RUN_TEST(test_an_fmu_that_does_not_come_back);
+    RUN_TEST(test_more_correction_than_usual);
+    RUN_TEST(test_what_is_usual_has_to_be_learned);
+    RUN_TEST(test_at_a_bound);
+    RUN_TEST(test_a_slow_twin);
+    RUN_TEST(test_strokes);
+    RUN_TEST(test_another_tolerances);
+    RUN_TEST(test_strokes_by_another_tolerances);
+    RUN_TEST(test_a_run_shorter_than_a_window);
+    RUN_TEST(test_a_twin_that_begins_anew);
+    RUN_TEST(test_the_window);
+    return UNITY_END();
+}

@@ -1,0 +1,406 @@
+/* The reader of an outbox believes nothing: whatever does not fit ends it with a word of what it was. */
+#include <stddef.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <unity.h>
+
+#include "firmware/store/record_queue.h"
+#include "tests/support/made_run.h"
+
+enum { RING = 64 * 1024, CHECKPOINT = 100, DIGEST = 8 /* behind each entry */ };
+
+static const tl_record_queue_settings settings = {.shape = {.plant = TL_MADE_PLANT,
+                                                            .match = TL_MADE_MATCH,
+                                                            .adjust = TL_MADE_ADJUST,
+                                                            .components = TL_MADE_COMPONENTS},
+                                                  .ring_bytes = RING,
+                                                  .checkpoint_bytes = CHECKPOINT};
+static unsigned char *memory;
+static tl_record_queue_taken taken;
+static tl_record_queue queue;
+static tl_record_queue_reader reader;
+static tl_record_queue_start start;
+static tl_recorder_entry entry;
+
+void setUp(void) {
+    void *made = NULL;
+    size_t size = tl_record_queue_bytes(&settings);
+    TEST_ASSERT_EQUAL_INT(0, posix_memalign(&made, TL_RECORD_QUEUE_LINE, size));
+    memset(made, 0, size);
+    memory = made;
+    taken = (tl_record_queue_taken){0};
+    memset(&start, 0, sizeof start);
+    tl_record_queue_open(&settings, memory, &taken, &queue);
+    tl_record_queue_reader_open(&settings, memory, &reader);
+}
+
+void tearDown(void) {
+    free(memory);
+}
+
+/* The ring is over, for good, and says why. */
+static void expect_fault(const char *why) {
+    uint64_t position = 0;
+    unsigned char bytes[CHECKPOINT];
+    size_t size = 0;
+    int64_t tick = 0;
+    uint64_t number = 0;
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+    TEST_ASSERT_EQUAL_UINT64(3, tl_record_queue_reader_end(&reader, 3));
+    TEST_ASSERT_FALSE(tl_record_queue_reader_entry(&reader, &position, 1, &entry));
+    TEST_ASSERT_EQUAL_UINT64(0, position);
+    TEST_ASSERT_FALSE(tl_record_queue_reader_checkpoint(&reader, 0, UINT64_MAX, bytes, &size, &tick, &number));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+}
+
+/* The first entry. */
+static bool take(void) {
+    uint64_t position = 0;
+    uint64_t end = tl_record_queue_reader_end(&reader, 0);
+    return position != end && tl_record_queue_reader_entry(&reader, &position, end, &entry);
+}
+
+static void put_sample(void) {
+    tl_sample sample;
+    tl_made_sample(3, &sample);
+    TEST_ASSERT_TRUE(tl_record_queue_put_sample(&queue, &sample));
+}
+
+static void put_step(void) {
+    tl_record record;
+    tl_recorder_component ledger[TL_MADE_COMPONENTS];
+    tl_made_record(3, &record);
+    tl_made_ledger(3, ledger);
+    TEST_ASSERT_TRUE(tl_record_queue_put_step(&queue, &record, ledger));
+}
+
+static void more_than_a_ring_holds(void) {
+    queue.control->head = RING + 1;
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
+    expect_fault("counts 65537 bytes in a ring of 65536");
+}
+
+static void less_than_was_taken(void) {
+    queue.control->head = 5;
+    TEST_ASSERT_EQUAL_UINT64(6, tl_record_queue_reader_end(&reader, 6));
+    expect_fault("counts 18446744073709551615 bytes");
+}
+
+/* For who knows that its step never comes; and who was wrong goes on with that. */
+static void a_sample_that_waits(void) {
+    tl_record_queue_reader another;
+    put_sample();
+    TEST_ASSERT_FALSE(take());
+    tl_record_queue_reader_leave(&reader);
+    TEST_ASSERT_TRUE(take());
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_SAMPLE, entry.kind);
+    TEST_ASSERT_EQUAL_INT64(3, entry.sample.tick);
+    uint64_t position = tl_record_queue_reader_end(&reader, 0);
+    tl_record_queue_reader_open(&settings, memory, &another);
+    TEST_ASSERT_EQUAL_UINT64(position, tl_record_queue_reader_end(&another, position));
+    put_step();
+    uint64_t end = tl_record_queue_reader_end(&another, position);
+    TEST_ASSERT_TRUE(tl_record_queue_reader_entry(&another, &position, end, &entry));
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_STEP, entry.kind);
+    TEST_ASSERT_EQUAL_UINT64(end, position);
+}
+
+/* Whoever lies about it gets no further than its ring. */
+static void more_waits_than_a_ring_holds(void) {
+    queue.control->put = RING + 1;
+    tl_record_queue_reader_leave(&reader);
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
+    queue.control->head = 10;
+    queue.control->put = RING + 1;
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_end(&reader, 0));
+    expect_fault("counts 65537 bytes in a ring of 65536");
+}
+
+static void a_kind_that_there_is_not(void) {
+    for (unsigned kind = 0; kind < 256; kind++) {
+        tearDown();
+        setUp();
+        put_sample();
+        put_step();
+        unsigned char right = queue.ring[0];
+        queue.ring[0] = (unsigned char)kind;
+        TEST_ASSERT_EQUAL_INT(kind == right, take());
+        if (kind + 1 < right || kind > right + 3U) {
+            expect_fault("holds an entry of a kind that there is not");
+        } else if (kind != right) {
+            TEST_ASSERT_NOT_EQUAL_INT('\0', reader.fault[0]); /* of another one, which does not fit */
+        }
+    }
+}
+
+static void an_entry_that_is_cut(void) {
+    put_sample();
+    put_step();
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&queue, "end"));
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
+    uint64_t begin = 0;
+    for (int i = 0; i < 4; i++) {
+        uint64_t behind = begin;
+        TEST_ASSERT_TRUE(
+            tl_record_queue_reader_entry(&reader, &behind, tl_record_queue_reader_end(&reader, 0), &entry));
+        for (uint64_t end = begin + 1; end < behind; end++) {
+            tl_record_queue_reader another;
+            uint64_t position = begin;
+            tl_record_queue_reader_open(&settings, memory, &another);
+            TEST_ASSERT_FALSE(tl_record_queue_reader_entry(&another, &position, end, &entry));
+            TEST_ASSERT_EQUAL_STRING("holds an entry that ends behind the last one", another.fault);
+            TEST_ASSERT_EQUAL_UINT64(begin, position);
+        }
+        begin = behind;
+    }
+}
+
+/* Puts a value there, and takes. */
+static void spoil(size_t offset, unsigned char value) {
+    queue.ring[offset] = value;
+    TEST_ASSERT_FALSE(take());
+}
+
+static void qualities_that_there_are_not(void) {
+    size_t quality = tl_recorder_entry_size(&settings.shape, TL_ENTRY_SAMPLE) - DIGEST - 1;
+    put_sample();
+    put_step();
+    TEST_ASSERT_TRUE(take());
+    spoil(quality, TL_OUTLIER + 1);
+    expect_fault("an enumeration with a value that it does not have");
+}
+
+/* A store into an entry, wherever it hits: no other value is read. Enumerations say what is wrong. */
+static void a_byte_that_was_written_over(void) {
+    put_sample();
+    put_step();
+    size_t size = (size_t)queue.written;
+    int enumerations = 0;
+    for (size_t i = 0; i < size; i++) {
+        unsigned char right = queue.ring[i];
+        uint64_t position = 0;
+        queue.ring[i] = right == 0xFF ? 0 : 0xFF;
+        tl_record_queue_reader_open(&settings, memory, &reader);
+        while (position != size && tl_record_queue_reader_entry(&reader, &position, size, &entry)) {
+        }
+        TEST_ASSERT_TRUE(position != size && reader.is_ring_broken);
+        enumerations += strstr(reader.fault, "an enumeration") != NULL ? 1 : 0;
+        queue.ring[i] = right;
+    }
+    /* qualities; outcome, stop and delay state, 4 bytes each; flags beyond the 8 that there are */
+    TEST_ASSERT_EQUAL_INT(TL_MADE_PLANT + TL_MADE_MATCH + 3 * 4 + 3, enumerations);
+}
+
+/* The writer goes on behind what the reader skips, also if the end was written over. */
+static void what_is_skipped(void) {
+    put_sample();
+    put_step();
+    TEST_ASSERT_EQUAL_UINT64(0, tl_record_queue_reader_skip(&reader, 0)); /* it is sound */
+    queue.ring[20] ^= 1;
+    queue.control->head += 30;
+    uint64_t end = queue.control->head;
+    TEST_ASSERT_EQUAL_UINT64(end, tl_record_queue_reader_skip(&reader, 0));
+    taken.ring = end;
+    tl_record_queue_reader_open(&settings, memory, &reader);
+    put_sample();
+    put_step();
+    uint64_t position = end;
+    end = tl_record_queue_reader_end(&reader, position);
+    TEST_ASSERT_TRUE(tl_record_queue_reader_entry(&reader, &position, end, &entry));
+    TEST_ASSERT_EQUAL_INT(TL_ENTRY_SAMPLE, entry.kind);
+    TEST_ASSERT_TRUE(tl_record_queue_reader_entry(&reader, &position, end, &entry));
+    TEST_ASSERT_EQUAL_UINT64(end, position);
+    queue.control->head += RING + 1; /* nobody knows where to go on, until the writer says it */
+    TEST_ASSERT_EQUAL_UINT64(position, tl_record_queue_reader_skip(&reader, position));
+    TEST_ASSERT_TRUE(reader.is_ring_broken);
+}
+
+static void a_beginning_that_cannot_be(void) {
+    tl_resumption beginning = {.from = (tl_resumed_from)(TL_RESUMED_INPUTS + 1)};
+    start.holds = true;
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
+    spoil(1, 2); /* neither holds nor not */
+    expect_fault("an enumeration");
+    tl_record_queue_reader_open(&settings, memory, &reader);
+    queue.ring[1] = 1;
+    memcpy(queue.ring + 2, &beginning, sizeof beginning);
+    TEST_ASSERT_FALSE(take());
+    expect_fault("an enumeration");
+}
+
+static void an_account_that_is_none(void) {
+    start.account.components = TL_ACCOUNT_COMPONENTS + 1;
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
+    TEST_ASSERT_FALSE(take());
+    expect_fault("holds an account that is none");
+}
+
+static void fmus_that_are_none(void) {
+    start.holds = false;
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
+    TEST_ASSERT_TRUE(take());
+    spoil(tl_recorder_entry_size_of_start(false) - DIGEST - sizeof(tl_run_tuning) - TL_SHA256_TEXT, 'a');
+    expect_fault("holds a digest of FMUs that is none");
+}
+
+static void configurations_that_are_none(void) {
+    size_t hash = offsetof(tl_run_tuning, hash);
+    start.holds = false;
+    TEST_ASSERT_TRUE(tl_record_queue_put_start(&queue, &start));
+    TEST_ASSERT_TRUE(take());
+    spoil(tl_recorder_entry_size_of_start(false) - DIGEST - sizeof(tl_run_tuning) + hash, 'a');
+    expect_fault("holds a digest of a configuration that is none");
+    tearDown();
+    setUp();
+    tl_run_tuning tuning = {.tick = 5};
+    TEST_ASSERT_TRUE(tl_record_queue_put_tuning(&queue, &tuning));
+    TEST_ASSERT_TRUE(take());
+    TEST_ASSERT_EQUAL_INT64(5, entry.tuning.tick);
+    spoil(1 + hash, 'g');
+    expect_fault("holds a digest of a configuration that is none");
+}
+
+static void a_reason_without_an_end(void) {
+    TEST_ASSERT_TRUE(tl_record_queue_put_end(&queue, "x\x1b[2J \xc2\x9b y\x7f \xc3\xa4"));
+    TEST_ASSERT_TRUE(take());
+    TEST_ASSERT_EQUAL_STRING("x?[2J ?? y? \xc3\xa4", entry.reason);
+    memset(queue.ring + 1, 'x', TL_RECORDER_REASON);
+    TEST_ASSERT_FALSE(take());
+    expect_fault("a text without an end");
+}
+
+/* ---- events ---- */
+
+static tl_recorder_event_entry *put_event(void) {
+    tl_record_queue_event(&queue, 7, TL_EVENT_INFO, "so\turce", "text");
+    return &queue.control->slots[0].entry;
+}
+
+static void expect_bad_event(const char *why) {
+    tl_recorder_event_entry event;
+    bool skip = false;
+    put_sample();
+    put_step();
+    TEST_ASSERT_FALSE(tl_record_queue_reader_event(&reader, 0, &event, &skip));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(reader.fault, why), reader.fault);
+    TEST_ASSERT_FALSE(tl_record_queue_reader_event(&reader, 0, &event, &skip));
+    TEST_ASSERT_TRUE(take()); /* the ring is another part */
+}
+
+static void an_event_of_no_severity(void) {
+    put_event()->severity = (tl_severity)3;
+    expect_bad_event("an event of a severity that there is not");
+}
+
+static void events_without_an_end(void) {
+    memset(put_event()->text, 'x', TL_EVENT_TEXT);
+    expect_bad_event("an event with a text without an end");
+    tl_record_queue_reader_open(&settings, memory, &reader);
+    queue.control->slots[0].entry.text[5] = '\0';
+    memset(queue.control->slots[0].entry.source, 'x', TL_EVENT_SOURCE);
+    expect_bad_event("an event with a text without an end");
+}
+
+static void a_queue_that_does_not_wait(void) {
+    (void)put_event();
+    queue.control->slots[0].state += (uint64_t)2 * TL_RECORDER_EVENTS;
+    expect_bad_event("has overwritten events that were not taken");
+}
+
+static void control_characters_of_events(void) {
+    tl_recorder_event_entry event;
+    bool skip = true;
+    (void)put_event();
+    TEST_ASSERT_TRUE(tl_record_queue_reader_event(&reader, 0, &event, &skip));
+    TEST_ASSERT_FALSE(skip);
+    TEST_ASSERT_EQUAL_STRING("so?urce", event.source);
+}
+
+/* ---- checkpoints ---- */
+
+/* A place that says of itself what it likes, with a digest that fits. */
+static void make_place(uint64_t number, const tl_record_queue_mark *mark) {
+    tl_record_queue_checkpoint *place = &queue.control->places[number % TL_RECORD_QUEUE_PLACES];
+    memcpy(place->mark, mark, sizeof *mark);
+    const unsigned char *bytes =
+        (const unsigned char *)queue.control + tl_record_queue_checkpoint_at(&queue.settings, 0);
+    place->digest = mark->size > CHECKPOINT ? 0 : tl_record_queue_digest(number, mark, bytes);
+    place->number = number;
+}
+
+static bool take_checkpoint(uint64_t resume, uint64_t position) {
+    unsigned char bytes[CHECKPOINT];
+    size_t size = 0;
+    int64_t tick = 0;
+    uint64_t number = 0;
+    bool there = tl_record_queue_reader_checkpoint(&reader, resume, position, bytes, &size, &tick, &number);
+    TEST_ASSERT_TRUE(!there || (size > 0 && size <= CHECKPOINT && number > resume));
+    TEST_ASSERT_EQUAL_STRING("", reader.fault);
+    return there;
+}
+
+static void checkpoints_that_cannot_be_are_none(void) {
+    tl_record_queue_mark mark;
+    memset(&mark, 0, sizeof mark);
+    mark.size = CHECKPOINT;
+    mark.behind = 50;
+    make_place(2, &mark);
+    TEST_ASSERT_TRUE(take_checkpoint(1, 50));
+    TEST_ASSERT_FALSE(take_checkpoint(2, 50));
+    TEST_ASSERT_FALSE(take_checkpoint(1, 49));
+    make_place(UINT64_MAX - 1, &mark);
+    TEST_ASSERT_FALSE(take_checkpoint(1, 50));
+    mark.size = CHECKPOINT + 1;
+    make_place(2, &mark);
+    TEST_ASSERT_FALSE(take_checkpoint(1, 50));
+    mark.size = UINT64_MAX;
+    make_place(2, &mark);
+    TEST_ASSERT_FALSE(take_checkpoint(1, 50));
+    mark.size = 0;
+    make_place(2, &mark);
+    TEST_ASSERT_FALSE(take_checkpoint(1, 50));
+    mark.size = 10;
+    mark.beginning.from = (tl_resumed_from)4;
+    make_place(2, &mark);
+    TEST_ASSERT_FALSE(take_checkpoint(1, 50));
+}
+
+/* The newest one was hit: the other is taken. */
+static void the_other_one_is_taken_instead(void) {
+    tl_record_queue_mark mark;
+    memset(&mark, 0, sizeof mark);
+    mark.size = 10;
+    make_place(2, &mark);
+    make_place(3, &mark);
+    queue.control->places[1].digest++;
+    TEST_ASSERT_TRUE(take_checkpoint(1, 0));
+    TEST_ASSERT_FALSE(take_checkpoint(2, 0));
+    queue.control->places[0].mark[1] ^= 1;
+    TEST_ASSERT_FALSE(take_checkpoint(1, 0));
+}
+
+int main(void) {
+    UNITY_BEGIN();
+    RUN_TEST(more_than_a_ring_holds);
+    RUN_TEST(less_than_was_taken);
+    RUN_TEST(a_sample_that_waits);
+    RUN_TEST(more_waits_than_a_ring_holds);
+    RUN_TEST(a_kind_that_there_is_not);
+    RUN_TEST(an_entry_that_is_cut);
+    RUN_TEST(qualities_that_there_are_not);
+    RUN_TEST(a_byte_that_was_written_over);
+    RUN_TEST(what_is_skipped);
+    RUN_TEST(a_beginning_that_cannot_be);
+    RUN_TEST(an_account_that_is_none);
+    RUN_TEST(fmus_that_are_none);
+    RUN_TEST(configurations_that_are_none);
+    RUN_TEST(a_reason_without_an_end);
+    RUN_TEST(an_event_of_no_severity);
+    RUN_TEST(events_without_an_end);
+    RUN_TEST(a_queue_that_does_not_wait);
+    RUN_TEST(control_characters_of_events);
+    RUN_TEST(checkpoints_that_cannot_be_are_none);
+    RUN_TEST(the_other_one_is_taken_instead);
+    return UNITY_END();
+}
