@@ -1,8 +1,9 @@
-/* The SocketCAN driver: when the link is up, what a frame means, and what is told.
+/* SocketCAN driver: link state, decoding of frames, and reports.
  *
- * The socket stays good while its interface is set down and up again, so it is kept; only where the interface is gone is
- * it opened anew. Nothing tells that an interface has come up, so its state is asked for, with back-off, until it has.
- * The kernel says so itself when it goes down (ENETDOWN), is removed (ENODEV), or has left the bus (an error frame).
+ * The socket stays usable if its interface is set down and up again, so it is kept; it is opened
+ * again only if the interface was removed. The kernel does not report that an interface has come
+ * up, so its state is polled with back-off. The kernel reports that it goes down (ENETDOWN), is
+ * removed (ENODEV), or has left the bus (an error frame).
  */
 #include "board/can/can.h"
 
@@ -22,34 +23,34 @@
 
 enum { WAIT_MS = 50, FRAMES = 512, TEXT = 384 };
 
-/* What goes on all the time, and is told at most once a second. */
+/* Problems that may persist; reported at most once per second. */
 typedef struct tally {
     uint64_t dropped;    /* by the kernel */
     uint64_t overflows;  /* of the controller */
-    uint64_t bus_errors; /* frames that tell of one */
+    uint64_t bus_errors; /* error frames */
     const char *bus_error;
     tl_time due;
 } tally;
 
 struct tl_plant_io {
-    char name[16 + TL_CAN_INTERFACE]; /* for people */
+    char name[16 + TL_CAN_INTERFACE]; /* for messages */
     tl_can_link link;
     tl_can_map map;
     tl_link state;
     tl_can_health health;
-    bool wants_fd;      /* a signal that no classic frame can hold */
-    bool bus_off;       /* said an error frame, and nothing since that it is over */
-    tl_backoff backoff; /* of looks for the interface */
+    bool wants_fd;      /* a signal needs a CAN FD frame */
+    bool bus_off;       /* an error frame reported bus-off, and none has ended it yet */
+    tl_backoff backoff; /* of searches for the interface */
     tally tally;
 };
 
-/* ---- telling ---- */
+/* ---- reports ---- */
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
     tl_link_report(&io->state, sink, io->name, text);
 }
 
-/* The link is down, and the next look waits. */
+/* Sets the link down; the next search waits. */
 static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
     tl_backoff_fail(&io->backoff, tl_monotonic_now());
     (void)tl_link_set(&io->state, sink, false, io->name, cause);
@@ -75,14 +76,14 @@ static void tell_tally(tl_plant_io *io, const tl_plant_io_sink *sink) {
                                  "%" PRIu64 " errors on the bus (%s): check bit rate, termination and wiring. ",
                                  now->bus_errors, now->bus_error);
     }
-    text[used - 2] = '\0'; /* without the last stop */
+    text[used - 2] = '\0'; /* without the last separator */
     say(io, sink, text);
     *now = (tally){.due = tl_monotonic_now() + TL_SECOND};
 }
 
 /* ---- the interface ---- */
 
-/* Is it up and on the bus? Says so, or why not. */
+/* True if the interface is up and on the bus; otherwise reports the reason. */
 static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char text[TEXT];
     tl_can_state state;
@@ -95,7 +96,7 @@ static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
                        io->link.interface);
         give_up(io, sink, text);
     } else if (!state.running) {
-        io->bus_off = false; /* from now on its carrier tells */
+        io->bus_off = false; /* from now on the carrier shows it */
         give_up(io, sink, "it is not on the bus (bus-off, or no carrier): check bit rate, termination and wiring");
     } else if (io->bus_off) {
         give_up(io, sink, tl_can_health_text(TL_CAN_BUS_OFF));
@@ -108,7 +109,7 @@ static void look_at_interface(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* Opens the socket where there is none, and finds out how things are. */
+/* Opens the socket if there is none, and reads the state. */
 static void look(tl_plant_io *io, const tl_plant_io_sink *sink) {
     char cause[TEXT];
     if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
@@ -135,7 +136,7 @@ static void post(const tl_plant_io_sink *sink, const tl_can_slot *slot, const tl
     sink->post(sink->context, slot->index, &reading);
 }
 
-/* Says once that frames of an id are too short, and once that they no longer are. */
+/* Reports once that frames of an id are too short, and once that they are long enough again. */
 static void note_length(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_id *id, const tl_can_frame *frame,
                         size_t needed) {
     char text[TEXT];
@@ -157,7 +158,7 @@ static void take_data(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_ca
     }
     io->bus_off = false;
     if (!tl_link_is_up(&io->state)) {
-        tl_backoff_reset(&io->backoff); /* where frames come there is nothing to wait for */
+        tl_backoff_reset(&io->backoff); /* the interface works if frames come */
         look(io, sink);
     }
     for (size_t i = id->first; i < id->first + id->slots; i++) {
@@ -181,7 +182,7 @@ static void take_health(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_he
     } else if (tl_link_is_up(&io->state)) {
         say(io, sink, tl_can_health_text(health));
     } else {
-        tl_backoff_reset(&io->backoff); /* it may be back */
+        tl_backoff_reset(&io->backoff); /* it may have recovered */
         look(io, sink);
     }
 }
@@ -195,7 +196,7 @@ static void take_error(tl_plant_io *io, const tl_plant_io_sink *sink, const tl_c
     take_health(io, sink, fault->health);
 }
 
-/* One arrival. false: that was the last one for now. */
+/* Handles one arrival. Returns false if it was the last one for now. */
 static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival arrival, const tl_can_frame *frame) {
     io->tally.dropped += frame->lost;
     switch (arrival) {
@@ -207,7 +208,7 @@ static bool take(tl_plant_io *io, const tl_plant_io_sink *sink, tl_can_arrival a
         return io->link.socket >= 0;
     case TL_CAN_OTHER:
         return true;
-    case TL_CAN_DOWN: /* and its state with it */
+    case TL_CAN_DOWN: /* its state follows */
         io->bus_off = false;
         io->health = TL_CAN_ACTIVE;
         tl_backoff_reset(&io->backoff);

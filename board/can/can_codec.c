@@ -1,4 +1,4 @@
-/* Signals in CAN frames: bits, scales, and the map from frames to signals: see can_codec.h. */
+/* Signals in CAN frames: see can_codec.h. */
 #include "board/can/can_codec.h"
 
 #include <math.h>
@@ -7,11 +7,12 @@
 
 #include "board/io/bits.h"
 
-/* ---- CAN signals to values and back:
+/* ---- CAN signals to values and back.
  *
- * A field is walked in pieces, each as much of it as one byte holds: at most nine of them. */
+ * A field is processed in pieces, one per byte: at most nine.
+ */
 
-/* One piece of a field: `count` bits of a byte, from its bit `low` on. */
+/* One piece of a field: `count` bits of a byte from bit `low` on. */
 typedef struct piece {
     size_t byte;
     unsigned low;
@@ -27,7 +28,8 @@ bool tl_can_is_length(unsigned bytes) {
     return found;
 }
 
-/* How many bits are before the most significant one of a Motorola field, counted as they are sent. */
+/* Number of bits before the most significant one of a Motorola field, in the order of transmission.
+ */
 static unsigned sent_before(const tl_can_field *field) {
     return (unsigned)field->start / 8 * 8 + (7 - (unsigned)field->start % 8);
 }
@@ -46,7 +48,7 @@ size_t tl_can_channel_bytes(const tl_can_channel *channel) {
     return bytes;
 }
 
-/* The piece that begins `done` bits behind the field's start, in the order in which its bits follow. */
+/* The piece that starts `done` bits after the field's start, in the order of its bits. */
 static piece piece_at(const tl_can_field *field, unsigned done) {
     unsigned left = field->length - done;
     unsigned at = (field->order == TL_CAN_INTEL ? field->start : sent_before(field)) + done;
@@ -60,7 +62,7 @@ static uint64_t mask_of(unsigned count) {
     return count < 64 ? ((uint64_t)1 << count) - 1 : UINT64_MAX;
 }
 
-/* How far the bits of a piece are from the least significant end of the value. */
+/* Distance of a piece from the least significant end of the value. */
 static unsigned shift_of(const tl_can_field *field, unsigned done, const piece *one) {
     return field->order == TL_CAN_INTEL ? done : field->length - done - one->count;
 }
@@ -130,7 +132,8 @@ bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *v
     return true;
 }
 
-/* The nearest integer of so many bits. The limits of 64 bits are no doubles: what reaches them saturates. */
+/* Nearest integer of so many bits. The limits of 64 bits are no doubles: values that reach them
+ * saturate. */
 static uint64_t unsigned_bits(double raw, unsigned length) {
     double nearest = round(raw);
     if (!(nearest > 0)) {
@@ -174,7 +177,7 @@ void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data) {
     }
 }
 
-/* ---- Groups CAN channels by id: sorted, then one entry for each run of equal ids. */
+/* ---- Groups CAN channels by id: sorted, then one entry per run of equal ids. */
 
 /* Standard ids before extended ones, each by number. */
 static int compare_ids(uint32_t left, bool left_extended, uint32_t right, bool right_extended) {
@@ -189,7 +192,7 @@ static int compare_slots(const void *a, const void *b) {
     const tl_can_slot *right = b;
     int order = compare_ids(left->channel.id, left->channel.extended, right->channel.id, right->channel.extended);
     if (order == 0) {
-        order = left->index < right->index ? -1 : 1; /* qsort may not keep the order of equals */
+        order = left->index < right->index ? -1 : 1; /* qsort may change the order of equal elements */
     }
     return order;
 }

@@ -20,8 +20,8 @@
  */
 
 enum {
-    TL_CAN_BYTES = 64,     /* of the longest frame (CAN FD); 8 of a classic one */
-    TL_CAN_CONDITIONS = 4, /* multiplexors above each other */
+    TL_CAN_BYTES = 64,     /* of the longest frame (CAN FD); a classic frame has 8 */
+    TL_CAN_CONDITIONS = 4, /* nested multiplexors */
     TL_CAN_CONDITION_VALUES = 16,
     TL_CAN_MULTIPLEXOR_BITS = 32
 };
@@ -30,25 +30,25 @@ typedef enum tl_can_order { TL_CAN_INTEL, TL_CAN_MOTOROLA } tl_can_order;
 
 typedef enum tl_can_type { TL_CAN_UNSIGNED, TL_CAN_SIGNED, TL_CAN_FLOAT32, TL_CAN_FLOAT64 } tl_can_type;
 
-/* Where some bits stand. */
+/* Position of a bit field. */
 typedef struct tl_can_field {
     uint16_t start;  /* 0..511 */
     uint16_t length; /* bits, 1..64 */
     tl_can_order order;
 } tl_can_field;
 
-/* A multiplexor, and the raw values (unsigned) at which the signal is in the frame. */
+/* A multiplexor, and its raw values (unsigned) with which the signal is in the frame. */
 typedef struct tl_can_condition {
     tl_can_field field; /* of at most TL_CAN_MULTIPLEXOR_BITS */
     uint32_t values[TL_CAN_CONDITION_VALUES];
     size_t value_count; /* 1 or more */
 } tl_can_condition;
 
-/* Where one signal stands on the bus, and what its bits mean. */
+/* Position and meaning of one signal on the bus. */
 typedef struct tl_can_channel {
     uint32_t id; /* 11 or 29 bits */
     bool extended;
-    bool fd;       /* what the emulated plant sends; the driver takes either */
+    bool fd;       /* format that the emulated plant sends; the driver accepts both */
     uint8_t bytes; /* of the whole frame */
     tl_can_field field;
     tl_can_type type; /* a float's field has 32 or 64 bits */
@@ -58,33 +58,36 @@ typedef struct tl_can_channel {
     size_t condition_count;
 } tl_can_channel;
 
-/* Is that a length which a frame can have: 0 to 8, with CAN FD also 12, 16, 20, 24, 32, 48, 64? */
+/* True for a possible frame length: 0 to 8; with CAN FD also 12, 16, 20, 24, 32, 48, 64. */
 bool tl_can_is_length(unsigned bytes);
 
-/* Bytes that a frame needs so that all bits of a field are in it; more than TL_CAN_BYTES where none is long enough. */
+/* Smallest frame length with all bits of a field; more than TL_CAN_BYTES if none is long enough. */
 size_t tl_can_field_bytes(const tl_can_field *field);
 
-/* The same for a channel, its multiplexors included. */
+/* The same for a channel with its multiplexors. */
 size_t tl_can_channel_bytes(const tl_can_channel *channel);
 
-/* The bits of a field, most significant first; put leaves the other bits of `data` alone. */
+/* Reads and writes the bits of a field, most significant first; put does not change other bits of
+ * `data`. */
 uint64_t tl_can_take(const tl_can_field *field, const uint8_t *data);
 void tl_can_put(const tl_can_field *field, uint64_t bits, uint8_t *data);
 
-/* Do all multiplexors say that the signal is in this frame? */
+/* True if the values of all multiplexors select this signal. */
 bool tl_can_is_present(const tl_can_channel *channel, const uint8_t *data);
 
-/* The signal's value; `data` has at least tl_can_channel_bytes(). false, and 0, where it is not finite. */
+/* Reads the signal's value; `data` has at least tl_can_channel_bytes(). Returns false, and 0, if it
+ * is not finite. */
 bool tl_can_decode(const tl_can_channel *channel, const uint8_t *data, double *value);
 
-/* Writes the value's bits, and those of its multiplexors (the first value of each). Rounds to the nearest integer; what
- * is out of range saturates; NaN as an integer is 0. */
+/* Writes the bits of a value and of its multiplexors (the first value of each). Rounds to the
+ * nearest integer; values out of range saturate; NaN as an integer is 0. */
 void tl_can_encode(const tl_can_channel *channel, double value, uint8_t *data);
 
-/* ---- Which CAN ids carry which channels. Private to the CAN driver.
+/* ---- Map from CAN ids to channels. Private to the CAN driver.
  *
- * Purpose: from the id of a frame to the channels in it; the list of ids for the kernel's filters.
- * Bound:   make O(n log n), find O(log n); no allocation but in make. Never more ids than channels.
+ * Purpose: finds the channels of a frame by its id, and lists the ids for the kernel's filters.
+ * Bound:   make O(n log n), find O(log n); only make allocates. There are never more ids than
+ *          channels.
  */
 
 /* One id, and its slots. */
@@ -93,16 +96,16 @@ typedef struct tl_can_id {
     bool extended;
     size_t first; /* of its slots */
     size_t slots;
-    bool too_short; /* the last frame had not all of its bytes; for the driver */
+    bool too_short; /* the last frame was too short; used by the driver */
 } tl_can_id;
 
 typedef struct tl_can_slot {
     tl_can_channel channel;
     size_t index; /* of the channel in the list */
-    size_t bytes; /* that a frame must have */
+    size_t bytes; /* shortest frame */
 } tl_can_slot;
 
-/* Placed by the owner. */
+/* Placed by the owner; fields are private. */
 typedef struct tl_can_map {
     tl_can_slot *slots; /* sorted by id */
     size_t slot_count;
@@ -110,10 +113,12 @@ typedef struct tl_can_map {
     size_t id_count;
 } tl_can_map;
 
-/* Whatever was in it. The channels are copied; they must be valid. false if memory is out: then it is empty. */
+/* Overwrites the map. Copies the channels, which must be valid. Returns false if memory is out;
+ * then the map is empty. */
 bool tl_can_map_make(tl_can_map *map, const tl_can_channel *channels, size_t count);
 
-/* NULL where no channel has that id. A standard and an extended id of the same number are two. */
+/* NULL if no channel has that id. A standard and an extended id of the same number are different.
+ */
 tl_can_id *tl_can_map_find(const tl_can_map *map, uint32_t id, bool extended);
 
 void tl_can_map_release(tl_can_map *map);

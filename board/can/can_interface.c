@@ -1,4 +1,4 @@
-/* Questions about a CAN interface: see can_interface.h. */
+/* CAN interface: see can_interface.h. */
 #include "board/can/can_interface.h"
 
 #include <errno.h>

@@ -1,7 +1,7 @@
-/* A CAN interface as Linux knows it: for the driver, and for the emulated plant on the other side of the bus.
+/* CAN interface of Linux: for the driver, and for the emulated plant on the other side of the bus.
  *
- * Purpose: a raw CAN socket, how it is bound to an interface, and what the interface is like now.
- * Listens: nothing here sends; a check holds the object to the symbols that it needs (tests/check/symbols.py).
+ * Purpose: creates and binds a raw CAN socket, and reads the state of the interface.
+ * Listens: nothing here sends; tests/check/symbols.py checks the symbols of the object.
  * Owner:   the caller closes the socket. Thread: any. Errors: errno.
  * Source:  Linux kernel documentation, networking/can.
  */
@@ -10,26 +10,26 @@
 
 #include <stdbool.h>
 
-/* What is known of an interface. */
+/* State of an interface. */
 typedef struct tl_can_state {
     bool up;      /* set up by the administrator */
     bool running; /* on the bus: false after bus-off */
     bool fd;      /* takes frames of CAN FD */
 } tl_can_state;
 
-/* A raw CAN socket that does not block; −1, and errno. */
+/* Creates a raw, non-blocking CAN socket; −1 with errno on failure. */
 int tl_can_interface_open(void);
 
-/* The number by which the kernel knows an interface; 0, and errno: ENODEV if there is none of that name. */
+/* Index of an interface in the kernel; 0 with errno on failure: ENODEV if it does not exist. */
 int tl_can_interface_index(int socket, const char *name);
 
-/* false, and errno: ENODEV if that is no CAN interface. */
+/* Returns false with errno on failure: ENODEV if it is no CAN interface. */
 bool tl_can_interface_bind(int socket, int index);
 
-/* false if there is no such interface (any more). */
+/* Reads the state. Returns false if the interface does not exist (any more). */
 bool tl_can_interface_probe(int socket, const char *name, tl_can_state *state);
 
-/* Why tl_can_interface_open() failed, in words; for other reasons strerror(). */
+/* Describes why tl_can_interface_open() failed; for other reasons as strerror(). */
 const char *tl_can_interface_failure(int reason);
 
 #endif

@@ -1,4 +1,4 @@
-/* The socket of a CAN interface: its frames, their clock, and what is wrong with the bus: see can_link.h. */
+/* Socket of a CAN interface: see can_link.h. */
 #include "board/can/can_link.h"
 
 #include <errno.h>
@@ -45,11 +45,11 @@ tl_time tl_can_clock_stamp(tl_can_clock *clock, tl_time received, tl_time monoto
 
 /* ---- can fault ---- */
 
-/* Not those that only a sender has: lost arbitration, missing acknowledgement, time-out. */
+/* Without those that only a sender has: lost arbitration, missing acknowledgement, time-out. */
 const uint32_t tl_can_fault_classes =
     CAN_ERR_CRTL | CAN_ERR_PROT | CAN_ERR_TRX | CAN_ERR_BUSOFF | CAN_ERR_BUSERROR | CAN_ERR_RESTARTED;
 
-enum { CONTROLLER = 1, VIOLATION = 2, PLACE = 3, TRANSCEIVER = 4 }; /* bytes of the data */
+enum { CONTROLLER = 1, VIOLATION = 2, PLACE = 3, TRANSCEIVER = 4 }; /* indices of data bytes */
 
 static tl_can_health health_of(uint32_t classes, uint8_t controller) {
     if ((classes & CAN_ERR_BUSOFF) != 0) {
@@ -124,13 +124,15 @@ const char *tl_can_health_text(tl_can_health health) {
     return "";
 }
 
-/* ---- A raw CAN socket that only listens:
+/* ---- Raw CAN socket that only listens.
  *
- * What is set before bind() holds from the first frame on. Loopback and own messages are off, although nothing is sent. */
+ * Options set before bind() apply from the first frame on. Loopback and own messages are off,
+ * although nothing is sent.
+ */
 
-enum { QUEUE = 1024 * 1024 }; /* bytes; the kernel gives at most net.core.rmem_max */
+enum { QUEUE = 1024 * 1024 }; /* bytes; the kernel allows at most net.core.rmem_max */
 
-/* What comes beside a frame. */
+/* Control data of a frame. */
 typedef union ancillary {
     struct cmsghdr align;
     char bytes[CMSG_SPACE(sizeof(struct timespec)) + CMSG_SPACE(sizeof(uint32_t))];
@@ -160,7 +162,7 @@ static bool set(int socket, int level, int option, int value) {
     return setsockopt(socket, level, option, &value, sizeof value) == 0;
 }
 
-/* Whole ids: no remote requests, and a standard id is no extended one. */
+/* Whole ids: no remote requests, and no extended id for a standard one. */
 static bool set_filters(int socket, const tl_can_map *map) {
     struct can_filter filters[CAN_RAW_FILTER_MAX];
     if (map->id_count > CAN_RAW_FILTER_MAX) {
@@ -179,7 +181,7 @@ static bool set_filters(int socket, const tl_can_map *map) {
 static bool set_options(int socket, const tl_can_map *map) {
     can_err_mask_t errors = tl_can_fault_classes;
     (void)set(socket, SOL_SOCKET, SO_RCVBUF, QUEUE);
-    (void)set(socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1); /* a kernel without CAN FD has none to give */
+    (void)set(socket, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, 1); /* without effect in a kernel without CAN FD */
     return set_filters(socket, map) &&
            setsockopt(socket, SOL_CAN_RAW, CAN_RAW_ERR_FILTER, &errors, sizeof errors) == 0 &&
            set(socket, SOL_CAN_RAW, CAN_RAW_LOOPBACK, 0) && set(socket, SOL_CAN_RAW, CAN_RAW_RECV_OWN_MSGS, 0) &&
@@ -254,7 +256,8 @@ void tl_can_link_interrupt(const tl_can_link *link) {
     tl_wake_call(&link->wake);
 }
 
-/* The wall clock's stamp of a message, 0 where it has none; takes the kernel's count of lost frames with it. */
+/* Wall clock stamp of a message, 0 if it has none; also reads the kernel's count of dropped frames.
+ */
 static tl_time read_ancillary(tl_can_link *link, struct msghdr *message, tl_can_frame *frame) {
     struct timespec stamp = {.tv_sec = 0};
     uint32_t overflow = link->overflow;
@@ -304,7 +307,7 @@ tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame) {
     ssize_t size = recvmsg(link->socket, &message, MSG_DONTWAIT);
     int reason = errno;
     if (size < 0) {
-        if (reason == EAGAIN) { /* empty when the clocks were looked at last, or it has become so since */
+        if (reason == EAGAIN) { /* the queue was empty at the last reading of the clocks, or has become empty since */
             tl_can_clock_empty(&link->clock, link->monotonic, link->wall);
             look_at_clocks(link);
         }

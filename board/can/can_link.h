@@ -1,4 +1,4 @@
-/* The socket of a CAN interface: its frames, their clock, and what is wrong with the bus.
+/* Socket of a CAN interface: frames, their time stamps, and errors of the bus.
  *
  * Thread:  the one that reads the source.
  */
@@ -14,108 +14,113 @@
 #include "board/io/wake.h"
 #include "master/base/simtime.h"
 
-/* ---- The kernel's receive stamps, which tell the wall clock, as CLOCK_MONOTONIC. Private to the CAN driver.
+/* ---- Converts the kernel's receive stamps from the wall clock to CLOCK_MONOTONIC. Private to the
+ * CAN driver.
  *
- * Purpose: a frame's age is what the wall clock says, as long as that makes sense. The wall clock may be set between
- *          the reception of a frame and its reading; but it was received after the queue had last been empty (or after
- *          the frame before it), and before now. So a stamp that leaves this interval is converted as the clock stood
- *          before, and where that leaves it too, is moved to the nearer end.
- * Bound:   with a clock that is set, a stamp is wrong by no more than that interval; it never goes back.
- * Thread:  one; no clock is asked here.
+ * Purpose: the wall clock may be set between the reception of a frame and its reading. But the
+ *          frame was received after the queue was last empty (or after the frame before it) and
+ *          before now. A stamp outside of this interval is converted with the earlier offset of the
+ *          clocks; if it is still outside, it is moved to the nearer end.
+ * Bound:   after a change of the clock, a stamp is wrong by at most that interval. Stamps never
+ *          decrease.
+ * Thread:  one; reads no clock itself.
  */
 
-/* Zeroed is a beginning. */
+/* Starts as zeros. */
 typedef struct tl_can_clock {
-    tl_time floor; /* CLOCK_MONOTONIC: nothing that comes was received before */
-    tl_time ahead; /* wall clock − CLOCK_MONOTONIC, when the queue was last empty */
-    bool known;    /* `ahead` is */
+    tl_time floor; /* CLOCK_MONOTONIC: later frames are received after this time */
+    tl_time ahead; /* wall clock − CLOCK_MONOTONIC when the queue was last empty */
+    bool known;    /* `ahead` is valid */
 } tl_can_clock;
 
-/* The queue is empty: now, by both clocks. */
+/* The queue is empty at this time, by both clocks. */
 void tl_can_clock_empty(tl_can_clock *clock, tl_time monotonic, tl_time wall);
 
-/* The stamp of a frame that the kernel received at `received` (wall clock; 0: it does not say), read now. */
+/* The stamp of a frame received at `received` (wall clock; 0: unknown) and read now. */
 tl_time tl_can_clock_stamp(tl_can_clock *clock, tl_time received, tl_time monotonic, tl_time wall);
 
-/* ---- What an error frame of a CAN controller means. Private to the CAN driver.
+/* ---- Decoding of a CAN controller's error frames. Private to the CAN driver.
  *
- * Purpose: from the bits of the kernel's error frames to the few things that a listener can tell.
+ * Purpose: reduces the bits of the kernel's error frames to what a listener can report.
  * Source:  linux/can/error.h; ISO 11898-1, fault confinement.
  */
 
-/* The controller's state. */
+/* State of the controller. */
 typedef enum tl_can_health { TL_CAN_SAME, TL_CAN_ACTIVE, TL_CAN_WARNING, TL_CAN_PASSIVE, TL_CAN_BUS_OFF } tl_can_health;
 
 typedef struct tl_can_fault {
-    tl_can_health health;  /* TL_CAN_SAME: this frame does not tell */
+    tl_can_health health;  /* TL_CAN_SAME: not in this frame */
     bool overflow;         /* the controller had no room for a frame */
-    const char *bus_error; /* what is wrong on the bus, in words; NULL: nothing */
+    const char *bus_error; /* description of the error on the bus; NULL: none */
 } tl_can_fault;
 
-/* The classes of errors that are asked for: a value of CAN_RAW_ERR_FILTER. */
+/* Error classes to request: a value of CAN_RAW_ERR_FILTER. */
 extern const uint32_t tl_can_fault_classes;
 
-/* `classes`: the id of the error frame, with or without its flags. */
+/* `classes`: id of the error frame, with or without flags. */
 tl_can_fault tl_can_fault_of(uint32_t classes, const uint8_t data[8]);
 
-/* What a state means and what to do about it; TL_CAN_SAME has no text. */
+/* Describes a state and the remedy; TL_CAN_SAME has no text. */
 const char *tl_can_health_text(tl_can_health health);
 
-/* ---- The socket below the CAN driver, and the one place that knows the kernel's interface. Private to the driver.
+/* ---- CAN socket: the only part that uses the kernel's interface. Private to the driver.
  *
- * Purpose: opens a raw CAN socket that gets only the wanted ids and error frames, waits for frames, takes them.
- * Listens: a raw CAN socket cannot be shut down for sending. So there is nothing here that sends, and a check holds the
- *          object file to the symbols that it needs (tests/check/symbols.py).
- * Owner:   one thread makes, opens, receives, closes, releases; tl_can_link_interrupt() is for any other.
+ * Purpose: opens a raw CAN socket that receives only the wanted ids and error frames, waits for
+ *          frames, and reads them.
+ * Listens: a raw CAN socket cannot be shut down for sending. So this part uses no symbol that
+ *          sends, and tests/check/symbols.py checks the object file.
+ * Owner:   one thread makes, opens, receives, closes, releases; any thread may call
+ *          tl_can_link_interrupt().
  */
 
 typedef struct tl_can_link {
     char interface[16];
     int socket;        /* −1: not open */
-    tl_wake wake;      /* of a thread that awaits */
-    uint32_t overflow; /* the kernel's count of frames without room, as last seen */
+    tl_wake wake;      /* of the waiting thread */
+    uint32_t overflow; /* the kernel's last count of dropped frames */
     tl_can_clock clock;
-    tl_time monotonic, wall; /* when the queue was looked at last */
+    tl_time monotonic, wall; /* when the queue was last read */
 } tl_can_link;
 
 typedef struct tl_can_frame {
     uint32_t id;
     bool extended;
     uint8_t length;
-    uint8_t data[TL_CAN_BYTES]; /* 0 behind the length */
+    uint8_t data[TL_CAN_BYTES]; /* 0 beyond the length */
     tl_time stamp;              /* CLOCK_MONOTONIC */
     tl_can_fault fault;         /* of an error frame */
-    uint32_t lost;              /* frames that the kernel had no room for since the one before */
+    uint32_t lost;              /* frames dropped by the kernel since the frame before */
 } tl_can_frame;
 
 typedef enum tl_can_arrival {
     TL_CAN_NOTHING, /* the queue is empty */
     TL_CAN_DATA,
     TL_CAN_ERROR,
-    TL_CAN_OTHER, /* a frame that is neither */
-    TL_CAN_DOWN,  /* the interface was set down; the socket stays good */
-    TL_CAN_LOST   /* it was removed, or the socket failed: errno says why; close it */
+    TL_CAN_OTHER, /* another kind of frame */
+    TL_CAN_DOWN,  /* the interface was set down; the socket stays usable */
+    TL_CAN_LOST   /* the interface was removed or the socket failed, see errno: close it */
 } tl_can_arrival;
 
-/* false where a resource is missing; errno says which. Opens nothing. */
+/* Returns false with errno if a resource is missing. Opens nothing. */
 bool tl_can_link_make(tl_can_link *link, const char *interface);
 
-/* Opens the socket for these ids. Else false, and `cause` says why and what to do. */
+/* Opens the socket for these ids. Otherwise returns false, and `cause` has the reason and the
+ * remedy. */
 bool tl_can_link_open(tl_can_link *link, const tl_can_map *map, char *cause, size_t cause_size);
 
-/* Of an open link; false where there is no such interface any more. */
+/* State of an open link; false if the interface does not exist any more. */
 bool tl_can_link_state(const tl_can_link *link, tl_can_state *state);
 
-/* Waits at most `timeout_ms` for a frame; without a socket, for an interruption only. false: interrupted, which is
- * noticed with this. */
+/* Waits at most `timeout_ms` for a frame; without a socket only for an interruption. Returns false
+ * if interrupted, and clears the interruption. */
 bool tl_can_link_await(const tl_can_link *link, int timeout_ms);
 
-/* The next frame that has come, without waiting. */
+/* Reads the next frame without waiting. */
 tl_can_arrival tl_can_link_receive(tl_can_link *link, tl_can_frame *frame);
 
 void tl_can_link_close(tl_can_link *link);
 
-/* Any thread: ends the waiting of the thread that awaits, or else its next one. */
+/* From any thread: ends the present or the next wait. */
 void tl_can_link_interrupt(const tl_can_link *link);
 
 void tl_can_link_release(tl_can_link *link);

@@ -1,4 +1,4 @@
-/* Reads a CSV recording row by row, from a file that is complete. */
+/* CSV recording reader: reads a complete file row by row. */
 #include "board/csv/csv.h"
 
 #include <errno.h>
@@ -12,7 +12,7 @@
 struct tl_csv_reader {
     int file;
     bool at_end;  /* of the bytes */
-    bool any;     /* row so far */
+    bool any;     /* there was a row */
     tl_time time; /* of the row before */
     tl_csv_table table;
     tl_csv_lines lines;

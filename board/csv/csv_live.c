@@ -1,4 +1,4 @@
-/* CSV rows from a FIFO, while they are written: see csv_live.h. */
+/* CSV rows from a FIFO or a growing file: see csv_live.h. */
 #include "board/csv/csv_live.h"
 
 #include <errno.h>
@@ -16,7 +16,7 @@
 #include "board/io/monotonic.h"
 #include "board/io/wake.h"
 
-/* ---- Maps the time of rows to our clock. */
+/* ---- Maps row times to our clock. */
 
 static void open_window(tl_csv_anchor *anchor, tl_time arrival) {
     anchor->quickest = INT64_MAX;
@@ -43,12 +43,12 @@ tl_time tl_csv_anchor_stamp(tl_csv_anchor *anchor, tl_time time, tl_time arrival
     return anchor->base + time;
 }
 
-/* ---- The live CSV driver: a file played in its own time, or a FIFO that somebody writes to. */
+/* ---- Live CSV driver: a file played in its own time, or a FIFO. */
 
 enum {
     WAIT_MS = 50,
-    READS = 16,      /* per poll at most, however fast the writer is */
-    TEXT = 512 + 96, /* an error and its circumstances */
+    READS = 16,      /* most per poll, however fast the writer is */
+    TEXT = 512 + 96, /* an error and its context */
 };
 
 struct tl_plant_io {
@@ -59,17 +59,17 @@ struct tl_plant_io {
     bool is_file;
     bool at_end;    /* of a regular file */
     bool row_waits; /* `row` of a regular file is not due yet */
-    bool went_back; /* the row before was not later than the one before it */
+    bool went_back; /* the time of the row before did not increase */
     tl_csv_anchor anchor;
-    tl_time time; /* of the row before, where the anchor is set */
+    tl_time time; /* of the row before, if the anchor is set */
     tl_link state;
-    tl_time report_due; /* no complaint about a row earlier */
-    uint64_t skipped;   /* rows since the last complaint */
+    tl_time report_due; /* earliest time of the next report about a row */
+    uint64_t skipped;   /* rows since the last report */
     tl_csv_lines lines;
     char copy[TL_CSV_LINE + 1];
 };
 
-/* ---- what is said and posted ---- */
+/* ---- reports and posts ---- */
 
 static void set_link(tl_plant_io *io, const tl_plant_io_sink *sink, bool up, const char *text) {
     (void)tl_link_set(&io->state, sink, up, io->table.path, text);
@@ -91,7 +91,7 @@ static void post_row(const tl_plant_io *io, const tl_plant_io_sink *sink, tl_tim
     }
 }
 
-/* A row of a FIFO that is no row: said once per second at most. */
+/* Reports a malformed row of a FIFO, at most once per second. */
 static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
     io->skipped++;
     if (tl_monotonic_now() >= io->report_due) {
@@ -106,7 +106,7 @@ static void complain(tl_plant_io *io, const tl_plant_io_sink *sink, const char *
 
 /* ---- reading ---- */
 
-/* Opens what is there now; the old one is closed after that, so that a writer never finds nobody there. */
+/* Opens the present file, then closes the old one, so that a writer always finds a reader. */
 static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     bool is_device = tl_csv_is_device(io->table.path);
     int file = is_device ? -1 : open(io->table.path, O_RDONLY | O_NONBLOCK | O_CLOEXEC);
@@ -129,7 +129,7 @@ static bool open_path(tl_plant_io *io, const tl_plant_io_sink *sink) {
     return true;
 }
 
-/* Reads what is there. 0: the end; −1: nothing now. */
+/* Reads available bytes. 0: the end; −1: none now. */
 static ssize_t read_some(tl_plant_io *io) {
     size_t room = 0;
     char *bytes = tl_csv_lines_room(&io->lines, &room);
@@ -142,7 +142,7 @@ static ssize_t read_some(tl_plant_io *io) {
 
 /* ---- a regular file ---- */
 
-/* The next row into io->row; io->at_end where there is none. */
+/* Reads the next row into io->row; sets io->at_end if there is none. */
 static tl_status next_row(tl_plant_io *io, tl_error *error) {
     char *line = NULL;
     for (;;) {
@@ -218,7 +218,8 @@ static tl_status play_file(tl_plant_io *io, const tl_plant_io_sink *sink, bool *
 
 /* ---- a FIFO ---- */
 
-/* A row with its place in time: false where it goes back once; twice in a row is a new beginning. */
+/* Checks the time of a row: returns false if it goes back once; two such rows in a row count as a
+ * restart. */
 static bool in_time(tl_plant_io *io, tl_time at) {
     bool back = io->anchor.set && io->row.time <= io->time;
     if (back && !io->went_back) {
@@ -249,7 +250,7 @@ static void take_line(tl_plant_io *io, const tl_plant_io_sink *sink, char *line)
             complain(io, sink, why_no_row.text);
         }
     } else if (tl_csv_table_header(&io->table, line, io->lines.number, &why_no_header) == TL_OK) {
-        io->anchor.set = false; /* the writer begins again */
+        io->anchor.set = false; /* the writer has restarted */
     } else {
         complain(io, sink, had_header ? why_no_row.text : why_no_header.text);
     }
@@ -272,7 +273,7 @@ static void take_lines(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* The writer is gone, or there was none yet. */
+/* Handles a missing writer. */
 static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     bool had_one = tl_link_is_up(&io->state);
     tl_csv_lines_drop(&io->lines);
@@ -281,7 +282,7 @@ static void lose_writer(tl_plant_io *io, const tl_plant_io_sink *sink) {
     set_link(io, sink, false, had_one ? "its writer has closed it" : "nobody writes to it");
 }
 
-/* Waits until there is something to read, or somebody interrupts. false: nothing to read. */
+/* Waits for bytes or an interruption. Returns false if there is nothing to read. */
 static bool await(const tl_plant_io *io) {
     struct pollfd both[2] = {{.fd = io->file, .events = POLLIN}, {.fd = io->wake.descriptor, .events = POLLIN}};
     return poll(both, 2, WAIT_MS) > 0 && !tl_wake_answer(&io->wake) && (both[0].revents & POLLIN) != 0;
@@ -289,7 +290,7 @@ static bool await(const tl_plant_io *io) {
 
 typedef enum drained { DRAINED_NOTHING, DRAINED_SOME, DRAINED_END } drained;
 
-/* Reads all there is now. */
+/* Reads all available bytes. */
 static drained drain(tl_plant_io *io, const tl_plant_io_sink *sink) {
     drained result = DRAINED_NOTHING;
     for (int i = 0; i < READS; i++) {
@@ -311,12 +312,12 @@ static void read_stream(tl_plant_io *io, const tl_plant_io_sink *sink) {
     if (result == DRAINED_END) {
         lose_writer(io, sink);
         post_no_link(io, sink);
-        if (!open_path(io, sink)) { /* clears the hang-up, and finds a FIFO that was made anew */
+        if (!open_path(io, sink)) { /* clears the hang-up, and finds a FIFO that was created again */
             return;
         }
     }
     if (result != DRAINED_SOME && await(io)) {
-        (void)drain(io, sink); /* where this is the end already, the next poll finds it again */
+        (void)drain(io, sink); /* if the end follows, the next poll finds it again */
     }
 }
 

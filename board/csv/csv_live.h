@@ -11,7 +11,7 @@
 
 #define TL_CSV_DRIFT_WINDOW (60 * TL_SECOND)
 
-/* Zeroed is not set. */
+/* Starts as zeros: not set. */
 typedef struct tl_csv_anchor {
     bool set;
     tl_time base;     /* stamp of row time 0 */
@@ -19,10 +19,10 @@ typedef struct tl_csv_anchor {
     tl_time window;   /* its end */
 } tl_csv_anchor;
 
-/* A row of that time came at `arrival`: from now on it is stamped so. */
+/* Anchors rows to a row that arrived at `arrival`. */
 void tl_csv_anchor_set(tl_csv_anchor *anchor, tl_time time, tl_time arrival);
 
-/* The stamp of a row; the anchor must be set. */
+/* Stamp of a row; the anchor must be set. */
 tl_time tl_csv_anchor_stamp(tl_csv_anchor *anchor, tl_time time, tl_time arrival);
 
 #endif

@@ -1,4 +1,4 @@
-/* A CSV text as a table of numbers, row by row: see csv_table.h. */
+/* CSV text as a table of numbers: see csv_table.h. */
 #include "board/csv/csv_table.h"
 
 #include <math.h>
@@ -7,11 +7,13 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* ---- Cuts a stream into lines and lines into cells.
+/* ---- Splits a stream into lines and lines into cells.
  *
- * Cells are cut in place: each cell's end becomes a zero byte, quotes are taken off by moving the text to the left. */
+ * Cells are split in place: each cell's end becomes a zero byte, and quotes are removed by moving
+ * the text to the left.
+ */
 
-/* |seconds| of a row: so that tl_time can hold how far two rows are apart. */
+/* Largest |seconds| of a row, so that tl_time can hold the distance of two rows. */
 #define LAST_SECOND 4.6e9
 
 /* ---- lines ---- */
@@ -40,7 +42,8 @@ static bool is_blank(const char *text) {
     return text[strspn(text, " \t")] == '\0';
 }
 
-/* Makes a text of the bytes from `begin` on. A zero byte would end it early and hide what follows. */
+/* Makes a text of the bytes from `begin` on. Zero bytes are replaced, because they would hide the
+ * rest. */
 static char *terminated(tl_csv_lines *lines, size_t length) {
     char *line = lines->bytes + lines->begin;
     for (size_t i = 0; i < length; i++) {
@@ -55,7 +58,7 @@ static char *terminated(tl_csv_lines *lines, size_t length) {
     return line;
 }
 
-/* The bytes up to the next line end, without it; *whole where there is one. */
+/* The bytes up to the next line end, without it; *whole if there is one. */
 static size_t measure(const tl_csv_lines *lines, bool *whole) {
     const char *begin = lines->bytes + lines->begin;
     const char *newline = memchr(begin, '\n', lines->end - lines->begin);
@@ -99,7 +102,8 @@ static char *skip_spaces(char *text) {
     return text + strspn(text, " \t");
 }
 
-/* Takes the quotes off a cell that begins with one. Returns what comes after it, or NULL where no quote ends it. */
+/* Removes the quotes of a cell. Returns the rest of the line, or NULL if the closing quote is
+ * missing. */
 static char *unquote(char *cell) {
     char *to = cell;
     for (char *from = cell + 1; *from != '\0'; from++) {
@@ -115,7 +119,8 @@ static char *unquote(char *cell) {
     return NULL;
 }
 
-/* Cuts the next cell off *rest, which is NULL after the last one. NULL where it is malformed. */
+/* Takes the next cell off *rest, which is NULL after the last one. Returns NULL if the cell is
+ * malformed. */
 static const char *cut_cell(char **rest) {
     char *cell = skip_spaces(*rest);
     char *end;
@@ -137,7 +142,8 @@ static const char *cut_cell(char **rest) {
     return cell;
 }
 
-/* A finite decimal number, and nothing else. The thread has a locale with a decimal point (firmware/base/os.h). */
+/* Parses a finite decimal number. The thread has a locale with a decimal point
+ * (firmware/base/os.h). */
 static bool number_of(const char *text, double *number) {
     char *end = NULL;
     *number = 0;
@@ -194,7 +200,8 @@ void tl_csv_table_release(tl_csv_table *table) {
     memset(table, 0, sizeof *table);
 }
 
-/* Cuts a line into at most `room` cells; 0 where it is malformed, else how many there are (perhaps more). */
+/* Splits a line into at most `room` cells. Returns their number (perhaps more than `room`), or 0 if
+ * the line is malformed. */
 static size_t cut_line(char *line, const char **cells, size_t room) {
     size_t count = 0;
     for (char *rest = line; rest != NULL; count++) {
@@ -209,7 +216,7 @@ static size_t cut_line(char *line, const char **cells, size_t room) {
     return count;
 }
 
-/* Names the columns that are there, as far as there is room. */
+/* Lists the existing columns as far as there is room. */
 static tl_status missing(const tl_csv_table *table, const char *column, int64_t number, const char *const *cells,
                          size_t count, tl_error *error) {
     char there[280] = "";

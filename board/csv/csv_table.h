@@ -1,6 +1,6 @@
-/* A CSV text as a table of numbers, row by row.
+/* CSV text as a table of numbers, row by row.
  *
- * Thread:  one for each table.
+ * Thread:  one per table.
  */
 #ifndef TL_BOARD_CSV_CSV_TABLE_H
 #define TL_BOARD_CSV_CSV_TABLE_H
@@ -13,11 +13,11 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- What is read of a CSV stream: which columns, and one row of them.
+/* ---- Columns and one row of a CSV stream.
  *
- * Purpose: what the reader, the driver and the table below both speak of.
- * Units:   times in ns, as the time column counts them; values as in the cells.
- * Owner:   a row is placed by its owner; texts of the settings belong to the caller.
+ * Purpose: shared by the reader, the driver and the table below.
+ * Units:   times in ns, from the time column; values as in the cells.
+ * Owner:   the caller places rows and owns the texts of the settings.
  */
 
 typedef struct tl_csv_settings {
@@ -27,7 +27,7 @@ typedef struct tl_csv_settings {
     size_t column_count;
 } tl_csv_settings;
 
-/* One row. A cell that is empty leaves present false; one that is no finite number has quality
+/* One row. An empty cell leaves `present` false; a cell that is no finite number has quality
  * TL_NOT_A_NUMBER and value 0. */
 typedef struct tl_csv_row {
     tl_time time; /* as in the time column */
@@ -38,39 +38,40 @@ typedef struct tl_csv_row {
 
 /* ---- Lines and cells of a CSV stream. Private to the CSV reader and driver.
  *
- * Purpose: tl_csv_lines cuts lines out of bytes as they come; tl_csv_table finds the columns by a header line and
- *          makes a row of each further one.
- * Owner:   the structures are placed by their owner. No allocation after the header.
+ * Purpose: tl_csv_lines splits incoming bytes into lines; tl_csv_table finds the columns from the
+ *          header line and converts each further line to a row.
+ * Owner:   the caller places the structures. No allocation after the header.
  */
 
 /* ---- lines ---- */
 
-enum { TL_CSV_LINE = 64 * 1024 }; /* bytes of the longest line, its end included */
+enum { TL_CSV_LINE = 64 * 1024 }; /* longest line in bytes, with its end */
 
 typedef enum tl_csv_found { TL_CSV_NOTHING, TL_CSV_A_LINE, TL_CSV_TOO_LONG } tl_csv_found;
 
-/* Zeroed is empty. */
+/* Starts as zeros: empty. */
 typedef struct tl_csv_lines {
-    size_t begin, end; /* of the bytes that were not taken yet */
+    size_t begin, end; /* of the bytes not taken yet */
     int64_t number;    /* of the line taken last, from 1 */
-    bool skipping;     /* the rest of a line that is too long */
+    bool skipping;     /* skipping the rest of a line that is too long */
     char bytes[TL_CSV_LINE + 1];
 } tl_csv_lines;
 
-/* Where the next bytes go, and how many may come: never 0 after take() has returned TL_CSV_NOTHING. */
+/* Buffer for the next bytes, and its size: never 0 after take() has returned TL_CSV_NOTHING. */
 char *tl_csv_lines_room(tl_csv_lines *lines, size_t *room);
 void tl_csv_lines_added(tl_csv_lines *lines, size_t count);
 
-/* The next whole line, without its end, valid until the next call; blank ones are passed over. `last`: nothing
- * more will come, so what is left is a line too. A line that is too long is told once. */
+/* The next whole line without its end, valid until the next call; blank lines are skipped. `last`:
+ * no more bytes will come, so the rest is a line too. A line that is too long is reported once. */
 tl_csv_found tl_csv_lines_take(tl_csv_lines *lines, bool last, char **line);
 
-/* Forgets what was not taken, not the line number. */
+/* Drops the remaining bytes; keeps the line number. */
 void tl_csv_lines_drop(tl_csv_lines *lines);
 
 /* ---- files ---- */
 
-/* A device is never read: to open one is to act, as on a watchdog. Look before opening. */
+/* True if the path is a device, which must not be read: opening one may act, for example on a
+ * watchdog. Call before opening. */
 bool tl_csv_is_device(const char *path);
 
 /* ---- cells ---- */
@@ -80,22 +81,22 @@ typedef struct tl_csv_table {
     char *time_column;
     char **columns;
     size_t column_count;
-    size_t cell_count; /* of each row; 0: there was no header yet */
+    size_t cell_count; /* of each row; 0: no header yet */
     size_t time_cell;
     size_t cell_of[TL_MAX_SIGNALS];
     const char **cells; /* of one row */
 } tl_csv_table;
 
-/* Copies the settings. Nothing needs to be released after an error. */
+/* Copies the settings. After an error nothing needs to be released. */
 tl_status tl_csv_table_make(tl_csv_table *table, const tl_csv_settings *settings, tl_error *error);
 
-/* Finds the columns; changes the text of `line`. After an error the table is as it was. */
+/* Finds the columns; modifies `line`. After an error the table is unchanged. */
 tl_status tl_csv_table_header(tl_csv_table *table, char *line, int64_t number, tl_error *error);
 
-/* Changes the text of `line`. *row means nothing after an error. */
+/* Modifies `line`. After an error *row is undefined. */
 tl_status tl_csv_table_row(tl_csv_table *table, char *line, int64_t number, tl_csv_row *row, tl_error *error);
 
-/* The error of a line that was TL_CSV_TOO_LONG. */
+/* Error of a line that was TL_CSV_TOO_LONG. */
 tl_status tl_csv_table_too_long(const tl_csv_table *table, int64_t number, tl_error *error);
 
 void tl_csv_table_release(tl_csv_table *table);

@@ -1,8 +1,8 @@
-/* The GPIO driver: looks for its lines, waits for their edges, and reads their levels.
+/* GPIO driver: searches its lines, waits for edges, and reads levels.
  *
- * A chip that was removed makes waiting for its lines return at once, for ever. So whatever ends a wait without an edge to
- * take costs a part of the line's budget in this poll, as an edge does; and the level, which is read in each poll, says that
- * the chip is gone.
+ * If a chip was removed, waiting for its lines returns at once, for ever. So each end of a wait
+ * without an edge costs a part of the line's budget in this poll, as an edge does. The level, which
+ * is read in each poll, shows that the chip is gone.
  */
 #include "board/gpio/gpio.h"
 
@@ -23,24 +23,24 @@
 #include "board/io/wake.h"
 
 #define MILLISECOND (TL_SECOND / 1000)
-#define DOUBT (2 * MILLISECOND) /* an edge that is on its way is here by then */
+#define DOUBT (2 * MILLISECOND) /* a queued edge has arrived by then */
 #define MISSED_AGAIN (10 * TL_SECOND)
 
 enum { TEXT = 384, NAME = 96, BATCH = 16 };
 
 typedef struct input_line {
     tl_gpio_channel channel;
-    size_t first; /* index of the first channel that is the same line; of any other one nothing else is used */
+    size_t first; /* first channel of the same line; other channels use none of the fields below */
     char *name;   /* copy of channel.line */
     tl_gpio_line *line;
     tl_gpio_input input;
-    size_t budget;      /* edges and looks for edges that are left in this poll */
-    bool flooded;       /* there were more than it takes: what is between the last edge and now is not known */
-    char trouble[TEXT]; /* as it was told; empty: none */
-    tl_backoff backoff; /* of attempts to open it */
-    tl_time recheck;    /* when a level that was not expected is looked at again, where the input is in doubt */
-    uint64_t told;      /* of input.missed */
-    tl_time tell_due;   /* not earlier again */
+    size_t budget;      /* edges and reads of edges left in this poll */
+    bool flooded;       /* there were too many edges: the time since the last one is not known */
+    char trouble[TEXT]; /* last reported problem; empty: none */
+    tl_backoff backoff; /* of tries to open it */
+    tl_time recheck;    /* time of the second read of an unexpected level, if the input is in doubt */
+    uint64_t told;      /* reported part of input.missed */
+    tl_time tell_due;   /* earliest next report */
 } input_line;
 
 struct tl_plant_io {
@@ -50,12 +50,12 @@ struct tl_plant_io {
     tl_wake wake;
     tl_link state;
     size_t count;
-    struct pollfd *waits; /* wake, then those of lines that can be waited for */
-    size_t *waited;       /* which line each is of */
+    struct pollfd *waits; /* wake-up call, then the lines that have a descriptor */
+    size_t *waited;       /* the line of each */
     input_line lines[];
 };
 
-/* ---- what is said and posted ---- */
+/* ---- reports and posts ---- */
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input_line *own, const char *text) {
     char who[NAME];
@@ -67,7 +67,7 @@ static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const input
     tl_link_report(&io->state, sink, who, text);
 }
 
-/* A line is open, or not; the link is up while any is. Each trouble is told once. */
+/* Sets a line open or not; the link is up while any is open. Each problem is reported once. */
 static void note_state(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, const char *trouble,
                        const char *text) {
     bool any = false;
@@ -107,7 +107,7 @@ static void post_no_link(const tl_plant_io *io, const tl_plant_io_sink *sink, co
     post(io, sink, own, &none);
 }
 
-/* ---- a line comes and goes ---- */
+/* ---- finding and losing a line ---- */
 
 static void lose(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, int failure) {
     char text[TEXT];
@@ -128,12 +128,12 @@ static void describe_refusal(const tl_gpio_place *place, int failure, char *text
     }
 }
 
-/* Finds and requests it. true, or `trouble` says why not. */
+/* Finds and requests the line. Returns true, or false with the reason in `trouble`. */
 static bool request(const tl_plant_io *io, input_line *own, tl_gpio_place *place, char *trouble, size_t size) {
     if (!tl_gpio_find(io->chip, &own->channel, place, trouble, size)) {
         return false;
     }
-    if (place->state.output && !place->state.used) { /* to make it an input would be to act */
+    if (place->state.output && !place->state.used) { /* making it an input would act on the plant */
         (void)snprintf(trouble, size, "line %u of %s is an output; twinlock reads inputs only", place->offset,
                        place->chip);
         return false;
@@ -176,7 +176,7 @@ static void open_line(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
 
 /* ---- edges and levels ---- */
 
-/* Takes what waits, within the budget. 0, or errno. */
+/* Reads queued edges within the budget. Returns 0 or errno. */
 static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_gpio_edge edges[BATCH];
     size_t taken = 0;
@@ -194,12 +194,13 @@ static int take_edges(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
             }
         }
     }
-    /* The kernel keeps sixteen edges of a line at least, and may have dropped others where it kept so many. */
+    /* The kernel keeps at least sixteen edges of a line; if there are so many, it may have dropped
+     * others. */
     own->flooded = own->flooded || taken >= BATCH || own->budget == 0;
     return failure == EAGAIN ? 0 : failure;
 }
 
-/* Reads the level. 0, or errno. */
+/* Reads the level. Returns 0 or errno. */
 static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
     bool level = false;
@@ -213,7 +214,7 @@ static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     if (own->flooded) {
         some = tl_gpio_input_newest(&own->input, level, stamp, &reading);
     } else if (tl_gpio_line_descriptor(own->line) < 0 && level != own->input.level) {
-        some = tl_gpio_input_edge(&own->input, level, stamp, stamp, &reading); /* as good as it gets */
+        some = tl_gpio_input_edge(&own->input, level, stamp, stamp, &reading); /* the best that is known */
     } else {
         some = tl_gpio_input_level(&own->input, level, stamp, &reading);
     }
@@ -225,7 +226,7 @@ static int take_level(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     return 0;
 }
 
-/* Edges, and the level where it is wanted or where edges are not enough; of a line that is open. */
+/* Reads edges, and the level if it is due or if edges are not sufficient, of an open line. */
 static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own, bool and_level) {
     bool has_edges = tl_gpio_line_descriptor(own->line) >= 0;
     int failure = has_edges && own->budget > 0 ? take_edges(io, sink, own) : 0;
@@ -245,7 +246,7 @@ static void attend(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *ow
 
 /* ---- waiting ---- */
 
-/* What to wait for; returns how many, and when to look again at the latest. */
+/* Collects the descriptors; returns their number and the latest time of the next check. */
 static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
     nfds_t count = 1;
     io->waits[0] = (struct pollfd){.fd = io->wake.descriptor, .events = POLLIN};
@@ -255,7 +256,7 @@ static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
             continue;
         }
         bool has_edges = tl_gpio_line_descriptor(own->line) >= 0;
-        if (own->budget == 0 && has_edges) { /* the next poll goes on */
+        if (own->budget == 0 && has_edges) { /* the next poll continues */
             continue;
         }
         tl_time due = own->input.doubtful ? own->recheck : tl_gpio_input_due(&own->input);
@@ -269,7 +270,7 @@ static nfds_t list_waits(tl_plant_io *io, tl_time *until) {
     return count;
 }
 
-/* Sees to a line that time alone has changed. */
+/* Updates a line after a time without edges. */
 static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line *own) {
     tl_reading reading;
     if (own->input.doubtful && tl_monotonic_now() >= own->recheck) {
@@ -280,7 +281,7 @@ static void pass_time(tl_plant_io *io, const tl_plant_io_sink *sink, input_line 
     if (tl_gpio_input_due(&own->input) > at) {
         return;
     }
-    attend(io, sink, own, false); /* an edge may have come meanwhile, which is earlier */
+    attend(io, sink, own, false); /* an earlier edge may have come meanwhile */
     if (own->line != NULL && !own->flooded && tl_gpio_input_pass(&own->input, at, &reading)) {
         post(io, sink, own, &reading);
     }
@@ -294,7 +295,7 @@ static void pass_time_of_all(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* Waits once. false where it is enough: time is up, or somebody interrupts. */
+/* Waits once. Returns false at the end of the poll or after an interruption. */
 static bool wait_once(tl_plant_io *io, const tl_plant_io_sink *sink, tl_time end) {
     tl_time until = end;
     nfds_t count = list_waits(io, &until);
@@ -372,7 +373,8 @@ static const uint32_t commands[] = {
     GPIO_V2_GET_LINE_IOCTL,   GPIO_V2_LINE_GET_VALUES_IOCTL,
 };
 
-/* A filter sees no flags of a request. libgpiod finds in /sys whether a device is a chip. */
+/* A filter does not see the flags of a request. libgpiod checks in /sys whether a device is a chip.
+ */
 const tl_plant_access tl_gpio_access = {
     .commands = commands, .command_count = sizeof commands / sizeof commands[0], .read = "/sys", .write = "/dev"};
 
@@ -411,12 +413,12 @@ static tl_status check(const tl_gpio_settings *settings, tl_error *error) {
     return TL_OK;
 }
 
-/* Both NULL, or both the same text. */
+/* True if both are NULL or equal. */
 static bool is_same_name(const char *a, const char *b) {
     return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
 }
 
-/* The index of the first channel that is the same line: a line can be requested once. */
+/* First channel of the same line: a line can be requested only once. */
 static size_t first_of(const tl_gpio_settings *settings, size_t index) {
     const tl_gpio_channel *channel = &settings->channels[index];
     size_t first = 0;
@@ -427,7 +429,7 @@ static size_t first_of(const tl_gpio_settings *settings, size_t index) {
     return first;
 }
 
-/* false where memory is out. */
+/* Returns false if memory is out. */
 static bool copy(const tl_gpio_settings *settings, tl_plant_io *io) {
     bool whole = true;
     io->count = settings->channel_count;

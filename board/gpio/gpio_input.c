@@ -1,4 +1,4 @@
-/* The level of a GPIO line, debounced, and the edges that are counted: see gpio_input.h. */
+/* Level and edges of a GPIO line: see gpio_input.h. */
 #include "board/gpio/gpio_input.h"
 
 /* ---- gpio debounce ---- */
@@ -7,7 +7,7 @@ static void tl_gpio_debounce_start(tl_gpio_debounce *debounce, tl_time time, boo
     *debounce = (tl_gpio_debounce){.time = time, .level = level, .newest = level};
 }
 
-/* No further edge until then. The same. */
+/* No further edge comes before that time; the same evaluation. */
 static bool tl_gpio_debounce_pass(tl_gpio_debounce *debounce, tl_time now, tl_time *since) {
     if (!debounce->pending || now - debounce->since < debounce->time) {
         return false;
@@ -19,8 +19,8 @@ static bool tl_gpio_debounce_pass(tl_gpio_debounce *debounce, tl_time now, tl_ti
     return changed;
 }
 
-/* An edge to that level, not earlier than the one before. true where one before it, or this one itself, has changed the
- * level that counts; *since is when. */
+/* Adds an edge to that level, not earlier than the one before. Returns true if an earlier edge, or
+ * this one, has changed the valid level; *since is the time. */
 static bool tl_gpio_debounce_edge(tl_gpio_debounce *debounce, bool level, tl_time stamp, tl_time *since) {
     bool changed = tl_gpio_debounce_pass(debounce, stamp, since);
     debounce->newest = level;
@@ -56,7 +56,7 @@ static bool move(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *re
 }
 
 bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time now, tl_reading *reading) {
-    if (stamp > now) { /* of another clock */
+    if (stamp > now) { /* from another clock */
         stamp = now;
     }
     if (stamp < input->seen) {

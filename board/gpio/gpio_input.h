@@ -1,4 +1,4 @@
-/* The level of a GPIO line, debounced, and the edges that are counted.
+/* Level of a GPIO line: debouncing and counting of edges.
  *
  * Thread:  the one that reads the source.
  */
@@ -11,64 +11,67 @@
 #include "board/io/plant_io.h"
 #include "master/base/simtime.h"
 
-/* ---- Debouncing: a level counts once it has stood for a time. Private to the GPIO driver; pure.
+/* ---- Debouncing: a level is valid after it has been stable for a time. Private to the GPIO
+ * driver; pure.
  *
- * Purpose: from edges with their stamps to changes that last. A change has the stamp of the edge after which the line was
- *          still, to the nanosecond, however late anybody looks.
- * Limits:  a line that never stands still for the time keeps its last level, and `pending` stays true.
+ * Purpose: converts stamped edges to stable changes. A change has the exact stamp of the edge after
+ *          which the line was stable, however late it is evaluated.
+ * Limits:  a line that is never stable keeps its last level, and `pending` stays true.
  */
 
 typedef struct tl_gpio_debounce {
     tl_time time;  /* ns; 0: every edge counts */
-    bool level;    /* that counts */
-    bool newest;   /* by the last edge */
-    bool pending;  /* it has not stood for long enough */
-    tl_time since; /* stamp of the last edge, where pending */
+    bool level;    /* valid level */
+    bool newest;   /* level after the last edge */
+    bool pending;  /* it has not been stable for long enough */
+    tl_time since; /* stamp of the last edge, if pending */
 } tl_gpio_debounce;
 
-/* ---- One input: from edges and levels to readings. Private to the GPIO driver; pure.
+/* ---- Input: converts edges and levels to readings. Private to the GPIO driver; pure.
  *
- * Purpose: an edge says when, a level says that nothing was missed. A level that is not that of the last edge is believed
- *          when it is seen a second time: the edge may just be on its way.
- * Missed:  two edges in a row to the same level, and a level without an edge, each count as one at least.
- * Stamps:  of readings never go back. Edges that are older than a level that was believed are left out.
+ * Purpose: an edge gives the time, a level shows whether an edge was missed. A level that differs
+ *          from the last edge is accepted when it is read a second time, because the edge may still
+ *          be queued.
+ * Missed:  two consecutive edges to the same level, and a level without an edge, count as one
+ *          missed edge each.
+ * Stamps:  never decrease. Edges older than an accepted level are dropped.
  */
 
 typedef struct tl_gpio_input {
     tl_gpio_debounce debounce;
-    bool level;      /* by the last edge, or the level that was believed */
-    bool doubtful;   /* another level was seen since */
+    bool level;      /* after the last edge, or the accepted level */
+    bool doubtful;   /* another level was read since */
     tl_time seen;    /* stamp of that edge or level */
     tl_time posted;  /* stamp of the last reading */
     uint64_t missed; /* edges, at least */
 } tl_gpio_input;
 
-/* What an input begins with. */
+/* Initial settings of an input. */
 typedef struct tl_gpio_input_settings {
     tl_time debounce; /* ns; 0: every edge counts */
     bool level;       /* the first, */
-    tl_time stamp;    /* and when it was read */
-    uint64_t missed;  /* edges, before it was lost and found again; 0 at first */
+    tl_time stamp;    /* when it was read */
+    uint64_t missed;  /* edges missed before the line was lost and found again; 0 at first */
 } tl_gpio_input_settings;
 
-/* Whatever was in it. *reading is the first level. */
+/* Initialises the input. *reading is the first level. */
 void tl_gpio_input_start(tl_gpio_input *input, const tl_gpio_input_settings *settings, tl_reading *reading);
 
-/* Each of these returns true where there is something to post, and puts it into *reading. */
+/* Each of these returns true if there is a reading to post, in *reading. */
 
-/* `now`: when it was read; no stamp is later. */
+/* Adds an edge. `now`: when it was read; no stamp is later. */
 bool tl_gpio_input_edge(tl_gpio_input *input, bool level, tl_time stamp, tl_time now, tl_reading *reading);
 
-/* A level that was read at `stamp`, or later. */
+/* Adds a level read at `stamp` or later. */
 bool tl_gpio_input_level(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* The same; it is believed at once, and what came before it is not wanted any more. */
+/* The same; the level is accepted at once and earlier edges are dropped. */
 bool tl_gpio_input_newest(tl_gpio_input *input, bool level, tl_time stamp, tl_reading *reading);
 
-/* Time has passed. */
+/* Evaluates debouncing at a time. */
 bool tl_gpio_input_pass(tl_gpio_input *input, tl_time now, tl_reading *reading);
 
-/* When to call the one before, at the latest; INT64_MAX: there is no need. */
+/* Latest time to call the function above; INT64_MAX: not needed. */
 tl_time tl_gpio_input_due(const tl_gpio_input *input);
 
 #endif

@@ -1,4 +1,4 @@
-/* GPIO lines: how one is configured, how it is found, and what libgpiod does with it: see gpio_lines.h. */
+/* GPIO lines: see gpio_lines.h. */
 #include "board/gpio/gpio_lines.h"
 
 #include <dirent.h>
@@ -17,16 +17,16 @@ typedef struct search {
     const tl_gpio_channel *channel;
     tl_gpio_place first, second;
     size_t found;
-    char chips[LIST];  /* those that were looked at */
-    char denied[LIST]; /* one that could not be, and why */
-    unsigned lines;    /* of the last one that was looked at */
+    char chips[LIST];  /* chips that were searched */
+    char denied[LIST]; /* one that could not be opened, and why */
+    unsigned lines;    /* of the last searched chip */
 } search;
 
 static int is_chip(const struct dirent *entry) {
     return strncmp(entry->d_name, "gpiochip", 8) == 0;
 }
 
-/* Is that the chip that was asked for? */
+/* True if this is the requested chip. */
 static bool is_wanted(const char *wanted, const char *path, const tl_gpio_chip *chip) {
     struct stat given;
     struct stat here;
@@ -64,7 +64,8 @@ static void look_at_chip(search *own, const char *file) {
     tl_gpio_place place = {.offset = 0};
     struct stat what;
     (void)snprintf(place.path, sizeof place.path, "/dev/%.40s", file);
-    if (lstat(place.path, &what) != 0 || !S_ISCHR(what.st_mode)) { /* a link leads to one that we see anyway */
+    if (lstat(place.path, &what) != 0 ||
+        !S_ISCHR(what.st_mode)) { /* skips links: they lead to a chip that is searched anyway */
         return;
     }
     tl_gpio_chip *chip = tl_gpio_chip_open(place.path);

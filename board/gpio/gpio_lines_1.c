@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { NO_SUPPORT = 524 }; /* the kernel's own ENOTSUPP, which it lets out now and then */
+enum { NO_SUPPORT = 524 }; /* the kernel's internal ENOTSUPP, which it sometimes returns */
 
 /* ---- a chip ---- */
 
@@ -63,7 +63,7 @@ void tl_gpio_chip_close(tl_gpio_chip *chip) {
 /* ---- a line ---- */
 
 struct tl_gpio_line {
-    struct gpiod_chip *chip; /* its own: a line of libgpiod 1 lives as long as its chip */
+    struct gpiod_chip *chip; /* its own, because a line of libgpiod 1 lives as long as its chip */
     struct gpiod_line *line;
     int descriptor;
 };
@@ -86,18 +86,18 @@ static int flags_of(const tl_gpio_channel *channel) {
     return flags;
 }
 
-/* The chip has no interrupt for the line. */
+/* True if the chip has no interrupt for the line. */
 static bool is_without_edges(int failure) {
     return failure == ENODEV || failure == ENXIO || failure == EOPNOTSUPP || failure == NO_SUPPORT;
 }
 
-/* 0, or errno. */
+/* Returns 0 or errno. */
 static int request(tl_gpio_line *own, const tl_gpio_channel *channel) {
     struct gpiod_line_request_config wanted = {
         .consumer = "twinlock", .request_type = GPIOD_LINE_REQUEST_EVENT_BOTH_EDGES, .flags = flags_of(channel)};
     if (gpiod_line_request(own->line, &wanted, 0) == 0) {
         own->descriptor = gpiod_line_event_get_fd(own->line);
-        /* So that reading what is there ends where there is nothing. */
+        /* Non-blocking, so that reading ends if there is nothing. */
         return fcntl(own->descriptor, F_SETFL, O_NONBLOCK) == 0 ? 0 : errno;
     }
     if (!is_without_edges(errno)) {
@@ -148,7 +148,7 @@ int tl_gpio_line_edges(tl_gpio_line *line, tl_gpio_edge *edges, size_t room, siz
 
 void tl_gpio_line_release(tl_gpio_line *line) {
     if (line != NULL && line->chip != NULL) {
-        gpiod_chip_close(line->chip); /* and its line with it */
+        gpiod_chip_close(line->chip); /* frees its line too */
     }
     free(line);
 }

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { EVENTS = 64, NO_SUPPORT = 524 }; /* NO_SUPPORT: the kernel's own ENOTSUPP, which it lets out now and then */
+enum { EVENTS = 64, NO_SUPPORT = 524 }; /* NO_SUPPORT: the kernel's internal ENOTSUPP, which it sometimes returns */
 
 /* ---- a chip ---- */
 
@@ -91,7 +91,7 @@ static enum gpiod_line_bias bias_of(tl_gpio_bias bias) {
     return GPIOD_LINE_BIAS_AS_IS;
 }
 
-/* NULL, errno. */
+/* NULL with errno on failure. */
 static struct gpiod_line_request *request(struct gpiod_chip *chip, unsigned offset, const tl_gpio_channel *channel,
                                           bool with_edges) {
     struct gpiod_line_settings *settings = gpiod_line_settings_new();
@@ -120,7 +120,7 @@ static struct gpiod_line_request *request(struct gpiod_chip *chip, unsigned offs
     return made;
 }
 
-/* The chip has no interrupt for the line. */
+/* True if the chip has no interrupt for the line. */
 static bool is_without_edges(int failure) {
     return failure == ENODEV || failure == ENXIO || failure == EOPNOTSUPP || failure == NO_SUPPORT;
 }

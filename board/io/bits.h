@@ -1,7 +1,7 @@
-/* The bits of a number as a device sends them, and the number. Pure arithmetic, for the drivers' codecs.
+/* Bits of a number as a device sends them, and the number. Pure arithmetic for the drivers' codecs.
  *
- * Purpose: two's complement and IEEE 754, whatever the machine below does with unions and shifts.
- * Bits:    the lowest ones of 64; those above are 0, and are not looked at.
+ * Purpose: two's complement and IEEE 754, independent of the machine.
+ * Bits:    the lowest bits of 64; higher bits are 0 and are ignored.
  * Thread:  any. Errors: none.
  */
 #ifndef TL_BOARD_IO_BITS_H
@@ -15,7 +15,7 @@ double tl_bits_to_signed(uint64_t bits, unsigned width);
 double tl_bits_to_float32(uint64_t bits);
 double tl_bits_to_float64(uint64_t bits);
 
-/* Of finite values the nearest one there is: out of range saturates. Infinities and NaN stay what they are. */
+/* Nearest value for a finite number: out of range saturates. Infinities and NaN are kept. */
 uint64_t tl_bits_of_float32(double value);
 
 uint64_t tl_bits_of_float64(double value);

@@ -1,4 +1,4 @@
-/* The state of a connection to a source, and when a lost one is tried again: see link.h. */
+/* State of a connection, and back-off: see link.h. */
 #include "board/io/link.h"
 
 #include <stdio.h>

@@ -1,4 +1,4 @@
-/* The state of a connection to a source, and when a lost one is tried again.
+/* State of the connection to a source, and the time of the next retry.
  *
  * Thread:  the one that reads the source.
  */
@@ -10,63 +10,63 @@
 #include "board/io/plant_io.h"
 #include "master/base/simtime.h"
 
-/* ---- Back-off: waiting longer and longer between attempts that fail.
+/* ---- Back-off: increasing waits between failed tries.
  *
- * Purpose: what a driver does with a device that is absent, dead or silent. The first wait is TL_BACKOFF_FIRST, each further
- *          one is twice as long, up to TL_BACKOFF_LAST. All drivers wait alike.
+ * Purpose: for a device that is absent, broken or silent. The first wait is TL_BACKOFF_FIRST; each
+ *          further one is doubled, up to TL_BACKOFF_LAST. The same for all drivers.
  * Units:   ns; `now` is on CLOCK_MONOTONIC (monotonic.h).
- * Owner:   placed by its owner; no allocation, no clock is asked here. Thread: one. Errors: none.
+ * Owner:   the caller places it; no allocation, no clock is read. Thread: one. Errors: none.
  */
 
 #define TL_BACKOFF_FIRST (TL_SECOND / 10)
 #define TL_BACKOFF_LAST (2 * TL_SECOND)
 
-/* Zeroed: nothing has failed. Fields are private. */
+/* Starts as zeros: no failure. Fields are private. */
 typedef struct tl_backoff {
     tl_time pause; /* the last wait; 0: none */
     tl_time due;   /* its end */
 } tl_backoff;
 
-/* An attempt has failed just now: the next one waits, longer than this one did. */
+/* Records a failure: the next wait is longer than the last one. */
 void tl_backoff_fail(tl_backoff *backoff, tl_time now);
 
-/* All is well, or there is news: nothing is waited for, and the next failure is the first one. */
+/* Records success or new information: no wait, and the next failure counts as the first. */
 void tl_backoff_reset(tl_backoff *backoff);
 
-/* Has the last attempt failed? */
+/* True if the last try failed. */
 bool tl_backoff_is_on(const tl_backoff *backoff);
 
-/* May it be tried now? It may if nothing has failed, and at the end of the wait. */
+/* True if a retry is allowed: without a failure, and at the end of the wait. */
 bool tl_backoff_is_due(const tl_backoff *backoff, tl_time now);
 
-/* ---- The link to a device as a driver tells it: up, down, or not known yet.
+/* ---- Link state of a device: up, down, or unknown.
  *
- * Purpose: a change is told once, in a sentence, by the sink's link(); trouble of a part is told with the link as it is.
- *          What "up" means, and whether a part's trouble is news, is each driver's own business.
- * Texts:   "WHO: TEXT", cut after TL_LINK_TEXT − 1 bytes. Who: the device, for people ("CAN interface can0"). Text: what
- *          happened and what to do about it.
- * Owner:   placed by its owner; no allocation. Thread: that of the driver's poll. Errors: none.
+ * Purpose: a change is reported once, in a sentence, by the sink's link(); a problem of a part is
+ *          reported with the link as it is. Each driver defines "up" and which problems are new.
+ * Texts:   "WHO: TEXT", cut after TL_LINK_TEXT − 1 bytes. WHO: the device ("CAN interface can0").
+ *          TEXT: what happened and what to do.
+ * Owner:   the caller places it; no allocation. Thread: that of the driver's poll. Errors: none.
  */
 
 enum { TL_LINK_TEXT = 608 }; /* bytes: an error's text, the device's name, and the end */
 
 typedef enum tl_link_state { TL_LINK_UNKNOWN, TL_LINK_DOWN, TL_LINK_UP } tl_link_state;
 
-/* Zeroed: not known, so that the first state is told whichever it is. */
+/* Starts as zeros: unknown, so that the first state is reported in any case. */
 typedef struct tl_link {
     tl_link_state state;
 } tl_link;
 
-/* false also where it is not known yet. */
+/* Also false if unknown. */
 bool tl_link_is_up(const tl_link *link);
 
-/* The link is up, or down, and nothing is told. true if that is news. */
+/* Sets the link up or down without a report. Returns true if it has changed. */
 bool tl_link_change(tl_link *link, bool up);
 
-/* Tells a text, with the link as it is. */
+/* Reports a text with the link as it is. */
 void tl_link_report(const tl_link *link, const tl_plant_io_sink *sink, const char *who, const char *text);
 
-/* Both: the link is up, or down, and if that is news, it is told. true if it is. */
+/* Sets the link up or down, and reports a change. Returns true if it has changed. */
 bool tl_link_set(tl_link *link, const tl_plant_io_sink *sink, bool up, const char *who, const char *text);
 
 #endif

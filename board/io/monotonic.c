@@ -1,4 +1,4 @@
-/* The clock of the drivers: see monotonic.h. Alone in its file, so that a test can be the clock. */
+/* Clock of the drivers: see monotonic.h. In a file of its own so that a test can replace it. */
 #include "board/io/monotonic.h"
 
 #include <time.h>

@@ -1,7 +1,8 @@
-/* The clock of the drivers: CLOCK_MONOTONIC, in nanoseconds.
+/* Clock of the drivers: CLOCK_MONOTONIC in nanoseconds.
  *
- * Purpose: the one place in board/ that reads it. Stamps of readings are on it, and so is whatever a driver waits for.
- * Range:   0 or more; it never goes back, and nobody can set it.
+ * Purpose: the only function in board/ that reads it. Stamps of readings and waiting times of
+ *          drivers use it.
+ * Range:   0 or more; it never decreases and cannot be set.
  * Thread:  any. Errors: none; Linux always has this clock.
  */
 #ifndef TL_BOARD_IO_MONOTONIC_H

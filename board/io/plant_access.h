@@ -1,7 +1,8 @@
-/* What a plant I/O driver needs from the kernel, as data: the process of the driver is allowed this, and nothing else.
+/* Kernel access that a plant driver needs, as data: its process is allowed this and nothing else.
  *
- * Purpose: a driver is confined by what stands beside its code; firmware/process/filter.c builds the filter of system calls from it.
- *          TCP and the look-up of host names are the filter's own, because arguments decide there.
+ * Purpose: the confinement of a driver stands beside its code; firmware/process/filter.c builds the
+ *          system call filter from it. The filter itself handles TCP and host name resolution,
+ *          because they depend on arguments.
  * Owner:   constants.
  */
 #ifndef TL_BOARD_IO_PLANT_ACCESS_H
@@ -11,20 +12,20 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* A socket that it may open, by the arguments of socket(); flags of `type` do not count. */
+/* A socket that it may open, by the arguments of socket(); flags of `type` are ignored. */
 typedef struct tl_plant_socket {
     int family, type, protocol;
 } tl_plant_socket;
 
 typedef struct tl_plant_access {
-    bool tcp;          /* connects by TCP, to the ports of its sources */
+    bool tcp;          /* connects by TCP to the ports of its sources */
     const char *calls; /* further system calls with any arguments, separated by spaces; NULL: none */
     const tl_plant_socket *sockets;
     size_t socket_count;
     uint32_t address_bytes;   /* bind() to an address of this length; 0: no bind() */
     const uint32_t *commands; /* of ioctl() */
     size_t command_count;
-    const char *read, *write; /* a folder beside the files of its sources; NULL: none */
+    const char *read, *write; /* a folder besides the files of its sources; NULL: none */
 } tl_plant_access;
 
 #endif

@@ -1,4 +1,4 @@
-/* A wake-up call by eventfd: see wake.h. */
+/* Wake-up call by eventfd: see wake.h. */
 #include "board/io/wake.h"
 
 #include <poll.h>
@@ -11,7 +11,7 @@ bool tl_wake_make(tl_wake *wake) {
 }
 
 void tl_wake_call(const tl_wake *wake) {
-    /* It can only fail if the counter is full, and then it is set anyway. */
+    /* It can only fail if the counter is full; then the call is pending anyway. */
     (void)eventfd_write(wake->descriptor, 1);
 }
 

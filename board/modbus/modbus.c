@@ -1,11 +1,14 @@
-/* The Modbus driver: what to ask when, and what a missing answer means. How it is asked is the link's business.
+/* Modbus driver: schedules requests and derives the link state from missing answers. The link sends
+ *                and receives.
  *
- * A poll has two passes: first the requests that were answered last time, then, where their pause is over, those
- * that were silent. A response that does not come, or is wrong, costs a TCP connection, since what arrives later could be
- * taken for the answer to the next request; a line is used again as soon as it is quiet. So does what comes beside a
- * response, but then the next request just gets another connection. If anything was answered in that poll, the device
- * lives: the one request is paused, and so for a moment is its unit on a line. If nothing was, the link is down and trying
- * it is paused. An exception is an answer.
+ * A poll has two passes: first the requests that were answered last time, then those that were
+ * silent, if their pause is over. After a missing or wrong response a TCP connection is closed,
+ * because late bytes could be taken for the answer to the next request; a line is used again as
+ * soon as it is quiet. Extra bytes beside a response also close the connection, but then the next
+ * request just uses another one.
+ * If any request of a poll was answered, the device works: only the silent request is paused, and
+ * for a moment its unit on a line. If none was, the link is down and the next try waits. An
+ * exception is an answer.
  */
 #include "board/modbus/modbus.h"
 
@@ -21,7 +24,7 @@
 #include "board/modbus/modbus_link.h"
 #include "board/modbus/modbus_map.h"
 
-/* So many times as long as waiting for silent requests has taken, none of them is tried again. */
+/* Pause after waiting for silent requests, as a multiple of that time. */
 #define REST 4
 
 enum { TEXT = 320, SILENCES_ON_A_LINE = 2 };
@@ -33,23 +36,23 @@ struct tl_plant_io {
     tl_modbus_link *link;
     tl_modbus_map map;
     tl_link state;
-    bool talkative;     /* it was told that more comes than was asked for */
-    tl_backoff backoff; /* of attempts to connect */
-    tl_time rest;       /* until then no silent request is tried again */
-    size_t start;       /* the request that the next poll begins with */
+    bool talkative;     /* reported that more bytes come than were asked for */
+    tl_backoff backoff; /* of tries to connect */
+    tl_time rest;       /* no silent request is repeated before this time */
+    size_t start;       /* first request of the next poll */
     uint64_t polls;     /* so far */
     tl_modbus_values values;
 };
 
-/* What one poll has come to. */
+/* Result of one poll. */
 typedef struct progress {
     const tl_plant_io_sink *sink;
-    bool answered;             /* something did */
-    size_t silent;             /* requests that were not answered */
+    bool answered;             /* there was an answer */
+    size_t silent;             /* requests without an answer */
     tl_time waited;            /* for these */
     bool over;                 /* no more requests in this poll */
-    bool interrupted;          /* nobody wants to know */
-    tl_modbus_outcome failure; /* the last silence */
+    bool interrupted;          /* by interrupt() */
+    tl_modbus_outcome failure; /* the last missing answer */
 } progress;
 
 static void say(const tl_plant_io *io, const tl_plant_io_sink *sink, const char *text) {
@@ -66,7 +69,7 @@ static void describe(const tl_plant_io *io, const tl_modbus_outcome *outcome, ch
     tl_modbus_outcome_text(outcome, io->link->kind->is_line, io->link->timeout, text, size);
 }
 
-/* Says once that a request gives no values, and once that it does again. */
+/* Reports once that a request gives no values, and once that it does again. */
 static void note_trouble(tl_plant_io *io, const tl_plant_io_sink *sink, tl_modbus_read *read,
                          tl_modbus_outcome trouble) {
     static const char *const TABLES[] = {"", "coil", "discrete input", "holding register", "input register"};
@@ -106,13 +109,13 @@ static void post_values(const tl_plant_io *io, const tl_plant_io_sink *sink, con
     }
 }
 
-/* Would the device perhaps answer a smaller request? */
+/* True if the device may answer a smaller request. */
 static bool is_refused_shape(const tl_modbus_outcome *outcome) {
     return outcome->kind == TL_MODBUS_EXCEPTION &&
            (outcome->found == ILLEGAL_ADDRESS || outcome->found == ILLEGAL_VALUE);
 }
 
-/* No answer, or a wrong one. What it means is known when the poll is over. */
+/* Records a missing or wrong answer; its meaning is known at the end of the poll. */
 static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failure, progress *now) {
     tl_modbus_read *read = &io->map.reads[index];
     io->link->kind->failed(io->link, &failure);
@@ -124,13 +127,13 @@ static void note_silence(tl_plant_io *io, size_t index, tl_modbus_outcome failur
     now->over = io->link->descriptor < 0 || now->silent >= SILENCES_ON_A_LINE || tl_wake_is_called(&io->link->wake);
 }
 
-/* A connection on which anything has happened meanwhile is given up. */
+/* Closes a connection on which anything has happened meanwhile. */
 static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
     tl_modbus_health health = io->link->descriptor < 0 ? TL_MODBUS_SOUND : io->link->kind->look(io->link);
     if (health == TL_MODBUS_SOUND) {
         return;
     }
-    io->link->kind->close(io->link); /* closed by the device while idle: no reason to complain */
+    io->link->kind->close(io->link); /* closed by the device while idle: not an error */
     if (health == TL_MODBUS_TALKATIVE && !io->talkative) {
         io->talkative = true;
         say(io, sink,
@@ -139,7 +142,8 @@ static void look_after(tl_plant_io *io, const tl_plant_io_sink *sink) {
     }
 }
 
-/* Is there a connection on which nothing but the answer can come? The next poll says why not. */
+/* True if the connection can carry only the next answer. Otherwise the next poll reports the
+ * reason. */
 static bool is_ready(tl_plant_io *io, progress *now) {
     char cause[TEXT];
     look_after(io, now->sink);
@@ -147,7 +151,7 @@ static bool is_ready(tl_plant_io *io, progress *now) {
     return !now->over;
 }
 
-/* Asks; in smaller requests where the device does not like the shape of a large one. */
+/* Sends a request; splits it if the device rejects a large one. */
 static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, progress *now) {
     tl_modbus_read *read = &io->map.reads[index];
     tl_modbus_outcome outcome = io->link->kind->ask(io->link, read, &io->values);
@@ -169,7 +173,7 @@ static tl_modbus_outcome ask(tl_plant_io *io, size_t index, tl_time *stamp, prog
     return outcome;
 }
 
-/* Asks one request and posts what came of it. */
+/* Sends one request and posts its result. */
 static void serve(tl_plant_io *io, size_t index, progress *now) {
     tl_time begun = tl_monotonic_now();
     tl_time stamp = begun;
@@ -192,7 +196,7 @@ static void serve(tl_plant_io *io, size_t index, progress *now) {
     }
 }
 
-/* Has that unit been silent in this poll? */
+/* True if that unit was silent in this poll. */
 static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
     for (size_t i = 0; i < io->map.read_count; i++) {
         if (io->map.reads[i].unit_id == unit_id && io->map.reads[i].silent == io->polls) {
@@ -202,7 +206,7 @@ static bool is_unit_silent(const tl_plant_io *io, uint8_t unit_id) {
     return false;
 }
 
-/* Is it the turn of that request? */
+/* True if the request is due. */
 static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silent_ones) {
     tl_time now = tl_monotonic_now();
     bool was_silent = tl_backoff_is_on(&read->backoff);
@@ -212,7 +216,7 @@ static bool is_due(const tl_plant_io *io, const tl_modbus_read *read, bool silen
            !(io->link->kind->is_line && is_unit_silent(io, read->unit_id));
 }
 
-/* One pass over the requests; the list may grow while we go. */
+/* One pass over the requests; the list may grow meanwhile. */
 static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
     size_t start = io->start;
     size_t count = io->map.read_count;
@@ -228,14 +232,15 @@ static void pass(tl_plant_io *io, bool silent_ones, progress *now) {
     }
 }
 
-/* No answer from anything: the link is down, and the next attempt waits. Silence of a single request is forgotten. */
+/* No answer at all: the link is down and the next try waits. Silence of single requests is dropped.
+ */
 static void give_up(tl_plant_io *io, const tl_plant_io_sink *sink, const char *cause) {
     tl_backoff_fail(&io->backoff, tl_monotonic_now());
     io->rest = 0;
     set_link(io, sink, false, cause);
 }
 
-/* Is there a connection, now? */
+/* True if there is a connection. */
 static bool connected(tl_plant_io *io, progress *now) {
     look_after(io, now->sink);
     if (!tl_backoff_is_due(&io->backoff, tl_monotonic_now())) {
@@ -256,7 +261,7 @@ static bool connected(tl_plant_io *io, progress *now) {
     return true;
 }
 
-/* Others were answered, so it is these requests that are in trouble: asked later, and less often. */
+/* Other requests were answered: these are asked later and less often. */
 static void pause_silent(tl_plant_io *io, const progress *now) {
     tl_time at = tl_monotonic_now();
     io->rest = at + REST * now->waited;
@@ -271,7 +276,7 @@ static void pause_silent(tl_plant_io *io, const progress *now) {
     }
 }
 
-/* Asks everything that is due. */
+/* Sends all requests that are due. */
 static void converse(tl_plant_io *io, progress *now) {
     pass(io, false, now);
     pass(io, true, now);
@@ -327,7 +332,8 @@ static const uint32_t line_commands[] = {TCSETS,   TCSETSW,  TCSETSF,  TCFLSH,  
 
 const tl_plant_access tl_modbus_tcp_access = {.tcp = true};
 
-/* A device that is unplugged and plugged in has a new entry in /dev, to which links of other folders lead. */
+/* A device that is plugged in again has a new entry in /dev, to which links of other folders lead.
+ */
 const tl_plant_access tl_modbus_rtu_access = {
     .commands = line_commands, .command_count = sizeof line_commands / sizeof line_commands[0], .write = "/dev"};
 

@@ -1,4 +1,4 @@
-/* A connection to a Modbus server: serial line or TCP, frames and their answers: see modbus_link.h. */
+/* Connection to a Modbus server: see modbus_link.h. */
 #include "board/modbus/modbus_link.h"
 
 #include <errno.h>
@@ -40,7 +40,7 @@ tl_status tl_modbus_line_check(const tl_modbus_line *line, tl_error *error) {
 
 /* ---- modbus frame ---- */
 
-enum { UNIT, FUNCTION, BYTES, BODY }; /* of a body, where they stand; BODY: how many bytes these are */
+enum { UNIT, FUNCTION, BYTES, BODY }; /* indices in a body; BODY: their number */
 
 enum { LONGEST_BODY = 254, EXCEPTION_FLAG = 0x80 };
 
@@ -77,7 +77,7 @@ static tl_modbus_outcome compare(tl_modbus_kind kind, size_t found, size_t wante
     return outcome;
 }
 
-/* Function, and exception or number of bytes, of a body as long as `size`. */
+/* Checks function, exception or number of bytes of a body of this size. */
 static tl_modbus_outcome check_function(const tl_modbus_read *read, const uint8_t *body, size_t size) {
     if (body[FUNCTION] == ((unsigned)read->table | EXCEPTION_FLAG)) {
         tl_modbus_outcome refusal = {.kind = TL_MODBUS_EXCEPTION, .found = body[BYTES]};
@@ -91,7 +91,7 @@ static tl_modbus_outcome check_function(const tl_modbus_read *read, const uint8_
                                             : outcome;
 }
 
-/* What stands before the function. */
+/* Checks what comes before the function. */
 static tl_modbus_outcome check_header(const tl_modbus_question *asked, const uint8_t *answer) {
     const size_t length = word_at(answer + 4);
     tl_modbus_outcome outcome = compare(TL_MODBUS_WRONG_TRANSACTION, word_at(answer), asked->transaction);
@@ -147,7 +147,7 @@ void tl_modbus_take_values(const tl_modbus_read *read, const uint8_t *bytes, tl_
     }
 }
 
-/* ---- The part that every link has: being interrupted. Whoever waits looks at the wake-up call too. */
+/* ---- Common part of all links: interruption. A waiting thread also polls the wake-up call. */
 
 bool tl_modbus_link_init(tl_modbus_link *link, const tl_modbus_link_settings *settings) {
     *link = (tl_modbus_link){.kind = settings->kind, .timeout = settings->timeout, .descriptor = -1};

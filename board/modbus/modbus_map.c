@@ -1,4 +1,4 @@
-/* Signals in Modbus registers: types, requests that read them, and what an answer says of each: see modbus_map.h. */
+/* Signals in Modbus registers: see modbus_map.h. */
 #include "board/modbus/modbus_map.h"
 
 #include <errno.h>
@@ -10,7 +10,7 @@
 
 #include "board/io/bits.h"
 
-/* ---- The outcome of a Modbus request in words. */
+/* ---- Description of the outcome of a Modbus request. */
 
 bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outcome *b) {
     if (a->kind > TL_MODBUS_FAILED && b->kind > TL_MODBUS_FAILED) {
@@ -19,7 +19,7 @@ bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outco
     return a->kind == b->kind && (a->kind != TL_MODBUS_FAILED || a->found == b->found);
 }
 
-/* libmodbus has words for those that Modbus defines, and a large number for others. */
+/* libmodbus describes the codes that Modbus defines; others are numbers. */
 static void exception_text(int code, char *text, size_t size) {
     if ((code >= 1 && code <= 8) || code == 10 || code == 11) {
         (void)snprintf(text, size, "%s", modbus_strerror(MODBUS_ENOBASE + code));
@@ -83,7 +83,9 @@ void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl
 
 /* ---- Modbus registers to values and back: data types, word order, byte order, scale.
  *
- * A value is carried through 64 bits: registers are joined most significant first, whatever order they come in. */
+ * A value is carried through 64 bits: registers are joined most significant first, whatever their
+ * order.
+ */
 
 bool tl_modbus_is_bit_table(tl_modbus_table table) {
     return table == TL_MODBUS_COIL || table == TL_MODBUS_DISCRETE;
@@ -105,7 +107,7 @@ size_t tl_modbus_registers(tl_modbus_type type) {
     return 1;
 }
 
-/* A register between the order on the wire and most significant byte first. */
+/* Swaps a register between wire order and most significant byte first. */
 static uint16_t ordered(const tl_modbus_channel *channel, uint16_t word) {
     if (channel->bytes_little) {
         return (uint16_t)((unsigned)word << 8 | (unsigned)word >> 8);
@@ -113,7 +115,7 @@ static uint16_t ordered(const tl_modbus_channel *channel, uint16_t word) {
     return word;
 }
 
-/* Where the i-th most significant register of a value stands. */
+/* Index of the i-th most significant register of a value. */
 static size_t place(const tl_modbus_channel *channel, size_t count, size_t i) {
     return channel->words_little ? count - 1 - i : i;
 }
@@ -165,7 +167,7 @@ bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *register
     return true;
 }
 
-/* The nearest integer within the range, as the lower bits of 64. */
+/* Nearest integer within the range, as the lower bits of 64. */
 static uint64_t integer_bits(double raw, double minimum, double maximum) {
     if (isnan(raw)) {
         return 0;
@@ -200,7 +202,8 @@ void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *
     }
 }
 
-/* ---- Groups Modbus channels into requests: sorted by unit, table and address, then merged greedily. */
+/* ---- Groups Modbus channels into requests: sorted by unit, table and address, then merged
+ * greedily. */
 
 static int compare(const void *a, const void *b) {
     const tl_modbus_slot *left = a;
@@ -213,7 +216,7 @@ static int compare(const void *a, const void *b) {
         order = (int)left->channel.address - (int)right->channel.address;
     }
     if (order == 0) {
-        order = left->index < right->index ? -1 : 1; /* qsort may not keep the order of equals */
+        order = left->index < right->index ? -1 : 1; /* qsort may change the order of equal elements */
     }
     return order;
 }
@@ -234,7 +237,7 @@ static tl_modbus_read single(const tl_modbus_map *map, size_t slot, tl_modbus_gr
     return read;
 }
 
-/* Can this request take one more channel? Then it does. */
+/* Adds a channel to this request if possible; returns whether it was. */
 static bool extend(tl_modbus_read *read, const tl_modbus_channel *channel) {
     bool bits = tl_modbus_is_bit_table(read->table);
     size_t gap = bits ? TL_MODBUS_GAP_BITS : TL_MODBUS_GAP_REGISTERS;
@@ -298,8 +301,9 @@ size_t tl_modbus_map_split(tl_modbus_map *map, size_t read) {
         while (joined < old.slots && extend(&probe, &map->slots[old.first + joined].channel)) {
             joined++;
         }
-        if (joined < old.slots) { /* this grain does make it smaller */
-            /* The rest moves to the far end of the array, so that the new ones have room whatever their number. */
+        if (joined < old.slots) { /* this grain makes it smaller */
+            /* Moves the other requests to the far end of the array, to make room for any number of
+             * new ones. */
             tl_modbus_read *rest = &map->reads[map->slot_count - tail];
             memmove(rest, &map->reads[read + 1], tail * sizeof *rest);
             size_t count = group(map, old.first, old.slots, (tl_modbus_grain)grain, &map->reads[read]);

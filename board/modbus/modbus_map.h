@@ -1,4 +1,4 @@
-/* Signals in Modbus registers: types, requests that read them, and what an answer says of each.
+/* Signals in Modbus registers: types, read requests, and the outcome of an answer for each signal.
  *
  * Thread:  any; pure.
  */
@@ -12,45 +12,46 @@
 #include "board/io/link.h"
 #include "master/base/simtime.h"
 
-/* ---- What came of one Modbus request, and how that is said. Private to the Modbus driver.
+/* ---- Outcome of a Modbus request, and its description. Private to the Modbus driver.
  *
- * Purpose: one answer is right, or says no, or is wrong, or there is none. The driver decides by the kind what that means for
- *          the link; people read the sentence.
+ * Purpose: an answer is right, is an exception, is wrong, or is missing. The driver derives the
+ *          link state from the kind; people read the sentence.
  */
 
 typedef enum tl_modbus_kind {
-    TL_MODBUS_VALUES,    /* the answer to what was asked, right in every byte that can be checked */
-    TL_MODBUS_EXCEPTION, /* the device says no; found: its reason, 0 to 255 */
-    /* no whole answer; found: errno, also libmodbus's. ETIMEDOUT: none in time, EPROTO: it breaks off, EBUSY: the line is never
-     * quiet, EINTR: interrupted */
+    TL_MODBUS_VALUES,    /* the answer is right in every byte that can be checked */
+    TL_MODBUS_EXCEPTION, /* the device answers with an exception; found: its code, 0 to 255 */
+    /* no complete answer; found: errno, also of libmodbus. ETIMEDOUT: none in time, EPROTO: it is
+     * incomplete, EBUSY: the line is never quiet, EINTR: interrupted */
     TL_MODBUS_FAILED,
-    /* Wrong, so nothing of it is used; found and wanted: the number that is wrong, and what it must be. */
+    /* Wrong answers, which are not used; found and wanted: the wrong number and the right one. */
     TL_MODBUS_WRONG_TRANSACTION,
     TL_MODBUS_WRONG_PROTOCOL,
-    TL_MODBUS_WRONG_LENGTH, /* as the header gives it */
+    TL_MODBUS_WRONG_LENGTH, /* by its header */
     TL_MODBUS_WRONG_UNIT,
     TL_MODBUS_WRONG_FUNCTION,
-    TL_MODBUS_WRONG_BYTES /* how many there are of values */
+    TL_MODBUS_WRONG_BYTES /* number of value bytes */
 } tl_modbus_kind;
 
-/* Zeroed: TL_MODBUS_VALUES. */
+/* Starts as zeros: TL_MODBUS_VALUES. */
 typedef struct tl_modbus_outcome {
     tl_modbus_kind kind;
     int found;
     int wanted;
 } tl_modbus_outcome;
 
-/* Is the second one no news after the first? Answers that are wrong, in whatever way, are one thing, as are exceptions: who
- * tells another lie each time is told of once. */
+/* True if the second outcome need not be reported after the first: all wrong answers count as one
+ * problem, and so do exceptions. */
 bool tl_modbus_outcome_is_same(const tl_modbus_outcome *a, const tl_modbus_outcome *b);
 
-/* In words: what was wrong and what to do about it. Not for TL_MODBUS_VALUES. */
+/* Describes what was wrong and what to do. Not for TL_MODBUS_VALUES. */
 void tl_modbus_outcome_text(const tl_modbus_outcome *outcome, bool on_a_line, tl_time timeout, char *text, size_t size);
 
-/* ---- Modbus channels: where a value stands among a device's registers, and registers to values and back.
+/* ---- Modbus channels: position of a value in a device's registers, and conversion.
  *
- * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
- * Values:  value = raw·scale + offset; raw is carried through 64 bits. A bit is one register, 0 or 1.
+ * Purpose: pure arithmetic for the driver, the emulated plant and tests.
+ * Values:  value = raw·scale + offset; raw is carried through 64 bits. A bit is one register, 0 or
+ *          1.
  * Thread:  any. Errors: none; tl_modbus_open() has checked that a channel fits its table.
  * Source:  MODBUS Application Protocol 1.1b3, section 4.3.
  */
@@ -73,7 +74,7 @@ typedef enum tl_modbus_type {
     TL_MODBUS_FLOAT64
 } tl_modbus_type;
 
-/* Where one signal stands in the server's register map. */
+/* Position of one signal in the server's register map. */
 typedef struct tl_modbus_channel {
     uint8_t unit_id; /* 0..247, 255; on a line 1..247 */
     tl_modbus_table table;
@@ -88,32 +89,36 @@ typedef struct tl_modbus_channel {
 /* Coils and discrete inputs hold bits, nothing else; the other tables hold registers. */
 bool tl_modbus_is_bit_table(tl_modbus_table table);
 
-/* Registers (or bits: 1) that a value of that type takes. */
+/* Registers (or bits: 1) of a value of that type. */
 size_t tl_modbus_registers(tl_modbus_type type);
 
-/* Raw registers to value and back, as the channel says.
- * decode: false, and 0, if the value is not finite.
- * encode: rounds to the nearest integer; out-of-range integers and floats saturate; NaN as an integer is 0. */
+/* Converts raw registers to a value and back.
+ * decode: returns false, and 0, if the value is not finite.
+ * encode: rounds to the nearest integer; out-of-range integers and floats saturate; NaN as an
+ *         integer is 0. */
 bool tl_modbus_decode(const tl_modbus_channel *channel, const uint16_t *registers, double *value);
 void tl_modbus_encode(const tl_modbus_channel *channel, double value, uint16_t *registers);
 
-/* ---- Which requests read a list of Modbus channels: as few as their addresses allow. Private to the Modbus driver.
+/* ---- Read requests for a list of Modbus channels: as few as possible. Private to the Modbus
+ * driver.
  *
- * Purpose: channels of one unit and table that lie close together share a request. A server that refuses such a
- *          request is asked in smaller ones: first without the registers nobody wants, then value by value.
- * Limits:  125 registers or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4); a value is
- *          never spread over two requests, so it is never half old and half new.
- * Bound:   make O(n log n), split O(n); no allocation but in make. Never more requests than channels.
+ * Purpose: channels of one unit and table that are close together share a request. If a server
+ *          rejects such a request, it is split: first without unused registers, then value by
+ *          value.
+ * Limits:  125 registers or 2000 bits per request (MODBUS Application Protocol 1.1b3, 6.1 to 6.4).
+ *          A value is never split over two requests, so it is always consistent.
+ * Bound:   make O(n log n), split O(n); only make allocates. There are never more requests than
+ *          channels.
  */
 
 enum {
     TL_MODBUS_MAX_REGISTERS = 125,
     TL_MODBUS_MAX_BITS = 2000,
-    TL_MODBUS_GAP_REGISTERS = 16, /* so many unwanted ones are cheaper than one more request */
+    TL_MODBUS_GAP_REGISTERS = 16, /* up to so many unused registers cost less than one more request */
     TL_MODBUS_GAP_BITS = 256
 };
 
-/* How channels share a request, from coarse to fine. */
+/* Sharing of requests, from coarse to fine. */
 typedef enum tl_modbus_grain { TL_MODBUS_GAPS, TL_MODBUS_NO_GAPS, TL_MODBUS_SINGLE } tl_modbus_grain;
 
 /* One request. */
@@ -125,12 +130,12 @@ typedef struct tl_modbus_read {
     size_t first;   /* of its slots */
     size_t slots;
     tl_modbus_grain grain;
-    tl_modbus_outcome trouble; /* that was told last; values: none. For the driver, as are the next */
-    tl_backoff backoff;        /* on: it was silent while others answered */
-    tl_time hold;              /* ns; not to be asked earlier: its unit owes an answer to another request */
-    uint64_t polled;           /* the poll that has seen to it */
-    uint64_t silent;           /* the poll in which it was last asked, and was silent or made no sense */
-    tl_modbus_outcome failure; /* what came of that */
+    tl_modbus_outcome trouble; /* last reported problem; TL_MODBUS_VALUES: none. For the driver, as the following */
+    tl_backoff backoff;        /* set while it is silent and others answer */
+    tl_time hold;    /* ns; not to be asked earlier, because its unit still owes an answer to another request */
+    uint64_t polled; /* last poll that has handled it */
+    uint64_t silent; /* last poll in which it was silent or its answer was wrong */
+    tl_modbus_outcome failure; /* outcome in that poll */
 } tl_modbus_read;
 
 typedef struct tl_modbus_slot {
@@ -138,7 +143,7 @@ typedef struct tl_modbus_slot {
     size_t index; /* of the channel in the list */
 } tl_modbus_slot;
 
-/* Placed by the owner. */
+/* Placed by the owner; fields are private. */
 typedef struct tl_modbus_map {
     tl_modbus_slot *slots; /* sorted by unit, table, address */
     size_t slot_count;
@@ -146,14 +151,15 @@ typedef struct tl_modbus_map {
     size_t read_count;
 } tl_modbus_map;
 
-/* Whatever was in it. The channels are copied; they must be valid. false if memory is out: then it is empty. */
+/* Overwrites the map. Copies the channels, which must be valid. Returns false if memory is out;
+ * then the map is empty. */
 bool tl_modbus_map_make(tl_modbus_map *map, const tl_modbus_channel *channels, size_t count);
 
-/* Back to the coarsest grain, troubles forgotten. */
+/* Returns to the coarsest requests and drops all problems. */
 void tl_modbus_map_reset(tl_modbus_map *map);
 
-/* Replaces one request by finer ones; they begin at the same position. Returns how many they are; 1: it stays as
- * it is because there is nothing finer. */
+/* Splits one request; the parts start at the same index. Returns their number; 1: it cannot be
+ * split. */
 size_t tl_modbus_map_split(tl_modbus_map *map, size_t read);
 
 void tl_modbus_map_release(tl_modbus_map *map);

@@ -1,12 +1,12 @@
-/* The serial line of the Modbus driver: RTU, one request at a time, and silence between them.
+/* Serial line of the Modbus driver: RTU, one request at a time, with silence between them.
  *
- * libmodbus opens the port, makes the frames and receives and checks them. But its wait for a response cannot be ended by
- * another thread, and a port has no shutdown(). So we send by it, wait for the first byte ourselves, and let it receive: a
- * response that has begun is over soon.
+ * libmodbus opens the port, builds the frames, and receives and checks them. But no thread can end
+ * its wait for a response, and a port has no shutdown(). So libmodbus sends, this code waits for
+ * the first byte, and libmodbus receives the rest, which takes a short time.
  *
- * A response carries no number. What is late, half or garbled must therefore be over before the next request is made: a
- * request begins when the line has been quiet for 3.5 characters, after a failure for 50 ms (an adapter at USB hands its
- * bytes over every 16 ms).
+ * A response has no number. So late, incomplete or garbled bytes must be over before the next
+ * request: a request starts when the line has been quiet for 3.5 characters, after a failure for 50
+ * ms (a USB adapter delivers its bytes every 16 ms).
  * Source: MODBUS over Serial Line 1.02, section 2.5.1.
  */
 #include "board/modbus/modbus_link.h"
@@ -30,11 +30,11 @@
 
 #define MILLISECOND (TL_SECOND / 1000)
 #define QUIET_AFTER_FAILURE (50 * MILLISECOND)
-#define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, whatever the speed */
+#define QUIET_WHERE_FAST (1750000) /* above 19200 Bd, at any speed */
 #define GAPS_IN_A_FRAME (200 * MILLISECOND)
 
 enum { CHECK_SUM = 2, REQUEST = TL_MODBUS_BODY_REQUEST + CHECK_SUM };
-enum { OVERHEAD = 3 + CHECK_SUM }; /* bytes of a response, besides its values */
+enum { OVERHEAD = 3 + CHECK_SUM }; /* bytes of a response besides its values */
 
 typedef struct rtu_link {
     tl_modbus_link link;
@@ -43,7 +43,7 @@ typedef struct rtu_link {
     bool rs485;
     tl_time character; /* ns on the wire */
     tl_time quiet;     /* between two frames */
-    tl_time last;      /* when a byte was last seen or sent */
+    tl_time last;      /* when a byte was last sent or received */
     bool failed;       /* the last request */
 } rtu_link;
 
@@ -51,14 +51,14 @@ typedef struct rtu_link {
 
 static void rtu_close(tl_modbus_link *link) {
     if (link->descriptor >= 0) {
-        (void)tcflush(link->descriptor, TCIOFLUSH); /* else closing may wait until all is sent */
+        (void)tcflush(link->descriptor, TCIOFLUSH); /* otherwise closing may wait until all is sent */
         (void)ioctl(link->descriptor, TIOCNXCL);
         modbus_close(((rtu_link *)link)->context);
         link->descriptor = -1;
     }
 }
 
-/* The driver of the port switches between sending and receiving, and does not hear itself. */
+/* The port's driver switches between sending and receiving and does not receive its own bytes. */
 static int switch_rs485(int descriptor) {
     struct serial_rs485 setting;
     memset(&setting, 0, sizeof setting);
@@ -70,7 +70,8 @@ static int switch_rs485(int descriptor) {
     return ioctl(descriptor, TIOCSRS485, &setting) == 0 ? 0 : errno;
 }
 
-/* Whether a character device is a serial line, by its class in sysfs, where pseudo-terminals are not. */
+/* True if a character device is a serial line by its class in sysfs, which pseudo-terminals do not
+ * have. */
 static bool is_serial_line(dev_t device) {
     char name[64];
     char subsystem[256];
@@ -82,7 +83,8 @@ static bool is_serial_line(dev_t device) {
            (major(device) >= UNIX98_PTY_SLAVE_MAJOR && major(device) < UNIX98_PTY_SLAVE_MAJOR + UNIX98_PTY_MAJOR_COUNT);
 }
 
-/* Nothing but a serial line is opened: to open is to act, as on a watchdog. 0, or errno. */
+/* Opens only a serial line: opening another device may act, as on a watchdog. Returns 0 or errno.
+ */
 static int open_port(rtu_link *rtu) {
     struct stat what;
     if (stat(rtu->device, &what) != 0) {
@@ -122,18 +124,18 @@ static bool rtu_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     }
     (void)tcflush(link->descriptor, TCIFLUSH);
     rtu->last = tl_monotonic_now();
-    rtu->failed = true; /* nobody knows what is going on there */
+    rtu->failed = true; /* the state of the line is unknown */
     return true;
 }
 
-/* A device that was pulled out hangs up. Bytes that nobody asked for are seen to before the next request. */
+/* A device that was unplugged hangs up. Unexpected bytes are dropped before the next request. */
 static tl_modbus_health rtu_look(const tl_modbus_link *link) {
     struct pollfd one = {.fd = link->descriptor, .events = POLLIN};
     bool there = poll(&one, 1, 0) >= 0 && (one.revents & (POLLHUP | POLLERR | POLLNVAL)) == 0;
     return there ? TL_MODBUS_SOUND : TL_MODBUS_GONE;
 }
 
-/* Did the port fail, and not who is asked? */
+/* True if the port failed and not the unit. */
 static bool is_of_the_port(const tl_modbus_outcome *outcome) {
     const int failure = outcome->found;
     return outcome->kind == TL_MODBUS_FAILED && failure != EINTR && failure != ETIMEDOUT && failure != EPROTO &&
@@ -165,7 +167,7 @@ static bool is_readable(int descriptor) {
     return poll(&one, 1, 0) > 0;
 }
 
-/* Waits until the line is quiet, and throws away what comes meanwhile. 0, or errno. */
+/* Waits until the line is quiet, and drops what comes meanwhile. Returns 0 or errno. */
 static int await_quiet(rtu_link *rtu) {
     const int descriptor = rtu->link.descriptor;
     const tl_time quiet = rtu->failed ? QUIET_AFTER_FAILURE : rtu->quiet;
@@ -179,7 +181,7 @@ static int await_quiet(rtu_link *rtu) {
         if (failure != 0 && failure != ETIMEDOUT) {
             return failure;
         }
-        if (read(descriptor, waste, sizeof waste) <= 0) { /* readable, and nothing there: it was hung up */
+        if (read(descriptor, waste, sizeof waste) <= 0) { /* readable without bytes: it was hung up */
             return EIO;
         }
         rtu->last = tl_monotonic_now();
@@ -187,7 +189,7 @@ static int await_quiet(rtu_link *rtu) {
     return EBUSY;
 }
 
-/* 0, or errno. */
+/* Returns 0 or errno. */
 static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
     uint8_t request[TL_MODBUS_BODY_REQUEST];
     tl_modbus_put_body(read, request);
@@ -198,7 +200,7 @@ static int send_request(rtu_link *rtu, const tl_modbus_read *read) {
                : errno;
 }
 
-/* Receives the whole response once its first byte is there. Its length, or −errno. */
+/* Receives the whole response after its first byte. Returns its length, or −errno. */
 static int receive(rtu_link *rtu, const tl_modbus_read *read, uint8_t *response, tl_time deadline) {
     int failure = tl_modbus_link_await(&rtu->link, rtu->link.descriptor, POLLIN, deadline);
     if (failure != 0) {
@@ -219,7 +221,7 @@ static tl_modbus_outcome failed_with(int failure) {
     return outcome;
 }
 
-/* libmodbus has checked the sum, but not where another unit answers: then it says that the length is 0. */
+/* libmodbus has checked the sum, except if another unit answers: then it reports length 0. */
 static tl_modbus_outcome check(const tl_modbus_read *read, const uint8_t *response, size_t length) {
     return tl_modbus_check_rtu(read, response, length < OVERHEAD ? OVERHEAD - CHECK_SUM : length - CHECK_SUM);
 }
@@ -280,8 +282,8 @@ tl_modbus_link *tl_modbus_rtu_make(const tl_modbus_line *line, tl_time timeout) 
         free(rtu);
         return NULL;
     }
-    /* It recovers nothing by itself: its own recovery sleeps. */
+    /* Without libmodbus's own error recovery, which sleeps. */
     (void)modbus_set_error_recovery(rtu->context, MODBUS_ERROR_RECOVERY_NONE);
-    (void)modbus_set_byte_timeout(rtu->context, 0, 0); /* none of its own: the response's goes on */
+    (void)modbus_set_byte_timeout(rtu->context, 0, 0); /* no time-out of its own: that of the response applies */
     return &rtu->link;
 }

@@ -1,8 +1,9 @@
-/* The TCP connection of the Modbus driver.
+/* TCP connection of the Modbus driver.
  *
- * libmodbus is not used here: its reading functions take the answer of any unit and of most protocols, and do not look at the
- * length; what it sends for others to check is always transaction 0, so that a late answer looks like the next one. A request is
- * 12 bytes and only such that read are made (modbus_link.h); an answer is received as far as it is right.
+ * libmodbus is not used here. Its reading functions accept the answer of any unit and of most
+ * protocols, and do not check the length. Its raw requests always have transaction 0, so that a
+ * late answer looks like the next one. A request has 12 bytes, and only reading ones exist
+ * (modbus_link.h); an answer is received as far as it is right.
  */
 #include "board/modbus/modbus_link.h"
 
@@ -27,7 +28,7 @@ typedef struct tcp_link {
     uint16_t transaction; /* of the last request */
 } tcp_link;
 
-/* errno of the connection that was begun, 0 where it stands. */
+/* Result of a started connect: errno, or 0 if it is connected. */
 static int await_connection(const tl_modbus_link *link, int descriptor, tl_time deadline) {
     int failure = tl_modbus_link_await(link, descriptor, POLLOUT, deadline);
     socklen_t size = sizeof failure;
@@ -37,7 +38,8 @@ static int await_connection(const tl_modbus_link *link, int descriptor, tl_time 
     return failure;
 }
 
-/* TCP may connect a socket to itself, where nobody listens on a port from which the system also serves itself. */
+/* True if the socket is connected to itself: TCP does that if no server listens on a port of the
+ * ephemeral range. */
 static bool is_own_echo(int descriptor) {
     struct sockaddr_storage own;
     struct sockaddr_storage other;
@@ -50,7 +52,7 @@ static bool is_own_echo(int descriptor) {
            memcmp(&own, &other, own_size) == 0;
 }
 
-/* One address: 0, or errno. */
+/* Tries one address. Returns 0 or errno. */
 static int connect_to(tl_modbus_link *link, const struct addrinfo *address, tl_time deadline) {
     int one = 1;
     int descriptor =
@@ -87,7 +89,8 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     for (const struct addrinfo *address = addresses; address != NULL; address = address->ai_next) {
         left_addresses++;
     }
-    /* Each address gets its share of what is left, so that a silent first one leaves time for the second. */
+    /* Each address gets its share of the remaining time, so that a silent first one leaves time for
+     * the second. */
     tl_time deadline = tl_monotonic_now() + link->timeout;
     int failure = EADDRNOTAVAIL;
     for (const struct addrinfo *address = addresses; address != NULL && failure != 0; address = address->ai_next) {
@@ -107,7 +110,7 @@ static bool tcp_connect(tl_modbus_link *link, char *cause, size_t cause_size) {
     return true;
 }
 
-/* Nothing comes while nothing was asked for: else the other side has closed, or talks out of turn. */
+/* Nothing may come without a request: otherwise the server has closed or sends too much. */
 static tl_modbus_health tcp_look(const tl_modbus_link *link) {
     uint8_t byte = 0;
     ssize_t count = recv(link->descriptor, &byte, 1, MSG_PEEK | MSG_DONTWAIT);
@@ -122,7 +125,7 @@ static tl_modbus_outcome failed_with(int failure) {
     return outcome;
 }
 
-/* Waits for some of at most `room` bytes. 0, or errno. */
+/* Waits for at most `room` bytes. Returns 0 or errno. */
 static int receive(const tl_modbus_link *link, uint8_t *bytes, size_t room, tl_time deadline, size_t *size) {
     int failure = tl_modbus_link_await(link, link->descriptor, POLLIN, deadline);
     if (failure != 0) {

@@ -1,4 +1,4 @@
-/* A hardware watchdog: see watchdog.h. */
+/* Hardware watchdog: see watchdog.h. */
 #include "board/watchdog/watchdog.h"
 
 #include <errno.h>
@@ -25,7 +25,7 @@ static tl_status refuse(const char *path, tl_error *error) {
     }
 }
 
-/* Asks it about itself, and sets its timeout. */
+/* Reads its properties and sets its timeout. */
 static tl_status set_up(const char *path, int timeout_s, tl_watchdog *watchdog, tl_error *error) {
     struct watchdog_info info = {0};
     int boot = 0;
@@ -61,7 +61,7 @@ tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdo
     tl_status status = set_up(path, timeout_s, watchdog, error);
     if (status == TL_TRY_AGAIN) {
         (void)tl_watchdog_close(watchdog);
-    } else if (status != TL_OK) { /* nothing is written to what is no watchdog */
+    } else if (status != TL_OK) { /* nothing is written to a device that is no watchdog */
         tl_watchdog_leave(watchdog);
     }
     return status;

@@ -1,9 +1,9 @@
-/* A hardware watchdog by the kernel's driver: /dev/watchdog.
+/* Hardware watchdog by the kernel's driver: /dev/watchdog.
  *
- * Purpose: it resets the box unless it is stroked in time. Whoever opens it has to stroke it; it stays armed where that
- *          process dies, which is what it is for.
- * Closing: with the magic close ('V') the driver disarms it; not where the kernel was told never to (nowayout), which the driver
- *          does not say.
+ * Purpose: resets the box unless it gets a keepalive in time. It stays armed if the process that
+ *          opened it dies; that is its purpose.
+ * Closing: the magic close ('V') disarms it, unless the kernel is configured never to disarm it
+ *          (nowayout), which the driver does not report.
  * Thread:  one thread.
  * Source:  Linux, Documentation/watchdog/watchdog-api.
  */
@@ -16,23 +16,23 @@
 
 typedef struct tl_watchdog {
     int file;               /* private; -1: not open */
-    char name[33];          /* as the driver calls itself, "Software Watchdog" */
-    int timeout_s;          /* in force, as read back: a driver takes what it can */
-    bool has_reset_the_box; /* the boot before this one ended by it, as far as the driver knows */
+    char name[33];          /* as reported by the driver: "Software Watchdog" */
+    int timeout_s;          /* as read back: a driver may change the requested one */
+    bool has_reset_the_box; /* the watchdog ended the previous boot, as far as the driver knows */
     bool can_be_disarmed;
 } tl_watchdog;
 
-/* Arms it. `timeout_s` > 0 is asked for. Errors (nothing is armed then): TL_PLANT_DOWN where it is absent, no watchdog, or
- * another program's; TL_TRY_AGAIN where the kernel refuses. */
+/* Opens and arms it with `timeout_s` > 0. Errors, with nothing armed: TL_PLANT_DOWN if it is
+ * absent, no watchdog, or in use by another program; TL_TRY_AGAIN if the kernel rejects it. */
 tl_status tl_watchdog_open(const char *path, int timeout_s, tl_watchdog *watchdog, tl_error *error);
 
-/* False where the driver refused. */
+/* Sends a keepalive. Returns false if the driver rejects it. */
 bool tl_watchdog_keepalive(const tl_watchdog *watchdog);
 
-/* Disarms and closes it. False where it could not be disarmed: it will reset the box. */
+/* Disarms and closes it. Returns false if it could not be disarmed: then it will reset the box. */
 bool tl_watchdog_close(tl_watchdog *watchdog);
 
-/* In a child process: leaves it to the parent. */
+/* In a child process: closes the descriptor and leaves the watchdog to the parent. */
 void tl_watchdog_leave(tl_watchdog *watchdog);
 
 #endif
