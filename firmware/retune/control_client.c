@@ -335,6 +335,8 @@ static void claim_signals(void (*handler)(int)) {
     claim_signal(SIGTERM, handler);
 }
 
+/* ---- request ---- */
+
 tl_status tl_control_client_run(const tl_control_client_settings *settings, const tl_control_request *request,
                                 const char *text, size_t size, tl_control_result *result, tl_error *error) {
     talk self = {.settings = settings, .request = request, .socket = -1, .heard = tl_clock_now(NULL)};
