@@ -204,7 +204,7 @@ typedef struct tl_activation {
     bool has_other_fmus; /* the text is the active one, but an FMU's file differs from the loaded one */
     bool is_measured;    /* the trial has answered */
     tl_control_request request;
-    char *text; /* the candidate's, with a final NUL; NULL: there is none */
+    char *text; /* the candidate's, with a final NUL; NULL: none */
     size_t size;
     char reason[TL_VERSION_WHY]; /* of a rollback */
     tl_worker worker;
@@ -234,7 +234,7 @@ bool tl_activation_is_idle(const tl_activation *activation);
 /* True during a step in which no other change can begin. */
 bool tl_activation_is_busy(const tl_activation *activation);
 
-/* Seconds that remain of the probation; 0: there is none. */
+/* Seconds that remain of the probation; 0: none. */
 uint32_t tl_activation_left_s(const tl_activation *activation);
 
 /* Begins a change to a candidate: `size` bytes of `text`, which are copied. Every result is sent to

@@ -33,25 +33,26 @@ uint64_t tl_forecast_memory_left(void);
 
 /* ---- Comparison of the run's twin with its shadow over the same live time.
  *
- * Purpose: reports what both twins did in that time, and decides whether the shadow may take over.
- *          Pure logic: the caller passes both states.
+ * Purpose: reports what both twins did in that time, and decides whether the shadow may become the
+ *          live twin. Pure logic: the caller passes both states.
  * Refused: the shadow, if the run's twin beside it misses deadlines or skips ticks by probation's
  *          rule (probation.h), compared with the time before. Also if the shadow was in lock for
  *          less than required, and for less than the run's twin.
  * Unseen:  the lock is not evaluated here if no step was evaluated, or if no matched signal was
  *          good in most of the steps. Then the probation evaluates it.
- * Worse:   the error Δy of an output that both twins match is larger than the tolerance of the run,
- *          and larger than TL_COMPARISON_TIMES the error of the run's twin. Errors are root mean
- *          squares over at least TL_COMPARISON_PAIRS pairs. The candidate's own tolerance does not
- *          count, because with a wide tolerance a twin far from the plant is in lock. Noise of the
- *          plant is the same for both, and below the tolerance. Also worse: by the tolerances of
- *          the version that a probation would return to, the shadow was in lock for less than
- *          required, and for less than the run's twin. The client may activate a worse candidate
- *          (TL_CONTROL_EVEN_WORSE).
+ * Worse:   an output that both twins match is worse if two limits are exceeded. Its error Δy is
+ *          larger than the tolerance of the run, and larger than TL_COMPARISON_TIMES the error of
+ *          the run's twin. Errors are root mean squares over at least TL_COMPARISON_PAIRS pairs.
+ *          The candidate's own tolerance does not count, because with a wide tolerance a twin far
+ *          from the plant is in lock. Noise of the plant is the same for both, and below the
+ *          tolerance.
+ *          The lock is worse if, by the tolerances of the version before, the shadow was in lock
+ *          for less than required, and for less than the run's twin.
+ *          The client may activate a worse candidate (TL_CONTROL_EVEN_WORSE).
  * Skipped: deadlines that the shadow misses are reported only, because it has no priority yet. It
  *          is refused if it skipped more than a quarter of its ticks.
  * Failure: if the run's twin was restarted meanwhile, the comparison is invalid.
- * Trust:   the states come from memory of processes with FMUs. The host has bounded the counts and
+ * Trust:   the states are from memory of processes with FMUs. The host has bounded the counts and
  *          cleaned the names. A value that is not finite is reported as "-".
  * Thread:  plain data.
  */

@@ -16,7 +16,7 @@ static const tl_time IDLE = 10 * TL_SECOND;
 static const tl_time PATIENCE = 2 * TL_SECOND;
 
 typedef struct visitor {
-    tl_control_peer peer; /* −1: there is none */
+    tl_control_peer peer; /* −1: none */
     tl_time came;
 } visitor;
 

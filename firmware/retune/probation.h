@@ -4,13 +4,13 @@
  *          logic: the caller passes the time and the state of the run.
  * Rolled back at once, if
  *          - the twin has failed, or has not run for TL_PROBATION_START without a break;
- *          - deadlines: at least TL_PROBATION_MISSES were missed on probation, which is more than
- *            TL_PROBATION_MISS_PERCENT of its steps, and more than TL_PROBATION_MISS_TIMES the
+ *          - at least TL_PROBATION_MISSES deadlines were missed on probation. This must be more
+ *            than TL_PROBATION_MISS_PERCENT of its steps, and more than TL_PROBATION_MISS_TIMES the
  *            share that the configuration before missed. Skipped ticks are not steps, because a
  *            restart skips all ticks of its gap;
  *          - the lock is lost for TL_PROBATION_LOST without a break. The first TL_PROBATION_GRACE
- *            does not count, or the first half of the time if that is shorter. It does not count
- *            again after a resume, because the twin may have just started;
+ *            does not count, or the first half of the time if that is shorter. After a
+ *            resume this exception applies again, because the twin may have just started;
  *          - the lock is lost for as long by the tolerances before, and no user has to confirm the
  *            version;
  *          - the plant's sources could not be opened for TL_PROBATION_SHUT.
@@ -18,11 +18,14 @@
  * Tolerances: the lock is evaluated by the tolerances and weights of the new version, and by those
  *             of the version before (lock_before). So a version with wider tolerances cannot pass
  *             only because they are wider.
- * End:     when the time is over, the version is kept if no user has to confirm it, the twin runs,
- *          the required share of the probation's steps was in lock by both sets of tolerances, and
- *          the lock is not lost by the tolerances before. Else it is rolled back. If the twin has
- *          executed steps and none of them was evaluated (event horizon: no stroke has ended), no
- *          lock is required, provided that a matched signal was good at least once.
+ * End:     when the time is over, the version is kept if all of these are true; else it is rolled
+ *          back:
+ *          - no user has to confirm it;
+ *          - the twin runs, and the plant's sources are open;
+ *          - the required share of the probation's steps was in lock, by both sets of tolerances;
+ *          - the lock is not lost by the tolerances before.
+ * No lock: if the twin has executed steps and none of them was evaluated (event horizon: no stroke
+ *          has ended), no lock is required. But a matched signal must have been good at least once.
  * Confirmed: the version is kept at once.
  * Time:    only the time that the caller passes, because a box without a clock may start in 1970.
  * Thread:  plain data.
@@ -64,8 +67,7 @@ typedef struct tl_probation_account {
     uint64_t left_ms;
     uint64_t steps, misses, skipped; /* on probation */
     tl_lock_tally lock, lock_before; /* only steps that were evaluated; lock_before: by the tolerances before, */
-    tl_lock_tolerances
-        tolerances; /* which are these, in the order of the new version's outputs; zeroed: there are none */
+    tl_lock_tolerances tolerances;   /* which are these, in the order of the new version's outputs; zeroed: none */
     char widened
         [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output whose tolerance was narrower before; "": none */
 } tl_probation_account;

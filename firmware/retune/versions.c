@@ -782,7 +782,7 @@ static void choose_same(tl_versions *versions, const char *file, size_t size) {
     }
 }
 
-/* Returns the parent, or else the newest older version that was kept; 0: there is none. */
+/* Returns the parent, or else the newest older version that was kept; 0: none. */
 static uint64_t before(const tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     uint64_t best = 0;

@@ -46,7 +46,7 @@ typedef enum tl_worker_text {
     TL_WORKER_KEPT,         /* the version that a probation would return to; "": the active one */
     TL_WORKER_COMMISSIONED, /* the version that was commissioned last; "": the active one */
     TL_WORKER_ON_THE_BOX,   /* the current configuration file; "": unknown */
-    TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": there is none */
+    TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": none */
     TL_WORKER_LIST_PATH,    /* path of that list */
     TL_WORKER_TEXTS
 } tl_worker_text;
@@ -93,7 +93,7 @@ typedef struct tl_verdict {
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */
     tl_lock_tolerances
-        tolerances; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: there is none */
+        tolerances; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: none */
     char widened[TL_VERDICT_WIDENED]; /* the first output whose tolerance the candidate widens, and how; "": none */
 } tl_verdict;
 
