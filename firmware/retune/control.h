@@ -266,7 +266,7 @@ typedef enum tl_control_news {
     TL_CONTROL_NOTHING,
     TL_CONTROL_ASKED,   /* the request has arrived, and the candidate of a TAKE */
     TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() reports GONE */
-    TL_CONTROL_GONE /* the connection is closed: by the peer, or because the packet was invalid or the peer did not read replies */
+    TL_CONTROL_GONE     /* closed by the peer, or because of an invalid packet or unread replies */
 } tl_control_news;
 
 /* Accepts the next connection. Returns false if there is none. */

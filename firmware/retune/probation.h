@@ -69,7 +69,7 @@ typedef struct tl_probation_account {
     tl_lock_tally lock, lock_before; /* only steps that were evaluated; lock_before: by the tolerances before, */
     tl_lock_tolerances tolerances;   /* which are these, in the order of the new version's outputs; zeroed: none */
     char widened
-        [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output whose tolerance was narrower before; "": none */
+        [TL_PROBATION_WIDENED]; /* "motor.omega: tolerance 1 → 3": the first output with a narrower tolerance before; "": none */
 } tl_probation_account;
 
 typedef enum tl_probation_result { TL_PROBATION_GOES_ON, TL_PROBATION_KEPT, TL_PROBATION_RETURN } tl_probation_result;

@@ -166,9 +166,8 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 typedef struct tl_version_choice {
     char *text; /* of the version to run, with a final NUL; the caller calls free(). NULL: run the file */
     size_t size;
-    uint64_t number; /* of the version; 0: the file is not a version yet */
-    bool
-        is_candidate; /* the file has changed since it was read last: the caller must add it as TL_ORIGIN_START, and validate it */
+    uint64_t number;   /* of the version; 0: the file is not a version yet */
+    bool is_candidate; /* the file has changed since it was read last: add it as TL_ORIGIN_START, and validate it */
 } tl_version_choice;
 
 /* Selects the text to run: the file if it has changed since it was read last; else the active
