@@ -1,4 +1,4 @@
-/* A change of the configuration, from the candidate to the end of its probation: see activation.h. */
+/* Activation: see activation.h. */
 #include "firmware/retune/activation.h"
 
 #include <inttypes.h>
@@ -17,27 +17,27 @@
 /* ---- steps ---- */
 
 typedef enum outcome {
-    RUNNING, /* the step is polled again; or nothing is under way */
+    RUNNING, /* the step is polled again; or no change is in progress */
     DONE,    /* the next step begins */
-    ENDED, /* the change is over: it failed, or it was only checked, or the run restarts for it. The client was told */
-    AGAIN  /* self->row names the step that begins now */
+    ENDED, /* the change has ended: it failed, was only checked, or restarts the run. The client has its TL_CONTROL_END */
+    AGAIN /* the step in self->row begins now */
 } outcome;
 
 /* A row of the table at the end of this file. */
 typedef struct step_row {
-    tl_control_step step;                        /* as clients read it */
-    unsigned ways;                               /* bits of tl_activation_way, of a candidate; 0: always */
+    tl_control_step step; /* as clients see it */
+    unsigned ways; /* bits of tl_activation_way: only candidates with one of these execute the step; 0: every change */
     outcome (*begin)(tl_activation *self);       /* NULL: nothing to do */
     outcome (*poll)(tl_activation *self);        /* NULL: nothing to wait for */
     tl_time limit;                               /* 0: none, or that of the worker process */
-    const char *late;                            /* why the step fails then */
-    const char *slow;                            /* said once, after SILENCE */
-    void (*progress)(const tl_activation *self); /* says how far it is, after each PROGRESS without a word */
+    const char *late;                            /* reason of the failure when the limit expires */
+    const char *slow;                            /* message after SILENCE, once */
+    void (*progress)(const tl_activation *self); /* reports the progress, after each PROGRESS without a message */
 } step_row;
 
 static const tl_time SILENCE = 2 * TL_SECOND;
 static const tl_time PROGRESS = 10 * TL_SECOND;
-static const tl_time VALIDATION_LIMIT = 20 * TL_SECOND; /* a text of 256 KiB takes milliseconds, a loaded box longer */
+static const tl_time VALIDATION_LIMIT = 20 * TL_SECOND; /* a text of 256 KiB takes milliseconds, more on a loaded box */
 static const tl_time TRIAL_LIMIT = 180 * TL_SECOND;
 
 /* ---- the run and its versions ---- */
@@ -60,14 +60,16 @@ static void find_in_force(const tl_activation *self, char hash[TL_SHA256_TEXT]) 
     self->settings.host->in_force(self->settings.host->context, hash);
 }
 
-/* The run is not of the version that is active on disk: a change was not finished. */
+/* True if the run does not use the version that is active on disk, because a change was
+ * interrupted. */
 static bool is_unfinished(const tl_activation *self) {
     char hash[TL_SHA256_TEXT];
     find_in_force(self, hash);
     return active_of(self)->number != 0 && strcmp(active_of(self)->hash, hash) != 0;
 }
 
-/* Gives the run's twin the yardstick of the version that the probation would return to; none if there is no probation. */
+/* Passes the tolerances of the version that the probation would return to; zeroed without a
+ * probation. */
 static void show_tolerances(const tl_activation *self) {
     static const tl_lock_tolerances none;
     const tl_activation_host *host = self->settings.host;
@@ -85,7 +87,7 @@ static tl_activation_shadow look_at_shadow(const tl_activation *self) {
     return shadow;
 }
 
-/* What the twin in the other place does if it is of the version that the probation would return to; else there is none. */
+/* Returns the phase of the shadow if it uses the version that the probation would return to. */
 static tl_activation_phase phase_of_former(const tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = is_on_probation(self) ? tl_versions_get(versions, versions->probation.return_to) : NULL;
@@ -119,7 +121,7 @@ static void say_end(const tl_activation *self, tl_control_result result, const c
     say(self, &reply);
 }
 
-/* For the log and the events. */
+/* Records an event, which is also logged. */
 static void TL_PRINTF(3, 4) tell(const tl_activation *self, tl_severity severity, const char *format, ...) {
     char text[TL_CONTROL_TEXT + 128];
     va_list arguments;
@@ -129,7 +131,7 @@ static void TL_PRINTF(3, 4) tell(const tl_activation *self, tl_severity severity
     self->settings.host->tell(self->settings.host->context, severity, text);
 }
 
-/* Of `count` problems or changes the verdict lists the first ones. */
+/* The verdict lists only the first of `count` problems or changes. */
 static void say_list(const tl_activation *self, tl_control_kind kind, uint32_t count, uint32_t most) {
     uint32_t listed = count < most ? count : most;
     for (uint32_t i = 0; i < listed; i++) {
@@ -148,8 +150,8 @@ static void say_problems(const tl_activation *self) {
     say_list(self, TL_CONTROL_PROBLEM, self->verdict.problems, TL_VERDICT_PROBLEMS);
 }
 
-/* Says at this step what the lock can be judged by, unless `time` of live samples is surely enough for that; `option` gives more, of which `lead_in` does
- * not count. */
+/* Reports how long the lock must be evaluated, unless `time` of live samples is certainly enough.
+ * `option` gives more time, of which `lead_in` does not count. */
 static void say_window(const tl_activation *self, tl_control_step step, tl_time time, tl_time lead_in,
                        const char *option) {
     const tl_verdict *verdict = &self->verdict;
@@ -164,7 +166,7 @@ static void say_window(const tl_activation *self, tl_control_step step, tl_time 
     }
 }
 
-/* ---- the ends of a change ---- */
+/* ---- ends of a change ---- */
 
 static void forget_change(tl_activation *self) {
     if (self->rehearsal.is_begun) {
@@ -179,14 +181,14 @@ static void forget_change(tl_activation *self) {
     self->step = is_on_probation(self) ? TL_CONTROL_PROBATION : TL_CONTROL_IDLE;
 }
 
-/* The configuration could not be changed. Whoever asks or begins next may try again. */
+/* A technical failure: the client, or the next config manager, may retry. */
 static outcome fail(const tl_activation *self, const char *text) {
     tell(self, TL_EVENT_ERROR, "the configuration could not be changed: %s", text);
     say_end(self, TL_CONTROL_FAILED, text);
     return ENDED;
 }
 
-/* Nothing comes of the candidate. That is kept, unless it was only to be checked. */
+/* The candidate is refused or cancelled. This is saved, unless it was only checked. */
 static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_result result, const char *format, ...) {
     bool is_cancelled = result == TL_CONTROL_CANCELLED;
     char text[TL_CONTROL_TEXT];
@@ -197,7 +199,7 @@ static outcome TL_PRINTF(3, 4) refuse(const tl_activation *self, tl_control_resu
     va_end(arguments);
     tell(self, TL_EVENT_WARNING, "a configuration of %s was %s%s", self->request.who,
          is_cancelled ? "cancelled " : "refused: ", text);
-    if ((self->request.flags & TL_CONTROL_ONLY_CHECK) == 0) { /* the log has it too, if the disk refuses it */
+    if ((self->request.flags & TL_CONTROL_ONLY_CHECK) == 0) { /* if the disk rejects it, it is in the log */
         (void)tl_refusals_add(self->settings.refusals, &self->request, is_cancelled ? "cancelled" : "refused", text,
                               &error);
     }
@@ -222,7 +224,7 @@ static outcome begin_authorisation(tl_activation *self) {
     if (self->text == NULL) {
         return fail(self, "not enough memory");
     }
-    /* The same text means other FMUs if one of their files was replaced. */
+    /* The same text names other FMUs if one of their files was replaced. */
     self->has_other_fmus = is_active && host->has_other_fmus(host->context, self->text, self->size);
     if (is_active && !self->has_other_fmus) {
         say_end(self, TL_CONTROL_SAME, "that is what is active");
@@ -233,14 +235,14 @@ static outcome begin_authorisation(tl_activation *self) {
     }
     if ((request->flags & TL_CONTROL_ONLY_CHECK) == 0 &&
         tl_versions_check_room(self->settings.versions, self->size, &error) != TL_OK) {
-        return fail(self, error.text); /* before the client has waited */
+        return fail(self, error.text); /* before the client waits for the other steps */
     }
     return DONE;
 }
 
 /* ---- validate ---- */
 
-/* Fills what all jobs have in common. */
+/* Adds the settings that all jobs share. */
 static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_time limit, tl_relay_line *hear) {
     tl_error error;
     tl_worker_settings settings = {.plant = self->settings.plant,
@@ -256,7 +258,8 @@ static outcome start_worker(tl_activation *self, const tl_worker_job *job, tl_ti
     return tl_worker_start(&self->worker, &settings, &error) == TL_OK ? RUNNING : fail(self, error.text);
 }
 
-/* The text of a version, the caller's to free(). If it is damaged on disk it is taken from the run's memory, written again, and that is told. */
+/* Returns the text of a version; the caller calls free(). A text that is damaged on disk is copied
+ * from the run's memory and rewritten, with an event. */
 static char *read_text(const tl_activation *self, uint64_t number, tl_error *error) {
     const tl_activation_host *host = self->settings.host;
     const tl_version *version = tl_versions_get(self->settings.versions, number);
@@ -282,7 +285,7 @@ static char *read_text(const tl_activation *self, uint64_t number, tl_error *err
     return text;
 }
 
-/* Compares with what the run is of. */
+/* The candidate is compared with the configuration of the run. */
 static outcome begin_validation(tl_activation *self) {
     char fault[TL_BOX_FAULT] = "";
     char hash[TL_SHA256_TEXT];
@@ -329,7 +332,7 @@ static outcome begin_validation(tl_activation *self) {
     return sent;
 }
 
-/* In safe hold there is no twin that could take anything, or be compared with. */
+/* In safe hold there is no twin that could change its tuning, or be compared with a shadow. */
 static tl_activation_way way_of(const tl_activation *self) {
     if (self->verdict.kind == TL_CHANGE_RESTART || view_now(self).holds) {
         return TL_ACTIVATION_BY_RESTART;
@@ -337,7 +340,8 @@ static tl_activation_way way_of(const tl_activation *self) {
     return self->verdict.kind >= TL_CHANGE_NEW_TWIN ? TL_ACTIVATION_BY_HANDOVER : TL_ACTIVATION_IN_PLACE;
 }
 
-/* A restart is needed, and was not allowed: names the first key that needs one. The client has the list of all changes. */
+/* The client has already received all changes; the reason names the first key that needs a restart.
+ */
 static outcome refuse_restart(const tl_activation *self) {
     const tl_verdict *verdict = &self->verdict;
     const char *key = "some of it";
@@ -352,11 +356,11 @@ static outcome refuse_restart(const tl_activation *self) {
                   "only a new run can take %s: with --restart the run ends and begins anew, with a gap", key);
 }
 
-/* The candidate can be read. Whether it may be activated, and how. */
+/* The candidate is valid. Checks the client's right, and selects how it is activated. */
 static outcome weigh(tl_activation *self) {
     tl_verdict *verdict = &self->verdict;
     say_list(self, TL_CONTROL_CHANGE, verdict->changes, TL_VERDICT_CHANGES);
-    if (self->has_other_fmus) { /* which the texts do not show */
+    if (self->has_other_fmus) { /* the texts do not show this change */
         verdict->kind = TL_CHANGE_NEW_TWIN;
         verdict->right = TL_RIGHT_COMMISSION;
         say_step(self, TL_CONTROL_VALIDATE,
@@ -398,7 +402,8 @@ static outcome poll_validation(tl_activation *self) {
     if (self->cause == TL_ACTIVATION_CANDIDATE) {
         return weigh(self);
     }
-    /* The plant does not wait for another twin to be tried: what takes one is by a restart. */
+    /* A rollback or an interrupted change must not wait for a test of another twin, so a handover
+     * becomes a restart. */
     tl_activation_way way = way_of(self);
     self->way = way == TL_ACTIVATION_BY_HANDOVER ? TL_ACTIVATION_BY_RESTART : way;
     return DONE;
@@ -406,7 +411,8 @@ static outcome poll_validation(tl_activation *self) {
 
 /* ---- try ---- */
 
-/* "PATH: line 7: synchronise.margin: …" of the run's file, whose name the sender does not know. False: it is something else. */
+/* Sends "PATH: line 7: synchronise.margin: …" as a problem without PATH, because the client does
+ * not know the run's file. Returns false for other texts. */
 static bool say_problem(const tl_activation *self, const char *text) {
     tl_control_reply reply = tl_control_new_reply(TL_CONTROL_PROBLEM);
     tl_control_problem *problem = &reply.as.problem;
@@ -435,7 +441,7 @@ static void hear_trial(void *context, const char *line) {
     if (say_problem(self, text)) {
         self->problems++;
     } else if (level == TL_LOG_ERROR && self->heard[0] == '\0') {
-        (void)snprintf(self->heard, sizeof self->heard, "%s", text); /* said at the end, and once */
+        (void)snprintf(self->heard, sizeof self->heard, "%s", text); /* part of the refusal, so it is sent only once */
     } else {
         say_step(self, TL_CONTROL_TRY, "%s", text);
     }
@@ -464,7 +470,7 @@ static outcome poll_trial(tl_activation *self) {
     if (is_done && (self->is_measured || self->way == TL_ACTIVATION_BY_RESTART)) {
         return DONE;
     }
-    if (self->heard[0] == '\0' && self->problems != 0) { /* which were told */
+    if (self->heard[0] == '\0' && self->problems != 0) { /* the client has received them */
         return refuse(self, TL_CONTROL_INVALID, "it cannot run: %u problem%s", self->problems,
                       self->problems == 1 ? "" : "s");
     }
@@ -476,7 +482,8 @@ static outcome poll_trial(tl_activation *self) {
 
 /* ---- predict ---- */
 
-/* The box does not carry two twins: by a restart, if that is allowed. */
+/* The box is too slow or too small for two twins: the change restarts the run if the client allows
+ * that. */
 static outcome make_no_room(tl_activation *self, const char *why) {
     if ((self->request.flags & TL_CONTROL_MAY_RESTART) == 0) {
         return refuse(self, TL_CONTROL_INVALID, "%s%s", why, strstr(why, "--restart") != NULL ? "" : ": use --restart");
@@ -489,7 +496,7 @@ static outcome make_no_room(tl_activation *self, const char *why) {
     return DONE;
 }
 
-/* What it will take of the box, and whether that is there. */
+/* Checks whether the box has the time and memory that the twin needs. */
 static outcome begin_forecast(tl_activation *self) {
     char text[TL_FORECAST_TEXT];
     if (!self->is_measured) {
@@ -511,7 +518,8 @@ static outcome begin_forecast(tl_activation *self) {
 
 /* ---- shadow ---- */
 
-/* Live time that is not compared: what was learnt from a recording has to find the plant. */
+/* Live time that is not compared, because what the twin learned from the recording must first adapt
+ * to the plant. */
 static const tl_time LEAD_IN = 10 * TL_SECOND;
 
 static tl_time length_of_shadow(const tl_activation *self) {
@@ -524,7 +532,7 @@ static tl_time lead_in_of(const tl_activation *self) {
     return quarter < LEAD_IN ? quarter : LEAD_IN;
 }
 
-/* Percent of the steps, in a shadow's comparison and on probation. */
+/* Percent of the steps, in the comparison and on probation. */
 static double required_lock(const tl_activation *self) {
     return self->request.require_lock < 0.0 ? TL_ACTIVATION_LOCK_PERCENT : self->request.require_lock;
 }
@@ -533,7 +541,8 @@ static outcome begin_shadow(tl_activation *self) {
     self->rehearsal = (tl_rehearsal){.comparison.before = view_now(self).figures};
     say_step(self, TL_CONTROL_SHADOW, "its twin is begun beside the run's");
     if (required_lock(self) > 0.0) {
-        tl_time third = self->verdict.window / 3; /* of what is compared, as a quarter is of all */
+        tl_time third = self->verdict.window /
+                        3; /* lead_in_of() is a quarter of the shadow's time, so a third of the time that is compared */
         say_window(self, TL_CONTROL_SHADOW, length_of_shadow(self) - lead_in_of(self),
                    third < LEAD_IN ? third : LEAD_IN, "--shadow");
     }
@@ -561,7 +570,8 @@ static outcome poll_order(tl_activation *self) {
     return DONE;
 }
 
-/* It was tried alone before: one that cannot be begun beside the run's finds no room. */
+/* The trial ran the FMUs alone without a fault. So a shadow that cannot even start lacks time or
+ * memory. */
 static outcome fail_shadow(tl_activation *self, const tl_activation_shadow *shadow, bool has_run) {
     char why[TL_ACTIVATION_WHY];
     char text[TL_CONTROL_TEXT];
@@ -580,7 +590,7 @@ static void say_loading(const tl_activation *self) {
     }
 }
 
-/* Loads FMUs, and runs over recorded samples. */
+/* Waits until the shadow has loaded its FMUs and stepped over the recorded samples. */
 static outcome poll_loading(tl_activation *self) {
     tl_rehearsal *rehearsal = &self->rehearsal;
     const tl_activation_shadow shadow = look_at_shadow(self);
@@ -594,7 +604,7 @@ static outcome poll_loading(tl_activation *self) {
         rehearsal->recorded = shadow.work;
         return RUNNING;
     }
-    /* None is there if the order is not seen yet, or if the shadow was ended. */
+    /* There is no shadow if the order is still pending, or if the shadow was ended. */
     bool is_over = rehearsal->has_run || shadow.phase == TL_ACTIVATION_SHADOW_FAILED;
     return is_over ? fail_shadow(self, &shadow, rehearsal->has_run) : RUNNING;
 }
@@ -654,9 +664,10 @@ static outcome begin_comparison(tl_activation *self) {
     return DONE;
 }
 
-/* ---- activate: the disk first ---- */
+/* ---- activate: on disk first ---- */
 
-/* Seconds. With the right to retune it is at least as long as the lock takes to be judged twice. */
+/* Seconds. With the right to retune, at least twice the time that the lock needs to be evaluated.
+ */
 static uint32_t length_of_probation(const tl_activation *self) {
     const tl_control_request *request = &self->request;
     tl_time given = request->probation_s == 0 ? TL_ACTIVATION_PROBATION_S : (tl_time)request->probation_s;
@@ -671,7 +682,7 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
                                       .require_lock = required_lock(self),
                                       .must_confirm = (request->flags & TL_CONTROL_BY_PERSON) != 0};
     const tl_run_status now = view_now(self).figures;
-    char *file = tl_box_read_file(self->settings.path); /* the run's own, as it is by now */
+    char *file = tl_box_read_file(self->settings.path); /* the current configuration file */
     bool is_by_hand = request->origin == TL_ORIGIN_RELOAD && (file == NULL || strcmp(file, self->text) != 0);
     free(file);
     const tl_version_news news = {.text = self->text,
@@ -693,7 +704,7 @@ static tl_status put_version(tl_activation *self, tl_error *error) {
     return status;
 }
 
-/* For the database, in which a tuning has who brought it, by which way and why, and a run has not. */
+/* For the database: a tuning is recorded with user, origin and reason, but a run is not. */
 static void tell_origin(const tl_activation *self) {
     const tl_version *active = active_of(self);
     tell(self, TL_EVENT_INFO, "version %" PRIu64 " is of %s, by %s%s%s", active->number, active->who,
@@ -708,7 +719,7 @@ static outcome restart_run(tl_activation *self) {
     say_end(self, is_return && !self->is_wanted ? TL_CONTROL_UNDONE : TL_CONTROL_DONE,
             is_return ? self->reason : "the run ends, and begins anew with it; then its probation begins");
     self->settings.host->restart(self->settings.host->context);
-    return ENDED; /* this run does nothing more of it */
+    return ENDED; /* this run does nothing more for it */
 }
 
 static outcome begin_activation(tl_activation *self) {
@@ -725,7 +736,7 @@ static outcome begin_activation(tl_activation *self) {
         return ENDED;
     }
     if (self->cause == TL_ACTIVATION_SETTLES && !is_unfinished(self)) {
-        return ENDED; /* a flip that was ordered before has come meanwhile */
+        return ENDED; /* a handover that was ordered before has finished meanwhile */
     }
     say_step(self, TL_CONTROL_ACTIVATE, "%s", words[self->way].step);
     find_in_force(self, self->leaving);
@@ -740,11 +751,11 @@ static outcome begin_activation(tl_activation *self) {
     if (self->way == TL_ACTIVATION_BY_RESTART) {
         return restart_run(self);
     }
-    show_tolerances(self); /* before the twin takes the change */
+    show_tolerances(self); /* before the twin applies the change */
     return DONE;
 }
 
-/* The twin that runs gets the tuning, or the one beside it the order to take over. */
+/* Sends the tuning to the running twin, or orders the handover. */
 static outcome poll_handover(tl_activation *self) {
     const tl_activation_host *host = self->settings.host;
     const tl_version *active = active_of(self);
@@ -757,7 +768,8 @@ static outcome poll_handover(tl_activation *self) {
 
 static outcome settle_run(tl_activation *self);
 
-/* Back to what was active before: the disk first, and the run was never of it. A run that cannot be brought to what the disk says begins anew. */
+/* Rolls back on disk; the run never used the version. If the run cannot follow the disk, it
+ * restarts. */
 static outcome give_up(tl_activation *self, const char *why) {
     tl_error error;
     char text[TL_CONTROL_TEXT];
@@ -773,7 +785,7 @@ static outcome give_up(tl_activation *self, const char *why) {
         tell(self, TL_EVENT_ERROR, "%s", error.text);
     }
     (void)fail(self, text);
-    return settle_run(self); /* a twin that was only slow must not take it after all */
+    return settle_run(self); /* because a twin that was only slow must not apply it later */
 }
 
 static outcome poll_answer(tl_activation *self) {
@@ -791,13 +803,13 @@ static outcome poll_answer(tl_activation *self) {
     return RUNNING;
 }
 
-/* ---- probation, and the way back ---- */
+/* ---- probation and rollback ---- */
 
-/* What is left of a probation is written this often; and nothing that the disk has refused is tried again sooner. */
+/* Interval of saving the probation, and pause before a write is retried that the disk rejected. */
 static const tl_time SAVING = 10 * TL_SECOND;
 static const tl_time PAUSE = 10 * TL_SECOND;
 
-/* What is different now, as far as it fits. */
+/* Writes the first change, and how many others there are. */
 static void write_changes(const tl_activation *self, char *text, size_t size) {
     const tl_control_change *first = &self->verdict.change[0];
     text[0] = '\0';
@@ -811,11 +823,11 @@ static void write_changes(const tl_activation *self, char *text, size_t size) {
     }
 }
 
-/* The twin before is in the other place now: of use only if it is what would be returned to. */
+/* The shadow is now the twin before. It is kept only if it is the target of a rollback. */
 static void end_handover(tl_activation *self) {
     const tl_versions *versions = self->settings.versions;
     const tl_version *before = tl_versions_get(versions, versions->probation.return_to);
-    self->rehearsal.is_begun = false; /* its twin is the run's */
+    self->rehearsal.is_begun = false; /* its twin is the live one */
     tell_origin(self);
     if (self->cause == TL_ACTIVATION_RETURN || before == NULL || strcmp(before->hash, self->leaving) != 0) {
         end_shadow(self);
@@ -834,7 +846,7 @@ static void say_probation(const tl_activation *self, const char *in_force) {
     }
 }
 
-/* The run is of the version that is active on disk. */
+/* The run uses the version that is active on disk. */
 static outcome begin_probation(tl_activation *self) {
     const tl_version *active = active_of(self);
     char text[TL_CONTROL_TEXT];
@@ -861,7 +873,7 @@ static outcome begin_probation(tl_activation *self) {
     return RUNNING;
 }
 
-/* By the twin that was the run's before, if it is there; else as any change. */
+/* Rolls back by a handover if the shadow runs the version before; else like any other change. */
 static outcome go_back(tl_activation *self) {
     tl_activation_phase phase = phase_of_former(self);
     self->pause = PAUSE;
@@ -878,7 +890,7 @@ static outcome go_back(tl_activation *self) {
     return AGAIN;
 }
 
-/* Brings the run to what the disk says, after a change that was not finished. */
+/* Makes the run follow the disk, after a change that was interrupted. */
 static outcome settle_run(tl_activation *self) {
     char hash[TL_SHA256_TEXT];
     forget_change(self);
@@ -893,7 +905,8 @@ static outcome settle_run(tl_activation *self) {
     return AGAIN;
 }
 
-/* Once, and once more when it works again: it is tried every 10 s for as long as the disk is full. */
+/* Reports a full disk once, and once when it works again, although the write is retried every 10 s.
+ */
 static void note_disk(tl_activation *self, bool is_written, const char *why) {
     char text[TL_CONTROL_TEXT];
     if (!is_written && !self->is_unwritten) {
@@ -906,7 +919,8 @@ static void note_disk(tl_activation *self, bool is_written, const char *why) {
     self->is_unwritten = !is_written;
 }
 
-/* The version on probation is kept. The client of another candidate is not told. False: that cannot be written down. */
+/* Keeps the version on probation. A client that waits for another candidate gets no reply. Returns
+ * false if the disk rejects it. */
 static bool keep_version(tl_activation *self) {
     tl_error error;
     bool is_written =
@@ -914,17 +928,17 @@ static bool keep_version(tl_activation *self) {
     note_disk(self, is_written, error.text);
     if (!is_written) {
         self->pause = PAUSE;
-        self->probation.result = TL_PROBATION_GOES_ON; /* whatever is said of it meanwhile counts */
+        self->probation.result = TL_PROBATION_GOES_ON; /* so that later failures still count */
         return false;
     }
     tell(self, TL_EVENT_INFO, "the configuration in force is kept: %s", self->probation.why);
-    if (!self->rehearsal.is_begun) { /* else it is of a candidate */
+    if (!self->rehearsal.is_begun) { /* else the shadow belongs to a candidate */
         end_shadow(self);
     }
     return true;
 }
 
-/* A probation also goes on while another candidate is looked at. */
+/* A probation also continues during a change to another candidate. */
 static tl_probation_result pass_probation(tl_activation *self) {
     tl_error error;
     const tl_activation_view now = view_now(self);
@@ -956,7 +970,7 @@ static outcome poll_probation(tl_activation *self) {
     return RUNNING;
 }
 
-/* ---- the table, and its driver ---- */
+/* ---- table and driver ---- */
 
 #define WAITING                                                                                                        \
     "it waits until what the last change has left is recorded: a full or slow disk, or database, holds that up"
@@ -968,7 +982,8 @@ enum {
     HANDOVER = 1U << TL_ACTIVATION_BY_HANDOVER
 };
 
-/* The steps in their order. One with `ways` is for candidates that go one of these ways; others skip it. */
+/* The steps in their order. A candidate skips a step if its `ways` do not contain the candidate's.
+ */
 static const step_row rows[TL_ACTIVATION_ROWS] = {
     [TL_ACTIVATION_ROW_IDLE] = {.step = TL_CONTROL_IDLE},
     [TL_ACTIVATION_ROW_AUTHORISE] = {.step = TL_CONTROL_AUTHORISE, .begin = begin_authorisation},
@@ -1007,7 +1022,7 @@ static bool is_skipped(const tl_activation *self) {
     return ways != 0 && (self->cause != TL_ACTIVATION_CANDIDATE || (ways & 1U << self->way) == 0);
 }
 
-/* Goes on from what has come of a step, to the next one that waits. */
+/* Begins the next steps until one must wait or the change ends. */
 static void run_steps(tl_activation *self, outcome came) {
     while (came == DONE || came == AGAIN) {
         if (came == DONE) {
@@ -1027,11 +1042,11 @@ static void run_steps(tl_activation *self, outcome came) {
     }
 }
 
-/* While a candidate is looked at, the version in force may end its probation, and the run may go to safe hold. */
+/* During a change, the probation of the active version may end, and the run may enter safe hold. */
 static outcome poll_run(tl_activation *self) {
     tl_probation_result result = is_on_probation(self) ? pass_probation(self) : TL_PROBATION_GOES_ON;
     if (self->step != TL_CONTROL_SHADOW) {
-        return RUNNING; /* it can wait that long */
+        return RUNNING; /* other steps are short */
     }
     if (result == TL_PROBATION_RETURN) {
         return refuse(self, TL_CONTROL_FAILED, "the version on probation is returned from first: %s",
@@ -1064,7 +1079,7 @@ void tl_activation_look(tl_activation *activation) {
     if (came != RUNNING) {
         run_steps(activation, came);
     } else if (row != &rows[activation->row]) {
-        return; /* the poll has chosen another step */
+        return; /* the poll has selected another step */
     } else if (row->late != NULL && activation->waited > row->limit) {
         run_steps(activation, row->step == TL_CONTROL_SHADOW ? make_no_room(activation, row->late)
                                                              : give_up(activation, row->late));
@@ -1084,7 +1099,7 @@ void tl_activation_begin(tl_activation *activation, const tl_activation_settings
         tl_probation_resume(&activation->probation, &settings->versions->probation.account);
     }
     if (phase_of_former(activation) == TL_ACTIVATION_NO_SHADOW) {
-        end_shadow(activation); /* of a candidate that was given up */
+        end_shadow(activation); /* left by a candidate that an earlier config manager did not finish */
     }
     run_steps(activation, settle_run(activation));
 }
@@ -1104,7 +1119,7 @@ uint32_t tl_activation_left_s(const tl_activation *activation) {
 void tl_activation_take(tl_activation *activation, const tl_control_request *request, const char *text, size_t size) {
     activation->request = *request;
     if (request->why[strspn(request->why, " \t\r\n")] == '\0') {
-        activation->request.why[0] = '\0'; /* it says nothing */
+        activation->request.why[0] = '\0'; /* only blanks */
     }
     activation->size = size;
     activation->text = malloc(size + 1);
@@ -1116,7 +1131,7 @@ void tl_activation_take(tl_activation *activation, const tl_control_request *req
     run_steps(activation, AGAIN);
 }
 
-/* A candidate is on its way, and nothing of it is on disk. */
+/* True if a candidate is in progress and is not on disk yet. */
 static bool is_considering(const tl_activation *self) {
     return tl_activation_is_busy(self) && self->step != TL_CONTROL_ACTIVATE && self->cause == TL_ACTIVATION_CANDIDATE;
 }

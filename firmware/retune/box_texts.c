@@ -14,7 +14,8 @@
 #include "firmware/config/config_change.h"
 #include "firmware/retune/control.h"
 
-/* Closes it. NULL: it cannot be read, or is no text of at most so many bytes. */
+/* Closes `file`. Returns NULL if it cannot be read, has more than `most` bytes, or contains a NUL.
+ */
 static char *take_text(int file, size_t most) {
     size_t size = 0;
     char *text = tl_file_text_take(file, most, &size);
@@ -25,7 +26,7 @@ static char *take_text(int file, size_t most) {
     return text;
 }
 
-/* A FIFO there must not be waited for. */
+/* O_NONBLOCK, because opening a FIFO must not block. */
 static int open_ordinary(const char *path, struct stat *about) {
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NOCTTY | O_NONBLOCK);
     bool is_ordinary = file >= 0 && fstat(file, about) == 0 && S_ISREG(about->st_mode);

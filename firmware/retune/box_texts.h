@@ -1,8 +1,10 @@
-/* What files of the box itself say about names that a configuration may have.
+/* Names that files on the box allow in a configuration.
  *
- * Purpose: the administrator's list, and the configuration's file as it is now, for who compares a candidate with them (config_change.h).
- * List:    nobody but root, or the user of the run, may be able to write it, or it counts as nothing.
+ * Purpose: reads the administrator's list of allowed names and the current configuration file. A
+ *          candidate is compared with both (config_change.h).
+ * Trust:   the list is ignored if a user other than root or the user of the run can write it.
  * Waiting: for the disk.
+ * Memory:  the caller frees the texts.
  * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_RETUNE_BOX_TEXTS_H
@@ -10,10 +12,12 @@
 
 enum { TL_BOX_LIST_MOST = 65536, TL_BOX_FAULT = 512 };
 
-/* To be freed; NULL: there is none, or (with a fault) none of it counts. */
+/* Returns the text of the list, or NULL if there is no list, or if it is ignored; then `fault` says
+ * why. The caller calls free(). */
 char *tl_box_read_list(const char *path, char fault[TL_BOX_FAULT]);
 
-/* To be freed; NULL: it cannot be read now, or is no configuration's. */
+/* Returns the text of the configuration file, or NULL if it cannot be read, or is no text of a
+ * valid size. The caller calls free(). */
 char *tl_box_read_file(const char *path);
 
 #endif

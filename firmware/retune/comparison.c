@@ -1,4 +1,4 @@
-/* A candidate compared with the active version: measured in a shadow, or forecast: see comparison.h. */
+/* Forecast and comparison: see comparison.h. */
 #include "firmware/retune/comparison.h"
 
 #include <fcntl.h>
@@ -65,16 +65,16 @@ uint64_t tl_forecast_memory_left(void) {
 
 /* ---- comparison ---- */
 
-/* ---- what was done ---- */
+/* ---- differences ---- */
 
 static uint64_t grown(uint64_t before, uint64_t now) {
     return now >= before ? now - before : now;
 }
 
-/* Both are of one twin, so its outputs have their places. */
+/* Both states are of the same twin, so the order of its outputs is the same. */
 static void subtract(const tl_run_status *before, tl_run_status *now) {
     if (now->ticks < before->ticks) {
-        return; /* another twin has come, and has counted from 0 */
+        return; /* another twin has started; its counts began at 0 */
     }
     now->ticks = grown(before->ticks, now->ticks);
     now->steps = grown(before->steps, now->steps);
@@ -107,16 +107,16 @@ void tl_comparison_end(tl_comparison *comparison, const tl_run_status *shadow, c
     subtract(&begun.twin, &comparison->twin);
 }
 
-/* ---- words ---- */
+/* ---- texts ---- */
 
 enum { NUMBER = 64 };
 
-/* Of y − ŷ. No number if there are no pairs. */
+/* Of Δy = y − ŷ. Not a number if there are no pairs. */
 static double root_mean_square(const tl_run_output *output) {
     return sqrt(output->sum_of_squares / (double)output->pairs);
 }
 
-/* NULL: that twin does not compare it. */
+/* `output` is NULL if that twin does not match it. */
 static void write_root_mean_square(const tl_run_output *output, char text[NUMBER]) {
     if (output != NULL && isfinite(root_mean_square(output))) {
         (void)snprintf(text, NUMBER, "%.3g%s%s", root_mean_square(output), output->unit[0] == '\0' ? "" : " ",
@@ -158,14 +158,15 @@ static void write_work(const char *who, const tl_run_status *work, char text[TL_
                    work->deadline_misses, lock);
 }
 
-/* Percent of the steps in which no matched signal was good; 100 if no step was judged: no stroke has ended yet (event horizon). */
+/* Percent of the steps in which no matched signal was good; 100 if no step was evaluated, because
+ * no stroke has ended yet (event horizon). */
 static double percent_unseen(const tl_comparison *comparison) {
     const tl_lock_tally *lock = &comparison->shadow.lock;
     uint64_t judged = tl_lock_tally_total(lock);
     return judged == 0 ? 100.0 : 100.0 * share((double)lock->steps[TL_LOCK_FREE], judged);
 }
 
-/* Most of the time decides what the rest is worth. */
+/* The lock is evaluated only if a signal was good in at least half of the steps. */
 static const double MOST_PERCENT = 50.0;
 
 void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *context, const char *text), void *context) {
@@ -177,7 +178,7 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
         const char *name = is_new ? shadow->output[i - twin->outputs].name : twin->output[i].name;
         const tl_run_output *now = find_output(twin, name);
         if (is_new && now != NULL) {
-            continue; /* it was told */
+            continue; /* it was reported above */
         }
         char of_now[NUMBER];
         char of_then[NUMBER];
@@ -201,22 +202,24 @@ void tl_comparison_tell(const tl_comparison *comparison, void (*say)(void *conte
     }
 }
 
-/* ---- room ---- */
+/* ---- time for two twins ---- */
 
-/* A twin that has made up so large a part of its ticks follows nothing, whatever its priority and the reason. */
+/* A twin that skipped more than this part of its ticks does not follow the plant, whatever its
+ * priority and the cause. */
 enum { LEAST_PART = 4 };
 
 static bool is_absent(const tl_run_status *figures) {
     return figures->skipped > figures->ticks / LEAST_PART;
 }
 
-/* A machine stands still now and then, for several ticks at once: that is no lack of room, and too many ticks only if it comes again and again. */
+/* A machine may pause now and then, for several ticks at once. That does not prove a lack of time,
+ * so the number of gaps counts too. */
 static bool is_left_behind(const tl_run_status *figures, const tl_run_status *measure) {
     return figures->gaps >= TL_PROBATION_MISSES &&
            tl_probation_is_too_many(figures->skipped, figures->ticks, measure->skipped, measure->ticks);
 }
 
-/* By probation's rule, of deadlines or of ticks that were made up. */
+/* By probation's rule, for deadlines or for skipped ticks. */
 static bool suffers(const tl_run_status *figures, const tl_run_status *measure) {
     return is_absent(figures) || is_left_behind(figures, measure) ||
            tl_probation_is_too_many(figures->deadline_misses, figures->steps, measure->deadline_misses, measure->steps);
@@ -232,20 +235,20 @@ static tl_comparison_result say_no_room(const char *who, const tl_run_status *fi
 
 /* ---- worse ---- */
 
-/* The same thing, matched by both, and often enough. */
+/* Both twins match the output, with the same unit and enough pairs. */
 static bool is_comparable(const tl_run_output *now, const tl_run_output *then) {
     return now->tolerance > 0.0 && then->tolerance > 0.0 && now->pairs >= TL_COMPARISON_PAIRS &&
            then->pairs >= TL_COMPARISON_PAIRS && strcmp(now->unit, then->unit) == 0;
 }
 
-/* What is no number, of a new twin beside one that has numbers, is worse. */
+/* A new twin whose error is not finite is worse than a twin with a finite error. */
 static bool is_worse(const tl_run_output *now, const tl_run_output *then) {
     double of_now = root_mean_square(now);
     double of_then = root_mean_square(then);
     return isfinite(of_now) && !(of_then <= now->tolerance || of_then <= TL_COMPARISON_TIMES * of_now);
 }
 
-/* By the tolerances of the version before, whatever the new ones say of the lock. */
+/* By the tolerances of the version before, because the candidate may have widened its own. */
 static bool is_lost_before(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_lock_tally *lock = &comparison->shadow.lock_before;
     double in_lock_now = tl_lock_tally_percent(&comparison->twin.lock);
@@ -258,7 +261,7 @@ static bool is_lost_before(const tl_comparison *comparison, double require_lock,
     return percent_unseen(comparison) <= MOST_PERCENT && in_lock < require_lock && in_lock < in_lock_now;
 }
 
-/* An output is, or the lock by the tolerances of the version before. */
+/* An output is worse, or the lock by the tolerances of the version before. */
 static bool is_any_worse(const tl_comparison *comparison, double require_lock, char why[TL_COMPARISON_TEXT]) {
     const tl_run_status *twin = &comparison->twin;
     for (size_t i = 0; i < twin->outputs; i++) {
@@ -282,7 +285,7 @@ static bool is_any_worse(const tl_comparison *comparison, double require_lock, c
     return false;
 }
 
-/* ---- judging ---- */
+/* ---- result ---- */
 
 tl_comparison_result tl_comparison_judge(const tl_comparison *comparison, double require_lock,
                                          char why[TL_COMPARISON_TEXT]) {

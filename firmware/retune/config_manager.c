@@ -1,4 +1,4 @@
-/* The activator: see config_manager.h. */
+/* Config manager: see config_manager.h. */
 #include "firmware/retune/config_manager.h"
 
 #include <poll.h>
@@ -9,34 +9,34 @@
 #include "firmware/base/os.h"
 #include "firmware/retune/control.h"
 
-/* Without anything to do: as long as a person needs for the next command. */
+/* Time without work before it ends: as long as a user needs for the next command. */
 static const tl_time IDLE = 10 * TL_SECOND;
 
-/* A client that connects asks at once. */
+/* A client that connects must send its request in this time. */
 static const tl_time PATIENCE = 2 * TL_SECOND;
 
 typedef struct visitor {
-    tl_control_peer peer; /* socket −1: there is none */
+    tl_control_peer peer; /* −1: none */
     tl_time came;
 } visitor;
 
 struct tl_config_manager {
-    int socket; /* listens */
+    int socket; /* the listening socket */
     tl_versions versions;
     tl_refusals refusals;
     tl_activation activation;
     visitor clients[TL_CONTROL_CLIENTS];
-    visitor *listener; /* who hears of the change that is under way; NULL: nobody */
+    visitor *listener; /* receives the replies of the change in progress; NULL: no client */
     visitor *
-        waiter; /* who waits for what comes of the version on probation, while another candidate is looked at; NULL: nobody, */
-    uint64_t awaited;           /* which that is */
-    tl_time busy;               /* when there was something to do last */
-    tl_control_request request; /* that is answered, */
+        waiter; /* waits for the result of the version on probation during a change to another candidate; NULL: no client */
+    uint64_t awaited;           /* number of that version */
+    tl_time busy;               /* time of the last work */
+    tl_control_request request; /* the current request, */
     char text[TL_CONTROL_MOST + 1];
-    size_t size; /* and the candidate that came with it */
+    size_t size; /* and its candidate */
 };
 
-/* ---- who hears of a change ---- */
+/* ---- replies of a change ---- */
 
 static void hang_up(tl_config_manager *self, visitor *who) {
     tl_control_close(&who->peer);
@@ -62,7 +62,7 @@ static void finish(tl_config_manager *self, visitor *who, tl_control_result resu
     hang_up(self, who);
 }
 
-/* ---- what can be looked at ---- */
+/* ---- queries ---- */
 
 static void show(tl_config_manager *self, visitor *who) {
     const tl_version *active = tl_versions_active(&self->versions);
@@ -115,7 +115,7 @@ static void list_versions(tl_config_manager *self, visitor *who) {
     }
     for (size_t i = self->refusals.count; i > 0; i--) {
         reply.as.version = self->refusals.list[i - 1];
-        reply.as.version.version = 0; /* it never was one */
+        reply.as.version.version = 0; /* a refusal is not a version */
         (void)tl_control_send(&who->peer, &reply, NULL);
     }
     finish(self, who, TL_CONTROL_DONE, "");
@@ -140,7 +140,7 @@ static void read_version(tl_config_manager *self, visitor *who) {
     free(text);
 }
 
-/* ---- what changes something ---- */
+/* ---- changes ---- */
 
 static void take_text(tl_config_manager *self, visitor *who, const char *text, size_t size) {
     if (tl_activation_is_busy(&self->activation)) {
@@ -148,7 +148,7 @@ static void take_text(tl_config_manager *self, visitor *who, const char *text, s
                "another change is under way: try again when it is done; --state shows its step, --rollback cancels it");
         return;
     }
-    if (self->listener != NULL) { /* of the one that is on probation */
+    if (self->listener != NULL) { /* waits for the version on probation */
         self->waiter = self->listener;
         self->awaited = self->versions.active;
     }
@@ -160,7 +160,8 @@ static void take(tl_config_manager *self, visitor *who) {
     take_text(self, who, self->text, self->size);
 }
 
-/* A candidate that becomes nothing takes nobody's place. */
+/* If the other candidate failed, the client that waits for the version on probation receives the
+ * replies again. */
 static void look_at_waiter(tl_config_manager *self) {
     visitor *who = self->waiter;
     const tl_version *version = tl_versions_get(&self->versions, self->awaited);
@@ -193,7 +194,8 @@ static void confirm(tl_config_manager *self, visitor *who) {
     }
 }
 
-/* What is under way or on probation is given up. An older version is a candidate like any other. */
+/* Cancels a change in progress, or rolls back a version on probation. An older version is a
+ * candidate like any other. */
 static void bring_back(tl_config_manager *self, visitor *who) {
     tl_control_request *request = &self->request;
     uint64_t number = request->version != 0 ? request->version : tl_versions_active(&self->versions)->parent;
@@ -262,7 +264,8 @@ static void look_at_client(tl_config_manager *self, visitor *who, tl_time now) {
     }
 }
 
-/* The kernel passes over a place without a client. If none is free the others wait in the listener's queue. */
+/* poll() ignores entries without a client. If all entries are used, further clients wait in the
+ * listener's queue. */
 static void wait_for_something(tl_config_manager *self) {
     struct pollfd waited[TL_CONTROL_CLIENTS + 1];
     bool is_full = true;
@@ -298,7 +301,7 @@ bool tl_config_manager_work(tl_config_manager *activator) {
     return now - activator->busy < IDLE;
 }
 
-/* ---- its life ---- */
+/* ---- start and end ---- */
 
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **activator, tl_error *error) {

@@ -1,9 +1,12 @@
-/* The activator: answers at a plant's control socket, and sees to it that one change after the other is made.
+/* Config manager: answers at a plant's control socket, and makes one configuration change after the
+ * other.
  *
- * Purpose: the work of a process that is begun when somebody knocks, or a probation is under way, and ends when nothing is to be done.
- * Trust:   it parses no configuration and no FMU: a validator and a trial do (worker.h). A right that is claimed is believed: only root, the plant's own
- *          user and the socket's group can ask.
- * Waiting: for clients and workers at once, at most `TL_CONFIG_MANAGER_LOOK`.
+ * Purpose: the process runs on demand. The supervisor starts it at the start of a run and for a
+ *          connection. It ends when it is idle for 10 s and no version is on probation.
+ * Trust:   it parses no configuration and loads no FMU; workers do both (worker.h). It trusts the
+ *          right that a client claims, because only root, the plant's own user and the socket's
+ *          group can connect.
+ * Waiting: for clients and workers together, at most TL_CONFIG_MANAGER_LOOK.
  * Thread:  one, the main thread of its process.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONFIG_MANAGER_H
@@ -19,15 +22,18 @@
 
 typedef struct tl_config_manager tl_config_manager;
 
-/* `socket`: listens (control.h). `state`: the folder in which versions/ is. `settings`: versions, refusals, say and its listener are set here.
- * Errors: TL_TRY_AGAIN, TL_BAD_DATA of the versions' folder. */
+/* Starts with a listening `socket` (control.h). `state`: the folder that contains versions/. This
+ * function sets versions, refusals, say and its listener in `settings`. Errors: TL_TRY_AGAIN;
+ * TL_BAD_DATA if the versions' folder is damaged. */
 tl_status tl_config_manager_open(int socket, const char *state, const tl_activation_settings *settings,
                                  tl_config_manager **activator, tl_error *error);
 
-/* Waits for something to do, at most TL_CONFIG_MANAGER_LOOK, and does it. False: nothing has been to do for some seconds, and nothing is. */
+/* Waits for work, at most TL_CONFIG_MANAGER_LOOK, and does it. Returns false if there is no work,
+ * and was none for some seconds. */
 bool tl_config_manager_work(tl_config_manager *activator);
 
-/* Hangs up, and ends what is under way; the next one goes on with it. NULL is allowed. */
+/* Closes all connections and ends a running worker. The next config manager continues from the
+ * state on disk. NULL is allowed. */
 void tl_config_manager_close(tl_config_manager *activator);
 
 #endif

@@ -1,4 +1,4 @@
-/* The control socket of a plant: its messages, their words, the server's end and the client's: see control.h. */
+/* Control socket: see control.h. */
 #include "firmware/retune/control.h"
 
 #include <errno.h>
@@ -18,7 +18,7 @@
 #include "firmware/base/text.h"
 #include "firmware/process/block.h"
 
-/* ---- control words ---- */
+/* ---- names ---- */
 
 const char *tl_control_step_name(tl_control_step step) {
     static const char *const names[TL_CONTROL_STEPS] = {
@@ -30,7 +30,7 @@ const char *tl_control_step_name(tl_control_step step) {
     return names[step];
 }
 
-/* Names, and exit codes as sysexits.h and a tl_status have them. */
+/* Names, and statuses whose exit codes are used (sysexits.h). */
 static const struct {
     const char *name;
     tl_status status;
@@ -38,7 +38,7 @@ static const struct {
     [TL_CONTROL_DONE] = {"done", TL_OK},
     [TL_CONTROL_SAME] = {"same", TL_OK},
     [TL_CONTROL_BAD] = {"bad request", TL_BAD_USAGE},
-    [TL_CONTROL_FORBIDDEN] = {"forbidden", TL_OK}, /* TL_CONTROL_NOT_PERMITTED */
+    [TL_CONTROL_FORBIDDEN] = {"forbidden", TL_OK}, /* its exit code is TL_CONTROL_NOT_PERMITTED */
     [TL_CONTROL_CHANGED] = {"changed", TL_TRY_AGAIN},
     [TL_CONTROL_INVALID] = {"invalid", TL_BAD_DATA},
     [TL_CONTROL_RESTART] = {"needs a restart", TL_BAD_USAGE},
@@ -97,9 +97,10 @@ bool tl_control_packet_send(int socket, const void *bytes, size_t size, const ch
     return is_sent;
 }
 
-/* ---- taking ---- */
+/* ---- receiving ---- */
 
-/* From memory only: any other file could be slow to read, or end the reader. */
+/* Copies only from memory: any other file could be slow to read, or terminate the reader by a
+ * signal. */
 static bool copy_text(int descriptor, char *text, size_t *length) {
     struct stat about;
     struct statfs system;
@@ -112,7 +113,9 @@ static bool copy_text(int descriptor, char *text, size_t *length) {
     return *length != 0;
 }
 
-/* Takes what is there: ASKED is a packet of exactly `size` bytes. `text`, of TL_CONTROL_MOST + 1 bytes (NULL: none is wanted), gets what came as memory, with a NUL; *length is 0 if there was none. */
+/* Receives a packet; ASKED if it has exactly `size` bytes. `text`: gets the memory that came with
+ * it, with a final NUL; it has TL_CONTROL_MOST + 1 bytes. NULL: no memory is accepted. *length:
+ * bytes of the text; 0: there is none. */
 static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t size, char *text, size_t *length) {
     int found = -1;
     *length = 0;
@@ -131,19 +134,21 @@ static tl_control_news tl_control_packet_take(int socket, void *bytes, size_t si
 
 /* ---- control server ---- */
 
-/* Connections that nobody has accepted yet. */
+/* Connections in the queue of the listening socket. */
 enum { WAITING = 16 };
 
 /* ---- the socket ---- */
 
-/* The last folder of its name; whoever may enter the one above decides who may enter this. */
+/* Only the last folder of the path is made. Access to its parent decides which users can enter it.
+ */
 static void make_folder(const char *path) {
     char folder[sizeof((struct sockaddr_un *)NULL)->sun_path];
     (void)snprintf(folder, sizeof folder, "%s", path);
     (void)mkdir(dirname(folder), S_IRWXU | S_IRWXG);
 }
 
-/* A dead socket is in the way of bind(). One that answers, or is too busy to, belongs to another process. */
+/* The socket of a process that has ended would block bind(). A socket that answers, or is too busy
+ * to answer, belongs to another process. */
 static void remove_dead(const char *path) {
     struct stat about;
     int probe = -1;
@@ -192,7 +197,8 @@ bool tl_control_accept(int listener, tl_control_peer *peer) {
 
 /* ---- requests ---- */
 
-/* Its bytes are as they are shown: a stranger's words cannot command a terminal, nor forge a line of a log. */
+/* A text is valid only if cleaning does not change it. So an untrusted text cannot control a
+ * terminal, or forge a line of a log. */
 static bool is_clean(const char *text, size_t room) {
     char clean[TL_CONTROL_WHY];
     size_t length = strnlen(text, room);
@@ -210,7 +216,7 @@ static bool is_sound(const tl_control_request *request) {
 
 static const char FOREIGN[] = "the request is none: twinlock is of another version there";
 
-/* What is wrong with what came, or NULL. */
+/* Returns the fault of a request, or NULL. */
 static const char *fault_of(const tl_control_request *request, const char *text, size_t size) {
     char hash[TL_SHA256_TEXT] = "";
     if (!is_sound(request)) {
@@ -249,7 +255,7 @@ tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *re
 
 /* ---- replies ---- */
 
-/* Nobody waits for a client that does not take what we say. */
+/* A client that does not read its replies is closed, because the server must not wait. */
 bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply, const char *text) {
     if (peer->socket >= 0 && !tl_control_packet_send(peer->socket, reply, sizeof *reply, text, reply->more)) {
         tl_control_close(peer);
@@ -323,9 +329,9 @@ tl_status tl_control_ask(int socket_, const tl_control_request *request, const c
     return TL_OK;
 }
 
-/* ---- what comes back ---- */
+/* ---- receiving replies ---- */
 
-/* All texts of replies. */
+/* All texts in replies. */
 #define TEXT(kind, member)                                                                                             \
     { kind, offsetof(tl_control_reply, as.member), sizeof((tl_control_reply *)NULL)->as.member }
 
@@ -346,7 +352,7 @@ static const struct {
     TEXT(TL_CONTROL_END, end.hash),           TEXT(TL_CONTROL_END, end.text),
 };
 
-/* False: there is no such reply. All texts end afterwards. */
+/* Terminates all texts of a reply. Returns false if the reply is invalid. */
 static bool is_sound_client(tl_control_reply *reply) {
     uint32_t kind = reply->kind == TL_CONTROL_CONFIGURATION ? TL_CONTROL_VERSION : reply->kind;
     for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
@@ -363,7 +369,7 @@ tl_status tl_control_next(int socket_, tl_time time, tl_control_reply *reply, ch
     size_t length = 0;
     tl_control_news arrival = TL_CONTROL_NOTHING;
     struct pollfd waited = {.fd = socket_, .events = POLLIN};
-    tl_time most = 1000 * TL_SECOND; /* the caller asks again */
+    tl_time most = 1000 * TL_SECOND; /* the caller calls again */
     if (poll(&waited, 1, (int)(((time < most ? time : most) + 999999) / 1000000)) > 0) {
         arrival = tl_control_packet_take(socket_, reply, sizeof *reply, text, &length);
     }

@@ -1,6 +1,7 @@
-/* The control socket of a plant: its messages, their words, the server's end and the client's.
+/* Control socket of a plant: message formats, names of enumerations, the server's side and the
+ * client's.
  *
- * Thread:  one for each end.
+ * Thread:  one for each side.
  */
 #ifndef TL_FIRMWARE_RETUNE_CONTROL_H
 #define TL_FIRMWARE_RETUNE_CONTROL_H
@@ -14,47 +15,51 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- What is said over a plant's control socket: every request and every reply there is.
+/* ---- Messages of a plant's control socket: all requests and replies.
  *
- * Purpose: who changes the configuration of a running plant, or asks how it is, does so by this socket (Unix, SOCK_SEQPACKET) and by
- *          nothing else: `twinlock reload` on the box, and twinlock-serve for who is on the network.
- * Course:  one request for each connection, with a candidate's text in memory that it hands over by descriptor if it has one; then replies, the last of which is
- *          TL_CONTROL_END. Every message has exactly the size of its struct, in this machine's own byte order.
- * Trust:   the server believes nothing of a request but its right, since only the plant's user and group may enter the socket's folder. The client believes no reply: each has a checked
- *          kind, and ends its texts within their room.
+ * Purpose: clients change the configuration of a running plant, and query its state, only by this
+ *          socket (Unix, SOCK_SEQPACKET). Clients are `twinlock reload` on the box, and
+ *          twinlock-serve for the network.
+ * Course:  one request for each connection. A candidate's text comes with it, as a descriptor of
+ *          memory. Then the server sends replies; the last one is TL_CONTROL_END. Every message has
+ *          exactly the size of its struct, in this machine's byte order.
+ * Trust:   the server validates everything in a request except the right, because only the plant's
+ *          user and group can enter the socket's folder. The client validates each reply: its kind
+ *          is checked, and its texts are terminated.
  * Thread:  plain data.
  */
 
 enum {
-    TL_CONTROL_PROTOCOL = 2,      /* the number of this protocol: both sides have the same */
-    TL_CONTROL_MOST = 256 * 1024, /* bytes of a configuration's text */
-    TL_CONTROL_NAME = 64,         /* of who asks, of a plant; with the NUL, as all texts */
-    TL_CONTROL_WHY = 256,         /* what somebody wrote about a change */
+    TL_CONTROL_PROTOCOL = 2,      /* version of this protocol: both sides must have the same */
+    TL_CONTROL_MOST = 256 * 1024, /* most bytes of a configuration's text */
+    TL_CONTROL_NAME = 64,         /* of a user or a plant; sizes of all texts include the NUL */
+    TL_CONTROL_WHY = 256,         /* a user's reason for a change, or a result */
     TL_CONTROL_PATH = 256,        /* a JSON path */
-    TL_CONTROL_TEXT = 1024,       /* a sentence for people */
-    TL_CONTROL_TIME = 32          /* "2026-11-23T10:02:03.456Z"; "": not known */
+    TL_CONTROL_TEXT = 1024,       /* a message for the user */
+    TL_CONTROL_TIME = 32          /* "2026-11-23T10:02:03.456Z"; "": unknown */
 };
 
-/* What is asked for. */
+/* Kind of a request. */
 typedef enum tl_control_verb {
-    TL_CONTROL_SHOW,     /* how the plant is: one STATE */
-    TL_CONTROL_READ,     /* a version's text: one CONFIGURATION */
-    TL_CONTROL_VERSIONS, /* all that are kept, newest first, then what was refused last: a VERSION each */
-    TL_CONTROL_TAKE,     /* a new configuration: CHANGE, PROBLEM and STEP, as they come */
-    TL_CONTROL_CONFIRM,  /* the one on probation is kept */
-    TL_CONTROL_RETURN,   /* another version is brought back: by `version`, or the one before the active one */
+    TL_CONTROL_SHOW,     /* state of the plant: one STATE */
+    TL_CONTROL_READ,     /* text of a version: one CONFIGURATION */
+    TL_CONTROL_VERSIONS, /* all saved versions, newest first, then the newest refused candidates: a VERSION each */
+    TL_CONTROL_TAKE,     /* a new configuration: sends CHANGE, PROBLEM and STEP replies */
+    TL_CONTROL_CONFIRM,  /* keeps the version on probation */
+    TL_CONTROL_RETURN,   /* returns to another version: `version`, or the one before the active one */
     TL_CONTROL_VERBS
 } tl_control_verb;
 
-/* How a change is to be made. */
+/* Options of a change. */
 typedef enum tl_control_flag {
-    TL_CONTROL_ONLY_CHECK = 1, /* all steps up to the activation, and not that */
+    TL_CONTROL_ONLY_CHECK = 1, /* executes all steps before the activation, and then stops */
     TL_CONTROL_MAY_RESTART =
-        2, /* what cannot change while the plant's twin runs is changed by an end and a new start, with a gap */
-    TL_CONTROL_BY_PERSON = 4,     /* kept only if somebody confirms it */
-    TL_CONTROL_WAIT = 8,          /* replies go on until it is kept or returned; else until it is active */
-    TL_CONTROL_ONLY_PENDING = 16, /* of RETURN: what is under way or on probation; if nothing is, nothing is done */
-    TL_CONTROL_EVEN_WORSE = 32,   /* also if an output is worse than that of the run's twin, beside which it has run */
+        2, /* restarts the run, with a gap, if the change cannot be made while the plant's twin runs */
+    TL_CONTROL_BY_PERSON = 4, /* is kept only if a user confirms it */
+    TL_CONTROL_WAIT = 8, /* replies continue until the version is kept or rolled back; without it until it is active */
+    TL_CONTROL_ONLY_PENDING =
+        16, /* of RETURN: only a change in progress or on probation; if there is none, nothing is done */
+    TL_CONTROL_EVEN_WORSE = 32, /* activates it also if an output is worse than that of the run's twin (comparison.h) */
     TL_CONTROL_FLAGS = 63
 } tl_control_flag;
 
@@ -62,86 +67,87 @@ typedef struct tl_control_request {
     uint32_t protocol;
     uint32_t verb; /* tl_control_verb */
     uint32_t
-        right; /* tl_change_right that the caller has, or claims, at most TL_RIGHT_COMMISSION; the peer's own user may have less */
+        right; /* tl_change_right that the client claims, at most TL_RIGHT_COMMISSION; not checked against the peer's user */
     uint32_t origin;      /* tl_change_origin, at most TL_ORIGIN_LIMITED */
     uint32_t flags;       /* tl_control_flag, of TAKE and RETURN */
-    uint32_t probation_s; /* 0: as usual */
-    uint32_t shadow_s;    /* for which a new twin runs beside the old one over live samples; 0: as usual */
+    uint32_t probation_s; /* 0: the default */
+    uint32_t shadow_s;    /* seconds of live samples during which a new twin runs as a shadow; 0: the default */
     uint32_t unused;
-    double require_lock;           /* percent of the probation's steps that must be in lock; < 0: as usual */
-    uint64_t version;              /* of READ and RETURN: its number; 0: the active one, or the one before it */
+    double require_lock; /* percent of the probation's steps that must be in lock, at most 100; < 0: the default */
+    uint64_t
+        version; /* of READ and RETURN: number of the version; 0: of READ the active one, of RETURN the one before it */
     char hash[TL_SHA256_TEXT];     /* of the candidate */
-    char if_match[TL_SHA256_TEXT]; /* of what is expected to be active; "": whatever is */
-    char who[TL_CONTROL_NAME];     /* asks */
+    char if_match[TL_SHA256_TEXT]; /* of the configuration that must be active; "": any */
+    char who[TL_CONTROL_NAME];     /* name of the user */
     char why[TL_CONTROL_WHY];
 } tl_control_request;
 
 typedef enum tl_control_kind {
     TL_CONTROL_STATE,
     TL_CONTROL_VERSION,
-    TL_CONTROL_CONFIGURATION, /* a version, and its text in memory */
-    TL_CONTROL_CHANGE,        /* one difference to what is active */
-    TL_CONTROL_PROBLEM,       /* one thing that is wrong with the candidate */
-    TL_CONTROL_STEP,          /* a step of the activation begins, or says something */
+    TL_CONTROL_CONFIGURATION, /* a version, with its text in memory */
+    TL_CONTROL_CHANGE,        /* one difference from the active configuration */
+    TL_CONTROL_PROBLEM,       /* one error in the candidate */
+    TL_CONTROL_STEP,          /* a step of the activation begins, or reports its progress */
     TL_CONTROL_END,
     TL_CONTROL_KINDS
 } tl_control_kind;
 
 /* The steps of a change, in their order. */
 typedef enum tl_control_step {
-    TL_CONTROL_IDLE, /* none is under way */
+    TL_CONTROL_IDLE, /* no change is in progress */
     TL_CONTROL_AUTHORISE,
     TL_CONTROL_VALIDATE,
-    TL_CONTROL_TRY,     /* its FMUs */
-    TL_CONTROL_PREDICT, /* what it will cost */
-    TL_CONTROL_SHADOW,  /* the new twin beside the old one: over recorded samples, then over live ones */
-    TL_CONTROL_COMPARE, /* the two */
+    TL_CONTROL_TRY,     /* tests its FMUs */
+    TL_CONTROL_PREDICT, /* forecasts its need of time and memory */
+    TL_CONTROL_SHADOW,  /* runs the new twin as a shadow: over recorded samples, then over live ones */
+    TL_CONTROL_COMPARE, /* compares both twins */
     TL_CONTROL_ACTIVATE,
     TL_CONTROL_PROBATION,
     TL_CONTROL_KEPT,
-    TL_CONTROL_RETURNED, /* to the version before */
+    TL_CONTROL_RETURNED, /* rolled back to the version before */
     TL_CONTROL_STEPS
 } tl_control_step;
 
-/* How a request ended. */
+/* Result of a request. */
 typedef enum tl_control_result {
-    TL_CONTROL_DONE,      /* what was asked for is done; of a change: it is active, or kept if that was waited for */
-    TL_CONTROL_SAME,      /* the candidate is what is active: nothing was done */
-    TL_CONTROL_BAD,       /* no such request */
-    TL_CONTROL_FORBIDDEN, /* who asks may not do that */
-    TL_CONTROL_CHANGED,   /* what is active is not `if_match` */
-    TL_CONTROL_INVALID,   /* the candidate is no good: PROBLEMs say why */
-    TL_CONTROL_RESTART,   /* it needs TL_CONTROL_MAY_RESTART */
-    TL_CONTROL_BUSY,      /* another change is under way */
-    TL_CONTROL_ABSENT,    /* no such version; nothing is on probation */
-    TL_CONTROL_FAILED,    /* it could not be done, and all is as it was */
-    TL_CONTROL_UNDONE,    /* it was active, and has been returned from */
-    TL_CONTROL_CANCELLED, /* somebody did not want it any more, before it was active */
+    TL_CONTROL_DONE,      /* success; a change is active, or kept if the client waited for that */
+    TL_CONTROL_SAME,      /* the candidate is already active: nothing was done */
+    TL_CONTROL_BAD,       /* the request is invalid */
+    TL_CONTROL_FORBIDDEN, /* the client lacks the right */
+    TL_CONTROL_CHANGED,   /* the active configuration is not `if_match` */
+    TL_CONTROL_INVALID,   /* the candidate is invalid: PROBLEMs list the errors */
+    TL_CONTROL_RESTART,   /* the change needs TL_CONTROL_MAY_RESTART */
+    TL_CONTROL_BUSY,      /* another change is in progress */
+    TL_CONTROL_ABSENT,    /* there is no such version, or none on probation */
+    TL_CONTROL_FAILED,    /* the change failed, and nothing has changed */
+    TL_CONTROL_UNDONE,    /* it was active, and was rolled back */
+    TL_CONTROL_CANCELLED, /* a client cancelled it before it was active */
     TL_CONTROL_RESULTS
 } tl_control_result;
 
-/* How a plant is. */
+/* State of a plant. */
 typedef struct tl_control_state {
     char plant[TL_CONTROL_NAME];
     char hash[TL_SHA256_TEXT]; /* of the active configuration */
     uint64_t version;          /* its number */
-    uint32_t step;             /* tl_control_step of the change that is under way */
-    uint32_t left_s;           /* of its probation */
-    char lock[16];             /* "locked", …; "hold": safe hold; "": nothing runs */
-    double step_s;             /* T_S */
+    uint32_t step;             /* tl_control_step of the change in progress */
+    uint32_t left_s;           /* seconds that remain of the probation */
+    char lock[16];             /* "locked", …; "hold": safe hold; "": no twin runs */
+    double step_s;             /* T_S, s */
     uint64_t ticks, steps, skipped, deadline_misses;
     double in_lock; /* percent of the run's steps */
     char line[512]; /* the status line */
 } tl_control_state;
 
 typedef struct tl_control_version {
-    uint64_t version; /* its number, from 1 on; 0: of a candidate that was refused or cancelled, and never was one */
+    uint64_t version; /* its number, from 1; 0: a candidate that was refused or cancelled */
     uint64_t parent;  /* 0: none */
     uint32_t is_active;
     char hash[TL_SHA256_TEXT];
     char kind[16];   /* "in place", "new twin", "restart" */
     char origin[16]; /* "start", "reload", "limited", … */
-    char right[16];  /* it was taken with */
+    char right[16];  /* with which the client sent it */
     char who[TL_CONTROL_NAME];
     char why[TL_CONTROL_WHY];
     char at[TL_CONTROL_TIME];
@@ -150,16 +156,16 @@ typedef struct tl_control_version {
 
 typedef struct tl_control_change {
     char path[TL_CONTROL_PATH];
-    char before[64]; /* "": it was not there */
-    char after[64];  /* "": it is no more */
+    char before[64]; /* "": the key was absent */
+    char after[64];  /* "": the key is absent */
     char kind[16];
-    char right[16]; /* that it needs */
+    char right[16]; /* that the change needs */
 } tl_control_change;
 
 typedef struct tl_control_problem {
-    uint32_t line; /* from 1; 0: none */
+    uint32_t line; /* from 1; 0: unknown */
     char path[TL_CONTROL_PATH];
-    char text[TL_CONTROL_TEXT]; /* what was found, what was expected, an example */
+    char text[TL_CONTROL_TEXT]; /* the value found, the value expected, an example */
 } tl_control_problem;
 
 typedef struct tl_control_progress {
@@ -171,14 +177,13 @@ typedef struct tl_control_progress {
 typedef struct tl_control_end {
     uint32_t result; /* tl_control_result */
     uint64_t version;
-    char hash[TL_SHA256_TEXT]; /* of what is active now */
+    char hash[TL_SHA256_TEXT]; /* of the configuration that is active now */
     char text[TL_CONTROL_TEXT];
 } tl_control_end;
 
 typedef struct tl_control_reply {
     uint32_t kind; /* tl_control_kind */
-    uint32_t
-        more; /* of CHANGE and PROBLEM: so many are there that were not told; of CONFIGURATION: bytes of the text */
+    uint32_t more; /* of CHANGE and PROBLEM: how many were not sent; of CONFIGURATION: bytes of the text */
     union {
         tl_control_state state;
         tl_control_version version; /* also of a CONFIGURATION */
@@ -189,64 +194,69 @@ typedef struct tl_control_reply {
     } as;
 } tl_control_reply;
 
-/* ---- The words for what is said over a control socket, as people, JSON and versions have them.
+/* ---- Names of enumerations, as in messages, JSON and versions.
  *
- * Thread: pure.
+ * Thread:  pure.
  */
 
-/* "authorise", "validate", …; "idle". */
+/* Returns "authorise", "validate", …; "idle". */
 const char *tl_control_step_name(tl_control_step step);
 
-/* "done", "same", "bad request", "forbidden", …. */
+/* Returns "done", "same", "bad request", "forbidden", …. */
 const char *tl_control_result_name(tl_control_result result);
 
-/* Beside the exit codes of a tl_status. */
+/* Exit code of TL_CONTROL_FORBIDDEN; all others are those of a tl_status. */
 enum { TL_CONTROL_NOT_PERMITTED = 77 };
 
-/* The exit code of a program that has sent a request, such as `twinlock reload`. */
+/* Returns the exit code of a program that has sent a request, such as `twinlock reload`. */
 int tl_control_exit_code(tl_control_result result);
 
-/* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: what was found, what was expected". */
+/* Logs a problem of `subject` as an error: "SUBJECT: line 7: PATH: value found, value expected". */
 void tl_control_log_problem(const char *subject, const tl_control_problem *problem);
 
-/* ---- Replies, all bytes of which are set: they go out whole. */
+/* ---- Replies. All their bytes are set, because each is sent whole. */
 
 tl_control_reply tl_control_new_reply(tl_control_kind kind);
 
-/* A text that does not fit is cut. */
+/* Truncates a text that does not fit. */
 tl_control_reply tl_control_new_end(tl_control_result result, uint64_t version, const char *hash, const char *text);
 
-/* ---- A packet of a control socket: a message of an exact size, and memory that may come with it.
+/* ---- Packet of a control socket: a message of an exact size, possibly with a descriptor of
+ * memory.
  *
- * Purpose: private to the room: what both ends do alike.
- * Trust:   whatever arrives may be of any size and may bring any descriptor. None of them stays open; of one that is handed over as text the bytes
- *          are copied if it is plain memory (memfd, tmpfs), where reading neither waits nor fails.
+ * Purpose: internal; both sides use it.
+ * Trust:   a packet that arrives may have any size and any descriptor. Each received descriptor is
+ *          closed. A text is copied only from plain memory (memfd, tmpfs), because reading that
+ *          neither blocks nor fails.
  * Thread:  one for each socket.
  */
 
-/* Sends `size` bytes as one packet, with `length` bytes of text in memory unless `text` is NULL. False, and errno: it could not be. */
+/* Sends `size` bytes as one packet, and `length` bytes of `text` in memory unless it is NULL.
+ * Returns false and sets errno if sending fails. */
 bool tl_control_packet_send(int socket, const void *bytes, size_t size, const char *text, size_t length);
 
-/* ---- The answering end of a control socket.
+/* ---- Server side of a control socket.
  *
- * Purpose: the socket itself, and connections of which each asks once.
- * Trust:   what is asked has exactly its size, numbers that exist, texts that end. A candidate is copied out of
- *          memory (no file that could be slow, or change), and has the hash that the request names.
- * Waiting: never. A client that does not take its replies is given up.
- * Thread:  one; the listening socket may be handed to another process.
+ * Purpose: the socket, and connections with one request each.
+ * Trust:   a request is accepted only if its size, its numbers and its texts are valid. A candidate
+ *          is copied from memory (a file could be slow, or change), and its hash must be that of
+ *          the request.
+ * Waiting: never. The server closes the connection of a client that does not read its replies.
+ * Thread:  one; the listening socket may be passed to another process.
  */
 
 enum { TL_CONTROL_CLIENTS = 16 }; /* at a time; others wait in the socket's queue */
 
-/* Binds `path` and listens, in a folder that is made if it is missing. What is left of a dead socket is replaced, a living one is not. Mode 0660, and the
- * folder's 0770: who may ask is who may enter there, and he is believed the rights that he claims.
- * Errors: TL_TRY_AGAIN. */
+/* Binds `path` and listens. Makes the folder if it is missing. Replaces the socket of a process
+ * that has ended, but never one in use. Mode 0660, and the folder's 0770: every user who can enter
+ * the folder may send requests, and the right that he claims is trusted. Errors: TL_TRY_AGAIN;
+ * TL_BAD_USAGE if the path is too long. */
 tl_status tl_control_listen(const char *path, int *listener, tl_error *error);
 
-/* True: somebody waits to be accepted. */
+/* True if a connection waits to be accepted. */
 bool tl_control_is_knocked_at(int listener);
 
-/* A connection. A zeroed one with socket −1 is none. */
+/* A connection. `socket` is −1 if there is none. */
 typedef struct tl_control_peer {
     int socket;
     bool has_asked;
@@ -254,47 +264,54 @@ typedef struct tl_control_peer {
 
 typedef enum tl_control_news {
     TL_CONTROL_NOTHING,
-    TL_CONTROL_ASKED,   /* the request is there, and the candidate of a TAKE */
-    TL_CONTROL_GARBAGE, /* something else; a peer that sends it is GONE */
-    TL_CONTROL_GONE /* it is closed: by the other end, or since what it said was none, or nobody took what we said */
+    TL_CONTROL_ASKED,   /* the request has arrived, and the candidate of a TAKE */
+    TL_CONTROL_GARBAGE, /* only inside of this module: an invalid packet; tl_control_receive() reports GONE */
+    TL_CONTROL_GONE     /* closed by the peer, or because of an invalid packet or unread replies */
 } tl_control_news;
 
-/* The next one that waits; false: nobody does. */
+/* Accepts the next connection. Returns false if there is none. */
 bool tl_control_accept(int listener, tl_control_peer *peer);
 
-/* Looks for its request. *size > 0: it came with so many bytes, which are in `text`, of TL_CONTROL_MOST + 1 bytes, with a NUL behind them: of a TAKE always,
- * of others never. A bad request is answered with TL_CONTROL_BAD. */
+/* Receives the request without blocking. *size > 0: `text` contains *size bytes of the candidate
+ * and a final NUL; it has TL_CONTROL_MOST + 1 bytes. Only a TAKE has a candidate, and always. An
+ * invalid request is answered with TL_CONTROL_BAD and the connection is closed. */
 tl_control_news tl_control_receive(tl_control_peer *peer, tl_control_request *request, char *text, size_t *size);
 
-/* Says something; all its bytes go out, so they are zeroed at first. `text`, of `more` bytes, is that of a TL_CONTROL_CONFIGURATION; NULL of all others.
- * False: the peer is gone, and closed. */
+/* Sends a reply. All its bytes are sent, so the caller zeroes it first. `text`: `more` bytes of a
+ * TL_CONTROL_CONFIGURATION; NULL for all other kinds. Returns false if the connection is closed,
+ * also if sending failed. */
 bool tl_control_send(tl_control_peer *peer, const tl_control_reply *reply, const char *text);
 
-/* Says the last thing, and closes. None is allowed. */
+/* Sends TL_CONTROL_END and closes the connection. A peer without a connection is allowed. */
 void tl_control_finish(tl_control_peer *peer, tl_control_result result, uint64_t version, const char *hash,
                        const char *text);
 void tl_control_close(tl_control_peer *peer);
 
-/* ---- The asking end of a control socket.
+/* ---- Client side of a control socket.
  *
  * Purpose: a connection, one request, its replies.
- * Waiting: never for longer than it is told.
- * Errors:  TL_PLANT_DOWN if nobody is there; TL_BAD_DATA for a reply that is none; TL_TRY_AGAIN for time and resources.
+ * Waiting: at most the time that the caller passes.
+ * Errors:  TL_PLANT_DOWN if no server answers or the connection is closed; TL_BAD_DATA for an
+ *          invalid reply; TL_TRY_AGAIN if time or resources run out.
  * Thread:  one, one client at a time.
  */
 
-/* Where the plants of a box have their sockets: TL_CONTROL_FOLDER/NAME/control. */
+/* Folder of the control sockets of a box: TL_CONTROL_FOLDER/NAME/control. */
 #define TL_CONTROL_FOLDER "/run/twinlock"
 #define TL_CONTROL_SOCKET "control"
 
-/* A connected socket, which does not block and is closed on exec; the caller's to close. */
+/* Connects. The socket is nonblocking and close-on-exec; the caller closes it. */
 tl_status tl_control_connect(const char *path, int *socket, tl_error *error);
 
-/* `protocol` and `hash` are filled in; `text` is what TAKE hands over, NULL of all others. */
+/* Sends a request. Sets its `protocol` and `hash`. `text`: the candidate of a TAKE, NULL for all
+ * others. Errors: TL_TRY_AGAIN. */
 tl_status tl_control_ask(int socket, const tl_control_request *request, const char *text, size_t size, tl_error *error);
 
-/* The next reply, within `time` (ns; 0: if it is there). `text`, of TL_CONTROL_MOST + 1 bytes, is filled by a TL_CONTROL_CONFIGURATION: `more` bytes, and a NUL
- * behind them. All texts of a reply end. TL_TRY_AGAIN: none came in time. TL_PLANT_DOWN: the other end is gone before TL_CONTROL_END. */
+/* Receives the next reply within `time` (ns; 0: only one that has arrived). A
+ * TL_CONTROL_CONFIGURATION writes `more` bytes and a final NUL to `text`, which has TL_CONTROL_MOST
+ * + 1 bytes. All texts of a reply are terminated. Errors: TL_TRY_AGAIN if no reply came in time;
+ * TL_PLANT_DOWN if the server closed the connection before TL_CONTROL_END; TL_BAD_DATA if the reply
+ * is invalid. */
 tl_status tl_control_next(int socket, tl_time time, tl_control_reply *reply, char *text, tl_error *error);
 
 #endif

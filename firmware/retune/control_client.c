@@ -1,4 +1,4 @@
-/* A client's dialogue with a plant, over restarts, and what is printed of it: see control_client.h. */
+/* Client of a control socket: see control_client.h. */
 #include "firmware/retune/control_client.h"
 
 #include <pwd.h>
@@ -9,13 +9,14 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 
-/* An activator has to be begun first, perhaps, on a loaded box; and a disk may be slow. */
+/* The supervisor may have to start a config manager first, on a loaded box; and a disk may be slow.
+ */
 static const tl_time PATIENCE = 200 * TL_SECOND;
 
-/* On probation nothing is said for as long as it lasts. */
+/* During a probation no replies come. */
 static const tl_time PATIENCE_ON_PROBATION = (tl_time)(8 * 24 * 3600) * TL_SECOND;
 
-/* A run that begins anew loads its FMUs before it can be asked; and its answer takes no time then. */
+/* A run that restarts loads its FMUs before it answers; then it answers at once. */
 static const tl_time COMING_BACK = 60 * TL_SECOND;
 static const tl_time ANSWER = 5 * TL_SECOND;
 
@@ -25,15 +26,15 @@ typedef struct talk {
     tl_control_result result;
     bool has_ended;            /* TL_CONTROL_END was printed */
     bool is_tried;             /* the change is on probation */
-    bool is_active;            /* the step `activate` was printed, and none after it that says what came of it */
-    bool follows;              /* over a restart */
-    int socket;                /* −1: none */
-    char hash[TL_SHA256_TEXT]; /* what is to be active */
-    uint64_t version;          /* its number, 0: not known yet */
-    tl_time heard;             /* when something came last, or the run answered */
+    bool is_active;            /* the step `activate` was printed, and no later step with its result */
+    bool follows;              /* the run restarts, and the next run is queried */
+    int socket;                /* −1: not connected */
+    char hash[TL_SHA256_TEXT]; /* of the configuration that the change activates */
+    uint64_t version;          /* its number; 0: unknown */
+    tl_time heard;             /* time of the last reply, or of the last answer of a run */
 } talk;
 
-/* ---- what is printed ---- */
+/* ---- output ---- */
 
 static void print_state(const tl_control_state *state, FILE *output) {
     (void)fprintf(output, "%s: %s\n", state->plant, state->lock[0] == '\0' ? "no twin runs" : state->lock);
@@ -52,7 +53,7 @@ static void print_state(const tl_control_state *state, FILE *output) {
 }
 
 static void print_version(const tl_control_version *version, FILE *output) {
-    char number[24] = "-"; /* of what never was a version */
+    char number[24] = "-"; /* for a refused candidate */
     if (version->version != 0) {
         (void)snprintf(number, sizeof number, "%llu", (unsigned long long)version->version);
     }
@@ -148,7 +149,7 @@ void tl_control_client_name(uid_t user, char who[TL_CONTROL_NAME]) {
     }
 }
 
-/* ---- while the connection lasts ---- */
+/* ---- while connected ---- */
 
 static void hang_up(talk *self) {
     if (self->socket >= 0) {
@@ -177,7 +178,8 @@ static void follow(talk *self) {
     self->heard = tl_clock_now(NULL);
 }
 
-/* Done, and nothing was told of what came of it: the run begins anew with it. */
+/* TL_CONTROL_DONE after the step `activate`, without a result of the probation: the run restarts
+ * with the change. */
 static void take_end(talk *self, const tl_control_reply *reply) {
     const tl_control_end *end = &reply->as.end;
     if (waits(self) && self->is_active && end->result == TL_CONTROL_DONE) {
@@ -232,9 +234,10 @@ static tl_status listen(talk *self, tl_error *error) {
     return TL_OK;
 }
 
-/* ---- over a restart ---- */
+/* ---- across a restart ---- */
 
-/* One question to the run that is there now. `number`: of the version wanted. False: nobody answers. */
+/* Sends one query to the current run. `number`: of the version that is wanted. Returns false if
+ * there is no answer. */
 static bool inquire(const talk *self, tl_control_verb verb, uint64_t number, tl_control_reply *found) {
     tl_control_request request;
     tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
@@ -262,7 +265,8 @@ static bool inquire(const talk *self, tl_control_verb verb, uint64_t number, tl_
     return is_found;
 }
 
-/* The run that is there now says whether the change was kept, and its versions why. */
+/* The new run's state shows whether the change was kept; its list of versions contains the reason.
+ */
 static void end_following(talk *self, const tl_control_state *state, bool is_kept) {
     char text[TL_CONTROL_TEXT];
     tl_control_reply reply = {.kind = TL_CONTROL_KINDS};
@@ -308,7 +312,7 @@ static tl_status ask_next_run(talk *self, tl_error *error) {
     return TL_OK;
 }
 
-/* ---- Ctrl-C ends who follows a change, and not the change ---- */
+/* ---- Ctrl-C ends the client, but not the change ---- */
 
 static void say_last_word(int signal_) {
     static const char word[] =
@@ -316,10 +320,10 @@ static void say_last_word(int signal_) {
         "--rollback` cancels it, or returns from it\n";
     (void)!write(STDERR_FILENO, word, sizeof word - 1);
     (void)signal(signal_, SIG_DFL);
-    (void)raise(signal_); /* by default now, once this returns */
+    (void)raise(signal_); /* terminates the process with this signal, when the handler returns */
 }
 
-/* A signal that is ignored stays so. */
+/* An ignored signal stays ignored. */
 static void claim_signal(int signal_, void (*handler)(int)) {
     if (signal(signal_, handler) == SIG_IGN) {
         (void)signal(signal_, SIG_IGN);
@@ -331,7 +335,7 @@ static void claim_signals(void (*handler)(int)) {
     claim_signal(SIGTERM, handler);
 }
 
-/* ---- all of it ---- */
+/* ---- request ---- */
 
 tl_status tl_control_client_run(const tl_control_client_settings *settings, const tl_control_request *request,
                                 const char *text, size_t size, tl_control_result *result, tl_error *error) {

@@ -14,7 +14,7 @@ static tl_time least(tl_time a, tl_time b) {
     return a < b ? a : b;
 }
 
-/* What is read from a disk may be anything. */
+/* Values from a disk may be invalid. */
 void tl_probation_resume(tl_probation *probation, const tl_probation_account *account) {
     *probation = (tl_probation){.account = *account};
     tl_probation_terms *terms = &probation->account.terms;
@@ -32,7 +32,7 @@ void tl_probation_begin(tl_probation *probation, const tl_probation_terms *terms
     const tl_probation_account account = {.terms = *terms,
                                           .before_steps = before->steps,
                                           .before_misses = before->deadline_misses,
-                                          .left_ms = UINT64_MAX}; /* all that is given */
+                                          .left_ms = UINT64_MAX}; /* limited to the full time below */
     tl_probation_resume(probation, &account);
     probation->has_last = true;
     if (now != NULL) {
@@ -50,7 +50,8 @@ static const tl_lock_tally *lock_before_of(const tl_probation *probation, const 
     return tl_lock_tolerances_is_there(&probation->account.tolerances) ? &snapshot->lock_before : &snapshot->lock;
 }
 
-/* What has come since the last snapshot; all of it if this is another run. */
+/* Adds the differences since the last state. If counts went down, another run has started, and all
+ * of its counts are added. */
 static void count(tl_probation *probation, const tl_run_status *now) {
     static const tl_run_status beginning = {.ticks = 0};
     const tl_run_status *last = now->ticks < probation->last.ticks ? &beginning : &probation->last;
@@ -71,7 +72,7 @@ static bool is_lost(const tl_run_status *snapshot, const tl_lock_tally *lock) {
     return snapshot->twin_alive && lock->state == TL_LOCK_LOST;
 }
 
-/* Time counts if it was so at its beginning and at its end. */
+/* Adds the time only if the condition is true at its begin and at its end. */
 static void measure(tl_probation *probation, tl_time passed, const tl_run_status *now) {
     const tl_run_status *last = &probation->last;
     tl_time excused = least(passed, probation->grace);
@@ -85,7 +86,7 @@ static void measure(tl_probation *probation, tl_time passed, const tl_run_status
     probation->down = !now->twin_alive && !last->twin_alive ? probation->down + passed : 0;
 }
 
-/* ---- judging ---- */
+/* ---- decisions ---- */
 
 static TL_PRINTF(3, 4) tl_probation_result
     end(tl_probation *probation, tl_probation_result result, const char *format, ...) {
@@ -115,7 +116,7 @@ static const char *write_widened(const tl_probation_account *account, char text[
     return text;
 }
 
-/* Returns from it if the twin cannot be left as it is. */
+/* Decides on a rollback before the time is over. */
 static tl_probation_result judge_twin(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
     char widened[WIDENED];
@@ -149,7 +150,7 @@ static tl_probation_result judge_twin(tl_probation *probation, const tl_run_stat
     return end(probation, TL_PROBATION_GOES_ON, "%s", "");
 }
 
-/* Its time is over: the first rule that holds decides. */
+/* Decides at the end of the time: the first rule that applies. */
 static tl_probation_result judge(tl_probation *probation, const tl_run_status *now) {
     const tl_probation_account *account = &probation->account;
     const tl_probation_terms *terms = &account->terms;
@@ -210,7 +211,7 @@ tl_probation_result tl_probation_feed(tl_probation *probation, tl_time passed, c
     return TL_PROBATION_RETURN;
 }
 
-/* ---- by somebody ---- */
+/* ---- decision of a user ---- */
 
 tl_probation_result tl_probation_decide(tl_probation *probation, tl_probation_result result, const char *why) {
     return probation->result != TL_PROBATION_GOES_ON ? probation->result : end(probation, result, "%s", why);

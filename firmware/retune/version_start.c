@@ -1,4 +1,4 @@
-/* The version that a run begins with: see version_start.h. */
+/* Version of a run: see version_start.h. */
 #include "firmware/retune/version_start.h"
 
 #include <errno.h>
@@ -23,7 +23,7 @@ typedef struct starting_run {
     tl_versions versions;
     tl_version_choice choice;
     char *file;      /* NULL: it cannot be read, */
-    char fault[128]; /* for this reason */
+    char fault[128]; /* and this is the reason */
     size_t file_size;
     tl_verdict verdict;
 } starting_run;
@@ -42,9 +42,9 @@ static void read_file(starting_run *self) {
 
 /* ---- validating ---- */
 
-/* False: there is no verdict. */
+/* Returns false if there is no verdict. */
 static bool ask_validator(starting_run *self, const char *in_force) {
-    char *kept = NULL; /* text of the version that would be returned to, if that is not the one in force */
+    char *kept = NULL; /* text of the version that a probation would return to, if there is one */
     tl_worker worker;
     tl_error error;
     if (self->versions.probation.version != 0) {
@@ -74,7 +74,7 @@ static bool ask_validator(starting_run *self, const char *in_force) {
     return is_known;
 }
 
-/* The file was changed since it was taken last, and there is a version to fall back to. */
+/* Validates the changed file. There is a version that runs if it is invalid. */
 static bool is_good(starting_run *self, const char *in_force) {
     if (strlen(self->file) != self->file_size || !ask_validator(self, in_force)) {
         tl_log(TL_LOG_ERROR, "%s: nobody can read it", self->start->path);
@@ -87,9 +87,9 @@ static bool is_good(starting_run *self, const char *in_force) {
     return is_valid;
 }
 
-/* ---- taking the file ---- */
+/* ---- activating the file ---- */
 
-/* From now on it is what it was before. */
+/* The active version runs, as if the file had not changed. */
 static tl_status fall_back(starting_run *self, tl_error *error) {
     tl_status status = tl_versions_choose(&self->versions, NULL, 0, &self->choice, error);
     if (status == TL_OK) {
@@ -131,13 +131,13 @@ static tl_status take_file(starting_run *self, tl_error *error) {
     } else if (status == TL_OK) {
         status = tl_versions_refuse(&self->versions, number, "it could not be read", error);
     }
-    if (status != TL_OK) { /* a full disk keeps no twin from its plant */
+    if (status != TL_OK) { /* a full disk must not prevent the run */
         tl_log(TL_LOG_ERROR, "%s: what runs is not written down as a version", error->text);
     }
     return takes ? TL_OK : fall_back(self, error);
 }
 
-/* `keeps`: versions are known, and a changed file becomes one. */
+/* `keeps`: the versions can be saved, so a changed file becomes a version. */
 static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
     const tl_version_probation *probation = &self->versions.probation;
     bool is_there = self->file != NULL;
@@ -159,9 +159,9 @@ static tl_status choose(starting_run *self, bool keeps, tl_error *error) {
 }
 
 tl_status tl_version_start_choose(const tl_version_start *start, char **text, size_t *size, tl_error *error) {
-    static starting_run self; /* it is large */
+    static starting_run self; /* too large for the stack */
     self = (starting_run){.start = start};
-    (void)mkdir(start->state, 0777); /* as the supervisor does later; who cannot is told by what follows */
+    (void)mkdir(start->state, 0777); /* like the supervisor later; a failure is reported by tl_versions_open() */
     bool keeps = tl_versions_open(start->state, &self.versions, error) == TL_OK;
     if (!keeps) {
         tl_log(TL_LOG_ERROR, "%s: the run begins with %s, whatever was active", error->text, start->path);

@@ -1,4 +1,4 @@
-/* The versions of a configuration on the disk: see versions.h. */
+/* Versions on disk: see versions.h. */
 #include "firmware/retune/versions.h"
 
 #include <dirent.h>
@@ -20,22 +20,22 @@
 
 enum {
     HASH = TL_SHA256_TEXT - 1,
-    DIGITS = 15, /* of a number, at most */
+    DIGITS = 15, /* most digits of a number */
     LOCK_KEY = 32,
     TOLERANCES = 64 * TL_MAX_MATCH,
-    LONGEST_NAME = 128 /* in the folder, with what a new file adds to it */
+    LONGEST_NAME = 128 /* in the folder, including the suffix of a temporary file */
 };
 
-static const uint64_t LAST_NUMBER = 999999999999999; /* of so many digits */
+static const uint64_t LAST_NUMBER = 999999999999999; /* with DIGITS digits */
 
 /* ---- names ---- */
 
-/* What a name in the folder means. */
+/* Kinds of files in the folder. */
 typedef enum file_kind {
     FILE_FOREIGN,
-    FILE_RECORD, /* and its number */
-    FILE_TEXT,   /* and its hash */
-    FILE_LEFT    /* that a power cut left unfinished */
+    FILE_RECORD, /* of a version; sets its number */
+    FILE_TEXT,   /* of a version; sets its hash */
+    FILE_LEFT    /* temporary file that a power cut left */
 } file_kind;
 
 static bool is_hash(const char *text) {
@@ -58,7 +58,7 @@ static file_kind kind_of(const char *name, uint64_t *number, char hash[TL_SHA256
     return FILE_FOREIGN;
 }
 
-/* There is room: tl_versions_open() has seen to it. */
+/* tl_versions_open() has checked that the path fits. */
 static void path_of(const tl_versions *versions, const char *name, char path[PATH_MAX]) {
     int length = snprintf(path, PATH_MAX, "%s/%s.json", versions->folder, name);
     path[length < PATH_MAX ? length : 0] = '\0';
@@ -78,7 +78,8 @@ const char *const tl_version_results[TL_VERSION_RESULTS] = {
 
 /* ---- small files ---- */
 
-/* The members of a JSON file, which are written to `writer`; if that is NULL, they are read from `reader`. */
+/* Writes the members of a JSON file to `writer`, or reads them from `reader` if `writer` is NULL.
+ */
 typedef struct members {
     tl_json_writer *writer;
     tl_json_reader *reader;
@@ -100,7 +101,8 @@ static void exchange_text(const members *file, const char *key, char *text, size
     }
 }
 
-/* One of `count` words, by its number; if it is read and is none of them: 0, and the reader is not right any more. */
+/* Writes or reads one of `count` names. If the name that was read is unknown, sets reader->right to
+ * false and returns 0. */
 static size_t exchange_word(const members *file, const char *key, size_t word, const char *const words[],
                             size_t count) {
     if (file->writer != NULL) {
@@ -117,7 +119,7 @@ static size_t exchange_word(const members *file, const char *key, size_t word, c
     return 0;
 }
 
-/* All members of a file's content, in their order. */
+/* All members of a file, in their order. */
 typedef void exchange_content(const members *file, void *content);
 
 static tl_status write_content(const char *path, exchange_content *exchange, void *content, tl_error *error) {
@@ -129,7 +131,7 @@ static tl_status write_content(const char *path, exchange_content *exchange, voi
     return status;
 }
 
-/* False: the file cannot be read, or a member is missing or of another type. */
+/* Returns false if the file cannot be read, or if a member is missing or has the wrong type. */
 static bool read_content(const char *path, exchange_content *exchange, void *content) {
     tl_json_reader reader = tl_json_file_read(path);
     exchange(&(members){.reader = &reader}, content);
@@ -138,7 +140,7 @@ static bool read_content(const char *path, exchange_content *exchange, void *con
     return right;
 }
 
-/* What a version takes beside its text: its record, and active.json. */
+/* Bytes of a version in addition to its text: its record, and active.json. */
 enum { BESIDE = 16 * 1024 };
 
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error) {
@@ -185,7 +187,8 @@ static tl_status write_record(const tl_versions *versions, const tl_version *ver
 
 /* ---- a text ---- */
 
-/* Of so many bytes with this hash; the caller's to free(). NULL: there is none, and `error` says why. */
+/* Reads the text with this size and hash; the caller calls free(). Returns NULL and sets `error` if
+ * it is missing or damaged. */
 static char *read_version_text(const tl_versions *versions, const char *hash, uint64_t size, tl_error *error) {
     char path[PATH_MAX];
     char found[TL_SHA256_TEXT] = "";
@@ -226,7 +229,8 @@ static tl_status write_version_text(const tl_versions *versions, const char *has
 
 /* ---- active.json ---- */
 
-/* "1*0.5 2*1 ": tolerance and weight of each output, to the last bit; cut behind the last one that counts. */
+/* Writes "1*0.5 2*1 ": tolerance and weight of each output, exactly, up to the last output with a
+ * weight. */
 static void write_tolerances(const tl_lock_tolerances *tolerances, char text[TOLERANCES]) {
     size_t length = 0;
     size_t count = TL_MAX_MATCH;
@@ -240,7 +244,7 @@ static void write_tolerances(const tl_lock_tolerances *tolerances, char text[TOL
     }
 }
 
-/* False: it is none. */
+/* Returns false if the text is invalid. */
 static bool understand_tolerances(const char *text, tl_lock_tolerances *tolerances) {
     char *at = NULL;
     memset(tolerances, 0, sizeof *tolerances);
@@ -299,7 +303,8 @@ static void exchange_probation(const members *file, tl_version_probation *probat
     exchange_count(file, "misses", &account->misses);
     exchange_count(file, "skipped", &account->skipped);
     exchange_locks(file, "lock", account->lock.steps);
-    if (file->reader != NULL && !tl_json_has(file->reader, "yardstick")) { /* an older version has written the file */
+    if (file->reader != NULL &&
+        !tl_json_has(file->reader, "yardstick")) { /* the file was written by an older release */
         return;
     }
     exchange_locks(file, "lock_before", account->lock_before.steps);
@@ -325,7 +330,7 @@ static tl_status write_active(const tl_versions *versions, tl_error *error) {
     return write_content(path, exchange_active, &copy, error);
 }
 
-/* Numbers that this program may have given. */
+/* Checks that the numbers can come from this program. */
 static bool is_active_sound(const tl_versions *versions) {
     const uint64_t above = 1000000000000;
     return (versions->taken[0] == '\0' || is_hash(versions->taken)) && versions->active < above &&
@@ -333,7 +338,8 @@ static bool is_active_sound(const tl_versions *versions) {
            (versions->probation.version == 0 || versions->probation.version == versions->active);
 }
 
-/* What it says goes to `versions`, if it is there. False: it is damaged. */
+/* Returns false and leaves `versions` unchanged if the file is damaged. A missing file is not an
+ * error. */
 static bool read_active(tl_versions *versions) {
     char path[PATH_MAX];
     tl_versions found = *versions;
@@ -389,7 +395,7 @@ const tl_version *tl_versions_commissioned(const tl_versions *versions) {
     return NULL;
 }
 
-/* Room for one more. */
+/* Reserves memory for one more version. Returns false if memory is out. */
 static bool grow(tl_versions *versions) {
     if (versions->count < versions->room) {
         return true;
@@ -447,7 +453,7 @@ static tl_status make_folder(const char *state, tl_versions *versions, tl_error 
     return TL_OK;
 }
 
-/* False where memory is out. */
+/* Returns false if memory is out. */
 static bool read_record(tl_versions *versions, uint64_t number, bool *damaged) {
     char path[PATH_MAX];
     tl_version version = {.number = 0};
@@ -473,7 +479,8 @@ static int by_number(const void *left, const void *right) {
     return (a->number > b->number) - (a->number < b->number);
 }
 
-/* Reads the records, and removes what a power cut left unfinished; once they are read, texts that no version has: a power cut was faster than the record. */
+/* Reads the records and removes temporary files that a power cut left. With `are_read`, removes
+ * texts without a record: the power failed between both. */
 static tl_status scan_folder(tl_versions *versions, bool are_read, bool *damaged, tl_error *error) {
     char path[PATH_MAX + NAME_MAX + 2];
     char hash[TL_SHA256_TEXT];
@@ -498,7 +505,8 @@ static tl_status scan_folder(tl_versions *versions, bool are_read, bool *damaged
                   : tl_fail(error, TL_TRY_AGAIN, "%.300s: not enough memory for its versions", versions->folder);
 }
 
-/* Says what came of a version. If that cannot be written, the next one that opens the folder does it: it is in active.json too. */
+/* Writes a version's result to its record. If that fails, the next process that opens the folder
+ * retries it, because active.json contains it too. */
 static void set_result(const tl_versions *versions, tl_version *version, tl_version_result result, const char *reason) {
     tl_error error;
     if (version->result == result && strcmp(version->reason, reason) == 0) {
@@ -511,7 +519,7 @@ static void set_result(const tl_versions *versions, tl_version *version, tl_vers
     }
 }
 
-/* What active.json says holds. */
+/* Corrects records that disagree with active.json. */
 static void mend(const tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
         tl_version *version = &versions->list[i];
@@ -533,7 +541,8 @@ static bool is_of_file(const tl_version *version) {
     return version->origin == TL_ORIGIN_START || version->origin == TL_ORIGIN_RELOAD;
 }
 
-/* The newest that was good, if nobody knows which one was active; and the newest of the file on the box. */
+/* If active.json is damaged: the newest version that was kept is active, and the newest version of
+ * the configuration file was read last. */
 static void guess_active(tl_versions *versions) {
     for (size_t i = 0; i < versions->count; i++) {
         const tl_version *version = &versions->list[i];
@@ -591,7 +600,7 @@ static bool is_needed(const tl_versions *versions, size_t index) {
            number == tl_versions_active(versions)->parent;
 }
 
-/* Its record first: a text without one is removed when the folder is opened. */
+/* The record first: a text without a record is removed when the folder is opened. */
 static void remove_version(tl_versions *versions, size_t index) {
     char path[PATH_MAX];
     char hash[TL_SHA256_TEXT];
@@ -665,7 +674,7 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
     }
     const tl_version version = version_of(versions, news);
     path_of(versions, version.hash, path);
-    bool is_new = access(path, F_OK) != 0; /* else it may belong to a record that cannot be read */
+    bool is_new = access(path, F_OK) != 0; /* else it may belong to a damaged record */
     tl_status status = write_version_text(versions, version.hash, news->text, news->size, error);
     if (status == TL_OK) {
         status = write_record(versions, &version, error);
@@ -687,8 +696,9 @@ tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, ui
 
 #define NO_PROBATION "no version is on probation"
 
-/* The file on the box is taken, whatever comes of it: it is not tried again unless it is changed. An old version that is brought back is not what
- * the file is now. */
+/* The configuration file counts as read, whatever its result. It is tried again only if it changes.
+ * An older version that becomes active again does not count, because the file has other contents
+ * now. */
 static void take(tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     if (version != NULL && is_of_file(version) && version->result == TL_VERSION_CANDIDATE) {
@@ -696,14 +706,15 @@ static void take(tl_versions *versions, uint64_t number) {
     }
 }
 
-/* What came of a version, told with active.json: both at once, or neither. A reason may be a stranger's, or cut within a character. */
+/* Saves a version's result in active.json, so that both change together. The reason may come from
+ * an untrusted client, or be truncated within a character. */
 static void note(tl_versions *versions, uint64_t number, tl_version_result result, const char *reason) {
     versions->settled = number;
     versions->how = result;
     tl_text_for_people(reason, versions->because, sizeof versions->because);
 }
 
-/* What is to hold from now on: from here on it does, on disk and so in `versions`. If the disk refuses, nothing has changed. */
+/* Replaces the state on disk first. If the disk rejects it, nothing changes. */
 static tl_status put(tl_versions *versions, const tl_versions *next, tl_error *error) {
     tl_status status = write_active(next, error);
     if (status == TL_OK) {
@@ -723,11 +734,11 @@ tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char 
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error) {
     tl_versions next = *versions;
-    /* if it is no good: what a probation that is under way would have returned to */
+    /* a rollback has the same target as the probation in progress */
     uint64_t return_to = versions->probation.version != 0 ? versions->probation.return_to : versions->active;
     char reason[TL_VERSION_WHY];
     if (versions->settled == number) {
-        note(&next, 0, TL_VERSION_CANDIDATE, ""); /* another life of it begins */
+        note(&next, 0, TL_VERSION_CANDIDATE, ""); /* its previous result no longer counts */
     }
     if (versions->probation.version != 0 && versions->probation.version != number) {
         (void)snprintf(reason, sizeof reason, "version %" PRIu64 " took its place", number);
@@ -758,7 +769,8 @@ tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, co
 
 /* ---- choosing ---- */
 
-/* The file is the active version: whatever it was before, it is taken. Its text on disk may be damaged; here is another one. */
+/* The file is the active version, so it counts as read. Its text is rewritten if it is damaged on
+ * disk. */
 static void choose_same(tl_versions *versions, const char *file, size_t size) {
     tl_error error;
     tl_versions next = *versions;
@@ -770,7 +782,7 @@ static void choose_same(tl_versions *versions, const char *file, size_t size) {
     }
 }
 
-/* Its parent, or else the newest before it that was good; 0: there is none. */
+/* Returns the parent, or else the newest older version that was kept; 0: none. */
 static uint64_t before(const tl_versions *versions, uint64_t number) {
     const tl_version *version = tl_versions_get(versions, number);
     uint64_t best = 0;
@@ -783,7 +795,8 @@ static uint64_t before(const tl_versions *versions, uint64_t number) {
     return best;
 }
 
-/* The active version, or the nearest one before it that can be read. False: there is none. */
+/* Selects the active version, or the next older one that can be read. Returns false if there is
+ * none. */
 static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     tl_error error;
     uint64_t number = versions->active;
@@ -805,7 +818,7 @@ static bool choose_version(tl_versions *versions, tl_version_choice *choice) {
     return true;
 }
 
-/* No version can be read: the file is the first one again. */
+/* No version can be read: the file becomes the first version again. */
 static void begin_again(tl_versions *versions) {
     tl_versions next = *versions;
     tl_error error;
@@ -855,7 +868,7 @@ static void refusal_path(const tl_refusals *refusals, uint64_t number, char path
     path[length < PATH_MAX ? length : 0] = '\0';
 }
 
-/* A refusal, and its result and reason: clients read them as one text. */
+/* A refusal, with result and reason apart; clients read them as one text. */
 typedef struct refusal_file {
     tl_control_version refusal;
     char result[16], reason[TL_VERSION_WHY];

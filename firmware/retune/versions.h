@@ -1,4 +1,4 @@
-/* The versions of a configuration on the disk.
+/* Saves the versions of a configuration on disk.
  *
  * Thread:  one.
  */
@@ -17,31 +17,37 @@
 #include "firmware/retune/probation.h"
 #include "master/base/status.h"
 
-/* ---- The versions of a plant's configuration, and which of them is active: kept in STATE/versions/.
+/* ---- Versions of a plant's configuration, and which of them is active: saved in STATE/versions/.
  *
- * Purpose: each configuration that was ever tried, with who, when, why and what came of it; any can be brought back.
- * Files:   HASH.json: a text, byte for byte, by its SHA-256. NUMBER.record.json: what is known of a version. active.json: which one is active, the
- *          probation that is under way, how the last one ended, and which file was taken last. config/SPEC.md, "Versions", has the keys.
- * Power:   each file is replaced whole, by write, fsync, rename and fsync of the folder, and active.json last. So a power cut leaves what was
- *          before or what is after. What active.json says holds: a record that does not say so yet is made to when the folder is opened.
- * Time:    of the probation is what is left of it; no date decides anything.
- * Bound:   the newest TL_VERSIONS_MOST, and TL_VERSIONS_BYTES of texts; never removed are the first, the active one, its parent, the one that is
- *          returned to, and the one that was commissioned last.
- * Errors:  TL_TRY_AGAIN where the disk refuses, TL_BAD_DATA where something is damaged or not there. In memory and on disk all is as before
- *          then.
- * Thread:  one thread; one process at a time has the folder open.
+ * Purpose: saves each configuration that was tried, with user, time, reason and result. Any of them
+ *          can become active again.
+ * Files:   HASH.json: a text, byte for byte, named by its SHA-256. NUMBER.record.json: the record
+ *          of a version. active.json: the active version, the probation in progress, the result of
+ *          the last probation, and the file that was read last. config/SPEC.md, "Versions", lists
+ *          the keys.
+ * Power:   each file is replaced as a whole: write, fsync, rename, and fsync of the folder.
+ *          active.json is written last. So a power cut leaves the state before or the state after.
+ *          active.json has priority: records that disagree are corrected when the folder is opened.
+ * Time:    a probation is saved as the time that remains. Dates decide nothing.
+ * Bound:   the newest TL_VERSIONS_MOST versions, and TL_VERSIONS_BYTES of texts. Never removed are
+ *          the first, the newest and the active version, its parent, the target of a rollback, and
+ *          the version that was commissioned last.
+ * Errors:  TL_TRY_AGAIN if the disk rejects a write; TL_BAD_DATA if a file is damaged or missing.
+ *          Then nothing changes in memory or on disk.
+ * Memory:  tl_versions_open() allocates the list; tl_versions_close() frees it.
+ * Thread:  one thread; only one process at a time may have the folder open.
  */
 
 enum { TL_VERSIONS_MOST = 50, TL_VERSIONS_BYTES = 16 * 1024 * 1024, TL_VERSION_WHO = 64, TL_VERSION_WHY = 256 };
 
-/* What came of it. */
+/* Result of a version. */
 typedef enum tl_version_result {
-    TL_VERSION_CANDIDATE, /* nothing yet */
-    TL_VERSION_ACTIVE,    /* it was activated without a probation */
+    TL_VERSION_CANDIDATE, /* not active yet */
+    TL_VERSION_ACTIVE,    /* activated without a probation */
     TL_VERSION_PROBATION,
     TL_VERSION_KEPT,
-    TL_VERSION_RETURNED, /* from it to the one before */
-    TL_VERSION_REFUSED,  /* it was never active */
+    TL_VERSION_RETURNED, /* rolled back to the version before */
+    TL_VERSION_REFUSED,  /* never activated */
     TL_VERSION_RESULTS
 } tl_version_result;
 
@@ -49,128 +55,136 @@ typedef enum tl_version_result {
 extern const char *const tl_version_results[TL_VERSION_RESULTS];
 
 typedef struct tl_version {
-    uint64_t number; /* counts up from 1, and is never given again */
-    uint64_t parent; /* the one that was active when it came; 0: none */
+    uint64_t number; /* counts up from 1; never reused */
+    uint64_t parent; /* the version that was active when this one was added; 0: none */
     char hash[TL_SHA256_TEXT];
     uint64_t size; /* bytes of its text */
     tl_change_origin origin;
-    tl_change_right right; /* it was taken with */
-    tl_change_kind kind;   /* against its parent; TL_CHANGE_RESTART of the first */
+    tl_change_right right; /* with which it was added */
+    tl_change_kind kind;   /* of the change from its parent; TL_CHANGE_RESTART for the first */
     tl_version_result result;
     char who[TL_VERSION_WHO];
-    char why[TL_VERSION_WHY];    /* somebody has changed it */
+    char why[TL_VERSION_WHY];    /* the user's reason for the change */
     char reason[TL_VERSION_WHY]; /* of the result: "in lock for 71 % of the steps, asked were 95 %" */
-    char at[TL_UTC_TEXT];        /* when it came; for people */
-    char boot[TL_IDENTITY_TEXT]; /* the kernel's boot id then, */
-    uint64_t boottime_ms;        /* and the time since that boot */
+    char at[TL_UTC_TEXT];        /* when it was added (UTC); only for users */
+    char boot[TL_IDENTITY_TEXT]; /* boot id of the kernel at that time, */
+    uint64_t boottime_ms;        /* and time since that boot */
 } tl_version;
 
-/* The probation that is under way. */
+/* The probation in progress. */
 typedef struct tl_version_probation {
-    uint64_t version; /* the active one; 0: there is none */
+    uint64_t version; /* the active one; 0: no probation */
     uint64_t return_to;
     tl_probation_account account;
 } tl_version_probation;
 
 typedef struct tl_versions {
-    tl_version *list; /* ascending by number; */
+    tl_version *list; /* ascending by number */
     size_t count;
-    uint64_t active; /* number; 0: none was ever activated */
+    uint64_t active; /* number; 0: no version was activated yet */
     tl_version_probation probation;
-    char taken[TL_SHA256_TEXT]; /* of the file on the box that was taken last; "": none */
+    char taken[TL_SHA256_TEXT]; /* hash of the configuration file that was read last; "": none */
     /* private */
-    size_t room;      /* of the list */
-    uint64_t newest;  /* number that was ever given */
-    uint64_t settled; /* the version whose probation ended last, 0: none; and how */
+    size_t room;      /* capacity of the list */
+    uint64_t newest;  /* the highest number in use so far */
+    uint64_t settled; /* the version whose probation ended last, 0: none; and its result */
     tl_version_result how;
     char because[TL_VERSION_WHY];
     char folder[PATH_MAX];
 } tl_versions;
 
-/* Makes the folder if it is not there (`state` must be), reads what is in it, and mends what a power cut left. Damaged records are told
- * on the log and passed over. */
+/* Opens the folder, which is made if it is missing (`state` must exist). Reads all records and
+ * completes changes that a power cut interrupted. Logs and skips damaged records. */
 tl_status tl_versions_open(const char *state, tl_versions *versions, tl_error *error);
 
 /* A zeroed one is allowed. */
 void tl_versions_close(tl_versions *versions);
 
-/* ---- looking ---- */
+/* ---- reading ---- */
 
-/* NULL: there is none. Valid until a version is added. */
+/* Returns NULL if there is no such version. The pointer is valid until a version is added. */
 const tl_version *tl_versions_get(const tl_versions *versions, uint64_t number);
 
-/* Never NULL: if no version is active, its number is 0 and its texts are empty. */
+/* Returns the active version, never NULL: if none is active, the number is 0 and the texts are
+ * empty. */
 const tl_version *tl_versions_active(const tl_versions *versions);
 
-/* The newest with this hash. NULL: there is none. */
+/* Returns the newest version with this hash, or NULL. */
 const tl_version *tl_versions_of_hash(const tl_versions *versions, const char *hash);
 
-/* The version that was commissioned last: the newest that was kept (or active without a probation) and that came from the box itself or needed the right to
- * commission. NULL: there is none. How far `retune` may widen a tolerance is measured from it. */
+/* Returns the version that was commissioned last: the newest that was kept (or activated without a
+ * probation), and that came from the box or needed the right to commission. NULL: there is none.
+ * The right to `retune` limits the widening of a tolerance relative to it. */
 const tl_version *tl_versions_commissioned(const tl_versions *versions);
 
-/* Its text with a NUL behind it, the caller's to free(); it has the version's hash and size. */
+/* Reads the text of a version, with a final NUL; the caller calls free(). Checks its hash and size.
+ */
 tl_status tl_versions_read(const tl_versions *versions, uint64_t number, char **text, tl_error *error);
 
-/* ---- changing ---- */
+/* ---- writing ---- */
 
-/* What is known of a candidate. */
+/* Data of a candidate. */
 typedef struct tl_version_news {
     const char *text;
     size_t size;
-    const char *who, *why; /* cut, and made fit to be shown */
+    const char *who, *why; /* truncated and cleaned when saved */
     tl_change_origin origin;
     tl_change_right right;
     tl_change_kind kind;
 } tl_version_news;
 
-/* Whether the disk takes a version of so many bytes now: found out by trying it. */
+/* Checks whether the disk can save a version of `size` bytes, by allocating that space. */
 tl_status tl_versions_check_room(const tl_versions *versions, size_t size, tl_error *error);
 
-/* A new version, whose parent is the active one; a candidate. */
+/* Adds a candidate. Its parent is the active version. */
 tl_status tl_versions_add(tl_versions *versions, const tl_version_news *news, uint64_t *number, tl_error *error);
 
-/* A candidate, which is in the list, is not activated, for this reason. If it was the file on the box, that counts as taken. */
+/* Records that a candidate in the list is refused, with the reason. If it is the configuration
+ * file, it counts as read. */
 tl_status tl_versions_refuse(tl_versions *versions, uint64_t number, const char *reason, tl_error *error);
 
-/* From now on this version, which is in the list, is the active one, on probation from `account` on; NULL: without. One that was on probation until now is returned from by this; what it
- * would have returned to is then returned to by this one; and if it is this one, it needs no probation. If it was the file on the box, that counts as
- * taken. */
+/* Activates a version of the list, on probation with `account`; NULL: without. An older probation
+ * ends, and its version counts as rolled back; a rollback of the new version has the same target as
+ * that of the older. If the version is that target, there is no probation. If it is the
+ * configuration file, it counts as read. */
 tl_status tl_versions_activate(tl_versions *versions, uint64_t number, const tl_probation_account *account,
                                tl_error *error);
 
-/* The text of a version that is damaged or gone is written again; it must be that one. */
+/* Rewrites the text of a version if it is damaged or missing. `text` must be that text. */
 tl_status tl_versions_mend(const tl_versions *versions, uint64_t number, const char *text, size_t size,
                            tl_error *error);
 
-/* The probation goes on: what it has come to. Every 10 s, and at each start. */
+/* Saves the progress of the probation: every 10 s, and at each start. */
 tl_status tl_versions_pass(tl_versions *versions, const tl_probation_account *account, tl_error *error);
 
-/* The end of the probation: the active one is kept (TL_VERSION_KEPT), or the one before is the active one again (TL_VERSION_RETURNED). */
+/* Ends the probation. TL_VERSION_KEPT: the active version stays. TL_VERSION_RETURNED: the version
+ * before becomes active again. */
 tl_status tl_versions_settle(tl_versions *versions, tl_version_result result, const char *reason, tl_error *error);
 
 /* ---- at the start ---- */
 
 typedef struct tl_version_choice {
-    char *
-        text; /* of the version that is to run, with a NUL behind it; the caller's to free(). NULL: the file is to run */
+    char *text; /* of the version to run, with a final NUL; the caller calls free(). NULL: run the file */
     size_t size;
-    uint64_t number; /* of the version; 0: the file is none yet */
-    bool
-        is_candidate; /* the file was changed since it was taken last: it is to be added as TL_ORIGIN_START, and tried */
+    uint64_t number;   /* of the version; 0: the file is not a version yet */
+    bool is_candidate; /* the file has changed since it was read last: add it as TL_ORIGIN_START, and validate it */
 } tl_version_choice;
 
-/* Which text is to run: the file's, if it is not the one that was taken last; else the active version's. If that is damaged or gone, its
- * parent's, and then the file's; that is said on the log. `file` NULL: it cannot be read. TL_BAD_DATA: there is no text at all. */
+/* Selects the text to run: the file if it has changed since it was read last; else the active
+ * version. If that is damaged, an older version that can be read, and then the file; this is
+ * logged. `file` NULL: the file cannot be read. Returns TL_BAD_DATA if there is no text at all. */
 tl_status tl_versions_choose(tl_versions *versions, const char *file, size_t size, tl_version_choice *choice,
                              tl_error *error);
 
-/* ---- Candidates of which nothing came: refused, or cancelled. Kept beside the versions, which they never were.
+/* ---- Refused and cancelled candidates, saved in the same folder. They never become versions.
  *
- * Purpose: who looks at the versions later sees also what was tried and by whom, and why it is not there. Their texts are not kept.
- * Files:   refused-0.json … in STATE/versions/, one for each, replaced whole; the oldest is replaced by the next. config/SPEC.md, "Versions", has the keys.
- * Bound:   the newest TL_REFUSALS_MOST. They take no room of a version, however many come.
- * Errors:  what is damaged is passed over. A disk that refuses costs the record of a refusal, and nothing else.
+ * Purpose: a list of versions also shows what was tried, by which user, and why it was refused. The
+ *          texts are not saved.
+ * Files:   refused-0.json … in STATE/versions/, one for each, replaced as a whole. A new one
+ *          replaces the oldest. config/SPEC.md, "Versions", lists the keys.
+ * Bound:   the newest TL_REFUSALS_MOST. They never displace a version.
+ * Errors:  damaged files are skipped. If the disk rejects a write, only that record is lost.
+ * Thread:  one.
  */
 
 enum { TL_REFUSALS_MOST = 20 };
@@ -181,11 +195,12 @@ typedef struct tl_refusals {
     char folder[PATH_MAX];
 } tl_refusals;
 
-/* Reads what is in the folder of versions that are open. */
+/* Reads the refusals in the folder of opened versions. */
 void tl_refusals_open(tl_refusals *refusals, const tl_versions *versions);
 
-/* Keeps another one. `result`: "refused" or "cancelled"; `reason`: of that. Texts are cut and made fit to be shown. TL_TRY_AGAIN: the disk refuses, and it
- * is known only until the folder is opened anew. */
+/* Adds a refusal. `result`: "refused" or "cancelled"; `reason`: its reason. Texts are truncated and
+ * cleaned. Returns TL_TRY_AGAIN if the disk rejects it; then it is lost when the folder is opened
+ * again. */
 tl_status tl_refusals_add(tl_refusals *refusals, const tl_control_request *request, const char *result,
                           const char *reason, tl_error *error);
 

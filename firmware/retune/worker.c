@@ -24,12 +24,12 @@
 #include "firmware/twin/twin_process.h"
 #include "master/base/signal.h"
 
-/* Descriptors of the process, beside nothing and what it prints. */
+/* Descriptors of the process after 0 to 2. */
 enum { JOB = 3, RESULT = 4 };
 
 /* ---- start ---- */
 
-/* The block has the job, whose pointers mean nothing there, and then its texts, each with its NUL. */
+/* The block contains the job, and then its texts with a NUL each. */
 static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *error) {
     char *bytes = NULL;
     size_t size = 0;
@@ -38,7 +38,7 @@ static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *e
         return tl_fail(error, TL_TRY_AGAIN, "not enough memory for the configuration");
     }
     tl_worker_job plain = *job;
-    memset(plain.text, 0, sizeof plain.text); /* the worker has no use for addresses of this process */
+    memset(plain.text, 0, sizeof plain.text); /* addresses of this process must not leak */
     (void)fwrite(&plain, sizeof plain, 1, file);
     for (size_t i = 0; i < TL_WORKER_TEXTS; i++) {
         const char *text = job->text[i] == NULL ? "" : job->text[i];
@@ -52,7 +52,7 @@ static tl_status make_job(const tl_worker_job *job, tl_block *block, tl_error *e
     return status;
 }
 
-/* What it prints goes into a pipe, which is at its end once the process is. */
+/* Its output is a pipe, which ends when the process ends. */
 static tl_status start_process(tl_worker *worker, const tl_worker_settings *settings, const tl_block *job,
                                tl_error *error) {
     static const char *const kinds[TL_WORKERS] = {"validator", "trial", "states"};
@@ -135,7 +135,7 @@ void tl_worker_close(tl_worker *worker) {
     }
 }
 
-/* ---- taking a result ---- */
+/* ---- reading a result ---- */
 
 static bool is_complete(const tl_worker_result *result) {
     return __atomic_load_n(&result->is_complete, __ATOMIC_ACQUIRE) == 1;
@@ -169,7 +169,7 @@ bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict) {
 }
 
 bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer) {
-    static const uint64_t most = (uint64_t)1 << 50; /* bytes: no box has as much */
+    static const uint64_t most = (uint64_t)1 << 50; /* bytes: more than any box has */
     bool is_there = is_complete(from);
     memcpy(answer, &from->trial, sizeof *answer);
     const tl_live_needs *needs = &answer->needs;
@@ -229,7 +229,7 @@ static void complete(tl_worker_result *result) {
     __atomic_store_n(&result->is_complete, 1, __ATOMIC_RELEASE);
 }
 
-/* ---- what is wrong ---- */
+/* ---- problems ---- */
 
 static void add_problem(void *context, tl_status status, const char *where, const char *text) {
     (void)status;
@@ -243,7 +243,7 @@ static void add_problem(void *context, tl_status status, const char *where, cons
     }
 }
 
-/* ---- what changes ---- */
+/* ---- changes ---- */
 
 static void write_change(const tl_config_edit *edit, tl_control_change *change) {
     (void)snprintf(change->path, sizeof change->path, "%s", edit->path);
@@ -253,7 +253,7 @@ static void write_change(const tl_config_edit *edit, tl_control_change *change) 
     (void)snprintf(change->right, sizeof change->right, "%s", tl_change_rights[edit->needs.right]);
 }
 
-/* ---- what only somebody on the box may give ---- */
+/* ---- names that only an administrator of the box may allow ---- */
 
 static void add_barred(tl_verdict *verdict, const tl_config_barred *barred, const char *list) {
     char text[TL_CONTROL_TEXT];
@@ -279,7 +279,8 @@ static void add_barred(tl_verdict *verdict, const tl_config_barred *barred, cons
     add_problem(verdict, TL_BAD_DATA, barred->path, text);
 }
 
-/* What the active one names is no news; that of a broken file on the box is not known. */
+/* The active configuration's names are allowed. If the file on the box is invalid, its names are
+ * not. */
 static tl_status find_allowed(const tl_worker_job *job, tl_allowed_names *allowed, tl_error *error) {
     tl_error ignored = {.status = TL_OK};
     tl_status status = tl_allowed_names_add_list(allowed, job->text[TL_WORKER_LIST], error);
@@ -322,9 +323,9 @@ static tl_status find_change(const tl_worker_job *job, tl_verdict *verdict, tl_e
     return TL_OK;
 }
 
-/* ---- what its lock is judged by ---- */
+/* ---- tolerances of the lock ---- */
 
-/* Another configuration of this plant. False: it cannot be read. */
+/* Reads another configuration of this plant. Returns false if that fails. */
 static bool read_other(const tl_worker_job *job, tl_worker_text which, tl_config *config) {
     tl_report report = {.add = NULL};
     const char *text = job->text[job->text[which][0] == '\0' ? TL_WORKER_IN_FORCE : which];
@@ -332,7 +333,7 @@ static bool read_other(const tl_worker_job *job, tl_worker_text which, tl_config
            tl_config_read_text(job->text[TL_WORKER_PATH], text, strlen(text), config, &report) == TL_OK;
 }
 
-/* The same output, compared with the same signal; NULL: there is none. */
+/* Returns the match of the same output with the same signal, or NULL. */
 static const tl_plan_match *find_match(const tl_config *config, const tl_plan_match *match) {
     for (size_t i = 0; i < config->match_count; i++) {
         if (strcmp(config->match[i].variable, match->variable) == 0 && strcmp(config->match[i].to, match->to) == 0) {
@@ -342,7 +343,8 @@ static const tl_plan_match *find_match(const tl_config *config, const tl_plan_ma
     return NULL;
 }
 
-/* The largest error of this output alone that is called in lock (lock_monitor.h): its tolerance, if nothing else has a weight. */
+/* Returns the largest error of this output that is still in lock, if all other errors are 0
+ * (lock_monitor.h). If no other output has a weight, that is its tolerance. */
 static double largest_error(const tl_config *config, const tl_plan_match *match) {
     double weights = 0.0;
     for (size_t i = 0; i < config->match_count; i++) {
@@ -357,7 +359,7 @@ static bool is_wider(double now, double before, double times) {
     return !(now <= times * before * (1.0 + rounding));
 }
 
-/* That of the version before, in the candidate's order. */
+/* Copies the tolerances of the version before, in the order of the candidate's outputs. */
 static void find_tolerances(const tl_config *before, const tl_config *now, tl_verdict *verdict) {
     for (size_t i = 0; i < now->match_count; i++) {
         const tl_plan_match *new = &now->match[i];
@@ -377,7 +379,7 @@ static void find_tolerances(const tl_config *before, const tl_config *now, tl_ve
     }
 }
 
-/* An output for which the right to commission is needed. */
+/* Reports an output for which the right to commission is needed. */
 static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double found, double most) {
     char path[TL_JSON_PATH];
     char text[TL_CONTROL_TEXT];
@@ -397,7 +399,8 @@ static void add_wide(tl_verdict *verdict, const tl_plan_match *match, double fou
     verdict->right = TL_RIGHT_COMMISSION;
 }
 
-/* Whatever the version matches that was commissioned last stays matched, and is not judged much less strictly; else it takes the right to commission. */
+/* Each output of the version commissioned last must stay matched, and its largest error must not
+ * grow by more than TL_VERDICT_WIDEST. Else the right to commission is needed. */
 static void limit_widening(const tl_config *commissioned, const tl_config *now, tl_verdict *verdict) {
     for (size_t i = 0; i < commissioned->match_count && verdict->right != TL_RIGHT_BOX; i++) {
         const tl_plan_match *match = &commissioned->match[i];
@@ -463,12 +466,14 @@ static tl_status validate(const tl_worker_job *job, tl_error *error) {
 
 /* ---- trial ---- */
 
-/* The plant's twin goes first, but waits for a trial of states. */
+/* The plant's twin has priority over a trial. But it waits for a test of the states, so that runs
+ * at normal priority. */
 enum { NICE = 10 };
 
 static const tl_time CALL_LIMIT = 60 * TL_SECOND;
 
-/* Errors: those of the check. *crashed: the process of the FMUs ended in it, or was killed because it hung; not if another process killed it. */
+/* Errors: those of the check. *crashed: the FMU process crashed, or was killed because it hung;
+ *         false if another process killed it. */
 static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, const tl_twin_role_tasks *tasks,
                             tl_twin_check *found, bool *crashed, tl_error *error) {
     const bool of_states = job->kind == TL_WORKER_STATES;
@@ -502,7 +507,7 @@ static tl_status check_fmus(const tl_worker_job *job, const tl_config *config, c
     return status;
 }
 
-/* Of the process of the FMUs, which has ended: as the kernel says. */
+/* Peak memory of the FMU process, which has ended. */
 static uint64_t resident_bytes(void) {
     struct rusage usage = {.ru_maxrss = 0};
     (void)getrusage(RUSAGE_CHILDREN, &usage);
@@ -515,7 +520,8 @@ static tl_status try_fmus(const tl_worker_job *job, const tl_config *config, con
     tl_worker_result *result = NULL;
     bool crashed = false;
     tl_status status = check_fmus(job, config, tasks, &found, &crashed, error);
-    if (crashed && job->kind == TL_WORKER_STATES) { /* what is behind the semicolon is for who can change the limit */
+    if (crashed &&
+        job->kind == TL_WORKER_STATES) { /* the text after the semicolon is for a user who can change the limit */
         (void)snprintf(found.why, sizeof found.why, "the saved states could not be tried: %.*s",
                        (int)strcspn(error->text, ";"), error->text);
         status = TL_OK;

@@ -1,11 +1,16 @@
-/* Worker: a short-lived process that reads an untrusted configuration, or tests its FMUs, and returns a result.
+/* Worker: a short-lived process that reads an untrusted configuration, or tests its FMUs, and
+ *         returns a result.
  *
- * Purpose: a crash, a hang or a lie in it fails the request only. A validator is confined and has no file; FMUs run in a further process below a trial.
- * Input:   a tl_worker_job, in memory that nobody can change.
- * Result:  a tl_worker_result, in a block that the worker writes. The reader copies it, checks sizes and ranges, and cleans its texts. A lie can do no more than
- *          call a bad candidate good: the twin refuses a tuning that does not fit, and all else runs beside the plant's twin first.
- * Waiting: tl_worker_start() waits for a fork; tl_worker_poll() does not wait, and kills a worker that is late.
- * Owner:   the caller places a worker; a zeroed one is none.
+ * Purpose: a crash, a hang or a false result fails only the request. A validator is sandboxed and
+ *          opens no file. A trial runs FMUs in a further process.
+ * Input:   a tl_worker_job, in memory that no process can change.
+ * Result:  a tl_worker_result, in a block that the worker writes. The reader copies it, checks
+ *          sizes and ranges, and cleans its texts. A false result can at most pass a bad candidate.
+ *          Then the twin rejects a tuning that does not fit, and all other candidates first run as
+ *          a shadow.
+ * Waiting: tl_worker_start() waits for a fork. tl_worker_poll() does not wait; it kills a worker
+ *          that has exceeded its time limit.
+ * Owner:   the caller provides the memory of a worker; zeroed means not started.
  * Thread:  the main thread (role.h).
  */
 #ifndef TL_FIRMWARE_RETUNE_WORKER_H
@@ -24,12 +29,12 @@
 #include "master/base/simtime.h"
 #include "master/plan/tuning.h"
 
-/* Titles of the process begin with it. */
+/* Prefix of the titles of its processes. */
 #define TL_WORKER "worker"
 
 typedef enum tl_worker_kind {
-    TL_WORKER_VALIDATOR, /* reads the candidate and finds the change: a verdict. Confined; no FMU */
-    TL_WORKER_TRIAL, /* loads and starts the FMUs, runs some steps and restores them, as `check` does: a trial answer */
+    TL_WORKER_VALIDATOR, /* parses the candidate and finds the changes: a verdict. Sandboxed; no FMU */
+    TL_WORKER_TRIAL, /* loads and starts the FMUs, executes some steps and rolls them back, like `check`: a trial answer */
     TL_WORKER_STATES, /* tests whether another process can load the states that the FMUs save: `why` */
     TL_WORKERS
 } tl_worker_kind;
@@ -37,28 +42,28 @@ typedef enum tl_worker_kind {
 typedef enum tl_worker_text {
     TL_WORKER_PATH, /* of the configuration: relative names start at its folder */
     TL_WORKER_CANDIDATE,
-    TL_WORKER_IN_FORCE,     /* "": there is none */
-    TL_WORKER_KEPT,         /* the version that a probation would return to; "": that in force */
-    TL_WORKER_COMMISSIONED, /* the version that was commissioned last; "": that in force */
-    TL_WORKER_ON_THE_BOX,   /* the configuration's file as it is now; "": not known */
-    TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": there is none, */
-    TL_WORKER_LIST_PATH,    /* and its path */
+    TL_WORKER_IN_FORCE,     /* the active version; "": none */
+    TL_WORKER_KEPT,         /* the version that a probation would return to; "": the active one */
+    TL_WORKER_COMMISSIONED, /* the version that was commissioned last; "": the active one */
+    TL_WORKER_ON_THE_BOX,   /* the current configuration file; "": unknown */
+    TL_WORKER_LIST,         /* the administrator's list of allowed names (config_change.h); "": none */
+    TL_WORKER_LIST_PATH,    /* path of that list */
     TL_WORKER_TEXTS
 } tl_worker_text;
 
 typedef struct tl_worker_job {
     tl_worker_kind kind;
     const char *text[TL_WORKER_TEXTS]; /* NULL: "" */
-    uint64_t memory_limit;             /* bytes that the process of the FMUs may take; 0: as usual */
-    bool unconfined;                   /* FMUs may do what the user can */
+    uint64_t memory_limit;             /* bytes for the FMU process; 0: the default */
+    bool unconfined;                   /* FMUs run without a sandbox */
 } tl_worker_job;
 
 typedef struct tl_worker_settings {
     const char *plant;                           /* for the title */
-    tl_worker_job job;                           /* texts live during the start only */
+    tl_worker_job job;                           /* its texts are needed only during tl_worker_start() */
     tl_time limit;                               /* ns until it is killed */
-    int (*be)(const char *title, void *context); /* if the program cannot be executed (role.h) */
-    tl_relay_line *hear;                         /* gets each line that it prints; NULL: they are dropped */
+    int (*be)(const char *title, void *context); /* called if the program cannot be executed (role.h) */
+    tl_relay_line *hear;                         /* gets each line that the worker prints; NULL: lines are dropped */
     void *context;                               /* of both */
 } tl_worker_settings;
 
@@ -66,49 +71,52 @@ typedef struct tl_worker_settings {
 
 enum { TL_VERDICT_PROBLEMS = 32, TL_VERDICT_CHANGES = 32, TL_VERDICT_WIDENED = 128 };
 
-/* Of a window: more than any configuration can have. */
+/* Most time of a window: more than any configuration can have. */
 #define TL_VERDICT_LONGEST (1000000000 * TL_SECOND)
 
-/* By how much the right to retune may widen what is called in lock, against the version that was commissioned last. */
+/* How many times the right to retune may widen the largest error that is in lock, relative to the
+ * version that was commissioned last. */
 enum { TL_VERDICT_WIDEST = 3 };
 
-/* What a validator finds. */
+/* Result of a validator. */
 typedef struct tl_verdict {
-    uint32_t is_valid; /* 1: the candidate can be read without a problem, and `kind` … `tuning` mean something */
+    uint32_t is_valid; /* 1: the candidate has no error, and `kind` … `tuning` are valid */
     uint32_t kind;     /* tl_change_kind */
     uint32_t right;    /* tl_change_right */
     uint32_t
-        problems; /* that were found; of one that is valid: values that its sender may lack the right to; the first ones are listed */
-    uint32_t changes; /* the same */
-    uint32_t strokes; /* that must have ended before its lock is judged (lock_monitor.h); 0: steps, */
-    tl_time window;   /* ns that those take */
+        problems; /* number found, the first are listed; of a valid candidate: values for which the sender may lack the right */
+    uint32_t changes; /* number found, the first are listed */
+    uint32_t
+        strokes; /* that must have ended before the lock is evaluated (lock_monitor.h); 0: the lock is evaluated by steps */
+    tl_time window; /* ns of those steps */
     tl_control_problem problem[TL_VERDICT_PROBLEMS];
     tl_control_change change[TL_VERDICT_CHANGES];
     tl_tuning tuning; /* the candidate's */
     tl_lock_tolerances
-        tolerances; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: there is none */
-    char widened[TL_VERDICT_WIDENED]; /* the first output that the candidate judges less strictly, and how; "": none */
+        tolerances; /* of the version that a probation would return to, in the order of the candidate's outputs; zeroed: none */
+    char widened[TL_VERDICT_WIDENED]; /* the first output whose tolerance the candidate widens, and how; "": none */
 } tl_verdict;
 
-/* What a trial finds. */
+/* Result of a trial. */
 typedef struct tl_trial_answer {
     tl_live_needs needs;
-    uint64_t memory; /* bytes that its twin will take, FMUs and all */
-    tl_time step;    /* ns: T_S, */
-    tl_time budget;  /* of a step's time by the configuration, */
-    tl_time least;   /* of a free step as measured, 0: not known; */
-    tl_time worst;   /* of one with all its evaluations, 0: not known, or nothing is searched */
+    uint64_t memory; /* bytes that its twin will need, including the FMUs */
+    tl_time step;    /* T_S, ns */
+    tl_time budget;  /* configured limit of a step's search time, ns */
+    tl_time least;   /* measured time of a free step, ns; 0: unknown */
+    tl_time worst;   /* of a step with all its evaluations, ns; 0: unknown, or there is no search */
 } tl_trial_answer;
 
-/* One part is filled, by the kind of the worker. */
+/* The kind of the worker decides which part is filled. */
 typedef struct tl_worker_result {
     uint32_t is_complete; /* 1; written last */
     tl_verdict verdict;
     tl_trial_answer trial;
-    char why[TL_TWIN_CHECK_WHY]; /* another process cannot use the states; "": nothing was found against them */
+    char why[TL_TWIN_CHECK_WHY]; /* why another process cannot load the states; "": no fault was found */
 } tl_worker_result;
 
-/* Copy, check and clean a part of an untrusted result. False: it is incomplete, or a value is out of range; a verdict is zeroed then. */
+/* Copy, check and clean a part of an untrusted result. Return false if it is incomplete, or if a
+ * value is out of range; then a verdict is zeroed. */
 bool tl_verdict_take(const tl_worker_result *from, tl_verdict *verdict);
 bool tl_trial_answer_take(const tl_worker_result *from, tl_trial_answer *answer);
 bool tl_worker_take_why(const tl_worker_result *from, char why[TL_TWIN_CHECK_WHY]);
@@ -120,7 +128,7 @@ enum { TL_WORKER_REASON = 128 };
 typedef struct tl_worker {
     tl_block result; /* a tl_worker_result: untrusted */
     bool is_started;
-    bool is_late;                  /* and was killed */
+    bool is_late;                  /* it exceeded its time limit and was killed */
     char reason[TL_WORKER_REASON]; /* why it failed: "its process died of signal 11 (…)"; "": it did not */
     /* private */
     tl_role role;
@@ -131,27 +139,31 @@ typedef struct tl_worker {
 typedef enum tl_worker_state {
     TL_WORKER_RUNNING,
     TL_WORKER_DONE,  /* it ended with exit code 0 */
-    TL_WORKER_FAILED /* `reason` says how */
+    TL_WORKER_FAILED /* see `reason` */
 } tl_worker_state;
 
-/* Errors: TL_TRY_AGAIN; then there is no worker. */
+/* Starts a worker. Errors: TL_TRY_AGAIN; then it is not started. */
 tl_status tl_worker_start(tl_worker *worker, const tl_worker_settings *settings, tl_error *error);
 
-/* Passes on what it has printed. */
+/* Polls the worker without blocking, and forwards its output. */
 tl_worker_state tl_worker_poll(tl_worker *worker);
 
-/* Kills it if it has not ended. None is allowed. */
+/* Kills the worker if it has not ended, and releases its memory. A worker that was not started is
+ * allowed. */
 void tl_worker_close(tl_worker *worker);
 
 /* ---- in the process ---- */
 
-/* First in it. Texts live as long as the process. Errors: TL_BAD_DATA. */
+/* Reads the job; the first call in the process. Its texts stay valid as long as the process.
+ * Errors: TL_BAD_DATA. */
 tl_status tl_worker_begin(tl_worker_job *job, tl_error *error);
 
-/* Its block, zeroed. A trial maps it after its FMUs have ended. Errors: TL_BAD_DATA. */
+/* Maps the result block, zeroed. A trial maps it after its FMU process has ended. Errors:
+ * TL_BAD_DATA. */
 tl_status tl_worker_open_result(tl_worker_result **result, tl_error *error);
 
-/* What main() becomes in a process with such a title: the exit code. `tasks`: as in main(). A validator needs none. */
+/* Runs the worker; main() calls it in a process with such a title. Returns the exit code. `tasks`:
+ * as in main(); a validator needs none. */
 int tl_worker_role_run(const tl_twin_role_tasks *tasks);
 
 #endif

@@ -1,4 +1,4 @@
-/* Addresses and names of the network: who asks, which hosts we are, names that a path may have: see address.h. */
+/* Addresses and names: see address.h. */
 #include "firmware/serve/address.h"
 
 #include <arpa/inet.h>
@@ -33,7 +33,7 @@ tl_host_names tl_host_names_of(const tl_option_list *others) {
     return names;
 }
 
-/* "[::1]:8443" -> "::1", "box:8443" -> "box". False: it is no host. */
+/* "[::1]:8443" -> "::1", "box:8443" -> "box". Returns false if the host is invalid. */
 static bool strip_port(const char *host, char name[LONGEST]) {
     bool is_ipv6 = host[0] == '[';
     const char *from = is_ipv6 ? host + 1 : host;
@@ -68,7 +68,8 @@ bool tl_host_names_know(const tl_host_names *names, const char *host, const char
 
 enum { IPV4 = 4, IPV6 = 16, NETWORK = 8, LONGEST_PORT = 5, LAST_PORT = 65535 };
 
-/* The 4 bytes of IPv4, also of one that came by a socket of IPv6; NULL: it is none. */
+/* Returns the 4 bytes of an IPv4 address, also of one mapped into IPv6; NULL: it is another
+ * address. */
 static const unsigned char *bytes_of_ipv4(const struct sockaddr *socket) {
     const struct sockaddr_in6 *ipv6 = (const struct sockaddr_in6 *)(const void *)socket;
     if (socket->sa_family == AF_INET) {
@@ -123,7 +124,7 @@ bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen
         return false;
     }
     (void)snprintf(host, sizeof host, "%.*s", (int)length - (is_ipv6 ? 2 : 0), text + (is_ipv6 ? 1 : 0));
-    struct in_addr ipv4; /* getaddrinfo() takes "0", "127.1" and octal numbers, too */
+    struct in_addr ipv4; /* getaddrinfo() also accepts "0", "127.1" and octal numbers */
     if ((!is_ipv6 && inet_pton(AF_INET, host, &ipv4) != 1) || getaddrinfo(host, colon + 1, &hints, &found) != 0) {
         return false;
     }

@@ -1,4 +1,4 @@
-/* Addresses and names of the network: who asks, which hosts we are, names that a path may have.
+/* Network addresses, host names, and names of plants and tokens.
  *
  * Thread:  any; pure.
  */
@@ -13,41 +13,46 @@
 
 /* ---- Names of plants and of tokens.
  *
- * Purpose: a plant's name is that of a folder, and a stranger may say any: only what cannot lead elsewhere is one.
+ * Purpose: a plant's name is the name of a folder, and an untrusted client can send any name. Only
+ *          a name that cannot contain a path to another folder is valid.
  * Thread:  pure.
  */
 
-/* Letters, digits, "-", "_" and ".", of which the last does not come first; at most TL_CONTROL_NAME - 1. */
+/* Returns true if the name has only letters, digits, "-", "_" and "."; it must not begin with ".";
+ * at most TL_CONTROL_NAME - 1 bytes. */
 bool tl_plain_name(const char *name);
 
-/* ---- By which names this server may be called.
+/* ---- Host names of this server.
  *
- * Purpose: a page of a stranger's in somebody's browser can have its own name lead to this box ("DNS rebinding"); it cannot choose the Host that the
- *          browser sends then. So a request must call the server what it is called here.
+ * Purpose: a hostile web page in a user's browser can direct its own host name to this box ("DNS
+ *          rebinding"). It cannot choose the Host header that the browser sends. So the Host of a
+ *          request must be a name of this server.
  * Thread:  pure.
  */
 
 typedef struct tl_host_names {
-    char own[HOST_NAME_MAX + 1]; /* what the machine calls itself */
-    tl_option_list others;       /* what the administrator has added */
+    char own[HOST_NAME_MAX + 1]; /* the machine's own host name */
+    tl_option_list others;       /* names that the administrator has added */
 } tl_host_names;
 
-/* `others` are texts that live on. */
+/* Returns the names. The texts of `others` must stay valid. */
 tl_host_names tl_host_names_of(const tl_option_list *others);
 
-/* `host` is the header as it came, with a port or without; NULL: there was none. `local` is the address that the connection came to, which is a name, too;
- * on the loopback "localhost" is one. */
+/* Returns true if `host` is a name of this server. `host`: the header, with or without a port;
+ * NULL: it is missing. `local`: the address to which the client connected; it is also a name. On
+ * the loopback "localhost" is valid. */
 bool tl_host_names_know(const tl_host_names *names, const char *host, const char *local);
 
-/* ---- Who is at the other end: addresses as they are counted, and as they are written.
+/* ---- Client addresses: for counting and as text.
  *
- * Purpose: limits and back-off are for each address. A network of IPv6 (/64) counts as one, since who has one address of it has all.
+ * Purpose: limits and delays apply to each address. An IPv6 network (/64) counts as one address,
+ *          because a client with one address of it can use them all.
  * Thread:  pure.
  */
 
 enum { TL_ADDRESS_TEXT = 48 };
 
-/* An IPv4 address, also one that came mapped into IPv6, or a network of IPv6. */
+/* An IPv4 address, also one mapped into IPv6, or an IPv6 network. */
 typedef struct tl_address {
     unsigned char bytes[8]; /* of IPv4: four zeros before it */
     bool is_ipv6;
@@ -56,10 +61,11 @@ typedef struct tl_address {
 tl_address tl_address_of(const struct sockaddr *socket);
 bool tl_address_is(const tl_address *one, const tl_address *other);
 
-/* "127.0.0.1", "fe80::1", whole and without a port; "?" for what is neither. */
+/* Writes "127.0.0.1" or "fe80::1", complete and without a port; "?" for other families. */
 void tl_address_text(const struct sockaddr *socket, char text[TL_ADDRESS_TEXT]);
 
-/* "127.0.0.1:8443", "[::1]:8443", to listen on. False: it is none. */
+/* Parses "127.0.0.1:8443" or "[::1]:8443", an address for listening. Returns false if it is
+ * invalid. */
 bool tl_address_parse(const char *text, struct sockaddr_storage *socket, socklen_t *size);
 
 #endif

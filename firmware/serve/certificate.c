@@ -1,4 +1,4 @@
-/* The server's certificate: see certificate.h. */
+/* Certificate: see certificate.h. */
 #include "firmware/serve/certificate.h"
 
 #include <errno.h>
@@ -74,13 +74,13 @@ static bool write_fingerprint(gnutls_x509_crt_t certificate, tl_fingerprint *fin
     return write_pin(key, fingerprint->pin);
 }
 
-/* Of the first certificate of the chain, which is the server's. */
+/* The server's certificate is the first of the chain. */
 static bool find_fingerprint(const gnutls_datum_t *chain, tl_fingerprint *fingerprint) {
     gnutls_x509_crt_t first = NULL;
     bool is_found = gnutls_x509_crt_init(&first) >= 0 &&
                     gnutls_x509_crt_import(first, chain, GNUTLS_X509_FMT_PEM) >= 0 &&
                     write_fingerprint(first, fingerprint);
-    gnutls_x509_crt_deinit(first); /* allows NULL */
+    gnutls_x509_crt_deinit(first); /* NULL is allowed */
     return is_found;
 }
 
@@ -90,7 +90,7 @@ static gnutls_datum_t datum_of(char *text) {
     return (gnutls_datum_t){(unsigned char *)text, (unsigned)strlen(text)};
 }
 
-/* Also that the key is that of the certificate. */
+/* Also checks that the key belongs to the certificate. */
 static tl_status check_pair(const char *path, tl_certificate *certificate, tl_error *error) {
     gnutls_certificate_credentials_t credentials = NULL;
     const gnutls_datum_t chain = datum_of(certificate->chain);
@@ -129,22 +129,23 @@ void tl_certificate_free(tl_certificate *certificate) {
     *certificate = (tl_certificate){.chain = NULL};
 }
 
-/* ---- making ---- */
+/* ---- generating ---- */
 
-/* "99991231235959Z", which RFC 5280 has for a certificate without an end; the last moment that 32 bits can say where a box's time has no more. */
+/* "99991231235959Z" means a certificate without an end (RFC 5280). If time_t has 32 bits, its last
+ * second is used. */
 static time_t no_end(void) {
     const int64_t end = INT64_C(253402300799);
     return sizeof(time_t) > sizeof(int32_t) ? (time_t)end : (time_t)INT32_MAX;
 }
 
-/* Each returns 0 or more, or GnuTLS's failure. */
+/* Each of these returns at least 0, or an error code of GnuTLS. */
 static int describe(gnutls_x509_crt_t made, gnutls_x509_privkey_t key) {
     unsigned char serial[SERIAL];
     char host[HOST_NAME_MAX + 1] = "";
     if (getrandom(serial, sizeof serial, 0) != (ssize_t)sizeof serial || gethostname(host, sizeof host - 1) != 0) {
         return GNUTLS_E_RANDOM_FAILED;
     }
-    serial[0] = (unsigned char)(serial[0] & 0x7FU) | 1U; /* a positive number that does not begin with a zero */
+    serial[0] = (unsigned char)(serial[0] & 0x7FU) | 1U; /* positive, and the first byte is not 0 */
     int failure = gnutls_x509_crt_set_version(made, VERSION);
     failure = failure < 0 ? failure : gnutls_x509_crt_set_serial(made, serial, sizeof serial);
     failure = failure < 0 ? failure : gnutls_x509_crt_set_activation_time(made, VALID_FROM);
@@ -191,7 +192,8 @@ static int print_new(FILE *file) {
     return failure;
 }
 
-/* Root, who asks for the fingerprint before the server was ever started, makes it for whose folder it is. */
+/* Root may request the fingerprint before the server's first start. Then the owner of the folder
+ * gets the file. */
 static bool keep_for_owner(int file, const char *folder) {
     struct stat about;
     bool is_given = stat(folder, &about) == 0 && (geteuid() != 0 || fchown(file, about.st_uid, about.st_gid) == 0);

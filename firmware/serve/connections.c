@@ -1,9 +1,9 @@
-/* Guests: see connections.h. */
+/* Connections: see connections.h. */
 #include "firmware/serve/connections.h"
 
 static const tl_time SAFE = TL_SECOND;
 
-/* Guests of an address. */
+/* Number of connections of an address. */
 static int count_of(const tl_connections *guests, const tl_address *address) {
     int count = 0;
     for (int i = 0; i < TL_CONNECTIONS; i++) {
@@ -21,7 +21,8 @@ static int free_place(const tl_connections *guests) {
     return -1;
 }
 
-/* The oldest stranger of the address that has most guests; `only` of this address, if that is not NULL. */
+/* Finds the oldest connection without a token, of the address with the most connections. `only`: of
+ * this address; NULL: of any. */
 static int find_stranger(const tl_connections *guests, const tl_address *only) {
     int found = -1;
     int most = 0;

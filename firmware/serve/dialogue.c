@@ -1,4 +1,4 @@
-/* Dialogues: see dialogue.h. */
+/* Dialogue: see dialogue.h. */
 #include "firmware/serve/dialogue.h"
 
 #include <dirent.h>
@@ -15,7 +15,7 @@
 #include "firmware/retune/control.h"
 #include "firmware/serve/address.h"
 
-/* ---- a reply as a line ---- */
+/* ---- reply as a line ---- */
 
 enum { PLANTS = 256, CLEAN = 4 * TL_CONTROL_TEXT };
 
@@ -188,7 +188,7 @@ size_t tl_dialogue_take(tl_dialogue *dialogue, char *to, size_t room) {
         memcpy(to, dialogue->text + dialogue->taken, now);
         dialogue->taken += now;
     }
-    if (dialogue->taken == dialogue->size) { /* the next lines have the room again */
+    if (dialogue->taken == dialogue->size) { /* the buffer is empty: reuse it */
         dialogue->taken = 0;
         dialogue->size = 0;
     }
@@ -202,9 +202,9 @@ void tl_dialogue_close(tl_dialogue *dialogue) {
     *dialogue = (tl_dialogue){.socket = -1};
 }
 
-/* ---- asking ---- */
+/* ---- request ---- */
 
-/* Who is not there at all, and who is there and does not answer now. */
+/* Distinguishes a plant that does not exist from a plant that does not answer now. */
 static void refuse_plant(tl_dialogue *dialogue, const char *place, tl_status status) {
     struct stat about;
     char sentence[TL_HTTP_SENTENCE];
@@ -246,7 +246,7 @@ static int by_name(const void *one, const void *other) {
     return strcmp(one, other);
 }
 
-/* Those that have a socket, in the order of their names. */
+/* Finds the plants that have a socket, sorted by name. */
 static size_t find_plants(const char *folder, char (*plants)[TL_CONTROL_NAME]) {
     size_t count = 0;
     char place[PATH_MAX];
@@ -286,14 +286,14 @@ void tl_dialogue_list_plants(tl_dialogue *dialogue, const char *folder) {
     dialogue->has_ended = true;
 }
 
-/* ---- what comes back ---- */
+/* ---- replies ---- */
 
 static void take_line(tl_dialogue *dialogue, const tl_control_reply *reply) {
     char line[TL_ANSWER_LINE];
     (void)append(dialogue, line, tl_answer_line(reply, line));
 }
 
-/* A question that was answered is answered by that alone; of all others the end belongs to the answer. */
+/* The answer of a successful query has no "end" line. A change has one. */
 static void take_end(tl_dialogue *dialogue, const tl_control_reply *reply) {
     const tl_control_end *end = &reply->as.end;
     tl_http_status status = tl_answer_status(end->result);
@@ -327,7 +327,8 @@ static void take_reply(tl_dialogue *dialogue, const tl_control_reply *reply, con
     }
 }
 
-/* A line always fits, and so does a configuration into an answer that has nothing else. */
+/* There is always space for a line; also for a configuration, because the answer then contains
+ * nothing else. */
 bool tl_dialogue_listens(const tl_dialogue *dialogue) {
     return dialogue->is_asked && dialogue->size <= TL_DIALOGUE_MOST - TL_CONTROL_MOST;
 }

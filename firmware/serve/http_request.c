@@ -1,4 +1,4 @@
-/* A request: path, query, headers and body as twinlock understands them: see http_request.h. */
+/* HTTP request: see http_request.h. */
 #include "firmware/serve/http_request.h"
 
 #include <ctype.h>
@@ -12,12 +12,12 @@
 #include "firmware/retune/control.h"
 #include "firmware/serve/address.h"
 
-/* ---- The query of a request: "check=1&why=a%20seal".
+/* ---- Query of a request: "check=1&why=a%20seal".
  *
  * Thread: pure.
  */
 
-/* ---- http query ---- */
+/* ---- keys ---- */
 
 enum { LONGEST_NAME = 16, LONGEST_VALUE = TL_CONTROL_WHY };
 
@@ -37,9 +37,9 @@ typedef enum key_kind { FLAG, SECONDS, PERCENT, WHY, VERSION } key_kind;
 typedef struct query_key {
     const char *name;
     key_kind kind;
-    uint32_t flag; /* FLAG: of the request */
-    size_t offset; /* SECONDS: of the uint32_t in the request */
-    uint64_t most; /* SECONDS, VERSION */
+    uint32_t flag; /* FLAG: bit in the request's flags */
+    size_t offset; /* SECONDS: position of a uint32_t in the request */
+    uint64_t most; /* SECONDS, VERSION: maximum */
     const char *expected;
 } query_key;
 
@@ -96,7 +96,8 @@ static bool set_value(const query_key *key, const char *value, tl_control_reques
 
 /* ---- decoding ---- */
 
-/* "%C3%A9+x" up to `end`. False: it is not well formed, holds a NUL, or does not fit. */
+/* Decodes "%C3%A9+x" up to `end`. Returns false if it is not well formed, contains a NUL, or does
+ * not fit. */
 static bool decode(const char *from, const char *end, char *to, size_t room) {
     size_t used = 0;
     while (from < end && used + 1 < room) {
@@ -126,9 +127,9 @@ static bool read_pair(const char *from, const char *end, query_pair *read) {
            decode(middle + 1, end, read->value, sizeof read->value);
 }
 
-/* ---- the whole ---- */
+/* ---- whole query ---- */
 
-/* Whether a word is one of a list with blanks between them. */
+/* Returns true if `word` is one of a list that is separated by blanks. */
 static bool is_among(const char *word, const char *list) {
     size_t length = strlen(word);
     for (const char *found = strstr(list, word); found != NULL && length > 0; found = strstr(found + 1, word)) {
@@ -156,8 +157,9 @@ static bool take_pair(const query_pair *read, const char *allowed, tl_control_re
     return false;
 }
 
-/* Sets what it says in `control`: check, restart, confirm, wait (each 0 or 1), probation, shadow, require_lock, why, version. `allowed` are those that the
- * address takes: "check wait why". False: `sentence` says what is wrong. */
+/* Sets the values of a query in `control`: check, restart, confirm, wait, accept_worse (each 0 or
+ * 1), probation, shadow, require_lock, why, version. `allowed`: the keys of this address, for
+ * example "check wait why". Returns false and sets `sentence` if the query is invalid. */
 static bool read_query(const char *query, const char *allowed, tl_control_request *control, char *sentence) {
     query_pair read;
     for (const char *from = query; *from != '\0';) {
@@ -178,11 +180,11 @@ static bool read_query(const char *query, const char *allowed, tl_control_reques
 
 static const char ROOT[] = "/api/v1/plants";
 
-/* What there is: below /api/v1/plants/NAME. The first row stands for /api/v1/plants, too. */
+/* The addresses below /api/v1/plants/NAME. The first row is also used for /api/v1/plants. */
 typedef struct route {
-    const char *path; /* behind the name; one that ends in "/" has a number behind it */
+    const char *path; /* after the name; a number follows if it ends in "/" */
     const char *method;
-    const char *query; /* keys that it may have */
+    const char *query; /* allowed keys */
     tl_control_verb verb;
     bool is_change;
     bool has_body;
@@ -220,7 +222,7 @@ static bool split_name(const char *path, tl_http_request *request, const char **
     return tl_plain_name(request->plant);
 }
 
-/* Of a route that ends in a number, that number is read. */
+/* Reads the number if the route ends in one. */
 static bool fits(const route *one, const char *path, uint64_t *version) {
     size_t length = strlen(one->path);
     if (length == 0 || one->path[length - 1] != '/') {
@@ -255,7 +257,7 @@ static tl_http_status find_route(const char *path, const char *method, tl_http_r
 
 /* ---- headers ---- */
 
-/* A strong tag of SHA-256 in quotes, or * for whatever is active. */
+/* Parses a strong entity tag, which is a SHA-256 in quotes; * for any active configuration. */
 static tl_http_status read_match(const char *word, tl_control_request *control, char *sentence) {
     if (word == NULL) {
         return refuse(sentence, TL_HTTP_MATCH_REQUIRED,
@@ -311,7 +313,7 @@ static tl_http_status read_body(const tl_http_words *words, const route *found, 
     return read_match(words->if_match, &request->control, sentence);
 }
 
-/* ---- the whole ---- */
+/* ---- whole request ---- */
 
 static tl_http_status read_routed(const tl_http_words *words, const char *path, const char *query,
                                   tl_http_request *request, char *sentence) {

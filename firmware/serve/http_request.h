@@ -1,4 +1,4 @@
-/* A request: path, query, headers and body as twinlock understands them.
+/* HTTP request: parses path, query and headers into a control request.
  *
  * Thread:  the server's.
  */
@@ -12,7 +12,7 @@
 
 enum { TL_HTTP_TARGET = 1024, TL_HTTP_SENTENCE = 256 };
 
-/* Statuses that this server answers with. */
+/* The statuses that this server sends. */
 typedef enum tl_http_status {
     TL_HTTP_OK = 200,
     TL_HTTP_BAD_REQUEST = 400,
@@ -34,7 +34,7 @@ typedef enum tl_http_status {
     TL_HTTP_TIMEOUT = 504
 } tl_http_status;
 
-/* Words as they came; NULL: that header was not there. */
+/* Texts of the request; NULL: the header is missing. */
 typedef struct tl_http_words {
     const char *method;
     const char *target; /* "/api/v1/plants/motor?x=1", not decoded */
@@ -45,14 +45,14 @@ typedef struct tl_http_words {
 } tl_http_words;
 
 typedef struct tl_http_request {
-    bool wants_plants;           /* the list of all; else what `control` says */
-    bool is_change;              /* it may change something: has an entry in the audit */
+    bool wants_plants;           /* the list of all plants; else the request is `control` */
+    bool is_change;              /* it may change something: it is logged in the audit */
     char plant[TL_CONTROL_NAME]; /* "motor" */
-    size_t body;                 /* bytes that follow; 0: none */
-    tl_control_request control;  /* but for `right` and `who` */
+    size_t body;                 /* bytes of the body that follows; 0: none */
+    tl_control_request control;  /* all fields but `right` and `who` */
 } tl_http_request;
 
-/* TL_HTTP_OK, or the status to refuse it with, and a sentence why. */
+/* Parses a request. Returns TL_HTTP_OK, or the status and reason (`sentence`) of a refusal. */
 tl_http_status tl_http_request_read(const tl_http_words *words, tl_http_request *request,
                                     char sentence[TL_HTTP_SENTENCE]);
 

@@ -1,4 +1,5 @@
-/* twinlock-serve: the program, from its beginning to its end. `twinlock serve` and `twinlock token` start it with their own words. */
+/* Main program of twinlock-serve. `twinlock serve` and `twinlock token` start it with their
+ * arguments. */
 #include <errno.h>
 #include <libgen.h>
 #include <limits.h>
@@ -26,13 +27,13 @@
 
 /* ---- options ---- */
 
-/* Texts are those of the command line. */
+/* Texts belong to the command line. */
 typedef struct program_options {
     const char *listen; /* "127.0.0.1:8443" */
     tl_option_list hosts;
-    const char *certificate; /* NULL: one of our own */
+    const char *certificate; /* NULL: the generated one */
     const char *key;
-    const char *state; /* folder of that */
+    const char *state; /* folder of the generated certificate */
     const char *tokens;
     const char *plants;
     bool fingerprint;
@@ -40,7 +41,7 @@ typedef struct program_options {
     const char *role; /* of `token add` */
 } program_options;
 
-enum { SERVE = 1 << 0, TOKEN = 1 << 1 }; /* by the rows of VERBS */
+enum { SERVE = 1 << 0, TOKEN = 1 << 1 }; /* bits: rows of VERBS */
 
 static const tl_verb_row VERBS[] = {
     {"serve", "[options]", NULL, NULL,
@@ -82,7 +83,7 @@ static const tl_option OPTIONS[] = {
 
 static const tl_option_table TABLE = {VERBS, COUNT(VERBS), OPTIONS, COUNT(OPTIONS), .widest = 0};
 
-/* Reads one of VERBS, and refuses more or fewer words than that. */
+/* Reads the options of a verb. Refuses fewer than `least` and more than `most` further words. */
 static tl_options_outcome read_options(const tl_verb_row *verb, int argc, char **argv, void *settings, char ***words,
                                        size_t least, size_t most) {
     size_t count = 0;
@@ -133,7 +134,7 @@ static void serve(tl_server *server) {
     (void)tl_service_notify("STOPPING=1");
 }
 
-/* From now on it has its listener, local sockets, and two folders to look into. */
+/* Afterwards the process may use its listener, local sockets, and two folders for reading. */
 static tl_status confine(const program_options *options, tl_error *error) {
     char folder[PATH_MAX];
     tl_confine_facts facts;

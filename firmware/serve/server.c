@@ -1,4 +1,4 @@
-/* The server's loop: connections, requests, answers, audit: see server.h. */
+/* Server: see server.h. */
 #include "firmware/serve/server.h"
 
 #include <errno.h>
@@ -19,10 +19,9 @@
 #include "firmware/serve/dialogue.h"
 #include "firmware/serve/tokens.h"
 
-/* ---- What the sources behind server.h share.
- */
+/* ---- Data. */
 
-/* The connection of a guest, who has the same place in `guests`. */
+/* A client connection. It has the same index in `guests`. */
 typedef struct tl_visit {
     int place;
     int socket;
@@ -30,11 +29,11 @@ typedef struct tl_visit {
     tl_address address;
     char from[TL_ADDRESS_TEXT];
     char local[TL_ADDRESS_TEXT];
-    char target[TL_HTTP_TARGET + 1]; /* cut behind what is too long anyway */
-    size_t target_length;            /* before it was cut */
-    char token[TL_TOKEN_NAME];       /* whose it is; "": not seen yet */
-    bool has_begun;                  /* the request was judged, and asked if it was good */
-    bool is_suspended;               /* until there is something to answer with */
+    char target[TL_HTTP_TARGET + 1]; /* truncated; a longer target is refused anyway */
+    size_t target_length;            /* before truncation */
+    char token[TL_TOKEN_NAME];       /* name of its token; "": not known yet */
+    bool has_begun;                  /* the request was checked; if it was good, it was sent to the plant */
+    bool is_suspended;               /* until there is something to answer */
     tl_dialogue dialogue;
 } tl_visit;
 
@@ -43,15 +42,15 @@ struct tl_server {
     struct MHD_Daemon *daemon;
     tl_connections guests;
     tl_visit visits[TL_CONNECTIONS];
-    int arriving; /* the place of the connection that is being added */
+    int arriving; /* index of the connection that is being added */
     tl_token_delays token_delays;
     tl_tokens tokens;
     struct stat tokens_seen; /* of the file when it was read */
-    tl_log_limiter says;     /* of what strangers can cause */
+    tl_log_limiter says;     /* limits messages that untrusted clients can cause */
     char room[TL_CONTROL_MOST + 1];
 };
 
-/* How long a guest has for what it is about. */
+/* Time limits of a connection. */
 #define TL_VISIT_GREETING (10 * TL_SECOND)
 #define TL_VISIT_UPLOAD (30 * TL_SECOND)
 #define TL_VISIT_TAKING (30 * TL_SECOND)
@@ -59,7 +58,7 @@ struct tl_server {
 #define TL_VISIT_QUESTION (10 * TL_SECOND)
 #define TL_VISIT_CHANGE (60 * TL_SECOND)
 
-/* ---- The audit: One line for each request that may change something, once its end is known. */
+/* ---- Audit: one line for each request that may change something, when its result is known. */
 
 static const char *verb_of(const tl_control_request *control) {
     if (control->verb == TL_CONTROL_TAKE) {
@@ -68,7 +67,6 @@ static const char *verb_of(const tl_control_request *control) {
     return control->verb == TL_CONTROL_CONFIRM ? "confirm" : "return";
 }
 
-/* An entry for a request that may change something. */
 static void tl_visit_audit(const tl_visit *visit) {
     const tl_http_request *request = &visit->dialogue.request;
     const tl_control_request *control = &request->control;
@@ -82,8 +80,11 @@ static void tl_visit_audit(const tl_visit *visit) {
            control->why[0] != '\0' ? " why=" : "", control->why);
 }
 
-/* ---- Whether a request may be asked: In this order, so that a stranger learns nothing: the form of its head, its Host, its
- * delay, its token, what it asks for, whether it may. Nothing of a body has been read by then. */
+/* ---- Access check of a request.
+ *
+ * Order: form of the head, Host, delay after wrong tokens, token, address and query, right. So a
+ *        client without a token learns nothing about plants. The body has not been read yet.
+ */
 
 static const char SCHEME[] = "Bearer ";
 
@@ -98,7 +99,7 @@ static tl_http_status refuse(tl_visit *visit, tl_http_status status, tl_control_
 
 /* ---- the form of the head ---- */
 
-/* Two headers of one of these names give a request two meanings. */
+/* Two headers with one of these names make a request ambiguous. */
 static const char *const SINGLE_HEADERS[] = {
     MHD_HTTP_HEADER_HOST,           MHD_HTTP_HEADER_AUTHORIZATION,    MHD_HTTP_HEADER_IF_MATCH,
     MHD_HTTP_HEADER_CONTENT_LENGTH, MHD_HTTP_HEADER_CONTENT_ENCODING, MHD_HTTP_HEADER_TRANSFER_ENCODING,
@@ -112,11 +113,12 @@ typedef struct head_check {
     bool is_good;
 } head_check;
 
-/* Whether a part of the head begins where the part before it ends.
+/* Returns true if a part of the head begins at the end of the part before it.
  * libmicrohttpd refuses NUL, folded lines and a bare LF from 0.9.77 on; older versions accept them.
- * The old ones split the head in place: they overwrite CR and LF with one zero each. A NUL in a text,
- * a line without CR, and a line that was moved to unfold it change the distance of two parts.
- * Undetected remain NUL LF as the end of a line, and lines before a request that are empty or begin
+ * These older versions split the head in place: they replace each CR and each LF by a zero. So the
+ * distance between two parts changes with a NUL in a text, with a line without CR, and with a line
+ * that was moved to unfold it.
+ * Not detected are NUL LF as the end of a line, and lines before a request that are empty or begin
  * with NUL. They do not change where the request or its body ends. */
 static bool has_no_gap(const head_check *check, const char *part) {
     return MHD_VERSION >= 0x00097701 || part == check->end;
@@ -164,7 +166,7 @@ static bool is_unchanged(const struct stat *one, const struct stat *other) {
            one->st_mtim.tv_sec == other->st_mtim.tv_sec && one->st_mtim.tv_nsec == other->st_mtim.tv_nsec;
 }
 
-/* `twinlock token` puts another file in the place of the one that was read. */
+/* `twinlock token` replaces the file. */
 static void renew_tokens(tl_server *server) {
     struct stat about;
     tl_error error;
@@ -236,8 +238,9 @@ static tl_http_status judge_right(tl_visit *visit, tl_change_right right) {
     return TL_HTTP_OK;
 }
 
-/* Whether a request may be asked. TL_HTTP_OK, or the refusal is the answer of the visit's dialogue. `method` and `protocol` are
- * libmicrohttpd's own texts, in its buffer. */
+/* Checks whether a request may be processed. Returns TL_HTTP_OK, or the status of a refusal, which
+ * becomes the answer of the dialogue. `method` and `protocol` must be the texts in libmicrohttpd's
+ * own buffer. */
 static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
                                      const char *method, const char *protocol) {
     tl_change_right right = TL_RIGHT_READ;
@@ -256,9 +259,11 @@ static tl_http_status tl_visit_judge(tl_server *server, tl_visit *visit, struct 
     return status == TL_HTTP_OK ? judge_right(visit, right) : status;
 }
 
-/* ---- HTTP and TLS, by libmicrohttpd:
+/* ---- HTTP and TLS, by libmicrohttpd.
  *
- * Nothing that it calls waits. A request is answered at once, or its connection is suspended until the plant has said enough. */
+ * No callback blocks. A request is answered at once, or its connection is suspended until the plant
+ * has sent enough.
+ */
 
 enum { PIECE = 16 * 1024, CONNECTION_MEMORY = 16 * 1024, LENGTH = 32, LARGE_BODY = 1024 * 1024 };
 
@@ -267,7 +272,7 @@ static const char PRIORITIES[] =
     "SECURE128:-VERS-ALL:+VERS-TLS1.3:+VERS-TLS1.2:-KX-ALL:+ECDHE-ECDSA:+ECDHE-RSA:-MAC-ALL:+AEAD:"
     "%SERVER_PRECEDENCE";
 
-/* From now on it has so long. */
+/* Sets the deadline of the connection, `time` from now. */
 static void tl_visit_allow(tl_server *server, const tl_visit *visit, tl_time time) {
     server->guests.rows[visit->place].deadline = time == TL_TIME_NEVER ? TL_TIME_NEVER : tl_clock_now(NULL) + time;
 }
@@ -281,7 +286,6 @@ static void suspend(tl_visit *visit) {
     MHD_suspend_connection(visit->connection);
 }
 
-/* Wakes a connection that was suspended. */
 static void tl_visit_resume(tl_visit *visit) {
     visit->is_suspended = false;
     MHD_resume_connection(visit->connection);
@@ -289,7 +293,7 @@ static void tl_visit_resume(tl_visit *visit) {
 
 /* ---- the answer ---- */
 
-/* The next piece of an answer whose end is not known yet. */
+/* Returns the next piece of an answer that is not complete yet. */
 static ssize_t give_piece(void *context, uint64_t position, char *to, size_t room) {
     tl_visit *visit = context;
     (void)position;
@@ -320,7 +324,7 @@ static void add_headers(struct MHD_Response *response, const tl_visit *visit) {
         (void)snprintf(text, sizeof text, "%llu", (unsigned long long)dialogue->version);
         add_header(response, "Twinlock-Version", text);
     }
-    if (dialogue->status == TL_HTTP_BAD_REQUEST) { /* what follows on the connection may not be a request */
+    if (dialogue->status == TL_HTTP_BAD_REQUEST) { /* the following bytes on the connection may not be a request */
         add_header(response, MHD_HTTP_HEADER_CONNECTION, "close");
     }
     if (dialogue->status == TL_HTTP_UNAUTHORISED) {
@@ -357,9 +361,10 @@ static bool has_large_body(struct MHD_Connection *connection) {
            header(connection, MHD_HTTP_HEADER_TRANSFER_ENCODING) != NULL;
 }
 
-/* Judges the request by its head. The body of a refused request is read and dropped before the answer: closing a
- * connection with unread bytes resets it, and the client may lose the answer. Before a large body the server answers
- * at once and closes. A refused request gets no more time. */
+/* Checks the request by its head. The body of a refused request is read and dropped before the
+ * answer. Closing a connection with unread bytes resets it, and the client may lose the answer.
+ * Before a large body the server answers at once and closes. A refused request gets no more time.
+ */
 static enum MHD_Result take_head(tl_server *server, tl_visit *visit, struct MHD_Connection *connection,
                                  const char *method, const char *protocol) {
     tl_dialogue_close(&visit->dialogue);
@@ -387,7 +392,8 @@ static void ask(tl_server *server, tl_visit *visit) {
     }
 }
 
-/* Called when the head is there, for pieces of the body, at its end, and when the connection was resumed. */
+/* Called after the head, for each piece of the body, after the body, and after a resumed
+ * connection. */
 // NOLINTNEXTLINE(readability-function-size): its parameters are libmicrohttpd's
 static enum MHD_Result serve(void *context, struct MHD_Connection *connection, const char *url, const char *method,
                              const char *protocol, const char *data, size_t *size, void **state) {
@@ -413,9 +419,9 @@ static enum MHD_Result serve(void *context, struct MHD_Connection *connection, c
     return answer(server, visit);
 }
 
-/* ---- beginning and end ---- */
+/* ---- start and end of requests and connections ---- */
 
-/* The request's line, before anything of it is decoded. */
+/* The target of the request before decoding. */
 static void *keep_target(void *context, const char *target, struct MHD_Connection *connection) {
     tl_visit *visit = visit_of(connection);
     (void)context;
@@ -448,21 +454,20 @@ static void come_or_go(void *context, struct MHD_Connection *connection, void **
     tl_connections_leave(&server->guests, visit->place);
 }
 
-/* Nothing is decoded for us: http_request.h does, and says if it cannot be. */
+/* libmicrohttpd must not decode: http_request.c decodes, and reports faults. */
 static size_t keep_escapes(void *context, struct MHD_Connection *connection, char *text) {
     (void)context;
     (void)connection;
     return strlen(text);
 }
 
-/* What libmicrohttpd tells of strangers' mistakes is of no use to who runs the box. */
+/* Messages of libmicrohttpd about clients' errors do not help the administrator. */
 static void say_nothing(void *context, const char *format, va_list arguments) {
     (void)context;
     (void)format;
     (void)arguments;
 }
 
-/* libmicrohttpd, and what it calls. */
 static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
     const tl_certificate *certificate = server->settings.certificate;
     server->daemon = MHD_start_daemon(
@@ -482,12 +487,13 @@ static tl_status tl_http_service_start(tl_server *server, tl_error *error) {
 
 /* ---- server ---- */
 
-/* The listener, all of libmicrohttpd, and of each visit its plant and, while it is suspended, itself. */
+/* Descriptors: the listener, libmicrohttpd's epoll; for each connection its plant's socket, and its
+ *              own while it is suspended. */
 enum { FIXED = 2, DESCRIPTORS = FIXED + 2 * TL_CONNECTIONS, AT_ONCE = 32, MESSAGES_A_SECOND = 5 };
 
-/* ---- who comes ---- */
+/* ---- new connections ---- */
 
-/* Its connection is closed within this call. */
+/* libmicrohttpd closes the connection within this call. */
 static void put_out(tl_server *server, int place) {
     tl_visit *visit = &server->visits[place];
     (void)shutdown(visit->socket, SHUT_RDWR);
@@ -546,7 +552,7 @@ static void open_door(tl_server *server) {
     }
 }
 
-/* ---- what is waited for ---- */
+/* ---- waiting ---- */
 
 static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCRIPTORS]) {
     size_t count = FIXED;
@@ -561,14 +567,14 @@ static size_t list_descriptors(const tl_server *server, struct pollfd list[DESCR
         if (tl_dialogue_listens(&visit->dialogue)) {
             list[count++] = (struct pollfd){.fd = visit->dialogue.socket, .events = POLLIN};
         }
-        if (visit->is_suspended) { /* libmicrohttpd does not look at it meanwhile */
+        if (visit->is_suspended) { /* libmicrohttpd does not poll it in this state */
             list[count++] = (struct pollfd){.fd = visit->socket, .events = POLLRDHUP};
         }
     }
     return count;
 }
 
-/* ms, at most `most` */
+/* Returns ms, at most `most`. */
 static int patience_of(const tl_server *server, tl_time most) {
     MHD_UNSIGNED_LONG_LONG wanted = 0;
     tl_time least = most;
@@ -581,7 +587,7 @@ static int patience_of(const tl_server *server, tl_time most) {
     return least > 0 ? (int)((least + 999999) / 1000000) : 0;
 }
 
-/* ---- visits ---- */
+/* ---- connections ---- */
 
 static bool has_left(const tl_visit *visit) {
     struct pollfd one = {.fd = visit->socket, .events = POLLRDHUP};
@@ -598,7 +604,7 @@ static void follow(tl_server *server, tl_visit *visit) {
     if (can_begin) {
         tl_visit_allow(server, visit, TL_VISIT_TAKING);
         tl_visit_resume(visit);
-    } else if (dialogue->status != 0) { /* all that there is has been taken: the plant has its time */
+    } else if (dialogue->status != 0) { /* the client has read all that there is; now the plant may take its time */
         tl_visit_allow(server, visit, TL_TIME_NEVER);
     }
     if (visit->is_suspended && has_left(visit)) {
@@ -606,7 +612,8 @@ static void follow(tl_server *server, tl_visit *visit) {
     }
 }
 
-/* A plant that does not answer is told of; a guest who does not go on is put out. */
+/* If a plant does not answer in time, the client gets an answer that says so. A client that exceeds
+ * its time is closed. */
 static void end_overdue(tl_server *server) {
     tl_time now = tl_clock_now(NULL);
     for (int i = 0; (i = tl_connections_overdue(&server->guests, i, now)) >= 0; i++) {
@@ -638,7 +645,7 @@ void tl_server_turn(tl_server *server, tl_time most) {
     (void)MHD_run(server->daemon);
 }
 
-/* ---- beginning and end ---- */
+/* ---- start and end of the server ---- */
 
 tl_status tl_server_open(const tl_server_settings *settings, tl_server **server, tl_error *error) {
     *server = calloc(1, sizeof **server);

@@ -1,4 +1,4 @@
-/* The server's loop: connections, requests, answers, audit.
+/* Main loop of the server: connections, requests, answers, audit.
  *
  * Thread:  the server's.
  */
@@ -12,22 +12,23 @@
 
 typedef struct tl_server tl_server;
 
-/* All of it lives as long as the server. */
+/* All of it must stay valid as long as the server. */
 typedef struct tl_server_settings {
-    int listener;       /* listens, does not block; stays the caller's */
-    const char *folder; /* of plants: TL_CONTROL_FOLDER */
-    const char *tokens; /* the file of them, which may change at any time */
+    int listener;       /* a listening, nonblocking socket; the caller closes it */
+    const char *folder; /* of the plants: TL_CONTROL_FOLDER */
+    const char *tokens; /* file of the tokens, which may change at any time */
     const tl_certificate *certificate;
     const tl_host_names *names;
 } tl_server_settings;
 
-/* TL_TRY_AGAIN: memory or descriptors are missing. */
+/* Starts the server. Errors: TL_TRY_AGAIN if memory or descriptors are missing, or GnuTLS rejects
+ * the certificate. */
 tl_status tl_server_open(const tl_server_settings *settings, tl_server **server, tl_error *error);
 
-/* Does what there is to do; waits for it at most so long (ns). */
+/* Waits for events at most `most` ns, and processes them. */
 void tl_server_turn(tl_server *server, tl_time most);
 
-/* Ends all connections. NULL is allowed. */
+/* Closes all connections. NULL is allowed. */
 void tl_server_close(tl_server *server);
 
 #endif

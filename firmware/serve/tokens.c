@@ -1,4 +1,4 @@
-/* Access tokens: the file, the check, the delay after wrong ones: see tokens.h. */
+/* Access tokens: see tokens.h. */
 #include "firmware/serve/tokens.h"
 
 #include <errno.h>
@@ -30,7 +30,7 @@ tl_time tl_token_delays_left(const tl_token_delays *delays, const tl_address *ad
 }
 
 void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_time now) {
-    tl_token_delay *row = &delays->rows[0]; /* the address's own, else a free one, else the oldest */
+    tl_token_delay *row = &delays->rows[0]; /* the row of this address, else a free one, else the oldest */
     for (size_t i = 0; i < TL_TOKEN_DELAYS; i++) {
         tl_token_delay *one = &delays->rows[i];
         if (one->wrong > 0 && tl_address_is(&one->address, address)) {
@@ -107,7 +107,8 @@ tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error) {
 
 /* ---- writing ---- */
 
-/* The group of its folder may read it, and nobody else; who is not root keeps a group of its own. */
+/* Only the group of the folder may read the file. A user other than root may be unable to change
+ * the group; then the file keeps his. */
 static bool give_to_group(int file, const char *path) {
     char folder[PATH_MAX];
     struct stat about;
@@ -140,9 +141,9 @@ tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *e
     return tl_new_file_keep(&made, error);
 }
 
-/* ---- looking ---- */
+/* ---- searching ---- */
 
-/* Without a branch that depends on what differs. */
+/* No branch depends on the bytes, so that the duration reveals nothing. */
 static bool is_same(const char *one, const char *other) {
     unsigned difference = 0;
     for (size_t i = 0; i < TL_SHA256_TEXT; i++) {

@@ -17,10 +17,12 @@
 /* ---- Delays after wrong tokens, one for each address.
  *
  * Purpose: limits how fast an address can guess tokens.
- * Rule:    the first three wrong tokens cost nothing. After each further one the address must wait 1 s, 2 s, 4 s … 64 s, in which the server checks no
- *          token of it. Only time resets the count: ten minutes without a wrong token. A right token does not, because its owner could guess
- *          other tokens between two requests.
- * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose last wrong token is the oldest.
+ * Rule:    the first three wrong tokens cost nothing. After each further one the address must wait
+ *          1 s, 2 s, 4 s … 64 s. In this time the server checks no token of it. Only time resets
+ *          the count: ten minutes without a wrong token. A right token does not, because its owner
+ *          could guess other tokens between two requests.
+ * Bound:   TL_TOKEN_DELAYS addresses. If the table is full, a new address replaces the one whose
+ *          last wrong token is the oldest.
  * Thread:  one; times are monotonic.
  */
 
@@ -43,11 +45,13 @@ tl_time tl_token_delays_left(const tl_token_delays *delays, const tl_address *ad
 /* Counts a wrong token of the address. */
 void tl_token_delays_add(tl_token_delays *delays, const tl_address *address, tl_time now);
 
-/* ---- Tokens: who may do what by the network.
+/* ---- Access tokens: the rights of network clients.
  *
- * Purpose: a token is 256 random bits, made on the box by its administrator and shown once. What is kept is its SHA-256, so that the file betrays none.
- * File:    a line for each, "NAME ROLE SHA256 TIME"; made whole or not at all, readable for the group of its folder, which is the server's.
- * Looking: takes the same time whichever token it is, or none.
+ * Purpose: a token is 256 random bits. The administrator makes it on the box, and it is shown once.
+ *          Only its SHA-256 is saved, so that the file does not reveal a token.
+ * File:    a line for each token, "NAME ROLE SHA256 TIME". It is written as a whole, and only the
+ *          group of its folder can read it, which is that of the server.
+ * Search:  always takes the same time, so that its duration reveals nothing about a token.
  * Thread:  one.
  */
 
@@ -56,7 +60,7 @@ enum { TL_TOKENS = 64, TL_TOKEN_NAME = 32, TL_TOKEN_SECRET = 65 };
 #define TL_TOKENS_FILE "/etc/twinlock-serve/tokens"
 
 typedef struct tl_token {
-    char name[TL_TOKEN_NAME]; /* as tl_plain_name() */
+    char name[TL_TOKEN_NAME]; /* valid by tl_plain_name() */
     tl_change_right role;
     char hash[TL_SHA256_TEXT];
     char made[TL_CONTROL_TIME];
@@ -67,19 +71,21 @@ typedef struct tl_tokens {
     size_t count;
 } tl_tokens;
 
-/* None, if there is no file. TL_BAD_DATA: it is no such file, and says in which line; TL_TRY_AGAIN: it cannot be read. */
+/* Reads the file; if it is missing there are no tokens. Errors: TL_BAD_DATA if a line is invalid,
+ * with its number; TL_TRY_AGAIN if the file cannot be read. */
 tl_status tl_tokens_read(const char *path, tl_tokens *tokens, tl_error *error);
 
-/* TL_TRY_AGAIN: it cannot be written; who may is root. */
+/* Writes the file. Errors: TL_TRY_AGAIN if it cannot be written; root can write it. */
 tl_status tl_tokens_write(const char *path, const tl_tokens *tokens, tl_error *error);
 
-/* The one with this secret, or NULL. */
+/* Returns the token with this secret, or NULL. */
 const tl_token *tl_tokens_find(const tl_tokens *tokens, const char *secret);
 
-/* The place of the one with this name; `count` if there is none. */
+/* Returns the index of the token with this name, or `count`. */
 size_t tl_tokens_named(const tl_tokens *tokens, const char *name);
 
-/* 64 hexadecimal digits that nobody can guess. TL_TRY_AGAIN: this machine has no random bits yet. */
+/* Generates 64 random hexadecimal digits. Errors: TL_TRY_AGAIN if the machine has no random bits
+ * yet. */
 tl_status tl_token_make_secret(char secret[TL_TOKEN_SECRET], tl_error *error);
 
 #endif
