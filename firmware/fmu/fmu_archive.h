@@ -7,8 +7,8 @@
  *          are ignored. Only stored and deflated entries are accepted, as FMI requires. Rejected:
  *          absolute paths, drive letters, "..", symbolic links, devices, encrypted entries,
  *          duplicate names and control characters in names. A backslash counts as a separator.
- * Skipped: documentation/, sources/ and binaries of other systems would fill the memory of a small
- *          box. Their names are checked, but only their folders are created.
+ * Skipped: documentation/, sources/ and binaries for Windows and macOS would fill the memory of a
+ *          small box. Their names are checked, but only their folders are created.
  * Errors:  TL_BAD_DATA if the file is invalid; TL_TRY_AGAIN if disk, memory or descriptors are
  *          missing.
  * Thread:  one thread at a time for each folder.
