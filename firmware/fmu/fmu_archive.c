@@ -210,8 +210,9 @@ static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *pa
     return status;
 }
 
-/* Rejects an entry if its Unix mode is neither that of a file nor of a folder (other systems leave
- * it 0), if it is encrypted, or if its compression is not allowed by FMI. *mode: for open(). */
+/* Rejects an entry if its Unix mode is neither that of a file nor of a folder; other systems leave
+ * the mode 0. Also rejects it if it is encrypted or if FMI does not allow its compression. *mode:
+ * for open(). */
 static tl_status check_entry(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;

@@ -37,7 +37,7 @@ static uint32_t word_at(const tl_elf_file *file, size_t offset) {
     return word;
 }
 
-/* ---- Places -------------------------------------------------------------------------------------------- */
+/* ---- Positions ----------------------------------------------------------------------------------------- */
 
 /* Finds the file offset of memory `address`, and the number of bytes from there to the end of the
  * segment. Returns false if no segment contains it. If two segments overlap, the later one counts,
@@ -81,7 +81,7 @@ static ElfW(Dyn) entry_at(const tl_elf_file *file, size_t index) {
     return entry;
 }
 
-/* The value of the last entry with this tag. Returns false if there is none. */
+/* The value of the last entry with this tag. Returns false if no entry has it. */
 static bool find_entry(const tl_elf_file *file, int64_t tag, uint64_t *value) {
     for (size_t i = file->entry_count; i > 0; i--) {
         ElfW(Dyn) entry = entry_at(file, i - 1);

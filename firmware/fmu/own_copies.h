@@ -39,7 +39,7 @@ typedef struct tl_elf_segment {
     uint64_t size;
 } tl_elf_segment;
 
-/* Fields are private, except if they say otherwise. */
+/* Fields are private, except those that are marked as public. */
 typedef struct tl_elf_file {
     uint8_t *bytes;
     size_t size;

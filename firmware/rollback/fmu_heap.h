@@ -82,11 +82,11 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
  *          from the C library. The heap notes both, because a copy of the heap is then incomplete.
  * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
  *          before the call does.
- * Outside: functions of the C library that keep memory in the library run outside of the heap
- *          (environment, locales, time zones, exit handlers, users), because the library would find
- *          old contents after a restore. Their data is not restored: an FMU that changes its
- *          environment finds the last change. Not handled: data that a function keeps for one
- *          caller (strtok(), hsearch(), an open stream).
+ * Outside: functions of the C library that store data in the library run outside of the heap. These
+ *          are functions for environment, locales, time zones, exit handlers and users. In the
+ *          heap, the library would find old contents after a restore. Their data is not restored:
+ *          an FMU that changes its environment finds the last change. Not handled: data that a
+ *          function stores for one caller (strtok(), hsearch(), an open stream).
  * Freeing: a block is returned to the heap that it came from, independent of the thread and of the
  *          time.
  * Sanitizer: it has its own allocator. Then no heap is used and tl_fmu_allocation_serves() returns

@@ -61,7 +61,7 @@ typedef struct tl_fmu_memory {
     tl_fmu_heap *heap; /* serves the FMU's allocations; NULL: no heap */
     unsigned watched;  /* calls that are still to be checked for side effects */
     bool
-        has_flags; /* set by the user: saves exception flags for the FMU. Set it only once the FMU is rolled back by memory, because reading the flags takes as long as a small step */
+        has_flags; /* set by the user: saves exception flags for the FMU. It costs as much as a small step, so set it only with rollback by memory */
     int raised;    /* the FMU's floating-point exceptions, as fetestexcept() returns them */
     fexcept_t flags; /* the same in the format of the machine */
     const char *folder;
