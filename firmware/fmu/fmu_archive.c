@@ -1,5 +1,6 @@
-/* From a ZIP file to a folder. An entry's path is made safe first, then opened folder by folder from the root's
- * descriptor without following links, so that no name and no link made by an earlier entry leads outside. */
+/* Unpacks a ZIP file into a folder. The path of an entry is validated first. Then its folders are
+ * opened one by one from the root's descriptor without following links. So neither a name nor a
+ * link from an earlier entry can lead outside of the folder. */
 #include "firmware/fmu/fmu_archive.h"
 
 #include <errno.h>
@@ -18,13 +19,12 @@
 
 enum { BUFFER = 64 * 1024, NAME_SHOWN = 120 };
 
-/* One unpacking. */
 typedef struct unpacking {
     const char *label;
     zip_t *zip;
     uint64_t file_bytes;
-    uint64_t written; /* all entries so far */
-    int root;         /* descriptor of the folder */
+    uint64_t written; /* bytes of all entries so far */
+    int root;         /* descriptor of the target folder */
     char *buffer;     /* of BUFFER bytes */
     tl_error *error;
 } unpacking;
@@ -38,7 +38,7 @@ static tl_status refuse(const unpacking *work, const char *name, const char *why
                    work->label, shown, why);
 }
 
-/* Why a path cannot be allowed, or NULL. */
+/* Returns why a path is rejected; NULL: it is valid. */
 static const char *path_fault(const char *name) {
     size_t length = strlen(name);
     if (length == 0 || length > TL_FMU_ENTRY_PATH) {
@@ -55,7 +55,8 @@ static const char *path_fault(const char *name) {
     return NULL;
 }
 
-/* `name` with slashes, without "." and empty parts; it ends with a slash where it names a folder. */
+/* Yields `name` with slashes, without "." and empty parts. It ends with a slash if it is a folder.
+ */
 static tl_status safe_path(const unpacking *work, const char *name, char path[TL_FMU_ENTRY_PATH + 2]) {
     const char *fault = path_fault(name);
     if (fault != NULL) {
@@ -67,7 +68,7 @@ static tl_status safe_path(const unpacking *work, const char *name, char path[TL
     int depth = 0;
     (void)snprintf(copy, sizeof copy, "%s", name);
     const char *last = copy + strlen(copy) - 1;
-    last -= *last == '.' && last != copy ? 1 : 0; /* "a/." is the folder a */
+    last -= *last == '.' && last != copy ? 1 : 0; /* "a/." means the folder a */
     bool is_folder = strchr("/\\", *last) != NULL;
     for (const char *part = strtok_r(copy, "/\\", &rest); part != NULL; part = strtok_r(NULL, "/\\", &rest)) {
         size_t length = strlen(part);
@@ -103,8 +104,8 @@ static tl_status fail_system(const unpacking *work, const char *path, const char
                                                     : "free space, or set TMPDIR to a folder with more");
 }
 
-/* Makes all folders of a safe path, opens the last of them and puts what is left of the path into *last, "" where the
- * path names a folder. Descriptor or −errno. */
+/* Creates all folders of a validated path and opens the last one. *last: the remaining file name;
+ * "" if the path is a folder. Returns a descriptor or −errno. */
 static int open_folders(int root, const char *path, const char **last) {
     int folder = dup(root);
     const char *slash = strchr(path, '/');
@@ -142,7 +143,7 @@ static tl_status count_bytes(unpacking *work, const char *path, uint64_t entry, 
     return TL_OK;
 }
 
-/* libzip's ways to say that it is not the archive's fault; it opens the file a second time. */
+/* These errors of libzip are not the fault of the archive; libzip opens the file a second time. */
 static tl_status zip_status(int code) {
     return code == ZIP_ER_MEMORY || code == ZIP_ER_OPEN || code == ZIP_ER_READ ? TL_TRY_AGAIN : TL_BAD_DATA;
 }
@@ -186,7 +187,7 @@ static bool is_skipped(const char *path) {
            begins_with(path, "binaries/darwin");
 }
 
-/* Creates what a safe path names. */
+/* Creates the file or folder of a validated path. */
 static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *path, mode_t mode) {
     const char *name;
     int folder = open_folders(work->root, path, &name);
@@ -209,7 +210,9 @@ static tl_status write_entry(unpacking *work, zip_uint64_t index, const char *pa
     return status;
 }
 
-/* Refuses what is not a plain file or folder by its Unix mode, which other systems leave 0, or not stored as FMI demands. *mode is for open(). */
+/* Rejects an entry if its Unix mode is neither that of a file nor of a folder; other systems leave
+ * the mode 0. Also rejects it if it is encrypted or if FMI does not allow its compression. *mode:
+ * for open(). */
 static tl_status check_entry(const unpacking *work, zip_uint64_t index, const char *name, mode_t *mode) {
     zip_uint8_t system = 0;
     zip_uint32_t attributes = 0;
@@ -270,7 +273,7 @@ static tl_status unpack_all(unpacking *work) {
     return status;
 }
 
-/* Opens the file for reading; nothing that is not a file is read. `opened` is kept, as whoever has opened it may need it again. */
+/* Opens a regular file for reading. `opened` is duplicated, because its owner may need it again. */
 static tl_status open_file(const char *path, int opened, unpacking *work, int *file) {
     struct stat status;
     *file = opened >= 0 ? fcntl(opened, F_DUPFD_CLOEXEC, 0) : open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
@@ -313,7 +316,7 @@ static tl_status open_zip(const char *path, int opened, unpacking *work) {
         (void)close(file);
         return status;
     }
-    return TL_OK; /* the descriptor is libzip's now */
+    return TL_OK; /* libzip owns the descriptor now */
 }
 
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,

@@ -1,14 +1,18 @@
-/* Unpacks an FMU, a ZIP file from a stranger, into a fresh folder of its own.
+/* Unpacks an untrusted FMU (a ZIP file) into a new private folder.
  *
- * Purpose: nothing is created outside of that folder, and nothing remains when unpacking fails. Folders are
- *          private ones (private_folder.h) of the kind "fmu"; each unpacking first removes those that killed processes left.
- * Limits:  below; bytes are counted as they are written, whatever sizes the archive claims. Only stored and deflated
- *          entries, as FMI demands. Refused: absolute paths, drive letters, "..", symbolic links and devices, encrypted
- *          entries, a name twice, control characters in names. Backslashes are taken for separators.
- * Skipped: documentation/, sources/ and binaries of other systems are checked by name, and only folders are created
- *          for them: they would fill the memory of a small box.
- * Errors:  TL_BAD_DATA for anything wrong in the file, TL_TRY_AGAIN where disk, memory or descriptors are missing.
+ * Purpose: creates nothing outside of that folder, and leaves nothing behind if unpacking fails.
+ *          The folder is a private folder (private_folder.h) of the kind "fmu". Each unpacking
+ *          first removes the folders that terminated processes left behind.
+ * Limits:  see below. Bytes are counted while they are written; the sizes that the archive claims
+ *          are ignored. Only stored and deflated entries are accepted, as FMI requires. Rejected:
+ *          absolute paths, drive letters, "..", symbolic links, devices, encrypted entries,
+ *          duplicate names and control characters in names. A backslash counts as a separator.
+ * Skipped: documentation/, sources/ and binaries for Windows and macOS would fill the memory of a
+ *          small box. Their names are checked, but only their folders are created.
+ * Errors:  TL_BAD_DATA if the file is invalid; TL_TRY_AGAIN if disk, memory or descriptors are
+ *          missing.
  * Thread:  one thread at a time for each folder.
+ * Trust:   the archive is untrusted.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_ARCHIVE_H
 #define TL_FIRMWARE_FMU_FMU_ARCHIVE_H
@@ -17,19 +21,21 @@
 #include "master/base/status.h"
 
 enum {
-    TL_FMU_FILE_BYTES = 1024 * 1024 * 1024,  /* of the FMU itself */
-    TL_FMU_TOTAL_BYTES = 1024 * 1024 * 1024, /* unpacked */
+    TL_FMU_FILE_BYTES = 1024 * 1024 * 1024,  /* size of the FMU file */
+    TL_FMU_TOTAL_BYTES = 1024 * 1024 * 1024, /* all entries, unpacked */
     TL_FMU_ENTRY_BYTES = 512 * 1024 * 1024,  /* one entry, unpacked */
     TL_FMU_ENTRIES = 10000,
-    TL_FMU_ENTRY_PATH = 1024, /* bytes in the path of an entry */
-    TL_FMU_ENTRY_DEPTH = 64,  /* folders in it */
-    /* Unpacked more than this, an archive may not have grown by more than this factor. */
+    TL_FMU_ENTRY_PATH = 1024, /* bytes of an entry's path */
+    TL_FMU_ENTRY_DEPTH = 64,  /* folders in an entry's path */
+    /* An archive that unpacks to more than TL_FMU_RATIO_FROM_BYTES may grow by this factor at most.
+     */
     TL_FMU_RATIO_FROM_BYTES = 16 * 1024 * 1024,
     TL_FMU_RATIO = 200
 };
 
-/* `opened`: the file's descriptor, if it was opened before (by a process that may not open it any more); -1: it is opened by its path.
- * `label` names the FMU in errors. On failure there is no folder and nothing remains; else the caller removes it. */
+/* `opened`: descriptor of the file if it is already open (for a process that may not open files any
+ * more); -1: the file is opened by its path. `label` names the FMU in errors. On success the caller
+ * removes the folder later. On failure there is no folder. */
 tl_status tl_fmu_archive_unpack(const char *path, int opened, const char *label, tl_private_folder *folder,
                                 tl_error *error);
 

@@ -1,4 +1,4 @@
-/* The binary of an FMU: opening it and the libraries that it needs: see fmu_binary.h. */
+/* The binary of an FMU and its libraries, see fmu_binary.h. */
 #include "firmware/fmu/fmu_binary.h"
 
 #include <dirent.h>
@@ -24,20 +24,20 @@
 
 typedef const char *version_function(void);
 
-/* What Py_GetVersion() says, found by way of `handle`: "3.11.2 (main, …". NULL where there is no Python. It may be called
- * before the interpreter is initialised. */
+/* The result of Py_GetVersion(), found through `handle`: "3.11.2 (main, …". Returns NULL if the
+ * library is not Python. The function may be called before the interpreter is initialised. */
 static const char *python_version(void *handle) {
     void *address = dlsym(handle, "Py_GetVersion");
     version_function *function = NULL;
     if (address == NULL) {
         return NULL;
     }
-    /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
+    /* dlsym() returns an object pointer, and ISO C has no cast from it to a function pointer. */
     memcpy(&function, &address, sizeof address);
     return function();
 }
 
-/* The symbols that everybody sees are those of the library that was opened first. */
+/* Global symbols are those of the library that was opened first. */
 static tl_status check_python(const char *path, void *opened, tl_error *error) {
     void *everybody = dlopen(NULL, RTLD_NOW);
     const char *own = python_version(opened);
@@ -58,7 +58,7 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
 
 /* ---- Opening ------------------------------------------------------------------------------------------- */
 
-/* dlopen()'s own text begins with the name. */
+/* The text of dlerror() begins with the name of the library. */
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
     static const char python[] = "libpython";
     const char *said = reason == NULL ? path : reason;
@@ -89,12 +89,13 @@ tl_status tl_library_open(const char *path, tl_error *error) {
     return check_python(path, opened, error);
 }
 
-/* ---- The shared object of an FMU: which folder it is in, whether it is for this machine, and its functions. */
+/* ---- The shared object of an FMU: its folder, its machine and its functions. */
 
 /* ---- This machine -------------------------------------------------------------------------------------- */
 
-/* Names of the folder in binaries/: those of FMI 2.0 (linux64, linux32), the tuples that FMI 2.0.x recommends for other
- * machines, then what exporters write in practice. The first that holds a binary for this machine is taken. */
+/* Names of folders in binaries/: first those of FMI 2.0 (linux64, linux32) or the tuples that FMI
+ * 2.0.x recommends for other machines, then names that exporters use in practice. The first one
+ * with a binary for this machine is used. */
 #if defined(__x86_64__)
 #define OWN_MACHINE EM_X86_64
 #define FOLDERS "linux64", "x86_64-linux", "x86_64-linux-gnu"
@@ -141,8 +142,8 @@ static const char *machine_name(unsigned machine) {
     return "an unknown machine";
 }
 
-/* The beginning of the header, which is the same for 32 and 64 bits. False where the file is no ELF file at all; errno is then 0, or why it cannot
- * be opened. */
+/* Reads the start of the header, which is the same for 32 and 64 bits. Returns false if the file is
+ * not an ELF file; errno is then 0, or the reason why it cannot be opened. */
 static bool read_elf(const char *path, Elf32_Ehdr *head) {
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
     if (file < 0) {
@@ -161,7 +162,7 @@ static bool read_elf(const char *path, Elf32_Ehdr *head) {
     return true;
 }
 
-/* `shown` is the path within the FMU. */
+/* `shown`: the path within the FMU. */
 static tl_status check_elf(const char *path, const char *shown, const char *label, tl_error *error) {
     Elf32_Ehdr head;
     bool is_elf = read_elf(path, &head);
@@ -191,7 +192,7 @@ static tl_status check_elf(const char *path, const char *shown, const char *labe
 
 /* ---- The right binary ---------------------------------------------------------------------------------- */
 
-/* The names in binaries/, separated by commas. */
+/* Lists the names in binaries/, separated by commas. */
 static void list_platforms(const char *folder, char *text, size_t size) {
     char path[PATH_MAX];
     size_t used = 0;
@@ -222,7 +223,7 @@ static tl_status fail_missing(const char *folder, const tl_model *model, const c
                    found[0] == '\0' ? "nothing" : found, machine_name(OWN_MACHINE));
 }
 
-/* The path of the binary for this machine. */
+/* Finds the binary for this machine. */
 static tl_status find_binary(const char *folder, const tl_model *model, const char *label, char *path, size_t size,
                              tl_error *error) {
     tl_error first = {TL_OK, ""};
@@ -231,7 +232,8 @@ static tl_status find_binary(const char *folder, const tl_model *model, const ch
         if (length < 0 || (size_t)length >= size || access(path, F_OK) != 0) {
             continue;
         }
-        /* The first fault is the one to tell; a later folder may still hold the right binary. */
+        /* Only the first problem is reported, and only if no later folder contains a suitable
+         * binary. */
         tl_error *fault = first.status == TL_OK ? &first : NULL;
         if (check_elf(path, path + strlen(folder) + 1, label, fault) == TL_OK) {
             return TL_OK;
@@ -247,7 +249,7 @@ typedef enum need { ALWAYS, FOR_STATE, FOR_SERIALIZING } need;
 
 typedef struct symbol {
     const char *name;
-    size_t offset; /* in tl_fmi2 */
+    size_t offset; /* offset in tl_fmi2 */
     need need;
 } symbol;
 
@@ -294,7 +296,8 @@ static tl_status resolve(void *handle, const tl_model *model, const char *label,
                 symbols[i].need == ALWAYS ? "demands of all FMUs" : "demands where its description claims it");
             return TL_BAD_DATA;
         }
-        /* POSIX makes an address a function pointer; ISO C knows no cast for that. */
+        /* dlsym() returns an object pointer, and ISO C has no cast from it to a function pointer.
+         */
         memcpy((char *)functions + symbols[i].offset, &address, sizeof address);
     }
     return TL_OK;
@@ -320,18 +323,19 @@ static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, co
 
 /* ---- Opening ------------------------------------------------------------------------------------------- */
 
-/* Whether what dlopen() says names a symbol of Python's: "…/box.so: undefined symbol: Py_Initialize". */
+/* Returns true if dlerror() names a symbol of Python: "…/box.so: undefined symbol: Py_Initialize".
+ */
 static bool needs_python(const char *path, const char *reason) {
     const char *found = strstr(reason, path);
     const char *said = found == NULL ? reason : found + strlen(path);
     return strstr(said, " Py") != NULL || strstr(said, " _Py") != NULL;
 }
 
-/* dlopen()'s own text names the file, and a neighbour or a symbol that is missing. */
+/* The text of dlerror() names the file, and the missing library or symbol. */
 static tl_status fail_open_binary(const char *path, const char *label, const char *reason, tl_error *error) {
     struct statvfs system;
     if (reason != NULL &&
-        strstr(reason, "static TLS") != NULL) { /* how much there is was settled when the process began */
+        strstr(reason, "static TLS") != NULL) { /* the size of this block is fixed at the start of the process */
         return tl_fail(
             error, TL_BAD_DATA,
             "%s: the binary cannot be opened: cannot allocate memory in static TLS block: thread-local variables of the FMUs "
@@ -340,7 +344,8 @@ static tl_status fail_open_binary(const char *path, const char *label, const cha
             label);
     }
     bool no_programs = statvfs(path, &system) == 0 && (system.f_flag & ST_NOEXEC) != 0;
-    /* The loader may say that there was no room for a binary without saying why: by far the likeliest is that memory is out. */
+    /* The loader may report a failed mapping without a cause. By far the most likely cause is
+     * missing memory. */
     bool shortage = reason != NULL && (tl_shortage_is_told(reason) || strstr(reason, "failed to map segment") != NULL);
     const char *advice = "install what it needs, export the FMU with it, or name the library that has the symbol in "
                          "\"libraries\" of the component";
@@ -369,7 +374,7 @@ tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const ch
     if (status != TL_OK) {
         return status;
     }
-    tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* which runs code of the FMU */
+    tl_fmu_guard_enter(guard, TL_FMU_LOADING); /* dlopen() runs code of the FMU */
     void *opened = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     tl_fmu_guard_leave(guard);
     if (opened == NULL) {

@@ -1,6 +1,6 @@
-/* The binary of an FMU: opening it and the libraries that it needs.
+/* Opens the binary of an FMU and the libraries that it needs.
  *
- * Thread:  one.
+ * Thread:  the thread that calls the FMU.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_BINARY_H
 #define TL_FIRMWARE_FMU_FMU_BINARY_H
@@ -9,35 +9,40 @@
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 
-/* ---- Shared libraries that an FMU's binary expects the program to have.
+/* ---- Shared libraries that an FMU's binary expects in the program.
  *
- * Purpose: an exporter may leave symbols to the host that are not in the FMU: PythonFMU's binaries, and the extension modules
- *          that Python loads for them, take those of libpython from whoever has it. So such a library is opened with its
- *          symbols for everybody, before the FMU is.
- * Owner:   the process. Nothing closes a library again: an interpreter that has run cannot be unloaded safely.
- *          Where one is open, its exit handlers run at the end of the process (process_end.h).
- * Trust:   opening a library executes code of it, as opening an FMU does.
+ * Purpose: some exporters leave symbols to the host program. For example, PythonFMU's binaries, and
+ *          the extension modules that Python loads for them, use libpython of the host. So such a
+ *          library is opened with global symbols before the FMU is opened.
+ * Owner:   the process. A library is never closed, because an interpreter that has run cannot be
+ *          unloaded safely. If a library is open, its exit handlers run at the end of the process
+ *          (process_end.h).
+ * Trust:   opening a library executes its code, as opening an FMU does.
  * Thread:  one thread at a time.
  */
 
-/* `path` without a slash is looked up by the loader. Opening one that is open is allowed.
- * Errors:  TL_BAD_DATA where it cannot be opened, and where it is a Python beside another one: the symbols of the first
- *          would hide its own, and all FMUs would run in that. TL_TRY_AGAIN where memory or descriptors are missing. */
+/* Opens a library; it may be open already. The loader searches for a `path` without a slash.
+ * Errors:  TL_BAD_DATA if it cannot be opened, or if it is a second Python library: the symbols of
+ *          the first one would hide its symbols, and all FMUs would run in the first one.
+ *          TL_TRY_AGAIN if memory or descriptors are missing. */
 tl_status tl_library_open(const char *path, tl_error *error);
 
 /* ---- Finds, checks and opens the binary of an unpacked FMU.
  *
- * Purpose: from a folder to a guard with its functions. What can be checked without running the binary (ELF class, byte order,
- *          machine, kind) is checked before it is opened, so that the text can say what is wrong with it.
- * Owner:   the process. A binary is never closed: it may have left threads behind, or registered what runs at the end, and both would
- *          be in memory that is gone.
- * Errors:  TL_BAD_DATA; the text names the binary, what was found and what this machine needs. TL_TRY_AGAIN where
- *          the folder is mounted noexec, or descriptors, memory or disk are missing.
- * Thread:  one thread, that which calls the FMU's functions.
+ * Purpose: fills a guard with the FMU's functions. ELF class, byte order, machine and file type are
+ *          checked before the binary is opened, so that the error can name the problem.
+ * Owner:   the process. A binary is never closed: it may have started threads or registered exit
+ *          handlers, and these would run in unmapped memory.
+ * Errors:  TL_BAD_DATA: the text names the binary, what was found and what this machine needs.
+ *          TL_TRY_AGAIN if the folder is mounted noexec, or if descriptors, memory or disk are
+ *          missing.
+ * Thread:  one: the thread that calls the FMU's functions.
  */
 
-/* `folder` is that of the unpacked FMU, absolute. The whole folder of the binary must be there: it may load its
- * neighbours. What it shares a name with another FMU's is made its own before (own_copies.h). Optional functions that the model does not claim are NULL in the table. */
+/* `folder`: absolute path of the unpacked FMU. The whole folder of the binary must exist, because
+ * the binary may load libraries from it. Libraries that share a name with those of another FMU are
+ * replaced by renamed copies first (own_copies.h). Optional functions that the model does not claim
+ * are NULL in the table. */
 tl_status tl_fmu_binary_open(const char *folder, const tl_model *model, const char *label, tl_fmu_guard *guard,
                              tl_error *error);
 

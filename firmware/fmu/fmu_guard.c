@@ -1,4 +1,4 @@
-/* The guard in front of an FMU: a table of FMI functions of ours that calls the FMU's own: see fmu_guard.h. */
+/* FMU guard, see fmu_guard.h. */
 #include "firmware/fmu/fmu_guard.h"
 
 #include <ctype.h>
@@ -8,20 +8,27 @@
 
 #include "firmware/process/host_state.h"
 
-/* ---- The bytes of an FMU that is led back by copies of its memory, though its own states are exact.
+/* ---- Serialising the state of an FMU that is rolled back by memory although its own states are
+ * exact.
  *
- * Purpose: a checkpoint is read by another process, in which a copy of memory is of no use. So the FMU is led to the copy, makes its own state there, and turns that into
- *          bytes; the other way round a state of its own is made from bytes, and the FMU is copied as it is with it. In between it is as if nothing had been called.
- * Source:  FMI 2.0.4, section 2.1.8 (fmi2SerializeFMUstate). The functions are those of FMI's table, for an instance behind the guard (fmu_guard.h), and for states that are copies.
- * Errors:  fmi2Error: there is no memory for it, the FMU has what no copy takes back, or has refused.
- * Thread:  that of the FMUs.
+ * Purpose: another process reads a checkpoint, and a copy of memory is useless there. To save, the
+ *          copy is restored, the FMU saves its own state, and that state is serialised. To load,
+ *          the FMU restores its own state from the bytes, and then its memory is copied. Afterwards
+ *          the memory is as before.
+ * Source:  FMI 2.0.4, section 2.1.8 (fmi2SerializeFMUstate). The functions have the signatures of
+ *          FMI's table, for an instance behind the guard and for states that are copies.
+ * Errors:  fmi2Error if memory is out, if the FMU has side effects that a copy cannot restore, or
+ *          if the FMU rejects a call.
+ * Thread:  the thread that calls the FMUs.
  */
 
-/* ---- Ways in which an FMU is led back, one below the other: what stands in the place of its functions for states.
+/* ---- Rollback methods of an FMU in their order, and the functions of each in the table.
  *
- * Purpose: its own states; a copy of its memory; its own states, after which it is given again what it had been given; replay. Each has the same functions in the table, and
- *          what is wrong in a proof is given up for the next (tl_fmi2_aside), from where the proof began. After it nothing is given up but own states, for a copy.
- * Thread:  that of the FMUs.
+ * Purpose: the order is: its own states; copies of its memory; its own states, followed by setting
+ *          its last inputs again; replay. If a proof finds a method wrong, the next one is used
+ *          (tl_fmi2_aside) and continues from the start of the proof. After the proof only one
+ *          change is possible: from copies back to exact own states.
+ * Thread:  the thread that calls the FMUs.
  */
 
 /* ---- fmu given ---- */
@@ -31,7 +38,7 @@ static fmi2Integer *integers_in(const tl_ports *ports, double *values) {
 }
 
 static fmi2Boolean *booleans_in(const tl_ports *ports, double *values) {
-    return integers_in(ports, values) + ports->integer_count; /* the same C type */
+    return integers_in(ports, values) + ports->integer_count; /* fmi2Boolean is the same C type */
 }
 
 tl_fmu_given *tl_fmu_given_open(const tl_ports *ports) {
@@ -88,22 +95,23 @@ fmi2Status tl_fmu_given_give_again(tl_fmu_given *given, const tl_fmu_given_state
     return status;
 }
 
-/* ---- fmu ladder ---- */
+/* ---- fmu rollback methods ---- */
 
-/* ---- states that are its memory: no call of the FMU ---- */
+/* ---- states as copies of memory: no call of the FMU ---- */
 
-/* While the rollback is proved. */
+/* A fallback exists only while the rollback is being proved. */
 static bool may_descend(const tl_fmu_guarded *self) {
     return self->replay != NULL && !self->guard->was_proved && !(self->by_replay && self->guard->renews);
 }
 
-/* Why it cannot be; if there is another way, that is no error. */
+/* Only a warning if there is another rollback method. */
 static void say_why_not(tl_fmu_guarded *self, const char *text) {
     tl_log_level level = may_descend(self) ? TL_LOG_WARNING : TL_LOG_ERROR;
     tl_fmu_logger_say(&self->guard->logger, level, text);
 }
 
-/* It has what is in no copy, since it was saved or before. Said once, and not of one that is proved by its own states: nobody needs a copy of it. */
+/* The FMU has side effects that no copy contains. Logged once; not logged after the proof if the
+ * FMU is not rolled back by memory, because then it needs no copy. */
 static fmi2Status refuse_to_copy(tl_fmu_guarded *self) {
     tl_error error;
     bool was_exact = self->guard->is_by_choice && self->guard->was_proved;
@@ -162,9 +170,9 @@ static size_t memory_size(fmi2Component component) {
     return tl_fmu_memory_size(&self->guard->memory);
 }
 
-/* ---- bytes of states that are its memory ---- */
+/* ---- serialising states that are copies of memory ---- */
 
-/* What states of its own take is no measure of copies. */
+/* The FMU's own states enlarge its memory; `pass` keeps this out of the size estimate. */
 static bool begin(tl_fmu_guarded *self, void **here) {
     *here = NULL;
     tl_fmu_memory_pass(&self->guard->memory, true);
@@ -175,14 +183,14 @@ static bool begin(tl_fmu_guarded *self, void **here) {
     return is_kept;
 }
 
-/* Where it was, and no state of its own is there that was made since. */
+/* Restores the memory from before begin(). This also removes own states created since. */
 static void leave(tl_fmu_guarded *self, void *here) {
     tl_fmu_memory_restore(&self->guard->memory, here);
     tl_fmu_memory_pass(&self->guard->memory, false);
     tl_fmu_memory_forget(here);
 }
 
-/* To a copy, and a state of its own there. */
+/* Restores a copy and saves the FMU's own state there. */
 static fmi2Status visit(tl_fmu_guarded *self, fmi2FMUstate copy, void **here, fmi2FMUstate *state) {
     *state = NULL;
     if (!begin(self, here)) {
@@ -220,7 +228,7 @@ static fmi2Status tl_fmu_bytes_write(fmi2Component component, fmi2FMUstate copy,
     return status;
 }
 
-/* What it has made of the bytes, once it stands there. */
+/* Deserialises an own state, restores it and frees it. */
 static fmi2Status read_state(tl_fmu_guarded *self, const fmi2Byte bytes[], size_t size) {
     const tl_fmi2 *own = &self->guard->by_states;
     fmi2FMUstate state = NULL;
@@ -247,7 +255,7 @@ static fmi2Status tl_fmu_bytes_read(fmi2Component component, const fmi2Byte byte
     return status;
 }
 
-/* ---- states that are positions in what it was given; another instance may still have its own ---- */
+/* ---- states as positions of a replay; another instance may still use its own states ---- */
 
 static fmi2Status keep_position(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
@@ -270,7 +278,7 @@ static fmi2Status forget_position(fmi2Component component, fmi2FMUstate *state) 
     return fmi2OK;
 }
 
-/* ---- states of its own, with what it was given before them ---- */
+/* ---- own states, with the last inputs set before them ---- */
 
 static fmi2Status keep_given(fmi2Component component, fmi2FMUstate *state) {
     tl_fmu_guarded *self = component;
@@ -300,7 +308,6 @@ static fmi2Status forget_given(fmi2Component component, fmi2FMUstate *state) {
     return status;
 }
 
-/* What it is given is noted no more. */
 static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
     free(self->given);
     self->given = NULL;
@@ -311,9 +318,9 @@ static void tl_fmu_ladder_end_notes(tl_fmu_guarded *self) {
     }
 }
 
-/* ---- what stands in the table ---- */
+/* ---- functions of the methods ---- */
 
-/* Functions that are not in a row are none. */
+/* Functions that are not listed are NULL. */
 static const tl_fmi2 BY_MEMORY = {.is_unaware = true,
                                   .get_fmu_state = save_memory,
                                   .set_fmu_state = restore_memory,
@@ -342,7 +349,8 @@ static void roll_back_by(tl_fmu_guard *guard, const tl_fmi2 *way) {
     functions->deserialize_fmu_state = way->deserialize_fmu_state;
 }
 
-/* Its own functions are used only to make bytes, if they are exact: a copy is made its own state for it. */
+/* If the FMU's own functions are exact, they are used for serialising: the copy is converted to an
+ * own state. */
 static void roll_back_by_memory(tl_fmu_guard *guard) {
     tl_fmi2 *functions = &guard->functions;
     roll_back_by(guard, &BY_MEMORY);
@@ -360,9 +368,9 @@ static void roll_back_by_replay(tl_fmu_guard *guard) {
     guard->functions.replay.most = guard->most;
 }
 
-/* ---- the ladder: which way is next if one is wrong ---- */
+/* ---- fallback to the next method ---- */
 
-/* Where a proof begins. By replay that is the end of its prologue, which needs no keeping. */
+/* Start of a proof. Replay needs no copy, because it can restore the end of the prologue. */
 static fmi2Status keep_aside(fmi2Component component) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
@@ -406,7 +414,7 @@ static fmi2Status come_back(fmi2Component component) {
     return status;
 }
 
-/* `why`: "", or in which way it was wrong. */
+/* `why`: what was wrong; "": not known. */
 static fmi2Status descend(tl_fmu_guarded *self, const char *otherwise, const char *why, const char *instead) {
     tl_error text;
     bool is_known = why[0] != '\0';
@@ -428,7 +436,7 @@ static void let_go(fmi2Component component) {
     tl_fmu_guard *guard = self->guard;
     void *copy = NULL;
     if (guard->beginning !=
-        NULL) { /* copies are proved; what this changes in its memory is the same in all that are to come */
+        NULL) { /* copies are being proved; this changes the FMU's memory in the same way for all later copies */
         tl_fmu_memory_pass(&guard->memory, true);
         forget_beginning(self);
         (void)save_memory(self, &copy);
@@ -447,7 +455,8 @@ static void let_go(fmi2Component component) {
     }
 }
 
-/* By replay, or that in its other way. */
+/* Sets inputs again after own states, or else uses replay; if replay itself was wrong, resets by a
+ * new instance. */
 static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     tl_fmu_guard *guard = self->guard;
     if (!may_descend(self)) {
@@ -470,7 +479,8 @@ static fmi2Status give_up_all_else(tl_fmu_guarded *self, const char *why) {
     return replay_from_beginning(self);
 }
 
-/* While copies are proved it is where the proof began; later the copy that was kept is all there is. */
+/* While copies are proved, the own state from the start of the proof is restored. Later only the
+ * copy from then exists. */
 static fmi2Status return_to_states(tl_fmu_guarded *self, const char *why) {
     tl_fmu_guard *guard = self->guard;
     fmi2Status status =
@@ -498,7 +508,7 @@ static fmi2Status give_up_states(fmi2Component component, const char *why) {
     return descend(self, "by its own states", why, "it is rolled back by its memory instead");
 }
 
-/* ---- two that are exact ---- */
+/* ---- choice between two exact methods ---- */
 
 static bool has_choice(fmi2Component component) {
     const tl_fmu_guarded *self = component;
@@ -507,7 +517,7 @@ static bool has_choice(fmi2Component component) {
            !guard->by_memory && !guard->gives_again && !self->by_replay;
 }
 
-/* Its own state is made first, so that each copy knows of it. */
+/* The FMU saves its own state first, so that each copy contains it. */
 static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *times) {
     tl_fmu_guarded *self = component;
     tl_fmu_guard *guard = self->guard;
@@ -523,7 +533,7 @@ static fmi2Status prefer_copy(fmi2Component component, const tl_fmi2_times *time
     return fmi2OK;
 }
 
-/* ---- the first of them ---- */
+/* ---- first method ---- */
 
 static void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
     static const tl_fmi2_aside aside = {.keep = keep_aside,
@@ -548,9 +558,10 @@ static void tl_fmu_ladder_begin(tl_fmu_guard *guard) {
 
 typedef tl_fmu_guarded guarded;
 
-/* ---- what was changed ---- */
+/* ---- changes of the process ---- */
 
-/* `told`: what was said before, of the same instance or file. `where`: in which call. */
+/* `told`: changes already logged for this instance or file. `where`: the call; NULL: the present
+ * one. */
 static void say_changes(tl_fmu_guard *guard, unsigned *told, unsigned changes, const char *where) {
     char names[TL_HOST_CHANGE_TEXT];
     char text[TL_HOST_CHANGE_TEXT + 160];
@@ -567,7 +578,7 @@ static void say_changes(tl_fmu_guard *guard, unsigned *told, unsigned changes, c
     tl_fmu_logger_say(&guard->logger, TL_LOG_WARNING, text);
 }
 
-/* Out of line: it hardly ever happens. */
+/* Not inlined because it is rarely needed. */
 static void __attribute__((noinline, cold)) put_back_some(guarded *self, const char *where) {
     unsigned changes = 0;
     if (tl_fp_control_get() != self->control) {
@@ -594,14 +605,14 @@ static inline void enter(const guarded *self, tl_fmu_function function) {
     }
 }
 
-/* First of all after a call: what comes then is not the FMU's. */
+/* Must be the first action after a call, because later allocations do not belong to the FMU. */
 static inline void leave_memory(const guarded *self) {
     if (self->heap != NULL) {
         tl_fmu_memory_leave(&self->guard->memory);
     }
 }
 
-/* After an ordinary call: no system call. */
+/* After an ordinary call: must not need a system call. */
 static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
     leave_memory(self);
     if (!holds_all(self)) {
@@ -611,7 +622,7 @@ static inline fmi2Status leave_guard(guarded *self, fmi2Status status) {
     return status;
 }
 
-/* After a call in which much may have been set up. */
+/* After a call that may change any process state. */
 static fmi2Status leave_slowly(guarded *self, fmi2Status status) {
     leave_memory(self);
     say_changes(self->guard, &self->told, tl_host_state_put_back(), NULL);
@@ -634,7 +645,7 @@ void tl_fmu_guard_leave(tl_fmu_guard *guard) {
     tl_fmu_call_end();
 }
 
-/* ---- what it is given, to give it again ---- */
+/* ---- noting calls ---- */
 
 static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const fmi2ValueReference references[],
                                size_t count, const void *values, fmi2Status status) {
@@ -648,14 +659,14 @@ static inline fmi2Status noted(guarded *self, tl_fmu_prologue_kind kind, const f
 }
 
 static void free_own(guarded *self) {
-    if (self->instance != NULL) { /* or it could not be made anew */
+    if (self->instance != NULL) { /* NULL if a new instance could not be created */
         enter(self, TL_FMU_FREE_INSTANCE);
         self->own->free_instance(self->instance);
         (void)leave_slowly(self, fmi2OK);
     }
 }
 
-/* As if it had just been instantiated. */
+/* Frees the FMU's instance and creates a new one. */
 static fmi2Status renew(guarded *self) {
     const struct begun *begun = &self->begun;
     free_own(self);
@@ -665,7 +676,8 @@ static fmi2Status renew(guarded *self) {
     return leave_slowly(self, self->instance != NULL ? fmi2OK : fmi2Error);
 }
 
-/* To where it can be initialised. One that refuses is not asked again. */
+/* Resets the FMU so that it can be initialised. If fmi2Reset fails once, a new instance is created
+ * from then on. */
 static fmi2Status lead_to_start(fmi2Component component) {
     guarded *self = component;
     if (!self->guard->renews && self->own->reset != NULL) {
@@ -699,7 +711,8 @@ static void know_ports(fmi2Component component, const tl_ports *inputs, const tl
         self->replay->inputs = inputs;
         self->replay->outputs = outputs;
     }
-    /* What steps set is known, and has been set: it may have to be set again. */
+    /* The ports are known and have been set, so their values can be noted for setting them again.
+     */
     if (self->guard->may_replay && !self->guard->was_proved && self->own->get_fmu_state != NULL &&
         self->given == NULL) {
         self->given = tl_fmu_given_open(inputs);
@@ -849,7 +862,7 @@ static fmi2Status set_string(fmi2Component component, const fmi2ValueReference r
 
 /* ---- steps ---- */
 
-/* What comes before the first one is the beginning, also if nobody kept a state there. */
+/* The prologue ends at the first step, even if no state was saved there. */
 static void note_step(const guarded *self, const tl_fmi2_step *step, fmi2Status status) {
     if (self->replay == NULL) {
         return;
@@ -869,8 +882,9 @@ static fmi2Status do_step(fmi2Component component, fmi2Real now, fmi2Real step, 
     return status;
 }
 
-/* Between two instances of one macro step a glance must do, since for a small FMU more would take as long as its step: at what the control
- * bits do (host_state.h), and at the table of characters, which another locale brings with it unless it was made from ours. */
+/* Between two instances of one macro step only a quick check is possible: the full check would take
+ * as long as a step of a small FMU. It checks the effect of the control bits (host_state.h), and
+ * the character table, which changes with the locale unless the new locale was made from ours. */
 static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status) {
     leave_memory(self);
     bool holds = last ? holds_all(self) : tl_fp_control_holds(self->control) && *self->characters == self->table;
@@ -881,7 +895,7 @@ static inline fmi2Status leave_step(guarded *self, bool last, fmi2Status status)
     return status;
 }
 
-/* Three calls, of which the last one may have failed. */
+/* Notes the calls set, step and get; the last one made may have failed. */
 static void note_reals(guarded *self, const tl_ports *inputs, const tl_ports *outputs, const tl_fmi2_step *step,
                        unsigned done, fmi2Status status) {
     (void)noted(self, TL_PROLOGUE_SET_REAL, inputs->real_references, inputs->real_count, inputs->reals,
@@ -920,7 +934,7 @@ static fmi2Status step_reals(fmi2Component component, const tl_ports *inputs, co
 
 /* ---- states ---- */
 
-/* Claimed success without a state would be found when the twin is to go back to it. */
+/* Otherwise the missing state would be noticed only at a restore. */
 static fmi2Status expect_state(guarded *self, const fmi2FMUstate *state, fmi2Status status) {
     if (status <= fmi2Warning && *state == NULL) {
         tl_fmu_logger_say(&self->guard->logger, TL_LOG_ERROR,
@@ -1024,7 +1038,7 @@ void tl_fmu_guard_close(tl_fmu_guard *guard) {
 }
 
 void tl_fmu_guard_tick(void) {
-    static unsigned told; /* of the process, as what was changed is */
+    static unsigned told; /* per process, because the changes affect the process */
     char names[TL_HOST_CHANGE_TEXT];
     unsigned fresh = tl_host_state_put_back() & ~told;
     if (fresh != 0) {

@@ -1,4 +1,4 @@
-/* Messages of FMUs: their format, and their way to the log: see fmu_logger.h. */
+/* Messages of FMUs, see fmu_logger.h. */
 #include "firmware/fmu/fmu_logger.h"
 
 #include <errno.h>
@@ -15,19 +15,20 @@
 
 /* ---- fmu message ---- */
 
-/* MOST: of a width or a precision. FLAGS: of a conversion, with its '%'. */
+/* MOST: limit of a width or a precision. FLAGS: characters of flags in a conversion, '%' included.
+ */
 enum { WORD = 8, MESSAGE = 1024, CONVERSION = 32, MOST = 999, FLAGS = 7 };
 
 /* ---- texts ---- */
 
-/* The kernel reads a signal mask from there before it finds that it does not know what to do with it: a look at memory that
- * cannot fault, without a file and without a handler. */
+/* rt_sigprocmask reads the signal mask from this address before it rejects its first argument. So
+ * this tests memory without a fault, a file or a signal handler. */
 static bool is_readable(uintptr_t address) {
     return syscall(SYS_rt_sigprocmask, -1, address / WORD * WORD, NULL, WORD) != 0 && errno != EFAULT;
 }
 
-/* Copies as many characters as can be read, at most `most`, up to its end; how many. AddressSanitizer must not judge what no
- * code of ours has made: such a pointer may lead anywhere. */
+/* Copies up to `most` readable characters up to the end of the text and returns their number.
+ * AddressSanitizer must ignore it, because the pointer of the FMU may be invalid. */
 __attribute__((no_sanitize("address"))) static size_t fetch(const char *untrusted, size_t most, char *text) {
     uintptr_t address = (uintptr_t)untrusted;
     size_t length = 0;
@@ -51,10 +52,11 @@ void tl_fmu_message_copy(const char *untrusted, char *text, size_t size) {
 
 /* ---- formats ---- */
 
-/* The format is the FMU's and was checked here, by us and not by a compiler. */
+/* A function pointer, because the compiler cannot check a format of an FMU; it was checked here. */
 static int (*const print)(char *, size_t, const char *, ...) = snprintf;
 
-/* Appends a width or a precision: digits, or a star with its argument. Absurd ones are cut. Returns what follows it. */
+/* Appends a width or a precision: digits, or a star with its argument. Limits its size. Returns the
+ * position after it. */
 static const char *take_number(const char *c, va_list *arguments, char text[CONVERSION]) {
     bool is_star = *c == '*';
     long value = is_star ? va_arg(*arguments, int) : strtol(c, NULL, 10);
@@ -63,7 +65,8 @@ static const char *take_number(const char *c, va_list *arguments, char text[CONV
     return c + (is_star ? 1 : strspn(c, "0123456789"));
 }
 
-/* The conversion at this '%' as printf takes it, without stars. Returns its length in the format; 0: printf has none of that kind. */
+/* Reads the conversion at this '%' and replaces stars by numbers. Returns its length in the format;
+ * 0: printf does not know it. */
 static size_t read_conversion(const char *format, va_list *arguments, char text[CONVERSION]) {
     size_t flags = strspn(format + 1, "-+ #0'");
     const char *c = format + 1 + flags;
@@ -75,7 +78,7 @@ static size_t read_conversion(const char *format, va_list *arguments, char text[
         char *precision = text + strlen(text);
         (void)snprintf(precision, CONVERSION - strlen(text), ".");
         c = take_number(c + 1, arguments, text);
-        precision[0] = precision[1] == '-' ? '\0' : '.'; /* a negative one is none */
+        precision[0] = precision[1] == '-' ? '\0' : '.'; /* a negative precision counts as missing */
     }
     size_t size = strspn(c, "hlqLjzt");
     if (size > 2 || c[size] == '\0' || strchr("diouxXcsSCpaAeEfFgGm%", c[size]) == NULL) {
@@ -93,7 +96,7 @@ static int put_one(const char *conversion, va_list *arguments, char *text, size_
     if (parse_printf_format(conversion, 1, &type) == 0) { /* %m or %% */
         return print(text, size, conversion);
     }
-    bool is_wide = (type & PA_FLAG_LONG_LONG) != 0; /* also a long double; glibc leaves it out of %qd and %Ld */
+    bool is_wide = (type & PA_FLAG_LONG_LONG) != 0; /* also a long double; glibc does not set it for %qd and %Ld */
     is_wide = is_wide || ((type & ~PA_FLAG_MASK) == PA_INT && strpbrk(conversion, "qL") != NULL);
     switch (type & ~PA_FLAG_MASK) {
     case PA_STRING: /* also "%ls" */
@@ -134,14 +137,14 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
     for (const char *c = format; *c != '\0' && used < size - 1; c += length) {
         bool is_plain = *c != '%';
         length = is_plain ? strcspn(c, "%") : read_conversion(c, arguments, conversion);
-        if (length == 0) { /* no conversion: all the rest is plain */
+        if (length == 0) { /* no conversion: the remaining text is plain */
             length = strlen(c);
             is_plain = true;
         }
-        errno = saved; /* %m is about it */
+        errno = saved; /* for %m */
         int printed = is_plain ? print(text + used, size - used, "%.*s", (int)length, c)
                                : put_one(conversion, arguments, text + used, size - used);
-        if (printed < 0) { /* a wide character that the locale lacks */
+        if (printed < 0) { /* a wide character that the locale cannot show */
             printed = print(text + used, size - used, "?");
         }
         used += (size_t)printed;
@@ -155,8 +158,8 @@ void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text
 
 enum { LOGGERS = TL_FMU_CALL_FMUS, WORD_TEXT = 80 };
 
-/* The loggers that are open, so that an environment can be known before it is used; and what is left for messages of
- * nobody. The callback has nothing else to go by. */
+/* The open loggers, so that an environment is checked before it is used. `unknown` limits messages
+ * without a known logger. They are static because the callback has no other context. */
 static tl_fmu_logger *known[LOGGERS];
 static tl_log_limiter unknown = TL_LOG_LIMITER(TL_FMU_MESSAGES_PER_SECOND);
 
@@ -183,7 +186,7 @@ void tl_fmu_logger_close(tl_fmu_logger *logger) {
     tl_log_limiter_end(&logger->limiter);
 }
 
-/* NULL where it is nobody that we know. */
+/* Returns NULL if no open logger has this address. */
 static tl_fmu_logger *find(const void *environment) {
     tl_fmu_logger *found = NULL;
     for (size_t i = 0; i < LOGGERS && found == NULL && environment != NULL; i++) {
@@ -195,7 +198,7 @@ static tl_fmu_logger *find(const void *environment) {
 
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) {
-    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* what a message takes here is not the FMU's */
+    tl_fmu_heap *heap = tl_fmu_allocation_enter(NULL); /* allocations of this function do not belong to the FMU */
     char text[TL_LOG_TEXT];
     char name[WORD_TEXT];
     char kind[WORD_TEXT];
@@ -214,11 +217,12 @@ void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instanc
         va_end(arguments);
     }
     for (size_t end = strlen(text); end > 0 && (unsigned char)text[end - 1] <= ' '; end--) {
-        text[end - 1] = '\0'; /* many end with a newline */
+        text[end - 1] = '\0'; /* many messages end with a newline */
     }
     tl_fmu_message_copy(instance, name, sizeof name);
     tl_fmu_message_copy(category, kind, sizeof kind);
-    /* Who is being called is the best guess for a message that does not say where it comes from. */
+    /* If the message has no valid environment, the FMU in the present call is the most likely
+     * sender. */
     tl_log_level level = status == fmi2OK || status == fmi2Pending    ? TL_LOG_DEBUG
                          : status == fmi2Error || status == fmi2Fatal ? TL_LOG_ERROR
                                                                       : TL_LOG_WARNING;

@@ -1,4 +1,4 @@
-/* Messages of FMUs: their format, and their way to the log.
+/* Messages of FMUs: formatting, and forwarding to the log.
  *
  * Thread:  any.
  */
@@ -13,29 +13,34 @@
 #include "master/base/status.h"
 #include "master/fmi/fmi2.h"
 
-/* ---- The text of a message that an FMU hands to the logger, made without trusting it.
+/* ---- Formats the message that an FMU passes to the logger, without trusting it.
  *
- * Purpose: an FMI 2.0 message is a printf format with arguments. FMUs of others give pointers that lead nowhere, a %s without an
- *          argument, a %n. None of that may end the process: a text is read only as far as its memory can be read.
- * Thread:  any; takes no lock and allocates nothing.
+ * Purpose: an FMI 2.0 message is a printf format with arguments. Faulty FMUs pass invalid pointers,
+ *          a %s without an argument, or a %n. None of these may crash the process: a text is read
+ *          only as far as its memory is readable.
+ * Trust:   format and arguments are untrusted.
+ * Thread:  any; takes no lock and allocates no memory.
  * Source:  FMI 2.0.4, section 2.1.5.
  */
 
-/* A text of the FMU's as text of ours, cut to what fits; "" if it is NULL, and a word that says so if it cannot be read. */
+/* Copies a text of the FMU, cut to `size` bytes. Yields "" if it is NULL, and "(unreadable)" if its
+ * memory cannot be read. */
 void tl_fmu_message_copy(const char *untrusted, char *text, size_t size);
 
-/* The message with its arguments put in, cut to what fits. A conversion that printf does not know, and %n, end the formatting: the rest is
- * copied as it is. A wide text shows as "?". */
+/* Formats the message with its arguments, cut to `size` bytes. Formatting ends at %n and at any
+ * conversion that printf does not know; the remaining text is copied unchanged. A wide string
+ * becomes "?". */
 void tl_fmu_message_format(const char *untrusted, va_list *arguments, char *text, size_t size);
 
-/* ---- The logger that FMUs are given: their messages in the log, limited per second.
+/* ---- The logger for FMUs: forwards their messages to the log, limited per second.
  *
- * Purpose: fmi2CallbackLogger of one loaded FMU. Nothing that the FMU passes is trusted: not the environment, which some FMUs leave
- *          NULL or make up, not the format, not the texts (fmu_logger.h).
- * Limits:  at most TL_FMU_MESSAGES_PER_SECOND lines of an FMU go into the log; those that no FMU can be told for have a limit
- *          together.
- * Owner:   the caller places a logger; it must stay where it is until tl_fmu_logger_close().
- * Thread:  open and close: the thread of the FMUs. The callback: any thread.
+ * Purpose: fmi2CallbackLogger of one loaded FMU. All arguments are untrusted: the environment,
+ *          which some FMUs leave NULL or invent, the format, and the texts.
+ * Limits:  at most TL_FMU_MESSAGES_PER_SECOND lines per FMU. Messages that belong to no known FMU
+ *          share one further limit.
+ * Owner:   the caller provides the memory of a logger and must not move it before
+ *          tl_fmu_logger_close().
+ * Thread:  open and close: the thread that calls the FMUs. The callback: any thread.
  */
 
 enum { TL_FMU_MESSAGES_PER_SECOND = 20, TL_FMU_LOGGER_NAME = 80 };
@@ -47,7 +52,8 @@ typedef struct tl_fmu_logger {
     tl_log_limiter limiter;
 } tl_fmu_logger;
 
-/* `name` is the model's; `generator` its generationTool, since PythonFMU's messages are no formats. */
+/* `name`: of the model. `generator`: its generationTool; messages of PythonFMU are plain texts, not
+ * formats. */
 void tl_fmu_logger_open(tl_fmu_logger *logger, const char *name, const char *generator);
 void tl_fmu_logger_close(tl_fmu_logger *logger);
 
@@ -55,8 +61,9 @@ void tl_fmu_logger_close(tl_fmu_logger *logger);
 void tl_fmu_logger_take(fmi2ComponentEnvironment environment, fmi2String instance, fmi2Status status,
                         fmi2String category, fmi2String message, ...) TL_PRINTF(5, 6);
 
-/* A line of ours about the FMU, by the same limit: it may be said in the cycle. It begins with the instance that is called, or the file's name; the
- * text goes on after that: "changed …". */
+/* Logs a line of twinlock about the FMU, within the same limit, because this may happen in every
+ * cycle. The line begins with the name of the instance in the present call, or else of the file;
+ * `text` continues it: "changed …". */
 void tl_fmu_logger_say(tl_fmu_logger *logger, tl_log_level level, const char *text);
 
 #endif

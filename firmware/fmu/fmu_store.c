@@ -1,4 +1,4 @@
-/* Archive, description, guard and binary joined into one loaded FMU. */
+/* Loads an FMU: combines archive, description, guard and binary. */
 #include "firmware/fmu/fmu_store.h"
 
 #include <errno.h>
@@ -15,12 +15,13 @@
 #include "firmware/fmu/model_description.h"
 #include "firmware/rollback/fmu_heap.h"
 
-/* Bytes of a path that an error shows: its end. */
+/* Length of a path in errors; only its end is shown. */
 enum { LABEL = 120 };
 
 /* ---- Resources ----------------------------------------------------------------------------------------- */
 
-/* file:///… of an absolute path; all but unreserved characters (RFC 3986) is percent-encoded. NULL: out of memory. */
+/* file:/// URI of an absolute path; all but unreserved characters (RFC 3986) and slashes are
+ * percent-encoded. Returns NULL if memory is out. */
 static const char *file_uri(tl_arena *arena, const char *path) {
     static const char unreserved[] = "/-._~ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789";
     static const char scheme[] = "file://";
@@ -54,7 +55,7 @@ static tl_status make_resources(tl_fmu *fmu, const char *label, tl_error *error)
     return TL_OK;
 }
 
-/* PythonFMU's binary imports the module that the first line of this file names. */
+/* PythonFMU's binary imports the module named in the first line of this file. */
 static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     char path[PATH_MAX + sizeof "/resources/slavemodule.txt"];
     (void)snprintf(path, sizeof path, "%s/resources/slavemodule.txt", fmu->folder.path);
@@ -74,8 +75,9 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
 
 /* ---- Loading ------------------------------------------------------------------------------------------- */
 
-/* By the way that is wanted, or none; from what its description says. One Python runs all FMUs that need it: none has a memory of its own. The first of the ladder
- * that can be is the one to begin with: its own state, its memory, replay. */
+/* Sets up the wanted rollback methods, as far as the description allows. FMUs in Python cannot be
+ * copied, because all of them share one interpreter. The first possible method is used first: own
+ * states, memory, replay. */
 static tl_status open_rollback(tl_fmu *fmu, tl_rollback wanted, tl_error *error) {
     bool is_auto = wanted == TL_ROLLBACK_AUTO;
     bool by_memory = (is_auto || wanted == TL_ROLLBACK_MEMORY) && tl_fmu_allocation_serves() && fmu->module[0] == '\0';
@@ -147,7 +149,7 @@ tl_status tl_fmu_load(const char *path, int opened, tl_rollback rollback, tl_fmu
     size_t length = strlen(path);
     const char *label = length > LABEL ? path + length - LABEL : path;
     while (((unsigned char)*label & 0xC0U) == 0x80U) {
-        label++; /* to the start of a UTF-8 character */
+        label++; /* skips to the start of a UTF-8 character */
     }
     *fmu = (tl_fmu){.path = NULL};
     tl_arena_init(&fmu->arena);

@@ -1,4 +1,4 @@
-/* The thread that calls FMUs: see fmu_thread.h. */
+/* The FMU thread, see fmu_thread.h. */
 #include "firmware/fmu/fmu_thread.h"
 
 #include <pthread.h>
@@ -16,7 +16,8 @@
 #include "firmware/process/host_state.h"
 #include "firmware/process/interrupt.h"
 
-/* Between two looks of who waits; and a guard that a large frame cannot jump over. */
+/* Interval of checks while waiting (20 ms), and a guard area that a large stack frame cannot skip.
+ */
 static const tl_time LOOK = TL_SECOND / 50;
 enum { GUARD = 1024 * 1024 };
 
@@ -25,21 +26,21 @@ struct tl_fmu_thread {
     pid_t number;
     pthread_mutex_t lock;
     pthread_cond_t changed;
-    tl_fmu_job *job; /* under way, or to be begun; NULL: none */
+    tl_fmu_job *job; /* running or about to start; NULL: none */
     void *context;
     bool end;
     tl_fmu_watch watch;
-    tl_fmu_call_timeout patience; /* of who waits, if it watches */
+    tl_fmu_call_timeout patience; /* of the waiting thread, if it checks the duration */
 };
 
 /* ---- in the thread ---- */
 
-/* Wakes it from its sleep; nothing else. */
+/* Interrupts a sleep and has no other effect. */
 static void wake_up(int signal) {
     (void)signal;
 }
 
-/* NULL: the end. */
+/* Returns NULL if the thread is to end. */
 static tl_fmu_job *next_job(tl_fmu_thread *thread) {
     (void)pthread_mutex_lock(&thread->lock);
     while (thread->job == NULL && !thread->end) {
@@ -72,7 +73,7 @@ static void *run(void *context) {
     return NULL;
 }
 
-/* ---- for who started it ---- */
+/* ---- for the caller ---- */
 
 static int make_thread(tl_fmu_thread *thread) {
     pthread_attr_t attributes;
@@ -124,7 +125,7 @@ void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context) 
     set_job(thread, job, context);
 }
 
-/* Waits a little; true: the job is done. */
+/* Waits for LOOK at most. Returns true if the job is done. */
 static bool is_done_soon(tl_fmu_thread *thread) {
     tl_time until = tl_clock_now(NULL) + LOOK;
     const struct timespec instant = {.tv_sec = (time_t)(until / TL_SECOND), .tv_nsec = (long)(until % TL_SECOND)};
@@ -138,7 +139,8 @@ static bool is_done_soon(tl_fmu_thread *thread) {
     return done;
 }
 
-/* Not in an FMU: a signal would end a vendor's system calls too. It may come just before the thread goes to sleep, so it is sent again. */
+/* Sends no signal during a call of an FMU, because it would interrupt the FMU's system calls too.
+ * The signal may arrive just before the thread sleeps, so the caller repeats it. */
 static void wake(const tl_fmu_thread *thread) {
     tl_fmu_call call;
     if (!tl_fmu_calls_look(tl_fmu_calls_here(), &call)) {
@@ -146,7 +148,8 @@ static void wake(const tl_fmu_thread *thread) {
     }
 }
 
-/* Until the job is done; a signal that asks to end wakes it, so that it may see to that. */
+/* Waits until the job is done. If a signal requests termination, wakes the thread so that the job
+ * notices it. */
 static void wait_for_job(tl_fmu_thread *thread) {
     while (!is_done_soon(thread)) {
         tl_fmu_thread_watch(thread);
@@ -198,7 +201,7 @@ void tl_fmu_thread_watch(tl_fmu_thread *thread) {
     if (thread->watch == TL_FMU_WATCHED_HERE) {
         tl_fmu_call_timeout_look(&thread->patience);
     } else {
-        tl_interrupt_reclaim(); /* an FMU whose call lasts may have taken the signals */
+        tl_interrupt_reclaim(); /* an FMU in a long call may have installed its own signal handlers */
     }
 }
 

@@ -1,12 +1,16 @@
-/* The thread of the FMUs: all that is called of them, from loading to freeing, is called in it.
+/* The FMU thread: all functions of the FMUs, from loading to freeing, are called in it.
  *
- * Purpose: FMI lets an importer call from any thread, and vendors have not all heard of it: what an FMU keeps in a thread-local variable
- *          or an interpreter's thread state must be there in its next call. And they want the stack that they were tested with:
- *          TL_FMU_THREAD_STACK, what a main thread has.
- * Jobs:    the thread does what it is told, one job after the other. Who waits for one keeps an eye on it, unless another process does.
- * Signals: none is blocked in it, since programs that an FMU starts would inherit that; the main thread takes those that ask to end.
- *          SIGUSR1 wakes it from a sleep of ours.
- * Thread:  all functions are the main thread's, or that of who started it.
+ * Purpose: FMI allows calls from any thread, but some vendors rely on one. The data that an FMU
+ *          keeps in thread-local variables or in an interpreter's thread state must be there in its
+ *          next call. FMUs also expect the stack that they were tested with: TL_FMU_THREAD_STACK,
+ *          the usual size of a main thread.
+ * Jobs:    the thread executes one job after the other. The caller that waits for a job checks its
+ *          duration, unless another process does.
+ * Signals: the thread blocks no signal, because programs that an FMU starts would inherit the mask.
+ *          The main thread handles the signals that request termination. SIGUSR1 wakes the FMU
+ *          thread from a sleep.
+ * Thread:  all functions are called by the main thread, or by the thread that started the FMU
+ *          thread.
  */
 #ifndef TL_FIRMWARE_FMU_FMU_THREAD_H
 #define TL_FIRMWARE_FMU_FMU_THREAD_H
@@ -22,34 +26,38 @@ typedef struct tl_fmu_thread tl_fmu_thread;
 
 typedef void tl_fmu_job(void *context);
 
-/* Who looks for how long a call lasts, and ends the process if it must be. */
+/* Which process checks how long a call lasts, and terminates the FMU process if it lasts too long.
+ */
 typedef enum tl_fmu_watch {
-    TL_FMU_WATCHED_HERE,     /* who waits for a job (fmu_call_timeout.h) */
+    TL_FMU_WATCHED_HERE,     /* the caller that waits for a job (fmu_call_timeout.h) */
     TL_FMU_WATCHED_ELSEWHERE /* another process */
 } tl_fmu_watch;
 
-/* Errors: TL_TRY_AGAIN. */
+/* Starts the thread. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_thread_start(tl_fmu_watch watch, tl_fmu_thread **thread, tl_error *error);
 
-/* Ends it, once its job is done. NULL is allowed. */
+/* Ends the thread after its present job. NULL is allowed. */
 void tl_fmu_thread_end(tl_fmu_thread *thread);
 
-/* Hands it a job, and does not wait. The one before must be done. */
+/* Starts a job and does not wait for it. The job before must be done. */
 void tl_fmu_thread_begin(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* The same, and waits until it is done; a signal that asks to end wakes it, so that it may see to that. */
+/* Starts a job and waits until it is done. If termination is requested by a signal, wakes the
+ * thread so that the job can notice. */
 void tl_fmu_thread_call(tl_fmu_thread *thread, tl_fmu_job *job, void *context);
 
-/* Waits until the job is done, and wakes it from every sleep of its own: it was told to end. */
+/* Waits until the job is done, and wakes the thread from all its sleeps, so that the job notices
+ * the request to end. */
 void tl_fmu_thread_hurry(tl_fmu_thread *thread);
 
-/* All of it for a single job, watched elsewhere: start, call, end. What fails was said on the log. */
+/* Starts a thread, executes a single job and ends the thread; another process checks the duration.
+ * Errors are logged. */
 tl_status tl_fmu_thread_run(tl_fmu_job *job, void *context);
 
-/* Only keeps an eye on a job that runs: for who does something else meanwhile. */
+/* Checks the duration of the running job once, for a caller that does other work meanwhile. */
 void tl_fmu_thread_watch(tl_fmu_thread *thread);
 
-/* As the kernel counts threads, for scheduling. Once a job is done. */
+/* The kernel's thread number, for scheduling. Valid after the first job is done. */
 pid_t tl_fmu_thread_number(const tl_fmu_thread *thread);
 
 #endif

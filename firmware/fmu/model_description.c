@@ -1,4 +1,4 @@
-/* The model description of an FMU: XML into what the master knows of a model: see model_description.h. */
+/* Model description of an FMU, see model_description.h. */
 #include "firmware/fmu/model_description.h"
 
 #include <errno.h>
@@ -21,10 +21,11 @@
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 
-/* ---- A model as its description says it, before types are inherited and units are found. Lists live in the heap while it is read; texts live in
- * the arena from the start. */
+/* ---- The model as written in its description, before types are inherited and units are resolved.
+ * Lists are on the heap during parsing; texts are in the arena from the start. */
 
-/* What <Real>, <Integer>, … says, within a SimpleType or a ScalarVariable. NaN and NULL: not given. */
+/* Attributes of <Real>, <Integer>, … in a SimpleType or a ScalarVariable. NaN and NULL: not given.
+ */
 typedef struct tl_draft_declaration {
     bool is_given;
     tl_type type;
@@ -34,17 +35,17 @@ typedef struct tl_draft_declaration {
     double nominal;
 } tl_draft_declaration;
 
-/* What units, types and variables begin with. */
+/* First fields of units, types and variables. */
 typedef struct tl_draft_item {
     const char *name;
-    unsigned long line; /* IMPLIED: of a unit that is named, but not defined */
+    unsigned long line; /* IMPLIED: a unit that is used but not defined */
 } tl_draft_item;
 
 #define IMPLIED ULONG_MAX
 
 typedef struct tl_draft_unit {
     tl_draft_item item;
-    tl_unit unit; /* all but its name */
+    tl_unit unit; /* all fields except its name */
 } tl_draft_unit;
 
 typedef struct tl_draft_type {
@@ -54,22 +55,23 @@ typedef struct tl_draft_type {
 
 typedef struct tl_draft_variable {
     tl_draft_item item;
-    tl_variable variable; /* all but what is inherited */
+    tl_variable variable; /* all fields except the inherited ones */
     tl_draft_declaration declaration;
     const char *declared_type; /* NULL: none */
     bool has_variability;
     bool has_initial;
 } tl_draft_variable;
 
-/* `items` of one size. */
+/* A list of items of one size. */
 typedef struct tl_draft_list {
     void *items;
-    size_t size; /* of one */
+    size_t size; /* bytes of an item */
     size_t count;
     size_t capacity;
 } tl_draft_list;
 
-/* ---- Attribute texts to values: the characters are checked, then the C library reads the number. */
+/* ---- Attribute texts to values: the characters are checked, then the C library parses the number.
+ */
 
 #define SPACE " \t\n\r"
 
@@ -91,7 +93,7 @@ static bool equals(span text, const char *word) {
     return strlen(word) == text.length && memcmp(text.start, word, text.length) == 0;
 }
 
-/* Not empty, and nothing but these characters. */
+/* Returns true if the text is not empty and contains only these characters. */
 static bool is_made_of(span text, const char *characters) {
     return text.length > 0 && strspn(text.start, characters) >= text.length;
 }
@@ -112,7 +114,7 @@ bool tl_xml_double(const char *text, double *value) {
     char *end = NULL;
     double result = strtod(number.start, &end);
     if (!is_made_of(number, "+-.0123456789eE") || end != number.start + number.length) {
-        return false; /* also if this thread has a locale without a decimal point: see os.h */
+        return false; /* also if the locale of this thread has no decimal point: see os.h */
     }
     *value = result;
     return true;
@@ -121,7 +123,7 @@ bool tl_xml_double(const char *text, double *value) {
 bool tl_xml_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value) {
     span number = trimmed(text);
     char *end = NULL;
-    long long result = strtoll(number.start, &end, 10); /* what is too large becomes the largest */
+    long long result = strtoll(number.start, &end, 10); /* saturates if the value is out of range */
     if (!is_made_of(number, "+-0123456789") || end != number.start + number.length || result < lowest ||
         result > highest) {
         return false;
@@ -142,11 +144,12 @@ bool tl_xml_boolean(const char *text, bool *value) {
     return false;
 }
 
-/* ---- modelDescription.xml by expat: each start tag is looked up in a table by its parent and its name; what is not in the
- * table is passed over with all that is in it. Tags are checked as they come, so that errors have a line; what needs
- * the whole document (declared types, units, duplicate names) is settled at the end. */
+/* ---- Parses modelDescription.xml with expat. Each start tag is looked up in a table by its parent
+ * and its name; unknown elements are skipped with their contents. Tags are checked when they are
+ * read, so that errors have a line. Checks that need the whole document (declared types, units,
+ * duplicate names) come last. */
 
-#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* from 2.9 on these are deprecated */
+#if XML_MAJOR_VERSION == 2 && XML_MINOR_VERSION < 9 /* deprecated from 2.9 on */
 #define CURRENT_LINE XML_GetCurrentLineNumber
 #define CURRENT_COLUMN XML_GetCurrentColumnNumber
 #else
@@ -164,7 +167,7 @@ typedef enum element {
     SIMPLE_TYPE,
     VARIABLES,
     VARIABLE,
-    LEAF,   /* known, its children are not */
+    LEAF,   /* known, but its children are skipped */
     IGNORED /* not known */
 } element;
 
@@ -174,7 +177,7 @@ typedef struct description_parser {
     tl_arena *arena;
     tl_model *model;
     tl_error *error;
-    tl_status status; /* of the first failure; nothing is done after it */
+    tl_status status; /* of the first failure; parsing stops there */
     element path[TL_MODEL_DESCRIPTION_DEPTH + 1];
     size_t depth;
     bool has_model_exchange;
@@ -194,7 +197,7 @@ static void fail_at(description_parser *parser, unsigned long line, const char *
         return;
     }
     char text[TL_ERROR_TEXT];
-    char clean[TL_ERROR_TEXT]; /* of names: an error is one line */
+    char clean[TL_ERROR_TEXT]; /* a cleaned name: an error has one line */
     va_list arguments;
     va_start(arguments, format);
     (void)vsnprintf(text, sizeof text, format, arguments);
@@ -223,12 +226,13 @@ static void *item_at(const tl_draft_list *list, size_t index) {
     return (char *)list->items + index * list->size;
 }
 
-/* The newest item. The list is not empty. */
+/* Returns the newest item. The list must not be empty. */
 static void *last_of(const tl_draft_list *list) {
     return item_at(list, list->count - 1);
 }
 
-/* A new zeroed item with this name, or NULL after fail_memory(). */
+/* Appends a zeroed item with this name. Returns NULL if memory is out (reported by fail_memory()).
+ */
 static void *append(description_parser *parser, tl_draft_list *list, const char *name, unsigned long line) {
     if (list->count == list->capacity) {
         size_t capacity = list->capacity == 0 ? 64 : 2 * list->capacity;
@@ -246,7 +250,7 @@ static void *append(description_parser *parser, tl_draft_list *list, const char 
     return item;
 }
 
-/* By name, the same names by line. */
+/* Order: by name, then by line. */
 static int compare_items(const void *left, const void *right) {
     const tl_draft_item *a = left;
     const tl_draft_item *b = right;
@@ -258,12 +262,12 @@ static int compare_name(const void *name, const void *item) {
     return strcmp(name, ((const tl_draft_item *)item)->name);
 }
 
-/* NULL: the sorted list has none. */
+/* Returns NULL if the sorted list does not contain the name. */
 static void *find_item(const tl_draft_list *list, const char *name) {
     return list->count == 0 ? NULL : bsearch(name, list->items, list->count, list->size, compare_name);
 }
 
-/* Sorts items of which each name may be given once; implied ones that are there already are dropped. */
+/* Sorts the items and reports duplicate names. Drops implied units that exist already. */
 static void settle_names(description_parser *parser, tl_draft_list *list, const char *what) {
     size_t kept = 0;
     if (list->count > 1) {
@@ -285,13 +289,13 @@ static void settle_names(description_parser *parser, tl_draft_list *list, const 
 
 /* ---- Attributes ---------------------------------------------------------------------------------------- */
 
-/* expat's array of alternating names and values, and the element they belong to. */
+/* Attributes from expat (names and values in turn), and their element. */
 typedef struct xml_tag {
     const char *name;
     const char **attributes;
 } xml_tag;
 
-/* NULL where there is none. */
+/* Returns NULL if the attribute is missing. */
 static const char *attribute(const xml_tag *tag, const char *name) {
     for (const char **pair = tag->attributes; pair[0] != NULL; pair += 2) {
         if (strcmp(pair[0], name) == 0) {
@@ -310,13 +314,14 @@ static const char *keep(description_parser *parser, const char *text) {
     return copy;
 }
 
-/* The attribute, kept; or `otherwise`. */
+/* Returns a copy of the attribute in the arena, or `otherwise` if it is missing. */
 static const char *text_or(description_parser *parser, const xml_tag *tag, const char *name, const char *otherwise) {
     const char *text = attribute(tag, name);
     return text == NULL ? otherwise : keep(parser, text);
 }
 
-/* Fails where the attribute is missing; it may be empty, as unit names are where exporters mean "1". */
+/* Reports an error if the attribute is missing. It may be empty: some exporters write an empty unit
+ * name for "1". */
 static const char *mandatory(description_parser *parser, const xml_tag *tag, const char *name) {
     const char *text = attribute(tag, name);
     if (text == NULL) {
@@ -332,7 +337,7 @@ static void fail_value(description_parser *parser, const xml_tag *tag, const cha
     fail_at(parser, current_line(parser), "%s=\"%.60s\" of <%.60s> is not %s", name, text, tag->name, expected);
 }
 
-/* *value stays as it is where there is no such attribute. Infinite is allowed, NaN is not. */
+/* Leaves *value unchanged if the attribute is missing. Infinite values are allowed, NaN is not. */
 static void read_real(description_parser *parser, const xml_tag *tag, const char *name, double *value) {
     const char *text = attribute(tag, name);
     double number;
@@ -372,7 +377,8 @@ static void read_boolean(description_parser *parser, const xml_tag *tag, const c
     }
 }
 
-/* One of `count` words; *value stays as it is where there is no such attribute. true where there is one. */
+/* Reads one of `count` keywords. Leaves *value unchanged if the attribute is missing. Returns true
+ * if it is present. */
 static bool read_word(description_parser *parser, const xml_tag *tag, const char *name, const char *(*word)(int),
                       int count, int *value) {
     const char *text = attribute(tag, name);
@@ -412,7 +418,7 @@ static void begin_model_exchange(description_parser *parser, const xml_tag *tag)
     parser->has_model_exchange = true;
 }
 
-/* The identifier becomes a file name: it must stay in its folder. */
+/* The identifier becomes a file name, so it must not contain a path. */
 static bool is_file_name(const char *text) {
     for (const char *c = text; *c != '\0'; c++) {
         if (*c == '/' || *c == '\\' || (unsigned char)*c < ' ') {
@@ -479,7 +485,7 @@ static void read_declaration(description_parser *parser, const xml_tag *tag, tl_
         return;
     }
     declaration->is_given = true;
-    declaration->type = TL_ENUMERATION; /* the table of tags lets nothing else through */
+    declaration->type = TL_ENUMERATION; /* the table of tags allows no other element */
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++) {
         declaration->type = strcmp(tl_type_name(types[i]), tag->name) == 0 ? types[i] : declaration->type;
     }
@@ -527,7 +533,7 @@ static const char *variability_word(int value) {
 }
 
 static const char *initial_word(int value) {
-    return tl_initial_name((tl_initial)(value + 1)); /* without "none" */
+    return tl_initial_name((tl_initial)(value + 1)); /* skips "none" */
 }
 
 static void begin_variable(description_parser *parser, const xml_tag *tag) {
@@ -606,7 +612,7 @@ static void end_variable(description_parser *parser) {
     if (!entry->has_variability) {
         variable->variability = is_fixed ? TL_FIXED : variable->type == TL_REAL ? TL_CONTINUOUS : TL_DISCRETE;
     }
-    /* FMI 2.0.4, table in 2.2.7: what `initial` is where it is not given. */
+    /* Source: FMI 2.0.4, table in section 2.2.7: default of `initial`. */
     if (variable->causality == TL_INPUT || variable->causality == TL_INDEPENDENT) {
         variable->initial = TL_INITIAL_NONE;
     } else if (!entry->has_initial) {
@@ -694,7 +700,7 @@ static void XMLCALL on_end(void *context, const XML_Char *name) {
     }
 }
 
-/* Entities are defined in a DTD only: without one, none can expand. */
+/* Only a DTD can define entities, so without a DTD none can expand. */
 static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Char *system_id,
                                const XML_Char *public_id, int has_internal_subset) {
     description_parser *parser = context;
@@ -712,7 +718,7 @@ static double first_given(double own, double inherited, double otherwise) {
     return isnan(value) ? otherwise : value;
 }
 
-/* What the variable does not say itself comes from its declared type. */
+/* Attributes that the variable does not have are inherited from its declared type. */
 static void inherit(description_parser *parser, tl_draft_variable *entry) {
     static const tl_draft_declaration none = {.minimum = (double)NAN, .maximum = (double)NAN, .nominal = (double)NAN};
     tl_draft_declaration *own = &entry->declaration;
@@ -773,8 +779,8 @@ static void copy_to_model(description_parser *parser) {
     model->variable_count = parser->variables.count;
 }
 
-/* What needs the whole document. Everything is found by sorting once and searching after, so that a description of a hundred thousand variables
- * is still read in a moment. */
+/* Checks that need the whole document. Lists are sorted once and then searched, so that
+ * descriptions with a hundred thousand variables are read quickly. */
 static void settle_description(description_parser *parser) {
     settle_names(parser, &parser->types, "type");
     for (size_t i = 0; i < parser->variables.count && parser->status == TL_OK; i++) {

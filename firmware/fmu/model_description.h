@@ -1,4 +1,4 @@
-/* The model description of an FMU: XML into what the master knows of a model.
+/* Reads the model description of an FMU: XML to a tl_model.
  *
  * Thread:  one.
  */
@@ -13,42 +13,47 @@
 #include "master/base/status.h"
 #include "master/fmi/model.h"
 
-/* ---- Texts of XML attributes to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
+/* ---- XML attribute texts to values: xs:double, xs:int, xs:unsignedInt, xs:boolean.
  *
- * Purpose: strict. White space around a value is allowed, as XML Schema says; anything else that is not part of it is not.
- * Errors:  false, and *value is unchanged.
+ * Purpose: strict. White space around a value is allowed, as XML Schema says; any other extra
+ *          character is an error.
+ * Errors:  returns false and leaves *value unchanged.
  * Thread:  any that has a locale with a decimal point (os.h).
  */
 
-/* Decimal or scientific notation, and INF, -INF, NaN. What is too large for a double becomes infinite (exporters
- * write a largest double that is none). */
+/* Accepts decimal and scientific notation, INF, -INF and NaN. A number that is too large for a
+ * double becomes infinite, because some exporters write a maximum that is too large. */
 bool tl_xml_double(const char *text, double *value);
 
 bool tl_xml_integer(const char *text, int64_t lowest, int64_t highest, int64_t *value);
 
-/* true, false, 1, 0. */
+/* Accepts true, false, 1 and 0. */
 bool tl_xml_boolean(const char *text, bool *value);
 
 /* ---- Reads modelDescription.xml of FMI 2.0 for Co-Simulation into a tl_model.
  *
- * Purpose: everything the twin needs, checked once: variables of all types with what they inherit from their declared
- *          type, units, capabilities. What the schema demands and the twin would rely on is enforced; what it does
- *          not know (annotations, later additions, ModelStructure) is passed over.
- * Limits:  TL_MODEL_DESCRIPTION_BYTES; elements nested TL_MODEL_DESCRIPTION_DEPTH deep; no DTD, so no entities.
- * Tolerated: a variable without variability (Real: continuous, parameters: fixed, all else: discrete); an `initial` where
- *          none is allowed; a unit that is not defined (it has no base then); nominal 0 (is 1) or negative.
- * Errors:  TL_BAD_DATA with the line, TL_TRY_AGAIN where memory is out. `label` names the FMU in the text.
- * Owner:   the arena holds all that the model points to, also after a failure.
+ * Purpose: reads and validates all that the twin needs: variables of all types with the attributes
+ *          inherited from their declared type, units, and capabilities. The parser enforces the
+ *          parts of the schema that the twin relies on. It skips what it does not know:
+ *          annotations, later additions, ModelStructure.
+ * Limits:  TL_MODEL_DESCRIPTION_BYTES; TL_MODEL_DESCRIPTION_DEPTH nested elements; no DTD, so no
+ *          entities.
+ * Tolerated: a variable without variability (default: continuous for Real, fixed for parameters,
+ *            else discrete); an `initial` that is not allowed there; an undefined unit (it then has
+ *            no base unit); nominal 0 (read as 1) or negative.
+ * Errors:  TL_BAD_DATA with the line; TL_TRY_AGAIN if memory is out. `label` names the FMU in the
+ *          text.
+ * Owner:   the arena holds all data that the model points to, also after a failure.
  * Thread:  any.
  */
 
 enum { TL_MODEL_DESCRIPTION_BYTES = 64 * 1024 * 1024, TL_MODEL_DESCRIPTION_DEPTH = 64 };
 
-/* From memory. */
+/* Parses a description in memory. */
 tl_status tl_model_description_parse(const char *xml, size_t size, const char *label, tl_arena *arena, tl_model *model,
                                      tl_error *error);
 
-/* From a file. */
+/* Reads and parses a file. */
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error);
 

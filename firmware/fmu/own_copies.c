@@ -1,4 +1,4 @@
-/* Copies of an FMU's libraries: names are changed in ELF files, so that each component has variables of its own: see own_copies.h. */
+/* Renamed copies of an FMU's libraries, see own_copies.h. */
 #include "firmware/fmu/own_copies.h"
 
 #include <dirent.h>
@@ -18,12 +18,12 @@
 #include "firmware/base/log.h"
 #include "firmware/base/os.h"
 
-/* ---- A shared library in memory: every structure of the file is copied by read_at(), every place is found by locate(), and both know the
- * file's size. */
+/* ---- A shared library in memory. Only read_at() copies structures from the file and only locate()
+ * finds positions; both check the file's size. */
 
 /* ---- Numbers ------------------------------------------------------------------------------------------- */
 
-/* `size` bytes at `offset`; zeros if not all of them are within the file. */
+/* Copies `size` bytes at `offset`; zeros if they are not all within the file. */
 static void read_at(const tl_elf_file *file, size_t offset, void *to, size_t size) {
     memset(to, 0, size);
     if (offset <= file->size && file->size - offset >= size) {
@@ -37,9 +37,11 @@ static uint32_t word_at(const tl_elf_file *file, size_t offset) {
     return word;
 }
 
-/* ---- Places -------------------------------------------------------------------------------------------- */
+/* ---- Positions ----------------------------------------------------------------------------------------- */
 
-/* Where the file holds the byte of memory at `address`, and how many follow. False: nowhere. Of two segments the later one is what is seen. */
+/* Finds the file offset of memory `address`, and the number of bytes from there to the end of the
+ * segment. Returns false if no segment contains it. If two segments overlap, the later one counts,
+ * as for the loader. */
 static bool locate(const tl_elf_file *file, uint64_t address, size_t *offset, size_t *room) {
     for (size_t i = file->load_count; i > 0; i--) {
         const tl_elf_segment *load = &file->loads[i - 1];
@@ -52,7 +54,7 @@ static bool locate(const tl_elf_file *file, uint64_t address, size_t *offset, si
     return false;
 }
 
-/* Of a segment that which lies within the file. */
+/* Segments are cut at the end of the file. */
 static bool read_segments(tl_elf_file *file, const ElfW(Ehdr) * head) {
     if (head->e_phentsize != sizeof(ElfW(Phdr)) || head->e_phnum > TL_ELF_SEGMENTS) {
         return false;
@@ -79,7 +81,7 @@ static ElfW(Dyn) entry_at(const tl_elf_file *file, size_t index) {
     return entry;
 }
 
-/* The value of the last entry with this tag. False: there is none. */
+/* The value of the last entry with this tag. Returns false if no entry has it. */
 static bool find_entry(const tl_elf_file *file, int64_t tag, uint64_t *value) {
     for (size_t i = file->entry_count; i > 0; i--) {
         ElfW(Dyn) entry = entry_at(file, i - 1);
@@ -91,7 +93,7 @@ static bool find_entry(const tl_elf_file *file, int64_t tag, uint64_t *value) {
     return false;
 }
 
-/* The loader knows it by its address. */
+/* The loader finds the section by its address, not by its file offset. */
 static bool read_dynamic(tl_elf_file *file) {
     size_t offset = 0;
     size_t room = 0;
@@ -120,14 +122,15 @@ static bool read_strings(tl_elf_file *file) {
 
 /* ---- Symbols ------------------------------------------------------------------------------------------- */
 
-#define WORD sizeof(uint32_t) /* of both tables of hashes, on all machines of ours */
+#define WORD sizeof(uint32_t) /* in both hash tables, on all supported machines */
 
-/* How many symbols the younger table of hashes knows: the last chain ends with an odd word. 0: none of the file's own. */
+/* Number of symbols according to DT_GNU_HASH: the last chain ends with an odd value. 0: the file
+ * defines no symbols. */
 static size_t count_hashed(const tl_elf_file *file, size_t table, size_t room) {
     uint64_t buckets = word_at(file, table);
     uint64_t first = word_at(file, table + WORD);
     uint64_t filter = (uint64_t)word_at(file, table + 2 * WORD) * sizeof(ElfW(Addr));
-    uint64_t chains = 4 * WORD + filter + buckets * WORD; /* from the table */
+    uint64_t chains = 4 * WORD + filter + buckets * WORD; /* offset from the start of the table */
     uint64_t last = 0;
     if (chains > room) {
         return 0;
@@ -164,8 +167,7 @@ static void read_symbols(tl_elf_file *file) {
         count = count_hashed(file, table, rest);
     }
     if (count == 0 && find_entry(file, DT_STRTAB, &names) && names > address) {
-        count =
-            (size_t)((names - address) / sizeof(ElfW(Sym))); /* not defined ones; linkers put the names behind them */
+        count = (size_t)((names - address) / sizeof(ElfW(Sym))); /* no defined symbols; the string table follows */
     }
     file->symbol_count = count < room / sizeof(ElfW(Sym)) ? count : room / sizeof(ElfW(Sym));
 }
@@ -181,7 +183,8 @@ tl_elf_symbol tl_elf_symbol_at(const tl_elf_file *file, size_t index) {
     };
 }
 
-/* Symbols may share names, but no linker lets millions of them share one that is millions of bytes long: to look at all of them must not last. */
+/* Symbols may share names. A hostile file could let millions of symbols share a name of millions of
+ * bytes, and reading them all would take too long. */
 static bool names_are_bounded(const tl_elf_file *file) {
     enum { SHARED = 16, SMALL = 1 << 20 };
     uint64_t left = (uint64_t)file->strings_size * SHARED + SMALL;
@@ -223,7 +226,6 @@ bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size) {
 
 /* ---- References ---------------------------------------------------------------------------------------- */
 
-/* One visit. */
 typedef struct visiting {
     const tl_elf_file *file;
     tl_elf_visitor *visitor;
@@ -231,7 +233,7 @@ typedef struct visiting {
     size_t versions_left;
 } visiting;
 
-/* A name outside of the names is none. */
+/* A name outside of the string table is ignored. */
 static bool tell(const visiting *work, tl_elf_kind kind, uint64_t offset) {
     tl_elf_reference reference = {kind, (size_t)offset};
     return offset >= work->file->strings_size || work->visitor(work->context, reference);
@@ -255,8 +257,9 @@ static bool visit_entries(const visiting *work) {
     return true;
 }
 
-/* The tables of versions are lists, each member of which has a list. All members end with two words: the distance to its list, or its name; and
- * the distance to the next member. */
+/* The version tables are lists of entries, and each entry has an inner list. All entries end with
+ * two 32-bit values: the distance to the inner list (or the offset of a name), and the distance to
+ * the next entry. */
 typedef struct member_end {
     uint32_t inner;
     uint32_t next;
@@ -268,7 +271,7 @@ static member_end end_of(const tl_elf_file *file, size_t member, size_t size) {
     return end;
 }
 
-/* The member that is `far` behind `*at`; false: there is none within the file. */
+/* Advances *at by `far` bytes. Returns false if there is no entry within the file. */
 static bool step_on(const tl_elf_file *file, size_t *at, uint64_t far, size_t size) {
     if (far == 0 || far > file->size || *at > file->size - (size_t)far || file->size - *at - (size_t)far < size) {
         return false;
@@ -277,7 +280,7 @@ static bool step_on(const tl_elf_file *file, size_t *at, uint64_t far, size_t si
     return true;
 }
 
-/* `kind`: of the first name. */
+/* `kind` belongs to the first name; all others are TL_ELF_OTHER. */
 static bool visit_list(visiting *work, size_t at, uint64_t far, size_t size, tl_elf_kind kind) {
     for (bool more = step_on(work->file, &at, far, size); more && work->versions_left > 0;) {
         member_end end = end_of(work->file, at, size);
@@ -291,7 +294,8 @@ static bool visit_list(visiting *work, size_t at, uint64_t far, size_t size, tl_
     return true;
 }
 
-/* A member of needed versions has a library's name of its own; of defined ones that of the library as a whole is called as it is. */
+/* An entry of needed versions contains the name of a library. The base entry of defined versions
+ * contains the name of this library. */
 static bool visit_versions(visiting *work, bool needed) {
     size_t size = needed ? sizeof(ElfW(Verneed)) : sizeof(ElfW(Verdef));
     size_t inner_size = needed ? sizeof(ElfW(Vernaux)) : sizeof(ElfW(Verdaux));
@@ -335,16 +339,15 @@ const char *tl_elf_text(const tl_elf_file *file, size_t offset) {
 
 /* ---- Libraries ----------------------------------------------------------------------------------------- */
 
-/* One change of a file. */
 typedef struct change {
     tl_elf_file *file;
     const tl_elf_rename *renames;
     size_t count;
-    tl_elf_file was; /* its names as they were, and nothing else */
+    tl_elf_file was; /* the original names only */
     bool failed;
 } change;
 
-/* What a library of this name is to be called, or NULL. */
+/* The new name of a library; NULL: it is not renamed. */
 static const char *new_name_of(const change *work, const char *name) {
     for (size_t i = 0; i < work->count; i++) {
         if (strcmp(work->renames[i].old_name, name) == 0) {
@@ -358,7 +361,7 @@ static uint8_t *names_of(const change *work) {
     return work->file->bytes + work->file->strings;
 }
 
-/* Looks at the names as they were: a change may have made one of them another's. */
+/* Reads the original names, because a change may have made one name equal to another. */
 static bool write_name(void *context, tl_elf_reference reference) {
     change *work = context;
     const char *text = reference.kind == TL_ELF_OTHER ? NULL : tl_elf_text(&work->was, reference.offset);
@@ -369,12 +372,12 @@ static bool write_name(void *context, tl_elf_reference reference) {
     return true;
 }
 
-/* Its end has not moved, as a new name has the length of the old one. */
+/* The end of the name is unchanged, because the new name has the same length. */
 static bool check_name(void *context, tl_elf_reference reference) {
     change *work = context;
     const char *was = tl_elf_text(&work->was, reference.offset);
     if (was == NULL) {
-        return true; /* the loader cannot use it either */
+        return true; /* without an end the loader cannot use it either */
     }
     const char *wanted = reference.kind == TL_ELF_OTHER ? NULL : new_name_of(work, was);
     wanted = wanted != NULL ? wanted : was;
@@ -404,7 +407,8 @@ static bool begins_with(const char *text, const char *beginning) {
     return strncmp(text, beginning, strlen(beginning)) == 0;
 }
 
-/* By its mangled name: after what is said of it (a guard, a local of a function, a nested name, const) comes std:: or __gnu_cxx::. */
+/* Reads the mangled name: after prefixes (guard, local of a function, nested name, const) comes
+ * std:: or __gnu_cxx::. */
 static bool is_of_language(const char *name) {
     static const char *const libraries[] = {"St", "Sa", "Ss", "Sb", "Si", "So", "Sd", "9__gnu_cxx", "10__cxxabiv1"};
     static const char *const said[] = {"GV", "GR", "TV", "TI", "TS", "TT", "Z", "N", "K"};
@@ -454,11 +458,10 @@ bool tl_elf_opens_libraries(const tl_elf_file *file) {
 
 /* ---- own copies ---- */
 
-/* A library of the FMU. */
 typedef struct own_library {
     struct own_library *next;
-    const char *name; /* the end of the path */
-    uint8_t *bytes;   /* the file, shared: what is changed here is changed there */
+    const char *name; /* points to the last part of `path` */
+    uint8_t *bytes;   /* the file, mapped shared: changes here are written to the file */
     size_t size;
     tl_elf_file file;
     char path[];
@@ -469,14 +472,13 @@ typedef struct fmu_folder {
     char path[];
 } fmu_folder;
 
-/* One FMU. */
 typedef struct making {
     const char *folder;
-    fmu_folder *folders; /* in it, that are still to be looked into */
+    fmu_folder *folders; /* subfolders that are still to be searched */
     const char *label;
     tl_error *error;
-    own_library *libraries; /* the binary first */
-    own_library **end;      /* of them */
+    own_library *libraries; /* the first one is the binary */
+    own_library **end;      /* end of that list */
     tl_elf_rename *renames;
     size_t rename_count;
 } making;
@@ -486,7 +488,7 @@ static bool is_below(const char *path, const char *folder) {
     return strncmp(path, folder, length) == 0 && path[length] == '/';
 }
 
-/* `path`: of a library, or the folder for all of them. */
+/* `path`: of a library, or of the folder if all are affected. */
 static tl_status fail_system(const making *work, const char *path, const char *doing, int code) {
     const char *shown = is_below(path, work->folder) ? path + strlen(work->folder) + 1 : "in its folder";
     return tl_fail(work->error, TL_TRY_AGAIN,
@@ -500,7 +502,7 @@ static tl_status fail_memory(const making *work) {
 
 /* ---- Folders of FMUs ----------------------------------------------------------------------------------- */
 
-/* Of all FMUs that the process has had. */
+/* Folders of all FMUs that this process has loaded. */
 static fmu_folder *folders;
 
 static bool remember(fmu_folder **list, const char *path) {
@@ -544,7 +546,7 @@ static void forget_library(own_library *library) {
     free(library);
 }
 
-/* A file that is no library of the binary's kind is left out. */
+/* Skips files that are not libraries for the binary's machine. */
 static tl_status add_library(making *work, const char *path) {
     size_t size = strlen(path) + 1;
     own_library *added = calloc(1, sizeof *added + size);
@@ -564,7 +566,7 @@ static tl_status add_library(making *work, const char *path) {
     return status;
 }
 
-/* A folder is for later. Links are not followed. */
+/* Remembers folders for later. Links are not followed. */
 static tl_status add_entry(making *work, const char *folder, const char *name) {
     char path[PATH_MAX];
     struct stat about;
@@ -601,7 +603,7 @@ static tl_status look_into(making *work, const char *folder) {
     return status == TL_OK && code != 0 ? fail_system(work, folder, "found", code) : status;
 }
 
-/* All of the folder, wherever they are: an FMU may have some among its resources. */
+/* Searches the whole folder, because an FMU may have libraries among its resources. */
 static tl_status find_libraries(making *work, const char *binary) {
     tl_status status = add_library(work, binary);
     if (status != TL_OK || work->libraries == NULL) {
@@ -627,14 +629,14 @@ static const own_library *library_called(const making *work, const char *name) {
 
 /* ---- Names ---------------------------------------------------------------------------------------------- */
 
-/* What the loader has by this name, or NULL. Nothing is loaded. */
+/* The loader's handle of this name; NULL: not loaded. Loads nothing. */
 static void *find_loaded(const char *name) {
     void *found = dlopen(name, RTLD_LAZY | RTLD_NOLOAD);
     (void)dlerror();
     return found;
 }
 
-/* The loader would take another FMU's library. */
+/* Returns true if the loader would use another FMU's library for this name. */
 static bool is_taken(const char *name) {
     struct link_map *map = NULL;
     void *found = find_loaded(name);
@@ -650,7 +652,7 @@ static bool is_taken(const char *name) {
     return taken;
 }
 
-/* One of those that are one for the whole process. */
+/* Libraries that must exist once per process. */
 static bool is_of_the_system(const char *name) {
     static const char *const known[] = {"libc.so",        "libm.so",        "libdl.so",     "librt.so",
                                         "libpthread.so",  "ld-linux",       "libgcc_s.so",  "libstdc++.so",
@@ -672,7 +674,8 @@ static bool is_renamed(const making *work, const char *name) {
     return false;
 }
 
-/* In place of its first characters a number that no library of the process has had: libtable.so becomes 001table.so. False: none is free. */
+/* Replaces the first characters by a number that is free in this process: libtable.so becomes
+ * 001table.so. Returns false if none is free. */
 static bool find_name(const making *work, const char *name, char found[TL_ELF_LIBRARY]) {
     static const char digits[] = "0123456789abcdefghijklmnopqrstuvwxyz";
     enum { BASE = sizeof digits - 1, WIDTH = 3, MOST = BASE * BASE * BASE };
@@ -691,7 +694,7 @@ static bool find_name(const making *work, const char *name, char found[TL_ELF_LI
         if (loaded != NULL) {
             (void)dlclose(loaded);
         } else if (library_called(work, found) == NULL && !is_renamed(work, found)) {
-            return true; /* nobody has it: neither this FMU nor the loader */
+            return true; /* free: neither this FMU nor the loader has it */
         }
     }
     return false;
@@ -715,14 +718,15 @@ static tl_status add_rename(making *work, const char *name) {
     return TL_OK;
 }
 
-/* One library's names. */
+/* The visit of one library's names. */
 typedef struct looking {
     making *work;
     const tl_elf_file *file;
     tl_status status;
 } looking;
 
-/* What it needs and would get from another FMU, of which it has one beside it. A name with a slash is a path, and so it is its own. */
+/* Finds a needed library that the loader would take from another FMU, and that this FMU contains
+ * too. A name with a slash is a path and needs no change. */
 static bool look_at(void *context, tl_elf_reference reference) {
     looking *look = context;
     const char *name = reference.kind == TL_ELF_NEEDED ? tl_elf_text(look->file, reference.offset) : NULL;
@@ -732,7 +736,7 @@ static bool look_at(void *context, tl_elf_reference reference) {
     }
     if (library_called(look->work, name) == NULL) {
         tl_log(
-            TL_LOG_WARNING, /* there is nothing to make a copy of */
+            TL_LOG_WARNING, /* no file to copy */
             "%s needs %.120s, which is not in it: it gets that of another FMU, and both share its variables; export it with that library",
             look->work->label, name);
         return true;
@@ -760,7 +764,7 @@ static tl_status change_library(const making *work, own_library *library) {
     return TL_OK;
 }
 
-/* Beside it, by its new name. */
+/* Writes the copy into the same folder under its new name. */
 static tl_status write_copy(const making *work, const own_library *library, const char *name) {
     char path[PATH_MAX];
     int length = snprintf(path, sizeof path, "%.*s%s", (int)(library->name - library->path), library->path, name);
@@ -789,9 +793,9 @@ static tl_status change_all(making *work) {
     return status;
 }
 
-/* ---- What cannot be seen -------------------------------------------------------------------------------- */
+/* ---- Undetected sharing -------------------------------------------------------------------- */
 
-/* Another FMU has had a library in the same place. */
+/* Returns true if another FMU has had a library at the same relative path. */
 static bool others_have(const making *work, const own_library *library) {
     char path[PATH_MAX];
     for (const fmu_folder *folder = folders; folder != NULL; folder = folder->next) {
@@ -803,7 +807,7 @@ static bool others_have(const making *work, const own_library *library) {
     return false;
 }
 
-/* The binary itself does not count, as nobody opens it by a bare name. */
+/* The binary itself does not count, because no library opens it by a name without a path. */
 static void warn_of_opening(const making *work) {
     bool opens = false;
     for (const own_library *library = work->libraries; library != NULL && !opens; library = library->next) {

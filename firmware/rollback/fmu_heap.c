@@ -1,4 +1,4 @@
-/* The heap of an FMU: memory that it allocates comes from a place of its own, so that it can be copied: see fmu_heap.h. */
+/* The heap of an FMU, see fmu_heap.h. */
 #include "firmware/rollback/fmu_heap.h"
 
 #include <dlfcn.h>
@@ -24,30 +24,30 @@
 #include <unistd.h>
 #include <wchar.h>
 
-/* ---- fmu heap ---- */
+/* ---- heap ---- */
 
-/* Up to LINEAR bytes a class each UNIT, above it PARTS to a doubling. */
+/* Up to LINEAR bytes: one class per UNIT. Above: PARTS classes per doubling. */
 enum { UNIT = 16, LINEAR = 1024, LINEAR_LOG = 10, PARTS = 4, PARTS_LOG = 2, DOUBLINGS = 26 };
 enum { LINEAR_CLASSES = LINEAR / UNIT, CLASSES = LINEAR_CLASSES + PARTS * DOUBLINGS };
 
-/* So much is made usable at a time, at least. */
+/* Smallest part that is made usable at once. */
 enum { PIECE = 64 * 1024 };
 
-/* At the beginning of the range. Places are counted in units from there; 0: none. */
+/* Lies at the beginning of the range. Positions are counted in units from there; 0: none. */
 typedef struct directory {
     uint64_t used; /* bytes */
     uint32_t free
-        [CLASSES]; /* the block of each class that was given back last; each has the one before in its first bytes */
+        [CLASSES]; /* the block of each class that was freed last; each contains the previous one in its first bytes */
 } directory;
 
-/* Before each block that is given out. */
+/* Precedes each allocated block. */
 typedef struct block_head {
     uint32_t class;
-    uint32_t shift; /* units from the block's own place to where it was given out: it had to be aligned */
+    uint32_t shift; /* units from the start of the block to the aligned address that was returned */
     uint64_t unused;
 } block_head;
 
-/* Else blocks are not aligned. */
+/* Otherwise blocks would not be aligned. */
 typedef char head_has_the_size_of_a_unit[sizeof(block_head) == UNIT ? 1 : -1];
 
 static size_t round_up(size_t size, size_t to) {
@@ -60,7 +60,7 @@ static directory *directory_of(const tl_fmu_heap *heap) {
 
 /* ---- classes ---- */
 
-/* The smallest class that has room for `size` > 0 bytes; CLASSES: none has. */
+/* The smallest class with room for `size` > 0 bytes; CLASSES: none is large enough. */
 static uint32_t class_of(size_t size) {
     if (size <= LINEAR) {
         return (uint32_t)((size + UNIT - 1) / UNIT - 1);
@@ -114,12 +114,12 @@ tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error) {
 }
 
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap) {
-    uint64_t used = directory_of(heap)->used; /* which an FMU may have destroyed */
+    uint64_t used = directory_of(heap)->used; /* an FMU may have overwritten it */
     return used < heap->highest ? (size_t)used : heap->highest;
 }
 
 void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used) {
-    if (used < heap->highest) { /* else it was larger than it is now, and what was copied is all of it */
+    if (used < heap->highest) { /* else the heap was larger then, and the copy contains all of it */
         memset(heap->base + used, 0, heap->highest - used);
     }
     heap->highest = used;
@@ -127,7 +127,7 @@ void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used) {
 
 /* ---- blocks ---- */
 
-/* What was never used: a head, and room for the class. NULL: there is none. */
+/* Cuts a new block from the unused part. Returns NULL if the heap is full. */
 static unsigned char *cut(tl_fmu_heap *heap, uint32_t class) {
     directory *all = directory_of(heap);
     size_t begin = (size_t)all->used;
@@ -140,14 +140,14 @@ static unsigned char *cut(tl_fmu_heap *heap, uint32_t class) {
     return heap->base + begin + sizeof(block_head);
 }
 
-/* A copy: the block itself may lie anywhere as far as the compiler knows. */
+/* Copies the head, because the compiler cannot assume that the address is aligned for it. */
 static block_head head_of(const void *block) {
     block_head head;
     memcpy(&head, (const unsigned char *)block - sizeof head, sizeof head);
     return head;
 }
 
-/* Held for some instructions. */
+/* Spin lock, held for some instructions only. */
 static void take_turn(tl_fmu_heap *heap) {
     while (__atomic_test_and_set(&heap->is_taken, __ATOMIC_ACQUIRE)) {
     }
@@ -188,7 +188,7 @@ void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block) {
     uint32_t class = head.class;
     unsigned char *place = (unsigned char *)block - (size_t)head.shift * UNIT;
     if (class >= CLASSES) {
-        return; /* it was destroyed: never given out again */
+        return; /* the head was overwritten: the block is never used again */
     }
     take_turn(heap);
     memcpy(place, &all->free[class], sizeof all->free[class]);
@@ -201,18 +201,18 @@ size_t tl_fmu_heap_size(const void *block) {
     return head.class < CLASSES ? size_of_class(head.class) - (size_t)head.shift * UNIT : 0;
 }
 
-/* ---- fmu allocation ---- */
+/* ---- allocation per thread ---- */
 
 __thread tl_fmu_heap *tl_fmu_allocation_heap;
 
-/* ---- fmu random ---- */
+/* ---- random numbers ---- */
 
-/* As large as the C library's own, which has the same numbers then. */
+/* The same size as in the C library, so that it yields the same numbers. */
 enum { STATE = 128, FIRST_SEED = 1 };
 
 typedef struct random_state {
     struct random_data data;   /* of rand() and random() */
-    struct drand48_data words; /* of drand48() and its like */
+    struct drand48_data words; /* of drand48() and related functions */
     char state[STATE];
 } random_state;
 
@@ -223,7 +223,7 @@ static void begin_random(random_state *self) {
 
 /* ---- which state ---- */
 
-/* Of all who are in no call of an FMU with a heap: several threads may ask at a time. */
+/* Used outside of calls of FMUs with a heap; several threads may use it at a time. */
 static random_state common;
 static bool common_has_begun;
 static bool common_is_taken;
@@ -273,7 +273,7 @@ void srand(unsigned seed) {
     srandom(seed);
 }
 
-/* The bytes that the caller gave, as the C library hands them out: one word before the numbers. */
+/* The caller's buffer: the C library keeps one 32-bit value before the numbers. */
 static char *bytes_of(const random_state *state) {
     return (char *)(state->data.state - 1);
 }
@@ -294,9 +294,9 @@ char *setstate(char *bytes) {
     return failed != 0 ? NULL : before;
 }
 
-/* ---- drand48() and its like ---- */
+/* ---- drand48() and related functions ---- */
 
-/* `words` NULL: those of the state. */
+/* `words` NULL: those of the state are used. */
 static double draw_real(unsigned short words[3]) {
     double number = 0.0;
     random_state *state = take_state();
@@ -386,7 +386,7 @@ size_t tl_fmu_allocation_used(void) {
 
 #else
 
-/* The C library's own, which has them under other names besides. */
+/* The C library's own allocator under its second names. */
 extern void *own_malloc(size_t size) __asm__("__libc_malloc");
 extern void *own_calloc(size_t count, size_t size) __asm__("__libc_calloc");
 extern void *own_realloc(void *block, size_t size) __asm__("__libc_realloc");
@@ -395,7 +395,7 @@ extern void *own_memalign(size_t alignment, size_t size) __asm__("__libc_memalig
 
 enum { ALIGNMENT = 16 };
 
-/* Addresses from `begin` on up to `end`. */
+/* Addresses from `begin` to before `end`. */
 typedef struct range {
     uintptr_t begin;
     uintptr_t end;
@@ -415,7 +415,7 @@ static bool is_in(const range *where, const void *address) {
     return (uintptr_t)address - where->begin < where->end - where->begin;
 }
 
-/* From its program headers, which the kernel tells where to find. */
+/* Reads the loader's program headers; the kernel passes their address to the process. */
 static void find_loader(void) {
     const unsigned long address = getauxval(AT_BASE);
     const unsigned char *base = NULL;
@@ -434,9 +434,10 @@ static void find_loader(void) {
     loader.begin = (uintptr_t)base;
 }
 
-/* ---- whose it is ---- */
+/* ---- which heap ---- */
 
-/* A stream of everybody's asks for its buffer when it is first used: that must not be in a call of an FMU. */
+/* Standard streams are shared and allocate their buffers at their first use. That must not happen
+ * in a call of an FMU. */
 static void give_buffers(void) {
     static char buffer[BUFSIZ];
     static char read[BUFSIZ];
@@ -460,7 +461,7 @@ tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error) {
     if (tl_fmu_heap_open(heap, reserve, error) != TL_OK) {
         return NULL;
     }
-    heap->first = tl_fmu_heap_take(heap, sizeof(random_state), 1); /* there is room in a new heap */
+    heap->first = tl_fmu_heap_take(heap, sizeof(random_state), 1); /* a new heap has room for it */
     begin_random(heap->first);
     __atomic_store_n(&heap_count, heap_count + 1, __ATOMIC_RELEASE);
     return heap;
@@ -474,7 +475,7 @@ size_t tl_fmu_allocation_used(void) {
     return sum;
 }
 
-/* NULL: the C library's. */
+/* Returns NULL if the block belongs to the C library. */
 static tl_fmu_heap *find_owner(const void *block) {
     size_t count = __atomic_load_n(&heap_count, __ATOMIC_ACQUIRE);
     for (size_t i = 0; i < count; i++) {
@@ -485,7 +486,7 @@ static tl_fmu_heap *find_owner(const void *block) {
     return NULL;
 }
 
-/* The heap that serves who has called from `caller`; NULL: the C library does. */
+/* The heap for a call from the code at `caller`; NULL: the C library. */
 static inline tl_fmu_heap *find_server(const void *caller) {
     tl_fmu_heap *heap = tl_fmu_allocation_heap;
     return heap == NULL || is_in(&loader, caller) ? NULL : heap;
@@ -500,7 +501,7 @@ static void *take(tl_fmu_heap *heap, size_t size, size_t alignment) {
     return block;
 }
 
-/* ---- the family ---- */
+/* ---- malloc() and related functions ---- */
 
 #define CALLER __builtin_return_address(0)
 
@@ -585,7 +586,7 @@ int posix_memalign(void **block, size_t alignment, size_t size) {
     if (!is_power_of_two(alignment) || alignment % sizeof(void *) != 0) {
         return EINVAL;
     }
-    int before = errno; /* which this one does not change */
+    int before = errno; /* POSIX: posix_memalign() does not change errno */
     void *taken = take_aligned(alignment, size, CALLER);
     errno = before;
     if (taken == NULL) {
@@ -612,13 +613,14 @@ void *pvalloc(size_t size) {
     return take_aligned(page, (size + page - 1) / page * page, CALLER);
 }
 
-/* POSIX makes an address a function pointer; ISO C knows no cast for that. */
+/* dlsym() returns an object pointer, and ISO C has no cast from it to a function pointer. */
 static void find_next(const char *name, void *function, size_t size) {
     void *address = dlsym(RTLD_NEXT, name);
     memcpy(function, &address, size);
 }
 
-/* The C library's function of this name: found when the program is loaded, or when a library's constructor calls it before that. */
+/* Finds the C library's function of this name: when the program is loaded, or earlier if a
+ * library's constructor calls it. */
 // NOLINTBEGIN(bugprone-macro-parentheses): a type, and lists that have their own
 #define NEXT(Result, Name, Parameters)                                                                                 \
     static Result(*own_##Name) Parameters;                                                                             \
@@ -649,7 +651,7 @@ size_t malloc_usable_size(void *block) {
 
 /* ---- threads ---- */
 
-/* What a thread of the FMU's allocates is in no heap, and nobody can put a thread back to where it was. */
+/* The allocations of a thread of the FMU are in no heap, and a thread cannot be rolled back. */
 int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*run)(void *), void *context) {
     find_pthread_create();
     if (tl_fmu_allocation_heap != NULL) {
@@ -658,7 +660,7 @@ int pthread_create(pthread_t *thread, const pthread_attr_t *attributes, void *(*
     return own_pthread_create(thread, attributes, run, context);
 }
 
-/* ---- memory that is mapped ---- */
+/* ---- mapped memory ---- */
 
 void *sbrk(intptr_t more) {
     find_sbrk();
@@ -668,7 +670,7 @@ void *sbrk(intptr_t more) {
     return own_sbrk(more);
 }
 
-/* Under both names that it has: one for offsets of 64 bits, and one for those of a word. */
+/* Defines both symbols: mmap64 for 64-bit offsets, and mmap for offsets of type long. */
 void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flags, int file,
                             long offset) __asm__("mmap");
 
@@ -693,9 +695,9 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 
 // NOLINTEND(readability-inconsistent-declaration-parameter-name)
 
-/* ---- what the C library keeps ---- */
+/* ---- memory that the C library keeps ---- */
 
-/* Which are macros if a compiler optimises. */
+/* These are macros in optimised builds. */
 #undef textdomain
 #undef bindtextdomain
 #undef bind_textdomain_codeset
@@ -703,7 +705,7 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 #undef dgettext
 #undef gettext
 
-/* The C library's function of that name, and in front of it ours, which calls it outside of any heap. */
+/* Defines a function that calls the C library's function of the same name outside of any heap. */
 // NOLINTBEGIN(bugprone-macro-parentheses): a type, and lists that have their own
 #define OUTSIDE(Result, Name, Parameters, Arguments)                                                                   \
     NEXT(Result, Name, Parameters)                                                                                     \
@@ -718,7 +720,7 @@ void *tl_fmu_allocation_map(void *address, size_t size, int protection, int flag
 
 // NOLINTBEGIN(readability-inconsistent-declaration-parameter-name,readability-identifier-naming,bugprone-reserved-identifier,cert-dcl37-c,cert-dcl51-cpp): the names are the C library's
 
-/* What compiled C++ and the C library's own atexit() call; no header has them. */
+/* Called by compiled C++ and by atexit() of the C library; no header declares them. */
 int __cxa_atexit(void (*function)(void *), void *context, void *library);
 int __cxa_thread_atexit_impl(void (*function)(void *), void *context, void *library);
 

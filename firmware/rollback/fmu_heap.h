@@ -1,6 +1,6 @@
-/* The heap of an FMU: memory that it allocates comes from a place of its own, so that it can be copied.
+/* The heap of an FMU: its allocations come from one memory range that can be copied.
  *
- * Thread:  as each part says.
+ * Thread:  as each section says.
  */
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
 #define TL_FIRMWARE_ROLLBACK_FMU_HEAP_H
@@ -10,91 +10,112 @@
 
 #include "master/base/status.h"
 
-/* ---- The heap of one FMU: what its calls allocate lies in one range of addresses, so that it can be saved and put back by copying.
+/* ---- The heap of one FMU: one address range for all that its calls allocate, so that it can be
+ * saved and restored by copying.
  *
- * Purpose: the allocator behind malloc() while a call of the FMU runs (fmu_heap.h). All that it knows of its blocks stands at the beginning of the
- *          range itself: whoever copies the first tl_fmu_heap_used() bytes back has put back what was allocated, too.
- * Range:   addresses are reserved at once, without memory, and made usable in pieces as they are needed. So nothing ever moves, and a process whose memory is
- *          locked has locked what is used, not what is reserved.
- * Blocks:  in classes of size, four to each doubling; a block that is given back waits in a list of its class for the next one of that class. Nothing is
- *          split or joined: the same calls lead to the same addresses, always.
- * Memory:  what was never given out, or lies behind what is used after a restore, is zero.
- * Trust:   an FMU may write into all of it, as into any heap of its process. What it destroys is its own.
- * Thread:  blocks may be taken and given back by any; all else by one at a time.
+ * Purpose: the allocator behind malloc() while a call of the FMU runs. Its management data lies at
+ *          the beginning of the range itself. So a copy of the first tl_fmu_heap_used() bytes also
+ *          restores which blocks are allocated.
+ * Range:   all addresses are reserved at once, without memory, and made usable in pieces when they
+ *          are needed. So no block ever moves, and a process with locked memory locks only the used
+ *          part.
+ * Blocks:  in size classes, four per doubling. A freed block waits in a list of its class for the
+ *          next allocation of that class. Blocks are never split or joined, so that the same calls
+ *          always yield the same addresses.
+ * Memory:  bytes that were never allocated, or that lie after the used part after a restore, are
+ *          zero.
+ * Trust:   an FMU may write to the whole range, as to any heap of its process. It can only destroy
+ *          its own data.
+ * Thread:  any thread may allocate and free blocks; all other functions: one thread at a time.
  */
 
 /* Fields are private. */
 typedef struct tl_fmu_heap {
-    unsigned char *base; /* NULL: there is none */
-    size_t reserved;     /* bytes of addresses */
-    size_t usable;       /* bytes from the beginning on that may be touched; never less than once */
-    size_t highest;      /* bytes from the beginning on that were ever used since they were zero */
-    void *first;         /* the first block that was taken: random numbers of the C library, */
-    bool is_not_all;     /* and whether the FMU has memory elsewhere */
-    bool has_threads;    /* or threads */
-    bool is_taken;       /* by a thread: one of the FMU's may give back what another has taken */
+    unsigned char *base; /* NULL: no heap */
+    size_t reserved;     /* bytes of address range */
+    size_t usable;       /* bytes from the beginning that are accessible; never decreases */
+    size_t highest;      /* bytes from the beginning that may differ from zero */
+    void *first;         /* the first block: random numbers of the C library */
+    bool is_not_all;     /* the FMU also has memory outside of the heap */
+    bool has_threads;    /* the FMU has started threads */
+    bool is_taken;       /* spin lock: a thread of the FMU may free a block while another thread allocates */
 } tl_fmu_heap;
 
-/* It is there until the process ends. Errors: TL_TRY_AGAIN: there are no addresses, or no memory. */
+/* Creates a heap, which exists until the process ends. `reserve`: bytes of addresses. Errors:
+ * TL_TRY_AGAIN if addresses or memory are out. */
 tl_status tl_fmu_heap_open(tl_fmu_heap *heap, size_t reserve, tl_error *error);
 
-/* A block of at least `size` bytes, 0 counts as 1, at a multiple of `alignment`, a power of two and at least 16. NULL: there is no room. */
+/* Allocates at least `size` bytes (0 counts as 1), aligned to `alignment`, a power of two of at
+ * least 16. Returns NULL if the heap is full. */
 void *tl_fmu_heap_take(tl_fmu_heap *heap, size_t size, size_t alignment);
 
-/* A block of this heap that was not given back yet. */
+/* Frees a block of this heap. */
 void tl_fmu_heap_give_back(tl_fmu_heap *heap, void *block);
 
-/* Bytes that the block has, at least what was asked for. */
+/* Usable bytes of a block: at least the requested size. */
 size_t tl_fmu_heap_size(const void *block);
 
 static inline bool tl_fmu_heap_holds(const tl_fmu_heap *heap, const void *address) {
     return (size_t)((const unsigned char *)address - heap->base) < heap->reserved;
 }
 
-/* Bytes from the beginning of the range on that make up all of its state. */
+/* Bytes from the beginning of the range that contain its whole state. */
 size_t tl_fmu_heap_used(const tl_fmu_heap *heap);
 
-/* `used` bytes that were saved by a copy are in place again: the rest is zero now. */
+/* Call it after the first `used` bytes were restored from a copy: sets all other bytes to zero. */
 void tl_fmu_heap_restored(tl_fmu_heap *heap, size_t used);
 
-/* ---- malloc() and its like: while a call of an FMU runs, they serve from that FMU's heap.
+/* ---- malloc() and related functions: they serve a call of an FMU from that FMU's heap.
  *
- * Purpose: an FMU is a stranger's library and asks malloc() for memory, as do the libraries that it uses. The program defines the whole family, so that all
- *          of them come by here: who is in a call of an FMU with a heap (fmu_heap.h) is served from that, all others from the C library.
- * Loader:  what it asks for it keeps beyond the call, and nobody may take that back: it is served by the C library always.
- * Random:  the numbers of rand(), random() and drand48() are part of an FMU's state if it asks for them; the C library has one state for all. In
- *          a call of an FMU with a heap they come from that heap's own, seeded as a program's are at its start.
- * Full:    a heap that has no room any more is helped out by the C library: an FMU that is not rolled back by its memory needs no more than that.
- * Mapped:  memory that may be written, and that an FMU asks mmap() for itself, is in no heap, as what the C library has helped out with: that is noted there, since a copy of the heap is not all then.
- * Threads: that an FMU starts in a call are noted in its heap as well, also those that end before the call does.
- * Kept:    functions of the C library that allocate what the library keeps (environment, locales, time zones, exit handlers, users) run outside of the
- *          heap: after a restore the library would find there what was before. What they keep is not restored: an FMU that changes its
- *          environment finds what it has set last. Not here: what a function keeps for one caller (strtok(), hsearch(), an open stream).
- * Given back: a block goes where it came from, whoever gives it back, and when.
- * Sanitizer: it has an allocator of its own; then nothing is served from a heap, and tl_fmu_allocation_serves() says so.
- * Thread:  each thread is in one heap at a time, or in none. Heaps are opened by one thread.
+ * Purpose: an FMU and the libraries that it uses allocate memory by malloc(). The program defines
+ *          this whole family of functions. A thread in a call of an FMU with a heap is served from
+ *          that heap; all other calls are served by the C library.
+ * Loader:  keeps its memory beyond the call, and that must not be rolled back. The C library always
+ *          serves it.
+ * Random:  the numbers of rand(), random() and drand48() belong to the state of an FMU that uses
+ *          them, but the C library has one state for the whole process. During a call of an FMU
+ *          with a heap they use a state in that heap, with the seed that a program has at its
+ *          start.
+ * Full:    if a heap is full, the C library serves the request. That is sufficient for an FMU that
+ *          is not rolled back by memory.
+ * Mapped:  writable memory that an FMU maps itself by mmap() is outside of its heap, like memory
+ *          from the C library. The heap notes both, because a copy of the heap is then incomplete.
+ * Threads: the heap also notes each thread that an FMU starts in a call, even if the thread ends
+ *          before the call does.
+ * Outside: functions of the C library that store data in the library run outside of the heap. These
+ *          are functions for environment, locales, time zones, exit handlers and users. In the
+ *          heap, the library would find old contents after a restore. Their data is not restored:
+ *          an FMU that changes its environment finds the last change. Not handled: data that a
+ *          function stores for one caller (strtok(), hsearch(), an open stream).
+ * Freeing: a block is returned to the heap that it came from, independent of the thread and of the
+ *          time.
+ * Sanitizer: it has its own allocator. Then no heap is used and tl_fmu_allocation_serves() returns
+ *            false.
+ * Thread:  each thread uses one heap at a time, or none. One thread opens the heaps.
  */
 
-/* Heaps of a process. */
+/* Heaps per process. */
 enum { TL_FMU_ALLOCATION_HEAPS = 256 };
 
-/* Whether this program serves FMUs from heaps at all. */
+/* Returns true if this program can serve FMUs from heaps. */
 bool tl_fmu_allocation_serves(void);
 
-/* A heap for an FMU that is to be loaded, with so many bytes of addresses. It is there until the process ends, as the FMU's library is, which may give back
- * blocks at the very end. NULL: TL_TRY_AGAIN: there are no addresses, or TL_FMU_ALLOCATION_HEAPS. */
+/* Creates a heap for an FMU that is to be loaded; `reserve`: bytes of addresses. It exists until
+ * the process ends, as the FMU's library does, which may free blocks at the very end. Returns NULL
+ * with TL_TRY_AGAIN if addresses are out or if there are TL_FMU_ALLOCATION_HEAPS heaps already. */
 tl_fmu_heap *tl_fmu_allocation_open(size_t reserve, tl_error *error);
 
-/* Bytes that all heaps have used so far: what was given back counts still. */
+/* Bytes that all heaps have used so far, freed blocks included. */
 size_t tl_fmu_allocation_used(void);
 
 extern __thread tl_fmu_heap *tl_fmu_allocation_heap __attribute__((tls_model("initial-exec"))); /* private */
 
-/* This thread is served from this heap from now on; NULL: by the C library. Returns what was before. */
+/* Serves this thread from `heap` from now on; NULL: from the C library. Returns the previous heap.
+ */
 static inline tl_fmu_heap *tl_fmu_allocation_enter(tl_fmu_heap *heap) {
     tl_fmu_heap *before = tl_fmu_allocation_heap;
     tl_fmu_allocation_heap = heap;
-    __asm__ volatile("" : : : "memory"); /* a compiler believes that malloc() looks at no variable */
+    __asm__ volatile("" : : : "memory"); /* compilers assume that malloc() reads no variable */
     return before;
 }
 

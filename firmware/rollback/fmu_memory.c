@@ -1,4 +1,4 @@
-/* The memory of one FMU: see fmu_memory.h. */
+/* Rollback by memory, see fmu_memory.h. */
 #include "firmware/rollback/fmu_memory.h"
 
 #include <fcntl.h>
@@ -15,20 +15,22 @@
 #include "firmware/rollback/fmu_heap.h"
 #include "firmware/rollback/fmu_pages.h"
 
-/* A state's heap has room for some more than was used when it was made: an FMU that allocates a little in each step need not have new states for it. */
+/* Extra room in a state, so that it can be reused if the FMU allocates a little memory in each
+ * step. */
 enum { SPARE = 4096, SPARE_PART = 8 };
 
-/* Addresses for a heap: 1 GiB, or 32 MiB if a word has 32 bits. */
+/* Addresses reserved for a heap: 1 GiB, or 32 MiB on a 32-bit machine. */
 enum { RESERVED = sizeof(void *) > 4 ? 1 << 30 : 32 << 20 };
 
-/* A place of less has no pages of its own to look after. */
+/* Smaller regions are copied completely; tracking their pages is not worthwhile. */
 enum { PLACE_OF_PAGES = 4 * TL_FMU_PAGE };
 
 typedef struct tl_fmu_memory_state {
-    struct tl_fmu_memory_state *next; /* that is not in use */
+    struct tl_fmu_memory_state *next; /* next unused state */
     size_t room;                      /* bytes of `bytes` */
     size_t used;                      /* bytes of the heap */
-    tl_fmu_pages *pages; /* NULL: all is in `bytes`, the heap first, then the places; else: what is not in `version` */
+    tl_fmu_pages *
+        pages; /* NULL: `bytes` contains everything, first the heap, then the regions; else `bytes` contains only the regions outside of `version` */
     tl_fmu_version version;
     int raised; /* as in tl_fmu_memory */
     fexcept_t flags;
@@ -41,16 +43,17 @@ tl_status tl_fmu_memory_open(const char *folder, tl_fmu_memory *memory, tl_error
     return memory->heap != NULL ? TL_OK : TL_TRY_AGAIN;
 }
 
-/* ---- what is left behind a call ---- */
+/* ---- side effects ---- */
 
-enum { LINKS_BESIDE = 2 }; /* of a folder: its own ones */
+enum { LINKS_BESIDE = 2 }; /* a folder has two links besides those of its subfolders */
 
 static unsigned long count_threads(void) {
     struct stat tasks;
     return stat("/proc/self/task", &tasks) == 0 ? (unsigned long)tasks.st_nlink - LINKS_BESIDE : 0;
 }
 
-/* Leaves the text empty if the descriptor is closed by now: another thread of ours had opened it for a moment. */
+/* The text remains empty if the descriptor is already closed: then another thread of this process
+ * had opened it for a short time. */
 static void describe_descriptor(unsigned number, char text[TL_FMU_SIDE_EFFECT_TEXT]) {
     char link[64];
     char target[96];
@@ -73,7 +76,8 @@ void tl_fmu_side_effects_look(tl_fmu_side_effects *traces) {
     }
 }
 
-/* True: something is there that was not; `text` names it, as in "a thread", "an open file, /tmp/log". */
+/* Returns true if there is something new; `text` names it: "a thread", "an open file or socket,
+ * /tmp/log". */
 static bool differ(const tl_fmu_side_effects *before, const tl_fmu_side_effects *after,
                    char text[TL_FMU_SIDE_EFFECT_TEXT]) {
     text[0] = '\0';
@@ -152,7 +156,7 @@ size_t tl_fmu_memory_size(const tl_fmu_memory *memory) {
 
 /* ---- pages ---- */
 
-/* If it is large, and was not before. */
+/* Creates the page storage once the FMU has become large. */
 static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *error) {
     tl_fmu_region ranges[TL_FMU_REGIONS + 1];
     size_t count = 0;
@@ -161,7 +165,7 @@ static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *erro
     }
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_region *place = &memory->places.place[i];
-        size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* of the page in which it begins */
+        size_t before = (uintptr_t)place->begin % TL_FMU_PAGE; /* bytes between the start of the page and the region */
         size_t size = (before + place->size + TL_FMU_PAGE - 1) / TL_FMU_PAGE * TL_FMU_PAGE;
         if (is_in_pages(place)) {
             ranges[count++] = (tl_fmu_region){.begin = place->begin - before, .size = size, .has_pages = true};
@@ -172,7 +176,7 @@ static tl_status look_at_size(tl_fmu_memory *memory, size_t used, tl_error *erro
     return memory->pages != NULL ? TL_OK : TL_TRY_AGAIN;
 }
 
-/* ---- what was left ---- */
+/* ---- check for side effects ---- */
 
 const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
     if (memory->left[0] != '\0') {
@@ -183,7 +187,7 @@ const char *tl_fmu_memory_left(const tl_fmu_memory *memory) {
                                       : NULL;
 }
 
-/* Once; and whether they are still the same if any library was opened since. */
+/* Finds the regions once. Checks them again if a library was opened since. */
 static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
     tl_fmu_regions now;
     unsigned long long opened = tl_fmu_regions_opened();
@@ -200,9 +204,9 @@ static tl_status find_places(tl_fmu_memory *memory, tl_error *error) {
     return status;
 }
 
-/* ---- to save ---- */
+/* ---- save ---- */
 
-/* Between the places, or those outside of pages, and the bytes of a state. */
+/* Copies between a state and all regions, or only those outside of the page storage. */
 static void copy_places(const tl_fmu_memory *memory, bool all, unsigned char *bytes, bool back) {
     for (size_t i = 0; i < memory->places.count; i++) {
         const tl_fmu_region *place = &memory->places.place[i];
@@ -226,7 +230,7 @@ static tl_status save_pages(tl_fmu_memory *memory, memory_state **state, size_t 
     return status;
 }
 
-/* NULL: there is none. */
+/* Returns NULL if no reserved state remains. */
 static memory_state *take_reserved(tl_fmu_memory *memory) {
     memory_state *taken = memory->reserved;
     if (taken != NULL) {
@@ -270,7 +274,7 @@ tl_status tl_fmu_memory_save(tl_fmu_memory *memory, void **state, tl_error *erro
     return TL_OK;
 }
 
-/* ---- for states to come ---- */
+/* ---- reserve ---- */
 
 static tl_status reserve_one(tl_fmu_memory *memory, tl_error *error) {
     memory_state *made = NULL;
@@ -320,7 +324,7 @@ void tl_fmu_memory_give_up_reserve(tl_fmu_memory *memory) {
     }
 }
 
-/* ---- to restore ---- */
+/* ---- restore ---- */
 
 void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
     memory_state *kept = state;
@@ -332,7 +336,7 @@ void tl_fmu_memory_restore(tl_fmu_memory *memory, void *state) {
         tl_fmu_pages_restore(memory->pages, &kept->version);
     }
     copy_places(memory, is_whole, kept->bytes + (is_whole ? kept->used : 0), true);
-    if (is_whole && memory->pages != NULL) { /* the state was made before the FMU was large */
+    if (is_whole && memory->pages != NULL) { /* the state was saved before the FMU became large */
         tl_fmu_pages_lose(memory->pages);
     }
     tl_fmu_heap_restored(memory->heap, kept->used);
@@ -345,7 +349,7 @@ void tl_fmu_memory_forget(void *state) {
     if (kept != NULL && kept->pages != NULL) {
         tl_fmu_pages_forget(kept->pages, &kept->version);
     } else if (kept != NULL) {
-        free(kept->version.leaf); /* it was reserved, and never used */
+        free(kept->version.leaf); /* it was reserved and never used */
     }
     free(kept);
 }

@@ -1,4 +1,4 @@
-/* Versions of large memory: pages, shared by all versions in which they are equal: see fmu_pages.h. */
+/* Versions of large memory, see fmu_pages.h. */
 #include "firmware/rollback/fmu_pages.h"
 
 #include <elf.h>
@@ -16,10 +16,12 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-/* ---- Pieces of memory of one size, each of which may have several owners.
+/* ---- Slots: memory blocks of one size, each with a count of owners.
  *
- * Purpose: what versions of memory share (fmu_pages.h) is kept once, and is free again when its last owner has let it go.
- * Memory:  grows by 256 slots at a time, when one is taken or before (tl_page_slots_stock()), and is not touched before; given back by tl_page_slots_close() only.
+ * Purpose: data that several versions share is stored once, and its slot becomes free when its last
+ *          owner releases it.
+ * Memory:  grows by 256 slots at a time, when a slot is needed or reserved (tl_page_slots_stock()).
+ *          Reserved slots are not touched. Only tl_page_slots_close() frees memory.
  * Thread:  one at a time.
  */
 
@@ -27,33 +29,35 @@
 
 /* Fields are private. */
 typedef struct tl_page_slots {
-    size_t size;            /* bytes of each, a multiple of 16 */
-    uint32_t made;          /* slots that there are, */
-    uint32_t taken;         /* of which the first so many were taken once */
-    uint32_t first_unused;  /* of those that nobody owns: each has the next one in its first bytes */
-    unsigned char **pieces; /* each: how many owners its slots have, then the slots */
+    size_t size;            /* bytes of a slot, a multiple of 16 */
+    uint32_t made;          /* number of slots */
+    uint32_t taken;         /* number of slots that were used at least once, from the first on */
+    uint32_t first_unused;  /* head of the list of free slots; the first bytes of each contain the next one */
+    unsigned char **pieces; /* each: the owner counts of its slots, then the slots */
 } tl_page_slots;
 
-/* ---- Groups of pages, which versions of memory share (fmu_pages.h), and which share their pages.
+/* ---- Groups of pages: versions share groups, and groups share pages.
  *
- * Purpose: a version is a list of groups, and a group a list of pages: who differs in one page has that page and its group for itself, and all else is others', too.
- * Written: who writes to a group or a page that has several owners gets one of its own first.
- * Memory:  asked for when something is put, or before (tl_page_groups_stock()); given back by tl_page_groups_close() only.
+ * Purpose: a version is a list of groups, and a group is a list of pages. A version that differs in
+ *          one page has its own copy of that page and of its group, and shares all others.
+ * Written: a group or page with several owners is copied before it is changed.
+ * Memory:  allocated when a page is stored, or before by tl_page_groups_stock(). Only
+ *          tl_page_groups_close() frees it.
  * Thread:  one at a time.
  */
 
-enum { TL_PAGE_GROUP = 64 }; /* pages in one */
+enum { TL_PAGE_GROUP = 64 }; /* pages per group */
 
 /* Fields are private. */
 typedef struct tl_page_groups {
-    tl_page_slots contents; /* of pages */
+    tl_page_slots contents; /* slots of pages */
     tl_page_slots groups;
-    uint32_t zeros; /* a page of zeros; TL_NO_SLOT: not yet */
+    uint32_t zeros; /* shared page of zeros; TL_NO_SLOT: none yet */
 } tl_page_groups;
 
 /* ---- page slots ---- */
 
-/* Slots of a piece, bytes in front of them, and pieces that the table grows by. */
+/* Slots per piece, bytes before the slots, and pieces by which the table grows. */
 enum { PIECE = 256, HEAD = 4096, MORE = 64 };
 
 typedef char owners_fit_into_the_head[PIECE * sizeof(uint32_t) <= HEAD ? 1 : -1];
@@ -70,7 +74,7 @@ static void tl_page_slots_open(tl_page_slots *self, size_t size) {
     *self = (tl_page_slots){.size = size, .first_unused = TL_NO_SLOT};
 }
 
-/* All are gone; it is as just opened. */
+/* Frees all slots; the same state as after opening. */
 static void tl_page_slots_close(tl_page_slots *self) {
     for (size_t i = 0; i < self->made / PIECE; i++) {
         (void)munmap(self->pieces[i], HEAD + PIECE * self->size);
@@ -102,7 +106,7 @@ static bool make_piece(tl_page_slots *self) {
     return true;
 }
 
-/* There are so many. False: there is no memory. */
+/* Ensures that at least `wanted` slots exist. Returns false if memory is out. */
 static bool tl_page_slots_stock(tl_page_slots *self, size_t wanted) {
     bool is_there = wanted < UINT32_MAX;
     while (is_there && self->made < wanted) {
@@ -111,7 +115,7 @@ static bool tl_page_slots_stock(tl_page_slots *self, size_t wanted) {
     return is_there;
 }
 
-/* A slot with one owner, its bytes being anything; TL_NO_SLOT: there is no memory. */
+/* Returns a slot with one owner and undefined contents; TL_NO_SLOT if memory is out. */
 static uint32_t tl_page_slots_take(tl_page_slots *self) {
     uint32_t slot = self->first_unused;
     if (slot != TL_NO_SLOT) {
@@ -125,7 +129,8 @@ static uint32_t tl_page_slots_take(tl_page_slots *self) {
     return slot;
 }
 
-/* One owner less. If that was the last, the slot's bytes, but for the first four, are as they were until one is taken. */
+/* Removes one owner. After the last one the contents, except the first four bytes, remain until a
+ * slot is taken. */
 static void tl_page_slots_drop(tl_page_slots *self, uint32_t slot) {
     if (--*owners_of(self, slot) == 0) {
         memcpy(tl_page_slots_at(self, slot), &self->first_unused, sizeof self->first_unused);
@@ -145,14 +150,14 @@ static void tl_page_groups_open(tl_page_groups *self) {
     self->zeros = TL_NO_SLOT;
 }
 
-/* All are gone; it is as just opened. */
+/* Frees all groups and pages; the same state as after opening. */
 static void tl_page_groups_close(tl_page_groups *self) {
     tl_page_slots_close(&self->contents);
     tl_page_slots_close(&self->groups);
     self->zeros = TL_NO_SLOT;
 }
 
-/* Groups that so many pages need. */
+/* Number of groups for `pages` pages. */
 static size_t tl_page_groups_of(size_t pages) {
     return (pages + TL_PAGE_GROUP - 1) / TL_PAGE_GROUP;
 }
@@ -172,15 +177,17 @@ static void tl_page_groups_drop(tl_page_groups *self, uint32_t group) {
     tl_page_slots_drop(&self->groups, group);
 }
 
-/* The bytes of a page; NULL: it has none yet. Two groups that share a page have it at the same place. */
+/* The contents of a page; NULL: not stored yet. Groups that share a page return the same address.
+ */
 static const unsigned char *tl_page_groups_look(const tl_page_groups *self, uint32_t group, size_t page) {
     uint32_t slot = pages_in(self, group)[page];
     return slot != TL_NO_SLOT ? tl_page_slots_at(&self->contents, slot) : NULL;
 }
 
-/* ---- to put a page ---- */
+/* ---- storing a page ---- */
 
-/* One for its caller alone. False: no memory. */
+/* Makes a group exclusive to the caller: copies it if it has several owners. Returns false if
+ * memory is out. */
 static bool own(tl_page_groups *self, uint32_t *group) {
     if (*owners_of(&self->groups, *group) == 1) {
         return true;
@@ -204,7 +211,7 @@ static bool is_zero(const unsigned char *page) {
     return page[0] == 0 && memcmp(page, page + 1, TL_FMU_PAGE - 1) == 0;
 }
 
-/* For contents that nobody has. TL_NO_SLOT: no memory. */
+/* Stores contents that differ from those before. Returns TL_NO_SLOT if memory is out. */
 static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned char *page) {
     bool is_own = before != TL_NO_SLOT && *owners_of(&self->contents, before) == 1;
     bool is_of_zeros = before == TL_NO_SLOT && is_zero(page);
@@ -217,7 +224,7 @@ static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned c
         return slot;
     }
     memcpy(tl_page_slots_at(&self->contents, slot), page, TL_FMU_PAGE);
-    if (is_of_zeros) { /* the first one: for all others, too */
+    if (is_of_zeros) { /* the first page of zeros becomes the shared one */
         (*owners_of(&self->contents, slot))++;
         self->zeros = slot;
     } else if (!is_own) {
@@ -226,7 +233,8 @@ static uint32_t slot_for(tl_page_groups *self, uint32_t before, const unsigned c
     return slot;
 }
 
-/* Other bytes for a page, in a group that is its caller's alone then: another one, if it had several owners. False: no memory, and nothing has changed that anybody can see. */
+/* Stores the contents of a page; afterwards the group is exclusive to the caller. Returns false if
+ * memory is out; then no version has changed. */
 static bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t page, const unsigned char *bytes) {
     if (!own(self, group)) {
         return false;
@@ -239,17 +247,19 @@ static bool tl_page_groups_put(tl_page_groups *self, uint32_t *group, size_t pag
     return true;
 }
 
-/* ---- room ---- */
+/* ---- reserving memory ---- */
 
-/* Memory for versions to come: beside the first so many pages, so many more that differ, each at worst in a group of its own. False: there is none. */
+/* Reserves memory for `first` pages and `differing` more pages, each in its own group in the worst
+ * case. Returns false if memory is out. */
 static bool tl_page_groups_stock(tl_page_groups *self, size_t first, size_t differing) {
     return tl_page_slots_stock(&self->contents, first + differing) &&
            tl_page_slots_stock(&self->groups, tl_page_groups_of(first) + differing);
 }
 
-/* ---- fmu places ---- */
+/* ---- regions ---- */
 
-/* As the loader is asked by compiled code; it makes the variables if this thread has none yet. */
+/* Compiled code calls the loader like this for a thread-local variable. It creates the variables if
+ * this thread has none yet. */
 typedef struct tls_index {
     unsigned long module;
     unsigned long offset;
@@ -279,7 +289,7 @@ static void add(place_search *self, uintptr_t begin, uintptr_t end, bool has_pag
     places->bytes += end - begin;
 }
 
-/* The part of a writable segment that becomes read-only once the loader is done with it. */
+/* Returns the end of the part that becomes read-only after relocation. */
 static uintptr_t end_of_relro(const struct dl_phdr_info *object, uintptr_t begin, uintptr_t end) {
     uintptr_t page = (uintptr_t)sysconf(_SC_PAGESIZE);
     for (size_t i = 0; i < object->dlpi_phnum; i++) {
@@ -326,7 +336,7 @@ static int look_at_object(struct dl_phdr_info *object, size_t size, void *contex
 static int note_opened(struct dl_phdr_info *object, size_t size, void *context) {
     (void)size;
     *(unsigned long long *)context = object->dlpi_adds;
-    return 1; /* each object says the same */
+    return 1; /* all objects contain the same number */
 }
 
 unsigned long long tl_fmu_regions_opened(void) {
@@ -344,9 +354,9 @@ tl_status tl_fmu_regions_find(const char *folder, tl_fmu_regions *places, tl_err
                : TL_OK;
 }
 
-/* ---- fmu written ---- */
+/* ---- written pages ---- */
 
-/* As Linux 6.7 has them, and older headers do not. */
+/* Constants of Linux 6.7, which older headers lack. */
 enum {
     USER_MODE_ONLY = 1,        /* UFFD_USER_MODE_ONLY */
     UNPOPULATED_TOO = 1 << 13, /* UFFD_FEATURE_WP_UNPOPULATED */
@@ -367,7 +377,7 @@ typedef struct scan_order {
     uint64_t flags;
     uint64_t begin;
     uint64_t end;
-    uint64_t walked; /* answer: up to here */
+    uint64_t walked; /* result: end of the scanned part */
     uint64_t runs;
     uint64_t room;
     uint64_t most_pages;
@@ -381,7 +391,7 @@ typedef struct scan_order {
 
 enum { RUNS = 256 };
 
-/* So many pages from this one on were written. */
+/* Receives a run of written pages. */
 typedef void take_written(void *context, size_t first, size_t count);
 
 static bool has_begun;
@@ -389,14 +399,15 @@ static bool serves;
 static int watcher = -1;
 static int map = -1;
 
-/* From now on this range is taken note of: whole pages of private memory, for good. False: it cannot be. */
+/* Starts the detection for a range: whole pages of private memory, until the process ends. Returns
+ * false if the kernel refuses. */
 static bool watch_range(const unsigned char *begin, size_t size) {
     struct uffdio_register order = {.range = {.start = (uintptr_t)begin, .len = size}, .mode = UFFDIO_REGISTER_MODE_WP};
     return ioctl(watcher, UFFDIO_REGISTER, &order) == 0;
 }
 
-/* Tells of all pages of a range that is watched, or of a part of it, which were written since they were forgotten last, in order; with `forget`
- * they are not written any more. False: it could not be told of all. */
+/* Reports, in order, all pages of a watched range that were written since the last reset. `forget`
+ * resets them. Returns false if not all could be reported. */
 static bool find_written(const unsigned char *begin, size_t size, bool forget, take_written *take, void *context) {
     found_run runs[RUNS];
     scan_order order = {.size = sizeof order,
@@ -431,7 +442,7 @@ static size_t count_written(const unsigned char *page) {
     return find_written(page, TL_FMU_PAGE, true, count_pages, &count) ? count : SIZE_MAX;
 }
 
-/* By a page of our own: written, looked at, not written, written. */
+/* Tests detection with one page: after a write, without a write, and after another write. */
 static bool try_it(void) {
     /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
     unsigned char *page = mmap(NULL, TL_FMU_PAGE, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
@@ -460,7 +471,7 @@ void tl_fmu_written_begin(void) {
     map = open("/proc/self/pagemap", O_RDONLY | O_CLOEXEC);
     serves = watcher >= 0 && map >= 0 && ioctl(watcher, UFFDIO_API, &wanted) == 0 && try_it();
     if (!serves) {
-        (void)close(watcher); /* or there is none */
+        (void)close(watcher); /* may be −1 */
         (void)close(map);
     }
 }
@@ -470,29 +481,31 @@ bool tl_fmu_written_serves(void) {
     return serves;
 }
 
-/* ---- fmu pages ---- */
+/* ---- versions ---- */
 
-/* Pages that are supposed to be written between two versions, the most that was seen of large FMUs: until some were put back, which is what several steps
- * have written, and until so many versions differed from the one before. */
+/* SUPPOSED: default for the pages that differ between two versions; the largest number seen in
+ *           large FMUs. It is used until versions differ or a restore has copied pages. After KNOWN
+ *           versions that differed, restores no longer count, because they contain the changes of
+ *           several steps. */
 enum { SUPPOSED = 64, KNOWN = 4 };
 
 struct tl_fmu_pages {
     size_t count;
     tl_fmu_region range[TL_FMU_REGIONS + 1];
-    size_t before[TL_FMU_REGIONS + 1]; /* pages in the ranges before this one */
+    size_t before[TL_FMU_REGIONS + 1]; /* pages in all ranges before this one */
     bool are_told;
     tl_page_groups groups;
-    tl_fmu_version now; /* what memory was when it was last saved or restored; but for what was written since */
-    uint32_t versions;  /* that there are */
-    size_t most;        /* pages that differed in a version from what was before, */
-    unsigned times;     /* that any did */
-    size_t most_put;    /* pages that were put back in one go */
-    bool passes;        /* none of that is seen */
-    bool is_full;       /* in the call that is under way: no memory, */
-    size_t differing;   /* and pages that differ, or were put back */
+    tl_fmu_version now; /* memory at the last save or restore */
+    uint32_t versions;  /* number of versions */
+    size_t most;        /* most pages that differed between two versions */
+    unsigned times;     /* number of versions that differed */
+    size_t most_put;    /* most pages copied by one restore */
+    bool passes;        /* the three above are not updated */
+    bool is_full;       /* present call: memory is out */
+    size_t differing;   /* present call: pages that differ or were copied */
 };
 
-/* What was found in one of the ranges is for this version to come; NULL: it is saved. */
+/* Pages found in a range are restored from `version`; NULL: they are saved. */
 typedef struct found_pages {
     tl_fmu_pages *pages;
     size_t range;
@@ -525,7 +538,7 @@ static bool make_room(tl_fmu_version *version, size_t leaves) {
     return true;
 }
 
-/* As many as so many pages need; new ones are empty. */
+/* Grows the present version to `pages` pages; new ones are empty. */
 static bool grow(tl_fmu_pages *self, size_t pages) {
     if (!make_room(&self->now, tl_page_groups_of(pages))) {
         return false;
@@ -547,7 +560,7 @@ static void shrink(tl_fmu_pages *self, size_t leaves) {
     }
 }
 
-/* ---- what was written ---- */
+/* ---- applying written pages ---- */
 
 static bool keep_page(tl_fmu_pages *self, size_t number, const unsigned char *page) {
     uint32_t *group = &self->now.leaf[number / TL_PAGE_GROUP];
@@ -582,7 +595,7 @@ static void meet_pages(void *context, size_t first, size_t count) {
     }
 }
 
-/* Of the first so many pages of all. */
+/* Applies all changes in the first `pages` pages. */
 static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version) {
     self->differing = 0;
     for (size_t i = 0; i < self->count; i++) {
@@ -595,7 +608,7 @@ static void find(tl_fmu_pages *self, size_t pages, const tl_fmu_version *version
     }
 }
 
-/* ---- to save ---- */
+/* ---- save ---- */
 
 static void share_leaves(tl_fmu_pages *self, tl_fmu_version *version) {
     for (size_t i = 0; i < self->now.leaves; i++) {
@@ -621,7 +634,7 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
         self->is_full = !keep_page(self, i, address_of(self, i));
     }
     if (self->is_full) {
-        self->now.pages = 0; /* what was written is forgotten: all is looked at the next time */
+        self->now.pages = 0; /* written pages were already reset, so the next save must compare all pages */
         if (is_new) {
             free(version->leaf);
             *version = (tl_fmu_version){.pages = 0};
@@ -636,18 +649,19 @@ tl_status tl_fmu_pages_save(tl_fmu_pages *self, size_t used, tl_fmu_version *ver
         self->most = self->differing > self->most ? self->differing : self->most;
         self->times++;
     }
-    /* Versions to come are supposed to differ as much as those that were. If there is no memory now, it is asked for when it is needed. */
+    /* Later versions are expected to differ as much. If memory is out now, it is requested again
+     * when it is needed. */
     (void)tl_page_groups_stock(&self->groups, self->now.pages, self->most * self->versions);
     return TL_OK;
 }
 
-/* ---- to restore ---- */
+/* ---- restore ---- */
 
 static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) {
     for (size_t i = 0; i < version->pages; i++) {
         size_t leaf = i / TL_PAGE_GROUP;
         bool is_common = i < self->now.pages;
-        if (is_common && self->now.leaf[leaf] == version->leaf[leaf]) { /* to the last common page of the group */
+        if (is_common && self->now.leaf[leaf] == version->leaf[leaf]) { /* skip to the last common page of the group */
             size_t end = (leaf + 1) * TL_PAGE_GROUP;
             i = (end < self->now.pages ? end : self->now.pages) - 1;
         } else if (!is_common || tl_page_groups_look(&self->groups, self->now.leaf[leaf], i % TL_PAGE_GROUP) !=
@@ -657,7 +671,7 @@ static void put_what_differs(tl_fmu_pages *self, const tl_fmu_version *version) 
     }
 }
 
-/* There is room: the version was made of what memory was then. */
+/* There is enough room, because the version was a copy of the present version once. */
 static void follow(tl_fmu_pages *self, const tl_fmu_version *version) {
     shrink(self, version->leaves);
     for (size_t i = 0; i < version->leaves; i++) {
@@ -695,16 +709,16 @@ void tl_fmu_pages_forget(tl_fmu_pages *self, tl_fmu_version *version) {
     self->versions -= version->leaves > 0 ? 1 : 0;
     free(version->leaf);
     *version = (tl_fmu_version){.pages = 0};
-    if (self->versions == 0) { /* what memory was is of no use */
+    if (self->versions == 0) { /* without versions the stored pages are useless */
         tl_page_groups_close(&self->groups);
         self->now.leaves = 0;
         self->now.pages = 0;
     }
 }
 
-/* ---- the whole ---- */
+/* ---- all of it ---- */
 
-/* In one version more. */
+/* Estimate for one more version. */
 static size_t pages_that_differ(const tl_fmu_pages *self) {
     size_t put = self->most_put > self->most ? self->most_put : self->most;
     return self->times >= KNOWN ? self->most : put > 0 ? put : SUPPOSED;

@@ -1,4 +1,4 @@
-/* Rollback by replay: an FMU is reset and gets its inputs again: see fmu_replay.h. */
+/* Rollback by replay, see fmu_replay.h. */
 #include "firmware/rollback/fmu_replay.h"
 
 #include <stdlib.h>
@@ -6,9 +6,9 @@
 
 #include "firmware/base/os.h"
 
-/* ---- fmu prologue ---- */
+/* ---- prologue ---- */
 
-/* A call that is played: where its parts are, and a place for what is got. */
+/* A call to be repeated; `place` is the buffer for values that it reads. */
 typedef struct played {
     tl_fmu_prologue_kind kind;
     size_t count;
@@ -20,7 +20,7 @@ typedef struct played {
 struct tl_fmu_prologue_call {
     struct tl_fmu_prologue_call *next;
     played call;
-    double bytes[]; /* its place, or pointers to its texts; its values; its references */
+    double bytes[]; /* buffer or pointers to texts; then values; then references */
 };
 
 void tl_fmu_prologue_end(tl_fmu_prologue *prologue) {
@@ -37,10 +37,10 @@ static size_t aligned(size_t size) {
 
 static size_t bytes_of_values(tl_fmu_prologue_kind kind, size_t count) {
     bool is_real = kind == TL_PROLOGUE_SET_REAL || kind == TL_PROLOGUE_GET_REAL;
-    return count * (is_real ? sizeof(fmi2Real) : sizeof(fmi2Integer)); /* fmi2Boolean is the same C type */
+    return count * (is_real ? sizeof(fmi2Real) : sizeof(fmi2Integer)); /* fmi2Boolean has the same C type */
 }
 
-/* Of those that are kept. */
+/* Bytes of the values that are stored. */
 static size_t size_of_values(tl_fmu_prologue_kind kind, size_t count, const void *values) {
     const fmi2String *texts = values;
     size_t size = 0;
@@ -122,7 +122,7 @@ fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *
     return status;
 }
 
-/* ---- fmu history ---- */
+/* ---- history ---- */
 
 #define NONE TL_FMU_HISTORY_NONE
 
@@ -132,7 +132,7 @@ static size_t count_calls(uint32_t most, uint32_t calls) {
     return ((size_t)most + TL_FMU_HISTORY_BRANCHES) * calls + 1;
 }
 
-/* Bytes that it takes for that; what tl_fmu_history_open() takes. */
+/* Bytes that tl_fmu_history_open() allocates. */
 static size_t count_bytes(uint32_t most, uint32_t calls, size_t size) {
     return count_calls(most, calls) * (sizeof(tl_fmu_history_call) + size);
 }
@@ -169,7 +169,7 @@ static uint32_t take_call(tl_fmu_history *history) {
     return call;
 }
 
-/* And those above it that nobody needs any more. */
+/* Frees the call and its parents as long as they are not needed. */
 static void free_branch(tl_fmu_history *history, uint32_t call) {
     while (call != NONE && call != history->root && call != history->at && history->calls[call].children == 0 &&
            history->calls[call].kept == 0) {
@@ -183,7 +183,7 @@ static void free_branch(tl_fmu_history *history, uint32_t call) {
     }
 }
 
-/* ---- where it stands ---- */
+/* ---- present position ---- */
 
 static void stand(tl_fmu_history *history, uint32_t call) {
     uint32_t before = history->at;
@@ -198,7 +198,7 @@ void tl_fmu_history_lose(tl_fmu_history *history) {
     stand(history, NONE);
 }
 
-/* What is kept stays as a place that leads nowhere. */
+/* Entries of saved positions remain allocated until they are given back, but cannot be restored. */
 void tl_fmu_history_begin(tl_fmu_history *history) {
     uint32_t kept = 0;
     history->free_call = NONE;
@@ -241,9 +241,9 @@ void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call
     history->at = made;
 }
 
-/* ---- what is kept ---- */
+/* ---- saved positions ---- */
 
-/* A handle is a number: even on the tree, odd off it; never 0. */
+/* A handle is a number: even if it is on the tree, odd if it is off the tree; never 0. */
 static void *handle_of(uint32_t number, bool is_off) {
     return (void *)((((uintptr_t)number + 1) << 1) | (is_off ? 1U : 0U)); // NOLINT(performance-no-int-to-ptr)
 }
@@ -256,7 +256,7 @@ static uint32_t number_of(const void *kept) {
     return (uint32_t)(((uintptr_t)kept >> 1) - 1);
 }
 
-/* What fits into a handle of this machine. */
+/* Limited to the bits that fit into a handle on a 32-bit machine. */
 static uint32_t place_off(const tl_fmu_history *history) {
     return history->off & (UINT32_MAX >> 2);
 }
@@ -280,7 +280,7 @@ bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept) {
     return is_off(kept) ? history->at == NONE && number_of(kept) == place_off(history) : history->at == number_of(kept);
 }
 
-/* ---- the way back ---- */
+/* ---- restore ---- */
 
 bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew) {
     *first = NONE;
@@ -296,7 +296,7 @@ bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_
     while (call != history->root && call != history->at) {
         uint32_t parent = history->calls[call].parent;
         if (parent == NONE) {
-            return false; /* it was kept before another beginning */
+            return false; /* it was saved before the history was restarted */
         }
         history->calls[parent].next = call;
         *first = call;
@@ -319,9 +319,9 @@ void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept) {
     }
 }
 
-/* ---- fmu replay ---- */
+/* ---- replay ---- */
 
-/* Kind of a call in the history: those of the prologue, and a step. */
+/* Kinds of calls in the history: those of the prologue, and STEP. */
 enum { STEP = TL_PROLOGUE_EXIT_INITIALIZATION + 1 };
 
 void tl_fmu_replay_end(tl_fmu_replay *replay) {
@@ -331,7 +331,7 @@ void tl_fmu_replay_end(tl_fmu_replay *replay) {
     replay->place = NULL;
 }
 
-/* ---- what steps set and read ---- */
+/* ---- ports that steps set and read ---- */
 
 static size_t count_ports(const tl_ports *ports) {
     return ports->real_count + ports->integer_count + ports->boolean_count;
@@ -359,9 +359,9 @@ static port_group group_of(const tl_fmu_replay *replay, tl_fmu_prologue_kind kin
     return groups[kind <= TL_PROLOGUE_GET_BOOLEAN ? kind : TL_PROLOGUE_SET_STRING];
 }
 
-/* What cannot be told from other values, but by chance. */
+/* Hash of the values; equal hashes of different values are very unlikely. */
 static uint64_t mark(const void *values, size_t size) {
-    uint64_t sum = 14695981039346656037U; /* FNV-1a, by words */
+    uint64_t sum = 14695981039346656037U; /* FNV-1a on 64-bit values, with an extra shift */
     for (size_t i = 0; i < size; i += sizeof sum) {
         uint64_t word = 0;
         memcpy(&word, (const unsigned char *)values + i, size - i < sizeof word ? size - i : sizeof word);
@@ -388,7 +388,7 @@ void tl_fmu_replay_wait(tl_fmu_replay *replay) {
     }
 }
 
-/* Calls of a step: each group at most once. */
+/* Most calls per step: each group once. */
 static uint32_t calls_of_step(const tl_fmu_replay *replay) {
     uint32_t calls = 1;
     bool is_of_reals = count_ports(replay->inputs) == replay->inputs->real_count &&
@@ -396,7 +396,7 @@ static uint32_t calls_of_step(const tl_fmu_replay *replay) {
     for (int kind = TL_PROLOGUE_SET_REAL; kind <= TL_PROLOGUE_GET_BOOLEAN; kind++) {
         calls += group_of(replay, (tl_fmu_prologue_kind)kind).count != 0 ? 1 : 0;
     }
-    return is_of_reals ? 3 : calls; /* in one go no group is left out */
+    return is_of_reals ? 3 : calls; /* step_reals() calls both groups, even if one is empty */
 }
 
 static fmi2Status take_memory(tl_fmu_replay *replay) {
@@ -430,9 +430,9 @@ fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay) {
     return fmi2OK;
 }
 
-/* ---- notes ---- */
+/* ---- noting calls ---- */
 
-/* No room, or an unknown call: it cannot be led back to where it goes from here, if that was not its last step anyway. */
+/* Ends the replay if memory for a call was missing; reaching the limit of steps does not end it. */
 static void look_for_end(tl_fmu_replay *replay) {
     replay->told->is_over = replay->told->is_over || replay->history.has_run_over;
 }
@@ -476,7 +476,7 @@ void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fm
     look_for_end(replay);
 }
 
-/* ---- states ---- */
+/* ---- save and restore ---- */
 
 fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state) {
     if (tl_fmu_replay_start(replay) != fmi2OK) {
@@ -492,7 +492,8 @@ void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state) {
     *state = NULL;
 }
 
-/* A call that reads other values than then: from here on the FMU is not what it was. */
+/* Repeats a call. If it reads other values than before, `differs` is set: the FMU is no longer in
+ * the original state. */
 static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, const void *values) {
     if (call->is_step) {
         replay->told->steps++;
@@ -501,7 +502,7 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
     }
     tl_fmu_prologue_kind kind = (tl_fmu_prologue_kind)call->kind;
     const port_group known = group_of(replay, kind);
-    if (known.is_set) { /* a copy, since an FMU may write there */
+    if (known.is_set) { /* a copy, because an FMU may write to it */
         memcpy(replay->place, values, bytes_of_values(kind, known.count));
         values = replay->place;
     }
@@ -514,7 +515,7 @@ static fmi2Status play(tl_fmu_replay *replay, const tl_fmu_history_call *call, c
     return status;
 }
 
-/* Reset, and its prologue. */
+/* Resets the FMU and repeats its prologue. */
 static fmi2Status begin_anew(tl_fmu_replay *replay) {
     tl_time begun = tl_clock_now(NULL);
     fmi2Status status = replay->reset(replay->instance);

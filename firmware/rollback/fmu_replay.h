@@ -1,6 +1,6 @@
-/* Rollback by replay: an FMU is reset and gets its inputs again.
+/* Rollback by replay: resets an FMU and repeats its calls.
  *
- * Thread:  the one that calls the FMU.
+ * Thread:  the thread that calls the FMU.
  */
 #ifndef TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
 #define TL_FIRMWARE_ROLLBACK_FMU_REPLAY_H
@@ -13,12 +13,15 @@
 #include "master/fmi/component.h"
 #include "master/fmi/fmi2.h"
 
-/* ---- What an FMU was given from its beginning to its first step: start values, the experiment, its initialisation, and what was asked of it meanwhile.
+/* ---- Prologue: all calls of an FMU from its start to its first step.
  *
- * Purpose: after a reset it is given all of that again, in the same order and with the same values, and then stands where it stood.
- * Memory:  a list of calls, with copies of their values, texts and references, until tl_fmu_prologue_end().
- * Errors:  if memory is out, what is kept is not whole (`is_cut`), and cannot be given again.
- * Thread:  that of the FMUs.
+ * Purpose: start values, experiment, initialisation, and values that were read meanwhile. After a
+ *          reset all calls are repeated in the same order with the same values. Then the FMU is at
+ *          its first step again.
+ * Memory:  a list of calls with copies of their values, texts and references; freed by
+ *          tl_fmu_prologue_end().
+ * Errors:  if memory is out, the list is incomplete (`is_cut`) and cannot be repeated.
+ * Thread:  the thread that calls the FMUs.
  */
 
 typedef enum tl_fmu_prologue_kind {
@@ -40,152 +43,169 @@ typedef struct tl_fmu_setup {
     fmi2Boolean has_tolerance, has_stop;
 } tl_fmu_setup;
 
-/* Zeroed: nothing is kept. */
+/* Zeroed: empty. */
 typedef struct tl_fmu_prologue {
     struct tl_fmu_prologue_call *first, *last; /* private */
     bool is_cut;
 } tl_fmu_prologue;
 
-/* A call that was made. `references` and `values` as in FMI, of `count`; of a get there are no values. */
+/* Appends a call. `references` and `values` as in FMI, `count` of each; values that a call reads
+ * are not stored. */
 void tl_fmu_prologue_add(tl_fmu_prologue *prologue, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
                          size_t count, const void *values);
 
-/* All calls again, to `instance` by `functions`, until one is not well: its status. fmi2Error if they are not all kept. Takes no memory. */
+/* Repeats all calls on `instance` by `functions` until one fails; returns its status. Returns
+ * fmi2Error if the list is incomplete. Allocates no memory. */
 fmi2Status tl_fmu_prologue_play(const tl_fmu_prologue *prologue, const tl_fmi2 *functions, fmi2Component instance);
 
-/* Drops all calls: it is zeroed. */
+/* Frees all calls and zeroes the prologue. */
 void tl_fmu_prologue_end(tl_fmu_prologue *prologue);
 
-/* ---- What an FMU was given since its first step, on all branches that may still be wanted: a tree of calls.
+/* ---- History: all calls of an FMU since its first step, as a tree with all branches that may be
+ * restored.
  *
- * Purpose: a *position* is what an FMU was given so far. One that is kept can be come back to: reset, and given everything again on the way from the root to
- *          there; or from where the FMU stands, if that is on the way. This is the memory for it, and knows nothing of FMUs: fmu_replay.h makes the calls.
- * Freed:   a branch is given up once no position on it is kept and nothing stands there.
- * Limits:  a position of more than `most` steps is not kept, nor one for which there is no room: the FMU is *off* the tree then. It can be kept as
- *          long as it stays where it is.
- * Memory:  all of it is taken by tl_fmu_history_open().
+ * Purpose: a *position* is a node of the tree: a sequence of calls. A saved position is restored by
+ *          a reset and all calls on the path from the root to it. If the present position is on
+ *          that path, only the later calls are repeated. The history stores the calls and does not
+ *          call FMUs; the replay does that.
+ * Freed:   a branch is freed once it contains no saved position and not the present one.
+ * Limits:  a position of more than `most` steps is not stored, nor one for which memory is missing.
+ *          Then the FMU is *off* the tree. Such a position can be saved, but only restored while
+ *          the FMU has not left it.
+ * Memory:  all is allocated by tl_fmu_history_open().
  * Thread:  one at a time.
  */
 
-/* Steps on branches beside the way to where it is, for which there is room too: what a search keeps at most, and what is kept of those before. */
+/* Steps on branches beside the path to the present position, for which memory is added. Enough for
+ * the states that a search saves, and for those saved before it. */
 enum { TL_FMU_HISTORY_BRANCHES = 4096 };
 
 #define TL_FMU_HISTORY_NONE UINT32_MAX
 
-/* A call, as its user numbers them. */
+/* One call. The user of the history defines `kind`. */
 typedef struct tl_fmu_history_call {
     uint8_t kind;
     bool is_step;
-    bool is_final;     /* of a step */
-    double now, size;  /* of a step */
-    uint64_t gave;     /* of a call that reads values: a mark of these */
-    uint32_t steps;    /* since the root, this one included */
+    bool is_final;     /* of a step: no earlier state will be restored */
+    double now, size;  /* of a step: communication point and step size, s */
+    uint64_t gave;     /* of a call that reads values: hash of these values */
+    uint32_t steps;    /* steps since the root, this call included */
     uint32_t parent;   /* private, from here on */
-    uint32_t next;     /* on the way that is played, or the next free one */
-    uint32_t children; /* calls that follow it */
-    uint32_t kept;     /* handles that lead here */
+    uint32_t next;     /* next call on the path that is repeated, or next free entry */
+    uint32_t children; /* number of calls that follow it in the tree */
+    uint32_t kept;     /* number of saved positions at this call */
 } tl_fmu_history_call;
 
 /* Fields are private. Zeroed: not open. */
 typedef struct tl_fmu_history {
-    uint32_t most; /* steps */
+    uint32_t most; /* most steps from the root */
     uint32_t call_count;
-    size_t size; /* bytes of values that a call sets at most */
+    size_t size; /* most bytes of values that one call sets */
     tl_fmu_history_call *calls;
     unsigned char *values; /* of each call */
     uint32_t free_call;
     uint32_t root;
-    uint32_t at;       /* NONE: off the tree */
-    uint32_t off;      /* numbers the places off the tree */
-    bool has_run_over; /* there was no room once */
+    uint32_t at;       /* the present position; TL_FMU_HISTORY_NONE: off the tree */
+    uint32_t off;      /* number of the present position off the tree */
+    bool has_run_over; /* memory was missing once */
 } tl_fmu_history;
 
-/* For `most` steps of `calls` calls at most, each of which sets up to `size` bytes of values. It stands at the root. Errors: TL_TRY_AGAIN. */
+/* Allocates memory for `most` steps of at most `calls` calls, each of which sets at most `size`
+ * bytes of values. The present position is the root. Errors: TL_TRY_AGAIN. */
 tl_status tl_fmu_history_open(tl_fmu_history *history, uint32_t most, uint32_t calls, size_t size, tl_error *error);
 void tl_fmu_history_close(tl_fmu_history *history);
 
-/* It stands at a root without a past. What was kept before is still to be given back, and leads nowhere. */
+/* Restarts with an empty tree. Positions saved before must still be given back, but cannot be
+ * restored. */
 void tl_fmu_history_begin(tl_fmu_history *history);
 
-/* A call was made from where it stands, which set `size` bytes of values. Then it stands behind it, or off the tree. */
+/* Appends a call at the present position, with the `size` bytes of values that it set. The new call
+ * becomes the present position, or the FMU is off the tree. */
 void tl_fmu_history_add(tl_fmu_history *history, const tl_fmu_history_call *call, const void *values, size_t size);
 
-/* Nobody knows where it stands: a call has failed. */
+/* Sets the present position to unknown, after a call has failed. */
 void tl_fmu_history_lose(tl_fmu_history *history);
 
-/* Where it stands, to come back to; never NULL. To be given back. */
+/* Saves the present position; never returns NULL. The caller gives the handle back. */
 void *tl_fmu_history_keep(tl_fmu_history *history);
 void tl_fmu_history_give_back(tl_fmu_history *history, void *kept);
 
-/* Whether it stands there. */
+/* Returns true if the saved position is the present one. */
 bool tl_fmu_history_is_at(const tl_fmu_history *history, const void *kept);
 
-/* The way there: the first call to be made again in *first (NONE: none), the one after it by tl_fmu_history_follow(). *anew: from the root, after a reset; else from where it
- * stands. False: there is none. */
+/* Finds the path to a saved position. *first: the first call to be repeated (TL_FMU_HISTORY_NONE:
+ * none); tl_fmu_history_follow() returns the next. *anew: true if the path begins at the root,
+ * after a reset; else at the present position. Returns false if there is no path. */
 bool tl_fmu_history_find_path(tl_fmu_history *history, const void *kept, uint32_t *first, bool *anew);
 
-/* What this call of the way was, and the values that it set. Returns the next one, or NONE. */
+/* Yields a call of the path and the values that it set. Returns the next call, or
+ * TL_FMU_HISTORY_NONE. */
 uint32_t tl_fmu_history_follow(const tl_fmu_history *history, uint32_t call, const tl_fmu_history_call **made,
                                const void **values);
 
-/* The way was gone to its end. */
+/* Call it after all calls of the path were repeated: the saved position becomes the present one. */
 void tl_fmu_history_arrive(tl_fmu_history *history, const void *kept);
 
-/* ---- A rollback that needs nothing of an FMU: it is reset, and given again what it was given.
+/* ---- Replay: rollback that needs no support by the FMU; it is reset and its calls are repeated.
  *
- * Purpose: for one that has no states, or wrong ones, and whose memory cannot be copied. Each call that was made is noted here: until the first step by
- *          its prologue, from then on by its history. A state is a position in that, and costs no memory of its own.
- * Exact:   if the FMU does the same again when it is given the same again. What calls gave is held against what they give again, and a difference ends the
- *          replay (`is_over`).
- * Cost:    of a way back, the steps from the beginning on, or none if it stands on the way.
- * Memory:  taken once, at the first position that is kept or step that is noted, or before.
- * Thread:  that of the FMUs.
+ * Purpose: for an FMU without states, or with wrong ones, and whose memory cannot be copied. Each
+ *          call is noted: before the first step in the prologue, then in the history. A state is a
+ *          position in the history and needs no memory of its own.
+ * Exact:   if the FMU does the same again after the same calls. The values that repeated calls read
+ *          are compared with the original ones. A difference is reported (`differs`).
+ * Cost:    a restore executes all steps from the start, or only the later ones if the present
+ *          position is on the path.
+ * Memory:  allocated once: at the first saved position or noted step, or before by
+ *          tl_fmu_replay_start().
+ * Thread:  the thread that calls the FMUs.
  */
 
 typedef enum tl_fmu_replay_phase {
-    TL_FMU_REPLAY_BEGINS, /* what it is given is its prologue's */
-    TL_FMU_REPLAY_WAITS,  /* it stands at the end of that, and goes on by another way: nothing is noted */
+    TL_FMU_REPLAY_BEGINS, /* calls are noted in the prologue */
+    TL_FMU_REPLAY_WAITS,  /* the prologue is complete; another rollback method is in use and nothing is noted */
     TL_FMU_REPLAY_NOTES,
     TL_FMU_REPLAY_PLAYS
 } tl_fmu_replay_phase;
 
-/* Zeroed and with `most`: one that begins. */
+/* Zeroed, except the fields before `phase`: ready to begin. */
 typedef struct tl_fmu_replay {
-    uint32_t most;                               /* steps to where it can be led back */
-    tl_fmi2_replay *told;                        /* to the caller of the table */
-    const tl_fmi2 *functions;                    /* that calls are made by again, */
-    fmi2Component instance;                      /* of this one */
-    fmi2Status (*reset)(fmi2Component instance); /* leads it to where it can be initialised */
-    const tl_ports *inputs;                      /* that steps set, */
-    const tl_ports *outputs;                     /* and read; NULL: not known yet */
+    uint32_t most;                               /* most steps from the start that can be rolled back */
+    tl_fmi2_replay *told;                        /* status for the caller of the table */
+    const tl_fmi2 *functions;                    /* the functions by which calls are repeated */
+    fmi2Component instance;                      /* the instance for these calls */
+    fmi2Status (*reset)(fmi2Component instance); /* resets the instance, so that it can be initialised */
+    const tl_ports *inputs;                      /* set in each step */
+    const tl_ports *outputs;                     /* read in each step; NULL: not known yet */
     tl_fmu_replay_phase phase;                   /* private, from here on */
     tl_fmu_prologue prologue;
     tl_fmu_history history;
-    double *place; /* for the values of a call that reads some */
+    double *place; /* buffer for the values of one call */
 } tl_fmu_replay;
 
 void tl_fmu_replay_end(tl_fmu_replay *replay);
 
-/* It was instantiated or reset: what comes is its prologue. */
+/* Restarts the prologue, after the FMU was instantiated or reset. */
 void tl_fmu_replay_begin(tl_fmu_replay *replay);
 
-/* The prologue is complete; nothing more is noted, until it is led back here. */
+/* Ends the prologue. Nothing is noted until tl_fmu_replay_start(). */
 void tl_fmu_replay_wait(tl_fmu_replay *replay);
 
-/* After that, or while it begins: from here on all is noted, and states are positions. fmi2Error: not enough memory, or what steps set is not known. */
+/* Starts to note all calls in the history; from now on states are positions. Returns fmi2Error if
+ * memory is out or the ports are not known. */
 fmi2Status tl_fmu_replay_start(tl_fmu_replay *replay);
 
-/* A call was made, and how it went. `values` as in FMI, of the kind; also of what was got. */
+/* Notes a call that was made, and its status. `values` as in FMI, for this kind; also those that
+ * were read. */
 void tl_fmu_replay_note(tl_fmu_replay *replay, tl_fmu_prologue_kind kind, const fmi2ValueReference *references,
                         size_t count, const void *values, fmi2Status status);
 void tl_fmu_replay_note_step(tl_fmu_replay *replay, const tl_fmi2_step *step, fmi2Status status);
 
-/* States. */
+/* Save, restore and free a state. */
 fmi2Status tl_fmu_replay_keep(tl_fmu_replay *replay, fmi2FMUstate *state);
 fmi2Status tl_fmu_replay_restore(tl_fmu_replay *replay, fmi2FMUstate state);
 void tl_fmu_replay_give_back(tl_fmu_replay *replay, fmi2FMUstate *state);
 
-/* To the end of its prologue, after tl_fmu_replay_start(). */
+/* Restores the end of the prologue; call tl_fmu_replay_start() before. */
 fmi2Status tl_fmu_replay_restore_start(tl_fmu_replay *replay);
 
 #endif
