@@ -15,7 +15,7 @@
 
 enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000 };
 
-/* A line that a later process repeats is logged again after this time. */
+/* After this time, a line that a later process repeats is logged again. */
 static const tl_time QUIET = 60 * TL_SECOND;
 
 /* FNV-1a. */
@@ -50,7 +50,7 @@ static bool is_to_be_counted(tl_log_source *source, tl_logged_line *line, tl_tim
     return is_repeated && was_loop;
 }
 
-/* An empty line stands before the output of each process. */
+/* An empty line precedes the output of each process. */
 static void pass(void *context, const char *line) {
     tl_log_source *source = context;
     if (line[0] == '\0') {
