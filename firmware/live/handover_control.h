@@ -9,11 +9,10 @@
  *          (30 s) it is rejected. The handover block reports the reason.
  * Hold:    in safe hold there is no shadow, and no handover.
  * Handover: announced for a later tick; done when the live twin has reported its part, or has died.
- *           A twin that is late is killed: the time limit after the tick is that of the
- *           announcement before it (tl_handover_ahead()). If all processes end before that tick,
- *           there is no handover.
- * Recorder: is behind a handover until it has written the old record queue to the end. Then another
- *           recorder is started for the other queue. It may be two handovers behind.
+ *           A live twin that has not reported it within tl_handover_ahead() after that tick is
+ *           killed. If all processes end before that tick, there is no handover.
+ * Recorder: a recorder is behind a handover until it has written the old record queue to the end.
+ *           Then another one is started for the other queue. It may be two handovers behind.
  * Trust:   orders and status blocks come from other processes: numbers are bounded, and each value
  *          is read once.
  * Memory:  the caller owns all blocks that the object points to.

@@ -65,8 +65,7 @@ static tl_status open_plant(io *self, tl_error *error) {
 
 /* ---- one process for each kind of source ---- */
 
-/* Called in a new reader. It ends when its socket closes, and ignores signals to the process group.
- */
+/* Called in a new reader. It ends when its socket closes; it ignores group signals. */
 static void become_reader(io *self, pid_t first, int line, unsigned kind) {
     if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != first) {
         _exit(tl_exit_code(TL_TRY_AGAIN));

@@ -154,8 +154,7 @@ static void note_words(void *context, tl_severity severity, const char *text) {
     }
 }
 
-/* The hash is that of the FMUs that the twin has loaded, because the files may have changed since.
- */
+/* Uses the hash of the FMUs that the twin has loaded, because the files may have changed. */
 static void open_history(recorder *self) {
     memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
     self->fmus[TL_SHA256_TEXT - 1] = '\0';

@@ -92,8 +92,7 @@ bool tl_restarts_is_loop(const tl_restarts *restarts);
 /* Counts a retry of the twin in a restart loop. The next start saves that. */
 void tl_restarts_retry(tl_restarts *restarts);
 
-/* Returns the time of safe hold until the next retry, ns. `first`: the time before the first retry.
- */
+/* Returns the time of safe hold until the next retry, ns. `first`: that before the first retry. */
 tl_time tl_restarts_hold_time(const tl_restarts *restarts, tl_time first);
 
 /* Clears failures and retries, and saves an orderly end of the supervisor. */

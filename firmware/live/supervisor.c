@@ -139,8 +139,7 @@ static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the reco
                                                 [TL_MEMBER_SHADOW] = "the shadow",
                                                 [TL_MEMBER_ACTIVATOR] = "the activator"};
 
-/* Order of the end: the twin needs io to its end, and both pass data to the recorder at their end.
- */
+/* Order of the end: the twin needs io to its end, and both pass their last data to the recorder. */
 static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
                                                 TL_MEMBER_RECORDER};
 
@@ -159,8 +158,7 @@ static member *shadow_of(supervisor *self) {
 
 /* ---- keepalives ---- */
 
-/* The keepalive of one loop cannot be undone by what follows; a late loop is a missing keepalive.
- */
+/* A keepalive cannot be undone by what follows; a late loop means a missing keepalive. */
 static void stroke(supervisor *self, tl_time now) {
     if (self->bad_holds >= TL_RESTARTS_MOST || now - self->stroked < self->stroke) {
         return;
@@ -689,8 +687,7 @@ static bool go_on_ending(supervisor *self, tl_time now) {
 
 /* ---- orders ---- */
 
-/* A config manager ends when it has no work; after a failure it restarts sooner if a client waits.
- */
+/* A config manager ends when it has no work; it restarts sooner if a client waits. */
 static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
     member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;

@@ -14,10 +14,10 @@
  *           if a dead twin was not reaped within 30 s after its pause, or no process could be
  *           started for it for about 5 min.
  * Damage:   a process may have heartbeats although its memory is corrupted. The reader of its data
- *           reports that. The supervisor then kills and restarts the process like a silent one,
- *           also when the run is not supervised. A false report is possible. So the first report
- *           costs one failure. A later one counts only after the process has lived for
- *           TL_RESTARTS_FORGIVEN (120 s). It cannot cause safe hold.
+ *           reports that. The supervisor then kills the process like a silent one, also if the run
+ *           is not supervised. A false report is possible. So the first report costs one failure. A
+ *           later one counts only after the process has lived for TL_RESTARTS_FORGIVEN (120 s). So
+ *           damage alone cannot cause safe hold.
  * Ends:     an end is orderly only if the process announced it (heartbeat.h): the run is over (only
  *           if it has a duration, because an FMU could forge that); the process could not start
  *           before anything had run (the exit code reports that); or the supervisor was asked to
@@ -41,8 +41,9 @@
  * Alone:    a twin that fails is not restarted: the run ends with exit code 70. The twin may be
  *           silent for TL_FMU_CALL_TIMEOUT_CALLS times `call_limit`; while it is stopped or traced
  *           (child.h), without limit.
- * Signals:  SIGTERM, SIGINT and SIGHUP (not under nohup) end all. A process that is still running
- *           after 6 s is killed; that is 1 s after the timeout of a hung FMU call
+ * Signals:  SIGTERM, SIGINT and SIGHUP (not under nohup) end all. The twin and the recorder are
+ *           killed after 6 s, or when all processes together have taken 8 s, but not before 2 s; io
+ *           is killed after 1 s. 6 s is 1 s more than the timeout of a hung FMU call
  *           (fmu_call_timeout.h). An FMU may block or catch the signal, so it is sent to the twin
  *           again until the twin has received it. Such an end is orderly: all failures are
  *           forgiven. If asked again after 1 s or later, each process gets 2 s. If the supervisor
@@ -96,8 +97,7 @@ typedef enum tl_wait {
     TL_WAIT_LONG   /* a process in safe hold is started, and replaced when the wait is over */
 } tl_wait;
 
-/* Orders, read in each loop. An order applies as long as it is given; `swap` is executed each time.
- */
+/* Orders, read in each loop. An order applies while it is given; `swap` is executed each time. */
 typedef struct tl_orders {
     bool end;       /* end all */
     bool shadow;    /* a shadow is wanted; restarted as long as this is ordered */
