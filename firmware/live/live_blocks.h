@@ -56,7 +56,7 @@ enum {
     /* Of twin slot 0; the next number is of slot 1. */
     TL_LIVE_TWIN_PULSE,                                  /* tl_live_twin_pulse */
     TL_LIVE_TUNING = TL_LIVE_TWIN_PULSE + TL_TWIN_SLOTS, /* tl_live_tuning */
-    TL_LIVE_PAST = TL_LIVE_TUNING + TL_TWIN_SLOTS,       /* resume block: read by a new twin (resume.h) */
+    TL_LIVE_PAST = TL_LIVE_TUNING + TL_TWIN_SLOTS,       /* resume block of a new twin (resume.h) */
     TL_LIVE_QUEUE = TL_LIVE_PAST + TL_TWIN_SLOTS,        /* record queue of the twin */
     TL_LIVE_BLOCKS = TL_LIVE_QUEUE + TL_TWIN_SLOTS
 };
@@ -82,8 +82,8 @@ typedef struct tl_live_end {
     tl_account account;
 } tl_live_end;
 
-/* Request number: the number of the twin process or start in the upper 32 bits, a counter in the
- * lower. One integer, so that it is read atomically. */
+/* Request number: the number of the twin process in the upper 32 bits, a counter in the lower.
+ * One integer, so that it is read atomically. */
 typedef uint64_t tl_live_wish;
 
 static inline tl_live_wish tl_live_wish_of(uint32_t twin, uint32_t number) {
@@ -98,11 +98,11 @@ typedef struct tl_live_twin_pulse {
     tl_heartbeats beats;
     uint32_t number;             /* of the twin process in this slot, from 1 */
     uint32_t first;              /* number of the first process of its configuration */
-    uint32_t holds;              /* 0, TL_LIVE_HOLDS or TL_LIVE_WAITS; the supervisor sets these three */
+    uint32_t holds;              /* 0 or a value of above; all three set by the supervisor */
     tl_latest figures;           /* tl_run_status; empty in safe hold */
     int32_t realtime;            /* thread that needs the configured priority; 0: none */
     uint32_t begun;              /* 1: it needs no data to resume from any more */
-    uint64_t fmus;               /* number of its FMU files; kept for the next process; 0: first process */
+    uint64_t fmus;               /* number of its FMU files; kept for the next process; 0: none */
     char digest[TL_SHA256_TEXT]; /* of the content of the FMU files; set before a request */
     uint32_t loads;              /* 1: checkpoint loaded, too few steps since; kept */
     uint64_t unreadable;         /* by the supervisor: `fmus` whose saved state ended a process */
@@ -179,9 +179,9 @@ typedef struct tl_live_job {
     tl_time duration;                         /* requested duration; 0: as configured */
     char database[PATH_MAX];                  /* "": nothing is recorded */
     char state[PATH_MAX];                     /* config manager: folder of the versions; "": none */
-    char allowed[PATH_MAX];                   /* config manager: the administrator's list of allowed names */
-    uint64_t memory_limit;                    /* config manager: bytes for a process with FMUs; 0: default */
-    uint32_t place;                           /* slot of this twin; of the recorded twin; else of the live twin */
+    char allowed[PATH_MAX];                   /* config manager: administrator's list of names */
+    uint64_t memory_limit;                    /* config manager: of an FMU process; 0: default */
+    uint32_t place;                           /* slot: own; recorder: of its twin; else: live twin */
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
     /* for the start of a twin: */
     uint32_t number;    /* of this process in its slot, from 1 */

@@ -29,7 +29,7 @@ typedef struct tl_live_host {
     const tl_handover *stage;
     tl_live_candidate *candidate;
     char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
-    const char *path;                         /* of the configuration: relative names start at its folder */
+    const char *path;                         /* of the configuration; relative names start there */
     const char *text;                         /* of the run when this process started */
     const char *text_hash;                    /* of `text` */
     tl_time step;

@@ -30,7 +30,7 @@ int tl_io_role_run(void);
 /* Writes the data of the other processes to the database. */
 int tl_recorder_role_run(void);
 
-/* Serves the control socket and changes the configuration until it has no work (config_manager.h). */
+/* Serves the control socket and changes the configuration (config_manager.h) until it is idle. */
 int tl_config_manager_role_run(void);
 
 /* Runs the FMUs and the real-time cycle. For tl_twin_role_tasks: called in the process of the twin

@@ -143,11 +143,11 @@ static void identify_files(live_twin *self) {
     tl_live_twin_pulse *pulse = self->pulse;
     int descriptors[TL_IDENTITY_FILES] = {0};
     const size_t components = self->config->component_count;
-    const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* their limit */
+    const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* maximum */
     for (size_t i = 0; i < count; i++) {
         descriptors[i] = self->assembly->files[i].descriptor;
     }
-    uint64_t number = tl_identity_number_of_open_files(descriptors, count); /* a checkpoint needs the same FMUs */
+    uint64_t number = tl_identity_number_of_open_files(descriptors, count); /* checkpoints need it */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
     self->are_others = pulse->fmus != 0 && pulse->fmus != number;
     if (!is_known && self->job.database[0] != '\0') {

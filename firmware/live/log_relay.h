@@ -64,10 +64,11 @@ int tl_log_relay_pipe(const tl_log_relay *self, unsigned which);
 /* From now on the status is that of another twin. */
 void tl_log_relay_watch(tl_log_relay *self, const tl_heartbeats *beats);
 
-/* Closes a process that has ended and was let go of. */
+/* Closes a process that has ended, after tl_twin_process_let_go(). */
 void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process);
 
-/* Logs the remaining output, removes the status line, and ends the thread. Does nothing if it is not started. */
+/* Logs the remaining output, removes the status line, and ends the thread. Does nothing if it is
+ * not started. */
 void tl_log_relay_stop(tl_log_relay *self);
 
 #endif

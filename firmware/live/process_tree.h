@@ -20,8 +20,8 @@ typedef struct tl_process_tree_settings {
     bool json;               /* prints the summary as JSON at the end */
     bool status;             /* shows a status line also if standard error is no terminal */
     bool unconfined;         /* FMUs have all rights of the user */
-    uint64_t memory_limit;   /* bytes of an FMU process; 0: tl_confine_fair_memory() */
-    double require_lock;     /* minimum % of the steps in lock; 0: no limit, or any if not supervised */
+    uint64_t memory_limit;   /* of an FMU process; 0: tl_confine_fair_memory() */
+    double require_lock;     /* least % of steps in lock; 0: none, or one step if alone */
     bool supervised;
     tl_time call_limit;  /* as in supervisor.h, if not supervised */
     const char *state;   /* as in supervisor.h, if supervised */

@@ -32,9 +32,9 @@
 typedef struct tl_saved_states {
     const tl_config *config; /* as read; the caller sets the first four and zeroes the rest */
     bool unconfined;
-    uint64_t memory_limit;                       /* bytes of an FMU process; 0: tl_confine_fair_memory() */
+    uint64_t memory_limit;                       /* of an FMU process; 0: tl_confine_fair_memory() */
     int (*be)(const char *title, void *context); /* main function, without exec (role.h) */
-    uint64_t files;                              /* number of FMU files with unusable states; 0: none known */
+    uint64_t files;                              /* number of unusable FMU files; 0: none known */
     char why[TL_TWIN_CHECK_WHY];                 /* the reason, if `files` is not 0 */
     /* private */
     uint64_t number;          /* of the FMU files */

@@ -105,8 +105,7 @@ static void take_piece(void *context) {
     tl_time now = begun;
     tl_resume_tick recorded;
     tl_sample sample;
-    const int64_t most =
-        self->computed == 0 ? 1 : INT64_MAX; /* the first tick initialises the FMUs, with a longer timeout */
+    const int64_t most = self->computed == 0 ? 1 : INT64_MAX; /* the first tick is slow: initialisation */
     while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
            tl_resume_tick_at(&self->samples, self->next, &recorded)) {
         sample_of(self, &recorded.sample, &sample);

@@ -612,7 +612,7 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     }
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
-        if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may begin */
+        if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may start */
             living->is_changed = true;
             tl_child_ask(&living->child, SIGTERM);
         }
