@@ -1,4 +1,4 @@
-/* twinlock: the program, from its beginning to its end. */
+/* twinlock: entry point of the program. Runs the role of this process, or the command line. */
 #include "firmware/base/os.h"
 #include "firmware/cli/command_line.h"
 #include "firmware/cli/roles.h"

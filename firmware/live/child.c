@@ -1,4 +1,4 @@
-/* Child processes of the supervisor: starting, reaping, looking at them: see child.h. */
+/* Child processes of the supervisor: see child.h. */
 #include "firmware/live/child.h"
 
 #include <dirent.h>
@@ -18,7 +18,7 @@
 
 /* ---- reaper ---- */
 
-/* It has one call to make; and locked memory is dear. */
+/* The thread makes one call, and locked memory is limited. */
 enum { STACK_BYTES = 256 * 1024 };
 
 static void *reap(void *context) {
@@ -31,7 +31,7 @@ static void *reap(void *context) {
 }
 
 void tl_reaper_take(tl_reaper *reaper, pid_t dead) {
-    pid_t *copy = malloc(sizeof *copy); /* the thread's: it may begin after whoever made it is gone */
+    pid_t *copy = malloc(sizeof *copy); /* owned by the thread, which may outlive the caller */
     int result = ENOMEM;
     if (copy != NULL) {
         *copy = dead;
@@ -82,7 +82,7 @@ bool tl_child_has_ended(tl_child *child) {
     return true;
 }
 
-/* An FMU call is to blame for it if it has lasted for most of the time that was waited. */
+/* An FMU call is reported as the cause if it lasted for most of the waited time. */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) {
     va_list arguments;
     if (!child->killed) {
@@ -111,7 +111,8 @@ tl_time tl_child_passed(tl_time passed) {
     return passed < TL_HEARTBEAT_LOOK ? passed : TL_HEARTBEAT_LOOK;
 }
 
-/* It is deaf, or hangs with a heart that beats or has more patience than we have now. */
+/* Needed for a child that ignores the signal, hangs with a live heartbeat, or has a timeout longer
+ * than the grace period. */
 void tl_child_press(tl_child *child, tl_time passed, tl_time grace) {
     if (!child->asked) {
         return;
@@ -128,7 +129,7 @@ bool tl_child_kept_its_word(const tl_child *child) {
            end->number == end->code;
 }
 
-/* Names are those of a process that may have lost its mind. */
+/* The names are untrusted, because the process may be corrupted. */
 static void append_call(const tl_child *child, char reason[TL_RESTARTS_REASON]) {
     tl_fmu_call call;
     size_t length = strlen(reason);
@@ -170,18 +171,19 @@ void tl_child_bury(tl_child *child) {
     child->pid = 0;
 }
 
-/* ---- onlooker ---- */
+/* ---- debugger check ---- */
 
-/* The first lines of a thread's status, with its name, which nobody can put a line's end into, its state and who traces it. */
+/* First bytes of a thread's status file: its name (the kernel escapes line ends in it), state and
+ * tracer. */
 enum { STATUS = 1024 };
 
-/* What stands behind this name; "": nothing. */
+/* Returns the text after this name, or "". */
 static const char *find(const char *status, const char *name) {
     const char *found = strstr(status, name);
     return found != NULL ? found + strlen(name) : "";
 }
 
-/* One that has ended meanwhile is not held. */
+/* A thread that has ended meanwhile does not count. */
 static bool is_thread_held(int tasks, const char *name) {
     char path[64];
     char status[STATUS + 1];

@@ -1,5 +1,7 @@
-/* Child processes of the supervisor: starting, reaping, looking at them.
+/* Child processes of the supervisor: monitoring, killing and reaping.
  *
+ * Memory:  the caller owns the objects.
+ * Errors:  logged; the functions do not fail.
  * Thread:  the supervisor's.
  */
 #ifndef TL_FIRMWARE_LIVE_CHILD_H
@@ -13,40 +15,43 @@
 #include "firmware/process/heartbeat.h"
 #include "master/base/simtime.h"
 
-/* ---- The reaper: makes the kernel forget a child that is dead, so that nobody of a real-time priority has to.
+/* ---- Reaper: reaps a dead child in a thread of ordinary priority.
  *
- * Purpose: the last wait for a dead process takes its entries out of /proc. The kernel spins there while somebody else is half-way
- *          through the same: a thread of the dead process that is not quite gone, or whoever was reading about it. A spin at a
- *          real-time priority, on the processor that the other one needs, lasts until the kernel throttles it, or for ever. So a
- *          thread of ordinary priority waits, and lives for no longer than that.
- * Before:  whoever has a child reaped knows already how it ended (waitid() with WNOWAIT). Memory, files, locks and devices of the
- *          child are free by then.
- * fork():  only while the reaper rests, since the process has one thread then.
+ * Purpose: the final waitid() removes the process from /proc. The kernel spins there while another
+ *          thread removes or reads the same entries: a thread of the dead process that has not
+ *          ended, or a reader of /proc. A spin at real-time priority on the processor that the
+ *          other thread needs lasts until the kernel throttles it, or for ever. So a thread of
+ *          ordinary priority waits; it lives no longer than that.
+ * Before:  the caller knows already how the child ended (waitid() with WNOWAIT). Memory, files,
+ *          locks and devices of the child are free by then.
+ * fork():  only while the reaper is idle, because then the process has one thread.
  * Thread:  the supervisor's.
  */
 
-/* Zeroed: it rests. Fields are private. */
+/* Zeroed: idle. Fields are private. */
 typedef struct tl_reaper {
     pthread_t thread;
-    bool works; /* there is a thread */
+    bool works; /* the thread exists */
 } tl_reaper;
 
-/* A child that has ended, while the reaper rests; its number means nothing any more. Where no thread can be had, that is said on the
- * log, and the dead child stays in the list of processes until its parent ends. */
+/* Reaps a child that has ended. The reaper must be idle; the caller must not use the process id any
+ * more. If no thread can be created, that is logged, and the dead child stays in the process list
+ * until its parent ends. */
 void tl_reaper_take(tl_reaper *reaper, pid_t dead);
 
-/* False while it works. Does not wait. */
+/* Returns true if the reaper is idle. Does not wait. */
 bool tl_reaper_rests(tl_reaper *reaper);
 
-/* The process ends: nobody asks any more. */
+/* Detaches the thread, because this process ends. */
 void tl_reaper_leave(tl_reaper *reaper);
 
-/* ---- A child of the supervisor: a process with a role, watched by its heartbeats until it has ended.
+/* ---- Child: a process with a role, monitored by its heartbeats until it has ended.
  *
- * Purpose: one child is silent, is killed, is told to end, has ended, and why: the same for all of them. What follows from it is
- *          the supervisor's to decide (supervisor.h).
- * Trust:   what is in its heartbeats may be a lie. Numbers are bounded, names are shown without control characters.
- * Reaping: no thread of a real-time priority does it (child.h).
+ * Purpose: detects a silent child, asks a child to end, kills it, and describes its end; the same
+ *          for all children. The supervisor (supervisor.h) decides what follows.
+ * Trust:   the heartbeats are untrusted. Numbers are bounded; names are shown without control
+ *          characters.
+ * Reaping: never in a thread of real-time priority (see above).
  * Thread:  the supervisor's.
  */
 
@@ -54,67 +59,74 @@ void tl_reaper_leave(tl_reaper *reaper);
 typedef struct tl_child_end {
     bool known;
     bool by_signal;
-    int number; /* of the signal, or the exit code */
+    int number; /* signal number, or exit code */
     tl_end_cause farewell;
-    int code; /* announced */
+    int code; /* announced exit code */
 } tl_child_end;
 
-/* A zeroed one with heartbeats is none yet. */
+/* Before the first start: zeroed, except `beats`. */
 typedef struct tl_child {
-    tl_heartbeats *beats; /* in memory that it writes */
+    tl_heartbeats *beats; /* in memory that the child writes */
     pid_t pid;            /* 0: none */
-    tl_child_end end;     /* of the last one */
-    bool asked;           /* it was asked to end, */
+    tl_child_end end;     /* of the last process */
+    bool asked;           /* it was asked to end */
     int signal;           /* by this signal */
-    bool killed;          /* by us */
+    bool killed;          /* by the supervisor */
     tl_heartbeats_seen seen;
-    tl_reaper reaper; /* rests once the one before is reaped */
+    tl_reaper reaper; /* idle when the previous process is reaped */
     /* private */
     char fault[TL_RESTARTS_REASON];
-    tl_time blamed; /* the FMU call that is to blame has lasted for so long */
-    tl_time asking; /* what has passed since it was asked to end the last time, of its life */
+    tl_time blamed; /* an FMU call caused the end if it lasted this long, ns */
+    tl_time asking; /* ns since it was last asked to end, while this process was running */
 } tl_child;
 
-/* Before it is started: nothing was heard of it. */
+/* Resets the heartbeats and all states before a start. */
 void tl_child_prepare(tl_child *child);
 
-/* True: it has ended, and child->end says how. It is not reaped. */
+/* Returns true if the child has ended; child->end then describes how. Does not reap it. */
 bool tl_child_has_ended(tl_child *child);
 
-/* Kills it, if that was not done, after so long a wait (INT64_MAX: no FMU call is to blame). The text says why, as a sentence that begins with "it". */
+/* Kills the child with SIGKILL, unless that was done before. `waited`: ns that the supervisor
+ * waited; INT64_MAX: no FMU call caused it. The text gives the reason, as a sentence that begins
+ * with "it". */
 void tl_child_kill(tl_child *child, tl_time waited, const char *format, ...) __attribute__((format(printf, 3, 4)));
 
-/* It may be silent for as long again. */
+/* Resets the measured silence: the timeouts of all heartbeats start again. */
 void tl_child_let_be(tl_child *child);
 
-/* Asks it to end, each time anew, and gives it as much time again. */
+/* Sends `signal` to ask the child to end, also repeatedly, and restarts its grace period. */
 void tl_child_ask(tl_child *child, int signal);
 
-/* Time between two looks as a patience counts it: without what this process was stopped. */
+/* Returns `passed` (ns), limited to TL_HEARTBEAT_LOOK, so that the time in which this process was
+ * stopped does not count. */
 tl_time tl_child_passed(tl_time passed);
 
-/* `passed` of its life since the last look. Asked to end, and still there after `grace`, it is killed. */
+/* Kills a child that was asked to end if it is still running after `grace` ns. `passed`: ns since
+ * the last call. */
 void tl_child_press(tl_child *child, tl_time passed, tl_time grace);
 
-/* After its end: why, as a sentence that begins with "it". */
+/* After its end: writes the reason as a sentence that begins with "it". */
 void tl_child_describe(const tl_child *child, char reason[TL_RESTARTS_REASON]);
 
-/* The same: it said that it would end, and then did as it had said. */
+/* After its end: returns true if the child announced its end and then ended with the announced exit
+ *                code. */
 bool tl_child_kept_its_word(const tl_child *child);
 
-/* Has it reaped; its number is nobody's any more. */
+/* Gives the child to the reaper; its process id is 0 afterwards. */
 void tl_child_bury(tl_child *child);
 
-/* ---- Somebody who looks at a process: it is silent because he holds it, and not because it hangs.
+/* ---- Debugger check: distinguishes a stopped or traced process from a hung one.
  *
- * Purpose: who debugs an FMU stops its process for as long as he likes, and so does Ctrl-Z or `kill -STOP`. That is told from a hang by what the kernel says of
- *          each thread: that it is stopped, or that another process traces it (gdb, strace).
- * Cost:    some files of /proc for each thread: for who has found the process silent, not for each look.
- * Limits:  who has stopped it is not known: an FMU may have stopped its own process. If the kernel hides /proc, nobody looks.
+ * Purpose: a debugger stops the process of an FMU for any time; so do Ctrl-Z and `kill -STOP`. The
+ *          kernel reports for each thread if it is stopped, or traced by another process (gdb,
+ *          strace).
+ * Cost:    reads a file of /proc for each thread. Call it only for a process that was found silent.
+ * Limits:  the function cannot find out which process stopped it: an FMU may have stopped its own
+ *          process. If /proc is hidden, it returns false.
  * Thread:  any.
  */
 
-/* A thread of this process is traced or stopped. */
+/* Returns true if a thread of this process is traced or stopped. */
 bool tl_onlooker_holds(pid_t process);
 
 #endif

@@ -1,4 +1,5 @@
-/* The process that changes the configuration of the run. No plant, no FMU, no network, no database. See live_role.h. */
+/* Config manager: the process that changes the configuration of the run. It has no plant, FMU,
+ * network or database. See live_role.h. */
 #include <string.h>
 
 #include "firmware/base/log.h"
@@ -8,7 +9,7 @@
 #include "firmware/process/role.h"
 #include "firmware/retune/config_manager.h"
 
-/* A worn-out memory card takes its time for one version. */
+/* Heartbeat timeout: writing one version to a worn memory card may take long. */
 static const tl_time PATIENCE = 60 * TL_SECOND;
 
 typedef struct activator_process {
@@ -49,7 +50,7 @@ static tl_status open_activator(activator_process *self, tl_error *error) {
 }
 
 int tl_config_manager_role_run(void) {
-    static activator_process self; /* one for the process */
+    static activator_process self; /* one per process */
     tl_error error;
     tl_role_open_program();
     tl_status status = tl_live_role_begin(TL_LIVE_IS_ACTIVATOR, &self.given);

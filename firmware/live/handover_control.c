@@ -1,13 +1,13 @@
-/* The change of twins: see handover_control.h. */
+/* Handover control: see handover_control.h. */
 #include "firmware/live/handover_control.h"
 
 #include <inttypes.h>
 #include <stdio.h>
 
 static const tl_time TICKS_BEFORE =
-    3600 * TL_SECOND; /* by which a twin's figures may be ahead of the clock and be believed */
+    3600 * TL_SECOND; /* a twin's tick further ahead of the clock than this is invalid */
 
-/* ---- what there is ---- */
+/* ---- state ---- */
 
 static tl_twin_slot *place_of_run(const tl_handover_control *self) {
     return &self->places[self->stage->place];
@@ -46,7 +46,7 @@ static void refuse_shadow(tl_handover_control *self, uint32_t number, const char
 
 /* ---- a shadow ---- */
 
-/* What has to be before there can be one; NULL: it is. */
+/* Returns why a shadow cannot start yet, or NULL if it can. */
 static const char *find_hindrance(const tl_handover_control *self, tl_time now) {
     const tl_twin_slot *run = place_of_run(self);
     tl_time start = __atomic_load_n(&run->pulse->start, __ATOMIC_ACQUIRE);
@@ -59,7 +59,7 @@ static const char *find_hindrance(const tl_handover_control *self, tl_time now) 
     return is_recorder_behind(self) ? "the recorder has not written the end of the run before" : NULL;
 }
 
-/* False: it is not over. */
+/* Returns false as long as the order may wait. */
 static bool has_lost_patience(tl_handover_control *self, uint32_t number, tl_time now) {
     self->since = self->waiting == number ? self->since : now;
     self->waiting = number;
@@ -97,9 +97,10 @@ static void want_shadow(tl_handover_control *self, uint32_t number, const tl_liv
     }
 }
 
-/* ---- a flip ---- */
+/* ---- handover ---- */
 
-/* The first tick that is far enough ahead, and that the run's twin has not come to; below 0: none can be told. */
+/* Returns the first tick that is far enough ahead and that the live twin has not reached. Below 0:
+ * the status of the twin is invalid. */
 static int64_t tick_of_handover(const tl_handover_control *self, tl_time start, tl_time now) {
     const tl_time step = self->step;
     tl_run_status figures = {.tick = 0};
@@ -130,7 +131,7 @@ static void announce(tl_handover_control *self, int64_t tick, tl_time now) {
     self->tell(self->context, text);
 }
 
-/* Why there can be none; NULL: it can. */
+/* Returns why no handover is possible, or NULL if it is. */
 static const char *find_refusal(const tl_handover_control *self) {
     const tl_twin_slot *run = place_of_run(self);
     const tl_twin_slot *shadow = place_of_shadow(self);
@@ -152,7 +153,7 @@ static void handover(tl_handover_control *self, uint32_t number, tl_time now) {
     const char *refusal = find_refusal(self);
     int64_t tick = refusal == NULL ? tick_of_handover(self, place_of_shadow(self)->start, now) : -1;
     if (tick < 0) {
-        show_shadow(self, (tl_live_shadow)self->stage->shadow, /* what there was of a shadow stays */
+        show_shadow(self, (tl_live_shadow)self->stage->shadow, /* unchanged */
                     refusal != NULL ? refusal : "the run's ticks are not to be believed");
     } else {
         announce(self, tick, now);
@@ -160,7 +161,7 @@ static void handover(tl_handover_control *self, uint32_t number, tl_time now) {
     obey(self, number);
 }
 
-/* Both are who they are to be now. */
+/* Live twin and shadow have swapped. */
 static void swap(tl_handover_control *self, tl_orders *orders) {
     tl_handover *stage = self->stage;
     tl_twin_slot *before = place_of_run(self);
@@ -178,7 +179,7 @@ static void swap(tl_handover_control *self, tl_orders *orders) {
 static void look_at_handover(tl_handover_control *self, tl_time now, bool ends, tl_orders *orders) {
     const tl_twin_slot *before = place_of_run(self);
     bool has_handed_over = __atomic_load_n(&before->pulse->handed_over, __ATOMIC_ACQUIRE) == self->stage->handovers;
-    bool is_dead = before->pid == 0 && !ends; /* who is asked to end has ended the last run */
+    bool is_dead = before->pid == 0 && !ends; /* at the end of all, this is no failure */
     if (has_handed_over || is_dead) {
         swap(self, orders);
         return;
@@ -203,7 +204,7 @@ static void look_at_order(tl_handover_control *self, tl_time now) {
     case TL_LIVE_HAND_OVER:
         handover(self, number, now);
         break;
-    default: /* what is no order ends what there is */
+    default: /* any invalid order ends the shadow */
         self->wants_shadow = false;
         show_shadow(self, TL_LIVE_SHADOW_NONE, "");
         obey(self, number);

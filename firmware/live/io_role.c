@@ -1,7 +1,10 @@
-/* The process that reads the plant: drivers, sockets, devices; no FMU, no database. See live_role.h.
+/* io: the process that reads the plant: drivers, sockets, devices; no FMU, no database. See
+ *     live_role.h.
  *
- * Each kind of source has a process of its own: the first one forks one for each further kind. A hole in what parses one network or bus then opens no
- * socket or device of another. They share the memory of the first, in which every mailbox and heart has one writer.
+ * Each kind of source has its own process: the first process forks one for each further kind. So a
+ * vulnerability in the parser of one network or bus gives no access to the sockets and devices of
+ * another. All share the memory of the first process; each sample buffer and each heartbeat has one
+ * writer.
  */
 #include <errno.h>
 #include <poll.h>
@@ -22,23 +25,23 @@
 
 enum { LOOK_MS = 50, KINDS = TL_MAX_DRIVERS };
 
-/* Another process that reads one kind of source. */
+/* A process that reads one kind of source. */
 typedef struct reader {
     pid_t process;
-    int line; /* hangs up if that process ends; a byte comes by it when its sources are open */
+    int line; /* closes when that process ends; it sends a byte when its sources are open */
 } reader;
 
-/* How long the main thread may be silent while it opens or closes the sources. */
+/* Heartbeat timeout of the main thread while it opens or closes the sources. */
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
 typedef struct io {
     tl_live_given given;
     tl_heartbeats *beats;
     tl_live_plant *plant;
-    unsigned kinds; /* of sources that this process reads */
+    unsigned kinds; /* kinds of sources that this process reads */
     reader readers[KINDS];
     size_t reader_count;
-    int first; /* in a reader: its line to the first process, which hangs up at the end; else -1 */
+    int first; /* reader: socket to the first process, closed at its end; else -1 */
 } io;
 
 static void on_link(void *context, const char *source, bool up, const char *text) {
@@ -62,7 +65,7 @@ static tl_status open_plant(io *self, tl_error *error) {
 
 /* ---- one process for each kind of source ---- */
 
-/* In a new reader. It ends by its line, and by no signal to the first process's group. */
+/* Called in a new reader. It ends when its socket closes; it ignores group signals. */
 static void become_reader(io *self, pid_t first, int line, unsigned kind) {
     if (prctl(PR_SET_PDEATHSIG, SIGKILL) != 0 || getppid() != first) {
         _exit(tl_exit_code(TL_TRY_AGAIN));
@@ -132,7 +135,7 @@ static tl_status lose_reader(reader *one, tl_error *error) {
                    code);
 }
 
-/* In the first process: all others have opened their sources. */
+/* Called in the first process: waits until all others have opened their sources. */
 static tl_status await_readers(io *self, tl_error *error) {
     tl_status status = TL_OK;
     for (size_t i = 0; i < self->reader_count && status == TL_OK; i++) {
@@ -152,7 +155,8 @@ static void end_readers(io *self) {
     }
 }
 
-/* Says that all sources are open: to the first process, or in it to the others. */
+/* Reports that all sources are open: a reader to the first process, the first process to the
+ * supervisor. */
 static tl_status announce(io *self, tl_error *error) {
     if (self->first >= 0) {
         return write(self->first, "", 1) == 1 ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "the first process has ended");
@@ -164,7 +168,7 @@ static tl_status announce(io *self, tl_error *error) {
     return status;
 }
 
-/* Waits for a while, or until one of the other processes hangs up. */
+/* Waits up to LOOK_MS (50 ms), or until one of the other processes ends. */
 static bool is_over(io *self, tl_error *error, tl_status *status) {
     struct pollfd lines[KINDS];
     const size_t count = self->first >= 0 ? 1 : self->reader_count;
@@ -191,7 +195,7 @@ static tl_status read_until_told(io *self, tl_thread_heartbeat *heartbeat, tl_er
 }
 
 int tl_io_role_run(void) {
-    static io self; /* one for the process */
+    static io self; /* one per process */
     tl_error error;
     tl_status status = tl_live_role_begin(TL_LIVE_IS_IO, &self.given);
     if (status != TL_OK) {

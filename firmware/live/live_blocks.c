@@ -1,4 +1,5 @@
-/* What the processes of a live run have from their supervisor: see live_blocks.h. A job is its fields, then path and text of the configuration. */
+/* Jobs and blocks of the processes of a live run: see live_blocks.h. A packed job is its fields,
+ * then path and text of the configuration. */
 #include "firmware/live/live_blocks.h"
 
 #include <stdio.h>
@@ -67,7 +68,7 @@ tl_status tl_live_job_take(int descriptor, tl_block *block, tl_live_job *job, tl
     return status == TL_OK ? tl_live_job_read(job, path, text, config, error) : status;
 }
 
-/* ---- who has which ---- */
+/* ---- access ---- */
 
 #define ONE(number) (1U << (number))
 #define BOTH(number) (3U << (number))
@@ -145,7 +146,7 @@ tl_status tl_live_input_open(const tl_config *config, const tl_block *sample_mem
                                       : tl_fail(error, TL_TRY_AGAIN, "not enough memory for the plant's readings");
 }
 
-/* ---- memory ---- */
+/* ---- memory need ---- */
 
 static size_t queue_with(const tl_config *config, size_t checkpoint) {
     tl_record_queue_settings settings = tl_live_twin_queue(config);
@@ -172,7 +173,7 @@ void tl_live_blocks_of(const tl_config *config, size_t checkpoint, tl_live_block
     blocks->shadow = queue_with(config, 0) + sizes[TL_LIVE_TWIN_PULSE] + blocks->checkpoints + blocks->resume;
 }
 
-/* ---- live samples ---- */
+/* ---- samples for a shadow ---- */
 
 static void answer(tl_live_samples *self, tl_live_wish wish, const char *path) {
     tl_live_past_answer *given = self->answer;

@@ -1,4 +1,4 @@
-/* The host of an activation in a live run: see live_host.h. */
+/* Live host: see live_host.h. */
 #include "firmware/live/live_host.h"
 
 #include <stdio.h>
@@ -9,9 +9,9 @@
 #include "firmware/config/config.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* ---- places ---- */
+/* ---- slots ---- */
 
-/* Whose twin is the run's. */
+/* Returns the slot of the live twin. */
 static uint32_t place_of_run(const tl_live_host *self) {
     uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
     return place < TL_TWIN_SLOTS ? place : 0;
@@ -25,13 +25,13 @@ static tl_live_tuning *tuning_of_run(const tl_live_host *self) {
     return self->tunings[place_of_run(self)];
 }
 
-/* ---- what it sees, and can do ---- */
+/* ---- status ---- */
 
 static void check_lock(tl_lock_tally *lock) {
     lock->state = lock->state <= TL_LOCK_LOST ? lock->state : TL_LOCK_FREE;
 }
 
-/* Copies what a twin has published, checks it, and adds what its pulse says. */
+/* Copies the published status of a twin, validates it, and adds facts from its status block. */
 static void read_status(const tl_live_twin_pulse *twin, tl_run_status *status) {
     int code = 0;
     *status = (tl_run_status){.phase = TL_RUN_BEGINS};
@@ -62,14 +62,14 @@ static void look(void *context, tl_activation_view *view) {
     view->holds = twin->holds != 0;
     view->waits = twin->holds == TL_LIVE_WAITS;
     read_status(twin, &view->figures);
-    /* It came before the number of the twin that follows, by which failures are counted. */
+    /* The reason is written before the number of the next process, which counts the failures. */
     (void)tl_latest_read(&self->stage->failure, said, sizeof said);
     (void)tl_clean_text(said, strnlen(said, sizeof said), view->figures.failure, TL_RUN_FAILURE);
     (void)tl_heartbeats_get_status(&twin->beats, view->line);
     view->line[sizeof view->line - 1] = '\0';
 }
 
-/* What the twin in a place was given last; what its configuration says as long as that is nothing. */
+/* Gets the hash of the tuning in use in a slot; without a tuning, that of its configuration. */
 static void find_in_force(const tl_live_host *self, uint32_t place, char hash[TL_SHA256_TEXT]) {
     tl_live_tuning_head head;
     bool is_given = tl_live_tuning_read(self->tunings[place], &head, NULL) == TL_OK;
@@ -91,7 +91,7 @@ static bool copy_text(char *text, size_t *size, const char *from, size_t length)
     return true;
 }
 
-/* What was tuned last, what the run was of, and what was begun beside it. */
+/* Searches the newest tunings, the configuration of the run, and the candidate of the shadow. */
 static bool running_text(void *context, const char *hash, char *text, size_t *size) {
     const tl_live_host *self = context;
     tl_live_tuning_head head;
@@ -110,7 +110,7 @@ static bool running_text(void *context, const char *hash, char *text, size_t *si
 
 /* ---- the FMUs' files ---- */
 
-/* The text is in force, and so was validated. */
+/* This text is in use, so it was validated before. */
 static bool has_other_fmus(void *context, const char *text, size_t size) {
     const tl_live_host *self = context;
     char now[TL_SHA256_TEXT];
@@ -130,7 +130,8 @@ static bool has_other_fmus(void *context, const char *text, size_t size) {
 
 /* ---- tunings ---- */
 
-/* The recorder keeps a tuning's text before the next one is written over it; unless nothing can be recorded now, or the twin has refused it. */
+/* The recorder must have saved a tuning's text before the next tuning overwrites it, unless
+ * recording fails now or the twin has rejected the tuning. */
 static bool is_kept(const tl_live_host *self) {
     uint32_t number = tl_live_tuning_number(tuning_of_run(self));
     tl_live_tuning_answer answer;
@@ -142,7 +143,8 @@ static bool is_kept(const tl_live_host *self) {
     return counts.tuning >= number || counts.refused_since != 0;
 }
 
-/* Of the tunings in both places, and of those that the recorder knows: numbers of one are not taken for those of the other. */
+/* Returns the newest tuning number of both slots and of the recorder, so that new numbers are
+ * unique. */
 static uint32_t newest_tuning(const tl_live_host *self) {
     uint32_t newest = self->recorder != NULL ? tl_recorder_state_get(&self->recorder->state).tuning : 0;
     for (size_t i = 0; i < TL_TWIN_SLOTS; i++) {
@@ -181,7 +183,7 @@ static tl_activation_news was_taken(void *context, char why[TL_ACTIVATION_WHY]) 
     return answer.refused != 0 ? TL_ACTIVATION_REFUSED : TL_ACTIVATION_TAKEN;
 }
 
-/* ---- another twin ---- */
+/* ---- shadow and handover ---- */
 
 static bool is_obeyed(const tl_live_host *self) {
     return __atomic_load_n(&self->stage->order, __ATOMIC_ACQUIRE) == self->pulse->order.number;
@@ -203,7 +205,7 @@ static bool begin_shadow(void *context, const tl_activation_candidate *candidate
     memcpy(self->candidate->text, candidate->text, candidate->size + 1);
     (void)snprintf(self->candidate->hash, sizeof self->candidate->hash, "%s", candidate->hash);
     (void)snprintf(self->hash[place], sizeof self->hash[place], "%s", candidate->hash);
-    tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* what is there was not for this one */
+    tl_live_tuning_skip(self->tunings[place], newest_tuning(self)); /* skip the old ones */
     tl_latest_publish(&self->tunings[place]->tolerances, candidate->tolerances, sizeof *candidate->tolerances);
     self->pulse->order.needs = candidate->needs;
     order(self, TL_LIVE_SHADOW);
@@ -228,7 +230,7 @@ static bool handover(void *context) {
     return true;
 }
 
-/* Also of a flip that an activator before this one has ordered. */
+/* Works also for a handover that an earlier config manager has ordered. */
 static tl_activation_news has_handed_over(void *context, char why[TL_ACTIVATION_WHY]) {
     const tl_live_host *self = context;
     const tl_handover *stage = self->stage;
@@ -262,7 +264,7 @@ static void look_at_shadow(void *context, tl_activation_shadow *shadow) {
     }
 }
 
-/* ---- the rest ---- */
+/* ---- interface ---- */
 
 static void ask_for_restart(void *context) {
     tl_live_host *self = context;

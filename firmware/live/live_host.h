@@ -1,11 +1,16 @@
-/* The host of an activation (activation.h) in a live run: how the twins are, their tunings, the shadow and the flip.
+/* Live host: connects an activation (activation.h) to the live run: status of the twins, tunings,
+ *            shadow and handover.
  *
- * Purpose: what an activation asks and orders, by the memory that the activator shares with the others of the run. It talks about two places
- *          (handover.h): whatever it says of the run is of the place that the stage says.
- * Orders:  one at a time, each obeyed before the next is given. They outlive the process: a successor finds what was ordered and what came of it.
- * Tunings: their numbers grow over both places, so that what the recorder says of one is never taken for another.
- * Trust:   pulses are those of processes with FMUs: numbers are bounded, names are cleaned.
- * Thread:  the activator's.
+ * Purpose: reads and writes the memory that the config manager shares with the other processes. The
+ *          live twin is in the slot that the handover block names (handover.h).
+ * Orders:  one at a time; the next one is given when the previous one was executed. They outlive
+ *          the process: a restarted config manager finds the order and its result.
+ * Tunings: their numbers increase over both slots, so that an answer of the recorder always belongs
+ *          to one tuning.
+ * Trust:   status blocks come from processes with FMUs: numbers are bounded, names are cleaned.
+ * Memory:  the caller owns all blocks; they must outlive the host.
+ * Errors:  the functions of the host return them.
+ * Thread:  the config manager's.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_HOST_H
 #define TL_FIRMWARE_LIVE_LIVE_HOST_H
@@ -15,28 +20,28 @@
 #include "firmware/twin/journal.h"
 #include "firmware/twin/live_tuning.h"
 
-/* Set by its user, but for the private ones. */
+/* The caller sets all fields but the private ones. */
 typedef struct tl_live_host {
-    tl_live_config_manager_pulse *pulse; /* ours */
+    tl_live_config_manager_pulse *pulse; /* written by this process */
     const tl_live_twin_pulse *twins[TL_TWIN_SLOTS];
     tl_live_tuning *tunings[TL_TWIN_SLOTS];
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
     const tl_handover *stage;
     tl_live_candidate *candidate;
-    char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each place; "": none is */
-    const char *path;                         /* of the configuration: relative names start at its folder */
-    const char *text;                         /* of what the run was of as we began, */
-    const char *text_hash;                    /* and its hash */
+    char hash[TL_TWIN_SLOTS][TL_SHA256_TEXT]; /* of the configuration in each slot; "": none */
+    const char *path;                         /* of the configuration; relative names start there */
+    const char *text;                         /* of the run when this process started */
+    const char *text_hash;                    /* of `text` */
     tl_time step;
     tl_journal *journal;
-    bool wants_none; /* private: a shadow is to end, once what was ordered before is obeyed */
-    uint32_t given;  /* private: number of the tuning that was written last, by us */
+    bool wants_none; /* private: end the shadow when the previous order was executed */
+    uint32_t given;  /* private: number of the newest tuning that this process wrote */
 } tl_live_host;
 
-/* What an activation is given; the host stays. */
+/* Returns the functions for an activation. `host` must outlive it. */
 tl_activation_host tl_live_host_functions(tl_live_host *host);
 
-/* Every now and then: gives an order that had to wait. */
+/* Called regularly: gives an order that had to wait. */
 void tl_live_host_look(tl_live_host *host);
 
 #endif

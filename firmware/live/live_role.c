@@ -1,4 +1,4 @@
-/* What the processes of a run have in common: see live_role.h. */
+/* Common part of the roles: see live_role.h. */
 #include "firmware/live/live_role.h"
 
 #include "firmware/base/log.h"
@@ -15,7 +15,7 @@ void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue) {
     tl_journal_listen(journal, put_event, queue);
 }
 
-/* Without a recorder nobody takes the events; they are logged all the same. */
+/* Without a recorder the queue is not read; events are logged anyway. */
 static void open_events(tl_live_kind kind, tl_live_given *given) {
     const tl_record_queue_settings events = tl_live_event_queue();
     const tl_live_recorder_pulse *recorder = given->blocks[TL_LIVE_RECORDER_PULSE].bytes;

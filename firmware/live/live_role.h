@@ -1,8 +1,11 @@
-/* The processes of a run, from within: twin, io, recorder, activator.
+/* Roles of a run: main functions of the processes twin, io, recorder and config manager.
  *
- * Purpose: what main() becomes in a process that the tree (process_tree.h) has started with such a role.
- * Order:   the same in each: log, parent, shared memory, places, confinement, signals, then the work. Told to end by SIGTERM.
- * Ends:    with an exit code, after it was announced in the process's pulse.
+ * Purpose: main() calls one of them in a process that the process tree (process_tree.h) has started
+ *          with that role.
+ * Order:   the same in each: log, parent, shared memory, paths, confinement, signals, then the
+ *          work. SIGTERM ends it.
+ * Ends:    returns an exit code, after announcing it in the status block of the process.
+ * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_LIVE_ROLE_H
 #define TL_FIRMWARE_LIVE_LIVE_ROLE_H
@@ -13,43 +16,45 @@
 #include "firmware/twin/journal.h"
 #include "firmware/twin/twin_role.h"
 
-/* Titles begin with these. */
+/* Process titles begin with these. */
 #define TL_LIVE_IO "io"
 #define TL_LIVE_RECORDER "recorder"
 #define TL_LIVE_CONFIG_MANAGER "activator"
 #define TL_LIVE_TWIN "twin"
-#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* changes with TL_LIVE_TWIN at a flip, and so that has room for it: */
+#define TL_LIVE_TWIN_SHADOW "twin, shadow" /* title changes at a handover; space for that: */
 #define TL_LIVE_TWIN_ROOM "        "
 
-/* Reads the plant: the configured sources, into the mailboxes. */
+/* Reads the configured sources of the plant into the sample buffers. */
 int tl_io_role_run(void);
 
-/* Writes what the others hand over into the database. */
+/* Writes the data of the other processes to the database. */
 int tl_recorder_role_run(void);
 
-/* Answers at the control socket, and changes the configuration (config_manager.h), until nothing is to be done. */
+/* Serves the control socket and changes the configuration (config_manager.h) until it is idle. */
 int tl_config_manager_role_run(void);
 
-/* Holds the FMUs and the real-time cycle: for tl_twin_role_tasks, what its process does once it is confined. An exit code, which was announced. */
+/* Runs the FMUs and the real-time cycle. For tl_twin_role_tasks: called in the process of the twin
+ * after its confinement. Returns an exit code, which was announced. */
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts);
 
-/* What each of them but the twin has from its supervisor. */
+/* What io, recorder and config manager get from the supervisor. */
 typedef struct tl_live_given {
     tl_block job_block;
     tl_live_job job;
     tl_config config;
-    tl_block blocks[TL_LIVE_BLOCKS]; /* by their numbers; those that it does not have are zeroed */
-    tl_record_queue queue;           /* of events; not of the recorder, as the next one */
+    tl_block blocks[TL_LIVE_BLOCKS]; /* by block number; missing blocks are zeroed */
+    tl_record_queue queue;           /* for events; unused by the recorder, like `journal` */
     tl_journal journal;
 } tl_live_given;
 
-/* First in each of them: the log is for who reads the pipe, the process ends with its parent, and takes what it was given. What goes wrong is logged. */
+/* Called first in io, recorder and config manager: sets up the log, ends the process with its
+ * parent, and maps job and blocks. Errors are logged. */
 tl_status tl_live_role_begin(tl_live_kind kind, tl_live_given *given);
 
-/* Events go to the log and into the outbox, which outlives the journal. */
+/* Passes events to the log and to the record queue, which must outlive the journal. */
 void tl_live_role_open_journal(tl_journal *journal, tl_record_queue *queue);
 
-/* Last: what it says of its end, and its exit code. */
+/* Called last: announces the end cause and returns `code`. */
 int tl_live_role_end(tl_heartbeats *beats, bool was_ready, int code);
 
 #endif

@@ -1,12 +1,17 @@
-/* The live twin: the process of a run that holds the FMUs and the real-time cycle.
+/* Live twin: the process of a run that runs the FMUs and the real-time cycle.
  *
- * Purpose: builds the twin, goes on where an earlier one was ended, keeps it locked to the plant until it is told to end, and hands all that is
- *          to be kept to the recorder. Or, told to hold: reads and records the plant's samples without any FMU.
- * Holds:   nothing but that (confine.h). It reads the mailboxes that io writes; it writes its outbox and its pulse.
- * Past:    if a process before it has died in the same run, it goes on from the newest checkpoint in the outbox and what was put since. Else
- *          it asks the recorder, who reads the database.
- * Shadow:  a twin of another configuration beside the run's, in the other place (handover.h): it is led over what is recorded, then over the plant's
- *          ticks. What happens in it goes to the log only; a flip makes it the run's twin, and the run's twin a shadow. One that cannot keep pace ends.
+ * Purpose: builds the twin, resumes an earlier run, keeps the twin locked to the plant until it is
+ *          asked to end, and passes all records to the recorder. In safe hold it only reads and
+ *          records the plant's samples, without FMUs.
+ * Access:  only what this needs (confine.h). It reads the sample memory that io writes; it writes
+ *          its record queue and its status block.
+ * Resume:  if a process before it has died in the same run, it resumes from the newest checkpoint
+ *          in the record queue and the entries after it. Else it requests resume data from the
+ *          recorder, which reads the database.
+ * Shadow:  a twin of another configuration in the other slot (handover.h). It simulates the
+ *          recorded samples first, then the plant's ticks. Its events go to the log only. A
+ *          handover makes it the live twin, and the live twin the shadow. If it is too slow, it
+ *          ends.
  * Thread:  the main thread of its process; FMUs and cycle have another one.
  */
 #include <inttypes.h>
@@ -30,16 +35,16 @@
 #include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* How long the start waits for a first reading of every signal, and for its priority. */
+/* How long the start waits for a first reading of every signal, and for its real-time priority. */
 static const tl_time FIRST_READING = 2 * TL_SECOND;
 static const tl_time PRIORITY = TL_SECOND / 2;
 
-/* What the main thread's silence may last: while FMUs are loaded, and later (the log may be slow). */
+/* Heartbeat timeouts of the main thread: while FMUs are loaded, and later (the log may be slow). */
 static const tl_time PATIENCE_AT_START = 120 * TL_SECOND;
 static const tl_time PATIENCE = 30 * TL_SECOND;
 
-/* A shadow that has not made up what it missed after so long never will; nor is it any use if it misses this part of its ticks, which is judged after some
- * time. */
+/* A shadow that has not caught up after this time never will. It ends also if it misses this part
+ * of its ticks, which is checked after some time. */
 static const tl_time PATIENCE_BEHIND = 60 * TL_SECOND;
 static const tl_time FIRST_JUDGED = 10 * TL_SECOND;
 enum { MISSED_PART = 10 };
@@ -47,49 +52,51 @@ enum { MISSED_PART = 10 };
 static const tl_time LOOK = TL_SECOND / 20;
 static const tl_time LOOK_SOON = TL_SECOND / 1000;
 
-/* How long the recorder's answer is waited for: the plant's lock comes first. */
+/* The time limit for the recorder's answer: the lock to the plant is more important. */
 static const tl_time PATIENCE_FOR_PAST = 10 * TL_SECOND;
 
-/* Ticks that a twin has followed with a state that it was given as bytes: what is wrong with those shows in a step. */
+/* After so many ticks with a loaded state, that state counts as harmless: a broken state shows in a
+ * step. */
 enum { SOUND_AFTER = 3 };
 
-/* All that this process has. */
+/* State of this process. */
 typedef struct live_twin {
     tl_assembly *assembly;
     const tl_config *config;
     const tl_confine_facts *facts;
     tl_live_job job;
     bool was_plant_open;
-    tl_block blocks[TL_LIVE_BLOCKS]; /* that it has of the run */
-    tl_block *resume; /* what the recorder has found (resume.h), which is copied before it is looked at */
+    tl_block blocks[TL_LIVE_BLOCKS];        /* that it has of the run */
+    tl_block *resume;                       /* resume block; copied before it is parsed */
     const tl_live_recorder_pulse *recorder; /* NULL: nothing is recorded */
     tl_live_twin_pulse *pulse;
-    tl_time ended; /* of a run before that is not gone on with: when its last tick was; 0: not known */
+    tl_time ended; /* last tick of an earlier run that is not resumed; 0: unknown */
     tl_plant_input input;
     tl_record_queue queue;
-    tl_config run; /* of a shadow: the configuration of the run beside which it is, whose recorded samples it reads */
+    tl_config run; /* shadow: configuration of the live twin, whose samples were recorded */
     tl_thread_heartbeat *heartbeat;
     tl_journal journal;
-    tl_fmu_thread *fmus; /* NULL if it holds */
+    tl_fmu_thread *fmus; /* NULL in safe hold */
     tl_cycle *cycle;
-    tl_status built; /* what came of building the twin */
+    tl_status built; /* result of building the twin */
     tl_summary resumed;
-    tl_account account; /* for the units of what is matched */
+    tl_account account; /* units of the matched outputs */
     bool is_shadow;     /* now */
-    int64_t next;       /* of a shadow: the first tick of the cycle, */
-    uint32_t asked;     /* for recorded samples so often, */
-    void *samples;      /* and a copy of the last ones, */
-    int64_t parent;     /* and the run with which it goes on if it becomes the run's */
-    bool are_others;    /* the FMUs' files, than those of the twin before in this run */
-    bool has_crashed;   /* the twin before: it had loaded a checkpoint, and made no step with it */
-    bool unreadable;    /* states of these FMUs are of no use to another process */
+    int64_t next;       /* shadow: first tick of the cycle */
+    uint32_t asked;     /* shadow: number of requests for samples */
+    void *samples;      /* shadow: copy of the last samples */
+    int64_t parent;     /* shadow: run that it continues after a handover */
+    bool are_others;    /* the FMU files differ from those of the previous process */
+    bool has_crashed;   /* the previous process loaded a checkpoint and made no step */
+    bool unreadable;    /* other processes cannot load states of these FMUs */
     bool was_ready;
-    bool has_run; /* a run has begun in the outbox, and has not ended */
+    bool has_run; /* the record queue has a run that has not ended */
 } live_twin;
 
-/* ---- what it shares with the others of the run ---- */
+/* ---- shared memory ---- */
 
-/* The outbox names what the twin is built with: another tuning is told by its block, whose text is the recorder's affair. */
+/* The record queue names the configuration of the build. Another tuning is in its own block, whose
+ * text only the recorder reads. */
 static void open_queue(live_twin *self) {
     const tl_record_queue_settings settings = tl_live_twin_queue(self->config);
     const tl_live_recorder_pulse *recorder = self->recorder;
@@ -104,7 +111,7 @@ static void open_queue(live_twin *self) {
     tl_record_queue_name_configuration(&self->queue, &configured);
 }
 
-/* `config` gets what the job changes. */
+/* Applies the job to `config`. */
 static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config *config, tl_error *error) {
     const char *path = NULL;
     const char *of_run = NULL;
@@ -130,17 +137,17 @@ static tl_status open_memory(live_twin *self, const tl_twin_job *job, tl_config 
 
 /* ---- the FMUs' files ---- */
 
-/* Which they are; before any of them is loaded. What is in them is looked at once, since that takes its time. */
+/* Identifies the FMU files before any of them is loaded. Their content is hashed only once, because
+ * that takes time. */
 static void identify_files(live_twin *self) {
     tl_live_twin_pulse *pulse = self->pulse;
     int descriptors[TL_IDENTITY_FILES] = {0};
     const size_t components = self->config->component_count;
-    const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* as many as are looked at */
+    const size_t count = components < TL_IDENTITY_FILES ? components : TL_IDENTITY_FILES; /* maximum */
     for (size_t i = 0; i < count; i++) {
         descriptors[i] = self->assembly->files[i].descriptor;
     }
-    uint64_t number =
-        tl_identity_number_of_open_files(descriptors, count); /* a checkpoint is of no use to another FMU */
+    uint64_t number = tl_identity_number_of_open_files(descriptors, count); /* checkpoints need it */
     bool is_known = pulse->fmus == number && pulse->digest[0] != '\0' && tl_identity_is_sound(pulse->digest);
     self->are_others = pulse->fmus != 0 && pulse->fmus != number;
     if (!is_known && self->job.database[0] != '\0') {
@@ -153,9 +160,9 @@ static void identify_files(live_twin *self) {
     tl_record_queue_name_fmus(&self->queue, pulse->digest);
 }
 
-/* ---- telling ---- */
+/* ---- events ---- */
 
-/* Which start this is, and why: the box's memory of its own troubles. */
+/* Reports the number and the reason of this start. */
 static void tell_start(live_twin *self) {
     if (!self->job.alone) {
         tl_journal_event(&self->journal, -1, self->job.how.again ? TL_EVENT_WARNING : TL_EVENT_INFO, "supervisor",
@@ -165,7 +172,7 @@ static void tell_start(live_twin *self) {
     }
 }
 
-/* What the FMUs are held by, if that is not all there is. */
+/* Reports confinement features that are missing. */
 static void tell_confinement(live_twin *self) {
     char text[TL_CONFINE_TEXT];
     if (self->job.how.hold) {
@@ -181,7 +188,8 @@ static void tell_confinement(live_twin *self) {
     }
 }
 
-/* The process ends while an FMU has not returned. Whoever takes it out of the outbox lives on. */
+/* Called if the process ends during an FMU call. The recorder outlives this process and reads the
+ * event from the queue. */
 static void keep(void *context, const char *why) {
     live_twin *self = context;
     if (!tl_journal_is_apart(&self->journal)) {
@@ -191,13 +199,14 @@ static void keep(void *context, const char *why) {
 
 /* ---- the cycle ---- */
 
-/* io has opened all sources, once: one that is begun again later opens them again. */
+/* True when io has opened all sources once; a restarted io opens them again. */
 static bool is_plant_open(live_twin *self) {
     self->was_plant_open = self->was_plant_open || tl_heartbeats_is_ready(self->blocks[TL_LIVE_IO_BEATS].bytes);
     return self->was_plant_open;
 }
 
-/* The supervisor changes the scheduling of the FMUs' thread when it is asked; here the main thread waits for it. */
+/* The supervisor changes the scheduling of the FMU thread on request; the main thread waits for
+ * that. */
 static void wish_realtime(live_twin *self, bool wished) {
     int wanted = wished ? SCHED_FIFO : SCHED_OTHER;
     pid_t thread = tl_fmu_thread_number(self->fmus);
@@ -214,9 +223,9 @@ static void wish_realtime(live_twin *self, bool wished) {
     }
 }
 
-/* ---- figures ---- */
+/* ---- status ---- */
 
-/* For whoever shows and compares them. */
+/* For the config manager and clients, which show and compare them. */
 static void publish(live_twin *self, tl_run_status *figures, const tl_metrics *match) {
     figures->outputs = (uint32_t)self->config->match_count;
     for (size_t i = 0; i < self->config->match_count; i++) {
@@ -230,7 +239,7 @@ static void publish(live_twin *self, tl_run_status *figures, const tl_metrics *m
     tl_latest_publish(&self->pulse->figures, figures, sizeof *figures);
 }
 
-/* A shadow over recorded samples. */
+/* Warm-up of a shadow. */
 static void show_recorded(void *context, const tl_run_status *status, const tl_metrics *match) {
     tl_run_status figures = *status;
     figures.phase = TL_RUN_RECORDED;
@@ -238,7 +247,7 @@ static void show_recorded(void *context, const tl_run_status *status, const tl_m
     publish(context, &figures, match);
 }
 
-/* At the plant's ticks, or making up what was missed before. */
+/* Live, or while missed ticks are caught up. */
 static void show_status(live_twin *self, const tl_cycle_status *status) {
     char line[TL_STATUS_LINE];
     tl_run_status figures = {
@@ -263,9 +272,9 @@ static void show_status(live_twin *self, const tl_cycle_status *status) {
     publish(self, &figures, status->match);
 }
 
-/* ---- where it begins ---- */
+/* ---- resume ---- */
 
-/* t_start of the run, for a twin that may come beside this one. */
+/* Publishes t_start of the run for a shadow that may start later. */
 static void tell_beginning(live_twin *self, tl_time start, int64_t started) {
     __atomic_store_n(&self->pulse->started, started, __ATOMIC_RELAXED);
     __atomic_store_n(&self->pulse->start, start, __ATOMIC_RELEASE);
@@ -276,7 +285,8 @@ static void be_ready(live_twin *self) {
     self->was_ready = true;
 }
 
-/* Wishes for what has this number, and waits for the answer; a copy of it. False: it does not come. */
+/* Requests resume data with this number, waits for the answer, and copies it. Returns false if
+ * there is no answer in time. */
 static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
     tl_live_wish wish = tl_live_wish_of(self->job.number, number);
     tl_time until = tl_clock_now(NULL) + PATIENCE_FOR_PAST;
@@ -296,9 +306,9 @@ static bool ask(live_twin *self, uint32_t number, tl_live_past_answer *answer) {
     return true;
 }
 
-/* ---- following, in the thread of the FMUs ---- */
+/* ---- following, in the FMU thread ---- */
 
-/* A job of the FMUs' thread, and what came of it. */
+/* A job for the FMU thread, and its result. */
 typedef struct follow_job {
     live_twin *twin;
     const tl_resume *resume;
@@ -318,19 +328,20 @@ static void do_follow(void *context) {
     job->status = tl_resume_follow(&following, job->resume, &job->twin->resumed, &job->outcome, job->error);
 }
 
-/* The number of the newest run in the database: of a shadow, that with which it will go on. 0: nothing is recorded. */
+/* Returns the number of the newest run in the database; for a shadow, that is the run that it
+ * continues. 0: nothing is recorded. */
 static int64_t newest_run(const live_twin *self) {
     return self->recorder == NULL ? 0 : tl_recorder_state_get(&self->recorder->state).run;
 }
 
-/* What is noted here outlives this process: the FMUs are given bytes that another one has made. */
+/* This note outlives the process: the FMUs load bytes that another process has saved. */
 static void note_load(const live_twin *self, bool loads) {
     __atomic_store_n(&self->pulse->loads, loads ? 1 : 0, __ATOMIC_RELEASE);
 }
 
-/* *refused: it is of no use, and an older one may be. */
+/* *refused: this data cannot be used; older data may work. */
 static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused, tl_error *error) {
-    const int64_t last = newest_run(self); /* before this one begins */
+    const int64_t last = newest_run(self); /* before this run starts */
     follow_job job = {.twin = self, .resume = resume, .error = error};
     *refused = (self->has_crashed || self->unreadable) && resume->checkpoint != NULL;
     if (*refused) {
@@ -338,7 +349,8 @@ static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused,
     }
     note_load(self, resume->checkpoint != NULL);
     tl_fmu_thread_call(self->fmus, do_follow, &job);
-    /* Before it was followed only its own steps can show whether the state that was loaded does harm. */
+    /* Until some ticks were followed, only the twin's own steps can show if the loaded state is
+     * harmful. */
     if (job.status != TL_FMU_FATAL &&
         (job.outcome != TL_RESUME_FOLLOWED || resume->last - resume->first + 1 >= SOUND_AFTER)) {
         note_load(self, false);
@@ -353,9 +365,9 @@ static tl_status follow(live_twin *self, const tl_resume *resume, bool *refused,
     return job.status;
 }
 
-/* ---- what a predecessor has left ---- */
+/* ---- data of the previous process ---- */
 
-/* *any: somebody has begun a run in it. */
+/* *any: the record queue has a run. */
 static tl_status follow_queue(live_twin *self, bool *any, tl_error *error) {
     tl_resume_queue *left = tl_resume_queue_open(&self->queue, self->assembly, tell_past, &self->journal);
     tl_resume resume;
@@ -369,7 +381,7 @@ static tl_status follow_queue(live_twin *self, bool *any, tl_error *error) {
     return status;
 }
 
-/* ---- what the recorder finds ---- */
+/* ---- data of the recorder ---- */
 
 static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS && answer->words[i].text[0] != '\0'; i++) {
@@ -379,7 +391,7 @@ static void tell_answer(live_twin *self, const tl_live_past_answer *answer) {
     }
 }
 
-/* Follows the image, of which nobody else has a copy. */
+/* Copies the image first, because the recorder could change it during the parsing. */
 static tl_status follow_image(live_twin *self, size_t size, bool *refused, tl_error *error) {
     tl_resume resume;
     void *image = malloc(size);
@@ -405,7 +417,7 @@ static tl_status follow_recorder(live_twin *self, tl_error *error) {
     tl_status status = TL_OK;
     for (uint32_t number = 1; status == TL_OK && refused; number++) {
         if (!ask(self, number, &answer)) {
-            if (tl_interrupt_requested() != NULL) { /* who is told to end needs no answer */
+            if (tl_interrupt_requested() != NULL) { /* no answer is needed at the end */
                 return TL_OK;
             }
             tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
@@ -422,8 +434,9 @@ static tl_status follow_recorder(live_twin *self, tl_error *error) {
     return status;
 }
 
-/* Leads the twin to where an earlier one was ended; `resumed` says what was done. A twin whose predecessor has died in the same run finds checkpoint and entries
- * in the outbox. Any other asks the recorder; if what that has found is of no use, for something older. */
+/* Resumes an earlier run; `resumed` reports how. If the previous process died in the same run,
+ * checkpoint and entries are in the record queue. Else the recorder is asked; if its data cannot be
+ * used, for older data. */
 static tl_status follow_past(live_twin *self, tl_error *error) {
     bool any = false;
     if (self->config->record_resume == 0) {
@@ -460,7 +473,7 @@ static size_t fetch_samples(void *context, int64_t from, const void **image) {
     return (size_t)answer.size;
 }
 
-/* A shadow is ready before its recorded part, which may take a minute. */
+/* The shadow is ready before its warm-up, which may take a minute. */
 static tl_status begin_shadow(live_twin *self, tl_error *error) {
     static const tl_run_status none = {.ticks = 0};
     static const tl_metrics no_match[TL_MAX_MATCH];
@@ -485,7 +498,7 @@ static tl_status begin_shadow(live_twin *self, tl_error *error) {
 }
 
 static tl_status go_on(live_twin *self, tl_error *error) {
-    if (self->has_crashed) { /* no checkpoint is tried twice: not that one, and no other one by this process */
+    if (self->has_crashed) { /* neither that checkpoint nor another one is loaded by this process */
         tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "resume",
                          "the twin before has ended as it loaded a checkpoint: this one loads none, and inputs are run "
                          "again%s",
@@ -531,13 +544,14 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
         return status;
     }
     if (!self->is_shadow) {
-        /* A sample without unknown values is a better start; a dead device must not prevent one. */
+        /* A sample without unknown values is a better start, but a failed device must not prevent
+         * the start. */
         for (tl_time until = tl_clock_now(NULL) + FIRST_READING;
              tl_clock_now(NULL) < until && tl_interrupt_requested() == NULL &&
              !(is_plant_open(self) && tl_plant_input_is_complete(&self->input));) {
             tl_clock_sleep_until(tl_clock_now(NULL) + 5 * LOOK_SOON);
         }
-        const tl_time gap = tl_clock_now(NULL) - self->ended; /* a change by a restart leaves one between two runs */
+        const tl_time gap = tl_clock_now(NULL) - self->ended; /* a change by restart leaves a gap */
         if (self->ended != 0 && gap > 0) {
             tl_journal_event(&self->journal, -1, TL_EVENT_INFO, "resume", "no twin ran for %.2f s (%lld ticks)",
                              tl_seconds(gap), (long long)(gap / self->config->step));
@@ -569,7 +583,7 @@ static tl_status start_cycle(live_twin *self, tl_error *error) {
 
 /* ---- while the cycle runs ---- */
 
-/* A flip may have made it the run's, or the shadow. Nobody waits for the priority. */
+/* A handover may have swapped live twin and shadow. The priority is not waited for. */
 static void look_at_part(live_twin *self, bool is_shadow) {
     if (is_shadow == self->is_shadow) {
         self->parent = is_shadow ? newest_run(self) : self->parent;
@@ -583,7 +597,7 @@ static void look_at_part(live_twin *self, bool is_shadow) {
     __atomic_store_n(&self->pulse->realtime, wishes ? (int32_t)tl_fmu_thread_number(self->fmus) : 0, __ATOMIC_RELEASE);
 }
 
-/* A shadow that cannot keep pace tells nothing, and takes time from the run's twin. */
+/* A shadow that is too slow has no meaningful result, and takes time from the live twin. */
 static tl_status judge_pace(const live_twin *self, const tl_cycle_status *status, tl_time since, tl_error *error) {
     if (!status->is_shadow) {
         return TL_OK;
@@ -600,7 +614,8 @@ static tl_status judge_pace(const live_twin *self, const tl_cycle_status *status
                          (unsigned long long)status->skipped, (unsigned long long)status->ticks);
 }
 
-/* Watches until the cycle ends or a signal comes; the cycle needs nothing of this. Errors: those of judge_pace(). */
+/* Monitors the cycle until it ends or a signal comes; the cycle does not depend on it. Errors:
+ * those of judge_pace(). */
 static tl_status look_on(live_twin *self, tl_error *error) {
     tl_cycle_status status = {0};
     tl_status judged = TL_OK;
@@ -671,7 +686,7 @@ static void put_end(live_twin *self, tl_status status, const tl_error *error) {
     (void)tl_record_queue_put_end(&self->queue, reason);
 }
 
-/* What it is there for, until it is told to end. */
+/* Runs the cycle or safe hold until it is asked to end. */
 static tl_status live(live_twin *self) {
     tl_error error = {0};
     tl_status status = self->job.how.hold ? TL_OK : start_cycle(self, &error);
@@ -700,7 +715,7 @@ static tl_status live(live_twin *self) {
     if (status != TL_OK) {
         tl_log(TL_LOG_ERROR, "%s", error.text);
         if (self->is_shadow) {
-            tl_heartbeats_set_status(&self->pulse->beats, error.text); /* for who tells why it has ended */
+            tl_heartbeats_set_status(&self->pulse->beats, error.text); /* for the config manager */
         }
     }
     return status;
@@ -710,7 +725,7 @@ static tl_status live(live_twin *self) {
 
 static void do_build(void *context) {
     live_twin *self = context;
-    self->assembly->trusts_states = self->job.how.failures > 0; /* a copy may have been what the one before failed by */
+    self->assembly->trusts_states = self->job.how.failures > 0; /* a memory copy may have failed */
     self->built = tl_assembly_build(self->assembly);
 }
 
@@ -718,7 +733,7 @@ static void do_free(void *context) {
     tl_assembly_free(context);
 }
 
-/* The FMUs' thread, and the twin built in it. */
+/* Starts the FMU thread and builds the twin in it. */
 static tl_status build(live_twin *self) {
     tl_error error;
     tl_status status = tl_fmu_thread_start(TL_FMU_WATCHED_HERE, &self->fmus, &error);
@@ -731,7 +746,7 @@ static tl_status build(live_twin *self) {
 }
 
 int tl_live_twin(tl_assembly *assembly, const tl_twin_job *job, const tl_confine_facts *facts) {
-    static live_twin self; /* one for the process */
+    static live_twin self; /* one per process */
     tl_error error;
     self.assembly = assembly;
     self.config = &assembly->config;

@@ -15,7 +15,7 @@
 
 enum { STACK = 256 * 1024, TERMINAL_MS = 100, STATUS_MS = 1000 };
 
-/* A line that a later process repeats is logged again after this time. */
+/* After this time, a line that a later process repeats is logged again. */
 static const tl_time QUIET = 60 * TL_SECOND;
 
 /* FNV-1a. */
@@ -41,7 +41,8 @@ static tl_logged_line *find_line(tl_log_source *source, uint64_t hash) {
     return oldest;
 }
 
-/* A process and its first successor may repeat lines; repeats of later processes are only counted. */
+/* A process and its first successor may repeat lines; repeats of later processes are only counted.
+ */
 static bool is_to_be_counted(tl_log_source *source, tl_logged_line *line, tl_time now) {
     bool is_repeated = line->process != source->process && line->time != 0 && now - line->time < QUIET;
     bool was_loop = line->is_loop;
@@ -50,7 +51,7 @@ static bool is_to_be_counted(tl_log_source *source, tl_logged_line *line, tl_tim
     return is_repeated && was_loop;
 }
 
-/* An empty line stands before the output of each process. */
+/* An empty line precedes the output of each process. */
 static void pass(void *context, const char *line) {
     tl_log_source *source = context;
     if (line[0] == '\0') {
@@ -149,7 +150,7 @@ static bool open_pipes(tl_log_relay *self) {
 
 int tl_log_relay_pipe(const tl_log_relay *self, unsigned which) {
     struct pollfd input = {.fd = self->sources[which].pipe, .events = POLLOUT};
-    if (poll(&input, 1, 0) == 1) {         /* the write cannot block, since no other process writes now */
+    if (poll(&input, 1, 0) == 1) {         /* cannot block: no other process writes now */
         (void)!write(input.fd, "\n\n", 2); /* ends a line that the process before left unfinished */
     }
     return input.fd;
@@ -193,7 +194,7 @@ void tl_log_relay_stop(tl_log_relay *self) {
         if (source->pipe != 0) {
             (void)close(source->pipe);
             source->pipe = 0;
-            (void)tl_relay_drain(&source->relay); /* the processes have ended: all their output is there */
+            (void)tl_relay_drain(&source->relay); /* all processes have ended */
             tl_relay_close(&source->relay);
         }
     }

@@ -1,8 +1,11 @@
-/* Log relay of a run: one thread that logs the output of the other processes and draws the status line.
+/* Log relay of a run: one thread that logs the output of the other processes and draws the status
+ * line.
  *
- * Purpose:  io, recorder and config manager print into pipes; this thread logs each line. So only the supervisor uses the terminal, and the
- *           status line never mixes with other lines. The thread also closes ended processes of twins, because that may block.
- * Repeats:  a restarted process prints the lines of the one before. From the third process on, each such line is logged once a minute, with a count.
+ * Purpose:  io, recorder and config manager print into pipes; this thread logs each line. So only
+ *           the supervisor uses the terminal, and the status line never mixes with other lines. The
+ *           thread also closes ended processes of twins, because that may block.
+ * Repeats:  a restarted process prints the lines of the one before. From the third process on, each
+ *           such line is logged once a minute, with a count.
  * Priority: ordinary, whatever that of the supervisor is.
  * Thread:   all functions: the supervisor's. Only tl_log_relay_stop() waits for the thread.
  */
@@ -50,21 +53,22 @@ typedef struct tl_log_relay {
     tl_time drawn;
 } tl_log_relay;
 
-/* `beats`: of the first twin. `status`: draws a status line also if standard error is no terminal. Errors: TL_TRY_AGAIN; then tl_log_relay_stop() is
- * still allowed. */
+/* `beats`: of the first twin. `status`: draws a status line also if standard error is no terminal.
+ * Errors: TL_TRY_AGAIN; then tl_log_relay_stop() is still allowed. */
 tl_status tl_log_relay_start(tl_log_relay *self, const tl_heartbeats *beats, bool status, tl_error *error);
 
-/* The pipe for a process of kind `which`, below TL_LOG_RELAY_PIPES, that is about to start after the one before has ended. Empty lines are dropped. The
- * pipe stays open here. */
+/* The pipe for a process of kind `which`, below TL_LOG_RELAY_PIPES, that is about to start after
+ * the one before has ended. Empty lines are dropped. The pipe stays open here. */
 int tl_log_relay_pipe(const tl_log_relay *self, unsigned which);
 
 /* From now on the status is that of another twin. */
 void tl_log_relay_watch(tl_log_relay *self, const tl_heartbeats *beats);
 
-/* Closes a process that has ended and was let go of. */
+/* Closes a process that has ended, after tl_twin_process_let_go(). */
 void tl_log_relay_close_process(tl_log_relay *self, tl_twin_process *process);
 
-/* Logs the remaining output, removes the status line, and ends the thread. Does nothing if it is not started. */
+/* Logs the remaining output, removes the status line, and ends the thread. Does nothing if it is
+ * not started. */
 void tl_log_relay_stop(tl_log_relay *self);
 
 #endif

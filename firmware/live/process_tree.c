@@ -1,4 +1,4 @@
-/* The tree of processes of a live run: starting it, running it, and its end: see process_tree.h. */
+/* Process tree of a live run: see process_tree.h. */
 #include "firmware/live/process_tree.h"
 
 #include <errno.h>
@@ -27,25 +27,25 @@
 #include "firmware/store/record_queue.h"
 #include "firmware/twin/twin_process.h"
 
-/* ---- the data: used by the supervisor's thread, but for tl_process_tree_put_event() ---- */
+/* ---- data: used by the supervisor's thread, except in tl_process_tree_put_event() ---- */
 
 typedef struct tl_process_tree {
     const tl_process_tree_settings *settings;
-    tl_config config;                /* as the processes have it, with what the command line changes */
-    tl_live_job job;                 /* what does not change from start to start */
+    tl_config config;                /* as in the processes, with the options of the command line */
+    tl_live_job job;                 /* fields that are the same for all starts */
     tl_block blocks[TL_LIVE_BLOCKS]; /* they outlive each process that writes them */
     tl_twin_slot places[TL_TWIN_SLOTS];
     tl_handover_control change;
-    uint32_t twins_place;   /* the place of the supervisor's twin; that of the run is on the stage */
-    int listener;           /* the control socket; -1: there is none, and never an activator */
-    bool was_activated;     /* one was begun: the first sees to what was not finished before */
-    tl_saved_states states; /* of the FMUs with which the run begins, */
-    bool told_states;       /* and that they are of no use */
-    bool again;             /* the run is to begin anew */
-    int stopped;            /* by this signal; 0: by none */
+    uint32_t twins_place;   /* slot of the supervisor's twin; that of the run is in TL_HANDOVER */
+    int listener;           /* control socket; -1: none, and no config manager */
+    bool was_activated;     /* the first config manager was started: it finishes earlier work */
+    tl_saved_states states; /* of the FMUs of the first configuration */
+    bool told_states;       /* unusable states were reported */
+    bool again;             /* start another run after this one */
+    int stopped;            /* signal that asked to end; 0: none */
     tl_record_queue queue;  /* of the supervisor */
     tl_log_relay log;
-    int32_t urgent; /* the thread of the run's twin that has the priority; 0: none */
+    int32_t urgent; /* thread of the live twin with real-time priority; 0: none */
     FILE *output;
     tl_time began;
 } tl_process_tree;
@@ -54,12 +54,13 @@ static inline tl_handover *tl_process_tree_stage(const tl_process_tree *self) {
     return self->blocks[TL_HANDOVER].bytes;
 }
 
-/* That of the run. */
+/* Slot of the live twin. */
 static inline tl_twin_slot *tl_process_tree_place_of_run(tl_process_tree *self) {
     return &self->places[tl_process_tree_stage(self)->place];
 }
 
-/* The place in which the supervisor's twin is, or its shadow. */
+/* Slot of the supervisor's twin, or of its shadow. During a handover it may differ from that of the
+ * handover block. */
 static inline tl_twin_slot *tl_process_tree_place_of(tl_process_tree *self, tl_member which) {
     return &self->places[which == TL_MEMBER_TWIN ? self->twins_place : 1 - self->twins_place];
 }
@@ -85,9 +86,9 @@ static void tl_process_tree_put_event(tl_process_tree *self, tl_severity severit
     }
 }
 
-/* ---- what is heard of FMUs ---- */
+/* ---- refused system calls of FMUs ---- */
 
-/* In the output thread of the process. Of a shadow's FMUs nothing is kept but the log. */
+/* Called in the output thread of the twin process. For a shadow, only the log has it. */
 static void hear_refusal_in(tl_process_tree *self, uint32_t place, const char *text) {
     if (__atomic_load_n(&tl_process_tree_stage(self)->place, __ATOMIC_ACQUIRE) == place) {
         tl_process_tree_put_event(self, TL_EVENT_WARNING, "twin", text);
@@ -104,7 +105,7 @@ static void hear_refusal_of_other(void *context, const char *text) {
 
 /* ---- descriptors ---- */
 
-/* Descriptors for a process of the job: to be closed here once it has them. */
+/* Duplicates the descriptors for a process of this job; the caller closes them with take_back(). */
 static void give(const tl_process_tree *self, tl_live_kind kind, const tl_live_job *job,
                  int given[TL_ROLE_DESCRIPTORS]) {
     const tl_live_access access = tl_live_access_of(kind, job);
@@ -126,7 +127,8 @@ static void take_back(const int given[TL_ROLE_DESCRIPTORS]) {
     }
 }
 
-/* One without FMUs: with a job of the configuration in a place, and a pipe for what it prints. */
+/* Starts a process without FMUs. `place`: slot whose configuration it gets. Its output goes to a
+ * pipe of the log relay. */
 static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t place, tl_error *error) {
     static const char *const names[] = {TL_LIVE_IO, TL_LIVE_RECORDER, TL_LIVE_CONFIG_MANAGER};
     char title[TL_ROLE_TITLE];
@@ -157,7 +159,7 @@ static pid_t start_plain(tl_process_tree *self, tl_live_kind kind, uint32_t plac
     return role.pid;
 }
 
-/* Nothing of the one before is left but what its successor goes on with. */
+/* Clears the status block, except the fields that the next process needs. */
 static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint64_t unreadable) {
     pulse->unreadable = pulse->unreadable != 0 ? pulse->unreadable : unreadable;
     pulse->realtime = 0;
@@ -170,7 +172,7 @@ static void prepare_pulse(tl_live_twin_pulse *pulse, const tl_start *start, uint
     pulse->holds = start->waits ? TL_LIVE_WAITS : start->hold ? TL_LIVE_HOLDS : 0;
 }
 
-/* What a twin is told of its start. */
+/* Fills the job of a twin process. */
 static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *place, bool is_shadow,
                                const tl_start *start) {
     tl_live_job job = self->job;
@@ -179,7 +181,7 @@ static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *
     job.unconfined = place->unconfined;
     job.is_shadow = is_shadow;
     job.start = is_shadow ? place->start : 0;
-    if (start->waits) { /* the first one records from the beginning of the wait on, which io's mail still has */
+    if (start->waits) { /* the sample memory still has all samples since then */
         job.start = place->pulse->number == 1 ? self->states.begun : tl_clock_now(NULL);
     }
     job.started = is_shadow ? place->started : 0;
@@ -188,7 +190,7 @@ static tl_live_job job_of_twin(const tl_process_tree *self, const tl_twin_slot *
     return job;
 }
 
-/* A shadow is told the run's configuration: it reads the samples that the run has recorded. */
+/* A shadow also gets the configuration of the live twin, to read the recorded samples. */
 static tl_status start_with_job(tl_process_tree *self, tl_twin_slot *place, const tl_live_job *job, const char *title,
                                 tl_error *error) {
     size_t live_size = 0;
@@ -228,7 +230,7 @@ static pid_t start_twin(tl_process_tree *self, tl_twin_slot *place, bool is_shad
                         tl_error *error) {
     char title[TL_ROLE_TITLE];
     const uint64_t known = self->states.files != 0 ? self->states.files : start->unreadable;
-    prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* the first number stays */
+    prepare_pulse(place->pulse, start, start->waits ? 0 : known); /* keeps a value that is set */
     const tl_live_job job = job_of_twin(self, place, is_shadow, start);
     const char *kind = start->waits  ? "twin, waits"
                        : start->hold ? "twin, safe hold"
@@ -241,7 +243,7 @@ static pid_t start_twin(tl_process_tree *self, tl_twin_slot *place, bool is_shad
     return place->pid;
 }
 
-/* As tl_supervisor_settings.begin; the context is the tree. */
+/* As tl_supervisor_settings.begin; `context` is the process tree. */
 static pid_t tl_process_tree_begin(void *context, tl_member which, const tl_start *start, tl_error *error) {
     tl_process_tree *self = context;
     pid_t pid = 0;
@@ -271,15 +273,13 @@ static pid_t tl_process_tree_begin(void *context, tl_member which, const tl_star
     }
 }
 
-/* ---- tree ---- */
-
 /* ---- shared memory ---- */
 
 static tl_status make_memory(tl_process_tree *self, tl_error *error) {
     static const struct {
         int number;
         const char *name;
-        bool of_recorder; /* there only if something is recorded */
+        bool of_recorder; /* only if something is recorded */
         tl_block_writer writer;
     } made[] = {
         {TL_LIVE_MAIL, "twinlock mail", false, TL_BLOCK_SPARSE},
@@ -299,10 +299,10 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
         {TL_LIVE_PAST + 1, "twinlock past", true, TL_BLOCK_SPARSE},
     };
     const bool records = tl_process_tree_records(self);
-    tl_config begun = *self->settings->config; /* whose text is in force first, */
+    tl_config begun = *self->settings->config; /* the configuration of the first twin */
     size_t sizes[TL_LIVE_BLOCKS];
     tl_status status = TL_OK;
-    tl_config_use_lookups(&begun); /* and of which the twin has all signals */
+    tl_config_use_lookups(&begun); /* with all look-ups as signals */
     tl_live_block_sizes(&self->config, sizes);
     for (size_t i = 0; i < sizeof made / sizeof made[0] && status == TL_OK; i++) {
         tl_block *block = &self->blocks[made[i].number];
@@ -311,7 +311,7 @@ static tl_status make_memory(tl_process_tree *self, tl_error *error) {
             status = tl_block_make(made[i].name, size, made[i].writer, block, error);
         }
     }
-    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) { /* outboxes are made for a configuration */
+    for (size_t i = 0; i < TL_TWIN_SLOTS; i++) { /* allocated with a configuration */
         self->places[i].pulse = self->blocks[TL_LIVE_TWIN_PULSE + i].bytes;
         self->places[i].queue = &self->blocks[TL_LIVE_QUEUE + i];
     }
@@ -339,13 +339,13 @@ static uint64_t end_twin(tl_process_tree *self, tl_twin_slot *place, bool by_oth
     tl_log_relay_close_process(&self->log, place->twin);
     place->twin = NULL;
     place->pid = 0;
-    /* A checkpoint that it had loaded may be to blame. */
+    /* A checkpoint that it had loaded may be the cause. */
     bool is_to_blame = place->pulse->loads != 0 && (!by_others || was_killed) && place->pulse->fmus != 0;
     place->pulse->unreadable = is_to_blame ? place->pulse->fmus : place->pulse->unreadable;
     return is_to_blame ? place->pulse->fmus : 0;
 }
 
-/* One that could not go on has said why. It is bounded here, and cleaned by who shows it. */
+/* A shadow that failed has published the reason. It is bounded here, and the reader cleans it. */
 static void note_end_of_shadow(tl_process_tree *self, const tl_heartbeats *beats, const char *reason) {
     char said[TL_HEARTBEAT_STATUS] = "";
     int code = 0;
@@ -377,9 +377,9 @@ static void tell(void *context, const char *text) {
     tl_process_tree_put_event(context, TL_EVENT_ERROR, "supervisor", text);
 }
 
-/* ---- looking ---- */
+/* ---- main loop ---- */
 
-/* Only a thread of that process: the word of one with FMUs alone is worth nothing. */
+/* Accepts only a thread of that process, because the number comes from a process with FMUs. */
 static void schedule(pid_t process, int32_t thread, int priority) {
     const struct sched_param parameter = {.sched_priority = priority};
     char path[64];
@@ -390,7 +390,8 @@ static void schedule(pid_t process, int32_t thread, int priority) {
     }
 }
 
-/* The twin's cycle wants its priority, or does not any more: no thread beside FMUs can set one itself. */
+/* The cycle of the twin requests or returns its priority, because a process with FMUs cannot set
+ * one. */
 static void look_at_priority(tl_process_tree *self) {
     const tl_twin_slot *place = tl_process_tree_place_of_run(self);
     int32_t wished = __atomic_load_n(&place->pulse->realtime, __ATOMIC_ACQUIRE);
@@ -410,8 +411,8 @@ static void look(void *context, bool ends, tl_orders *orders) {
     tl_process_tree *self = context;
     const tl_twin_slot *before = tl_process_tree_place_of_run(self);
     tl_handover_control_look(&self->change, tl_clock_now(NULL), ends, orders);
-    if (orders->swap) {                         /* the supervisor swaps nothing any more once all end */
-        schedule(before->pid, self->urgent, 0); /* a shadow has no priority */
+    if (orders->swap) {                         /* at the end, the supervisor ignores it */
+        schedule(before->pid, self->urgent, 0); /* a shadow has no real-time priority */
         self->urgent = 0;
         tl_log_relay_watch(&self->log, &tl_process_tree_place_of_run(self)->pulse->beats);
         self->twins_place = ends ? self->twins_place : tl_process_tree_stage(self)->place;
@@ -432,7 +433,7 @@ static tl_wait wait_for_states(void *context) {
     tl_process_tree *self = context;
     tl_wait wait = tl_saved_states_look(&self->states);
     if (self->states.files != 0 && !self->told_states) {
-        char text[TL_EVENT_TEXT]; /* which has room for less than the log */
+        char text[TL_EVENT_TEXT]; /* shorter than a line of the log */
         tl_log(TL_LOG_WARNING,
                "%s; no checkpoint holds them, and a twin that goes on follows the recorded inputs instead",
                self->states.why);
@@ -443,7 +444,7 @@ static tl_wait wait_for_states(void *context) {
     return wait;
 }
 
-/* The recorder's word, of those whose outboxes it reads. */
+/* Reported by the recorder, for the queues that it reads. */
 static tl_time damaged(void *context, tl_member which) {
     const tl_process_tree *self = context;
     size_t queue = which == TL_MEMBER_IO ? TL_LIVE_QUEUE_IO : TL_LIVE_QUEUE_TWIN + self->twins_place;
@@ -466,11 +467,11 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
                                      .unconfined = settings->unconfined,
                                      .memory_limit = settings->memory_limit,
                                      .be = settings->be};
-    /* Without an account nothing would be remembered. */
+    /* Without a restart record the result would not be saved. */
     tl_saved_states_open(settings->supervised ? settings->state : NULL, &self->states);
     tl_status status = make_memory(self, error);
     if (status == TL_OK && settings->control != NULL &&
-        tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* the twin comes first */
+        tl_control_listen(settings->control, &self->listener, &ignored) != TL_OK) { /* not fatal */
         tl_log(TL_LOG_ERROR, "%s; the run goes on, and its configuration cannot be changed", ignored.text);
     }
     if (status == TL_OK) {
@@ -490,7 +491,8 @@ static tl_status open_all(tl_process_tree *self, tl_error *error) {
     return status;
 }
 
-/* Of the run that is the last one. Nothing is left that could be harmed by reading what is not our own. */
+/* Reads the configuration of the last live twin. Parsing untrusted text is safe now, because the
+ * run is over. */
 static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
     const char *text = tl_process_tree_place_of_run(self)->text;
     if (text == self->settings->config->text) {
@@ -501,7 +503,7 @@ static tl_status read_last_config(tl_process_tree *self, tl_error *error) {
     return tl_live_job_read(&self->job, self->settings->config->path, text, &self->config, error);
 }
 
-/* What the twin says of its run, as far as it can be; and whether that is what was wanted of it. */
+/* Prints the summary that the twin has left, and checks the required lock. */
 static tl_status print_summary(tl_process_tree *self, tl_error *error) {
     tl_live_end *end = &tl_process_tree_place_of_run(self)->pulse->end;
     tl_summary summary = end->summary;
@@ -572,7 +574,8 @@ static void close_all(tl_process_tree *self) {
     tl_config_free(&self->config);
 }
 
-/* What nobody has recorded, if the last one who could have has not said that itself. */
+/* Reports data that was not recorded, unless the last recorder has announced its end and so has
+ * reported that. */
 static void say_rest(tl_process_tree *self) {
     const tl_record_queue_settings events = tl_live_event_queue();
     int code = 0;
@@ -597,7 +600,7 @@ static void say_rest(tl_process_tree *self) {
 static int finish(tl_process_tree *self, int code) {
     tl_error error = {0};
     tl_status printed = print_summary(self, &error);
-    tl_log_relay_stop(&self->log); /* all that the processes have said comes before what is said of them */
+    tl_log_relay_stop(&self->log); /* first all output of the processes */
     if (code != 0) {
         say_rest(self);
     }
@@ -610,7 +613,7 @@ static int finish(tl_process_tree *self, int code) {
 }
 
 int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tree_end *end) {
-    static tl_process_tree self; /* one for the process; its threads may look at it */
+    static tl_process_tree self; /* one per process; its threads may access it */
     tl_error error = {0};
     sigset_t asked;
     self.settings = settings;
@@ -626,8 +629,8 @@ int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tre
         (void)snprintf(self.job.state, sizeof self.job.state, "%s", settings->state);
         (void)snprintf(self.job.allowed, sizeof self.job.allowed, "%s", settings->allowed);
     }
-    tl_supervisor_block_signals(&asked, NULL); /* from now on they wait for the supervisor */
-    tl_status status = /* what the processes read, we read too: sizes of what is shared follow from it */
+    tl_supervisor_block_signals(&asked, NULL); /* pending until the supervisor reads them */
+    tl_status status =                         /* block sizes depend on it */
         tl_live_job_read(&self.job, settings->config->path, settings->config->text, &self.config, &error);
     if (status == TL_OK) {
         status = tl_live_plant_check(&self.config, &error);

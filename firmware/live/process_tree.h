@@ -1,5 +1,7 @@
-/* The tree of processes of a live run: starting it, running it, and its end.
+/* Process tree of a live run: starts, runs and ends all processes.
  *
+ * Memory:  the caller owns the settings; they must outlive the call.
+ * Errors:  logged; the exit code reports them.
  * Thread:  the supervisor's.
  */
 #ifndef TL_FIRMWARE_LIVE_PROCESS_TREE_H
@@ -12,32 +14,32 @@
 #include "firmware/twin/twin_role.h"
 
 typedef struct tl_process_tree_settings {
-    const tl_config *config; /* as it was read; it stays as it is */
+    const tl_config *config; /* as read; not changed */
     const char *database;    /* NULL: as configured */
-    tl_time duration;        /* 0: as configured */
-    bool json;               /* the summary at the end */
-    bool status;             /* a status line also if standard error is no terminal */
-    bool unconfined;         /* FMUs may do what the user can */
-    uint64_t memory_limit;   /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
-    double require_lock;     /* percent of the steps that must have been in lock; 0: any, if nobody supervises */
+    tl_time duration;        /* ns; 0: as configured */
+    bool json;               /* prints the summary as JSON at the end */
+    bool status;             /* shows a status line also if standard error is no terminal */
+    bool unconfined;         /* FMUs have all rights of the user */
+    uint64_t memory_limit;   /* of an FMU process; 0: tl_confine_fair_memory() */
+    double require_lock;     /* least % of steps in lock; 0: none, or one step if alone */
     bool supervised;
-    tl_time call_limit;  /* as in supervisor.h: if nobody supervises */
-    const char *state;   /* as in supervisor.h: supervised only */
-    const char *control; /* the socket by which the configuration is changed; NULL: it is not. Needs `state` */
-    const char *allowed; /* the administrator's list of names that a configuration from the network may have */
+    tl_time call_limit;  /* as in supervisor.h, if not supervised */
+    const char *state;   /* as in supervisor.h, if supervised */
+    const char *control; /* control socket to change the configuration; NULL: none. Needs `state` */
+    const char *allowed; /* administrator's list of names that a remote configuration may use */
     const char *watchdog;
     int watchdog_s;
-    const tl_twin_role_tasks *tasks;             /* of a twin's process, */
-    int (*be)(const char *title, void *context); /* and what main() does for a title: where there is no exec */
+    const tl_twin_role_tasks *tasks;             /* of the process of a twin */
+    int (*be)(const char *title, void *context); /* main function of a title, without exec */
 } tl_process_tree_settings;
 
-/* Nobody asked for the end by a signal, and: */
+/* How the run ended, if no signal asked for the end. */
 typedef struct tl_process_tree_end {
-    bool again; /* the run has ended so that another one begins, with the version that is active by now (versions.h) */
-    bool is_failure; /* it could not begin, or not go on */
+    bool again;      /* start another run, with the active version (versions.h) */
+    bool is_failure; /* the run could not start or continue */
 } tl_process_tree_end;
 
-/* Returns an exit code; what went wrong was said on the log. */
+/* Runs the process tree. Returns an exit code; errors were logged. */
 int tl_process_tree_run(const tl_process_tree_settings *settings, tl_process_tree_end *end);
 
 #endif

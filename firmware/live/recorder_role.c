@@ -1,4 +1,4 @@
-/* The process that records: SQLite, and nothing else. See live_role.h. */
+/* Recorder: the process that writes SQLite; it does nothing else. See live_role.h. */
 #include <libgen.h>
 #include <limits.h>
 #include <signal.h>
@@ -17,40 +17,41 @@
 #include "firmware/twin/resume.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* Between two looks: while a twin may ask for a past, and later. */
+/* Interval of the main loop: while a twin may request resume data, and later. */
 static const tl_time LOOK_SOON = TL_SECOND / 500;
 static const tl_time LOOK = TL_SECOND / 20;
 
-/* A worn-out memory card takes its time for one commit; so may the database of years to be opened. */
+/* Heartbeat timeout: one commit to a worn memory card may take long, and so may opening the
+ * database of several years. */
 static const tl_time PATIENCE = 60 * TL_SECOND;
 
-/* For what is left at the end, with a disk that refuses. */
+/* Time limit to write the remaining data at the end if the disk rejects it. */
 static const tl_time PATIENCE_AT_END = 2 * TL_SECOND;
 
-/* With a file that cannot be written, before it is asked whether its folder is another one by now. */
+/* After this time with an unwritable file, the recorder checks if the folder was replaced. */
 static const tl_time PATIENCE_WITH_FOLDER = TL_SECOND;
 
-/* The twin that it follows is in the place of the job. */
+/* It records the twin in the slot of the job. */
 typedef struct recorder {
     tl_live_given given;
-    tl_plant_input input; /* over the mail */
+    tl_plant_input input; /* over the sample memory */
     tl_live_recorder_pulse *own;
     const tl_live_twin_pulse *twin;
-    const tl_live_twin_pulse *other; /* in the other place */
+    const tl_live_twin_pulse *other; /* in the other slot */
     tl_block *resume;
     const tl_handover *stage;
     tl_thread_heartbeat *heartbeat;
-    tl_twin_record record; /* what the run is, but for its twin */
+    tl_twin_record record; /* description of the run, except its twin */
     tl_recorder_writer *writer;
-    tl_resume_history *history; /* NULL: nobody has asked, or does any more */
+    tl_resume_history *history; /* NULL: not requested yet, or finished */
     tl_live_wish answered;
-    tl_live_samples samples;            /* for the other place */
-    char fmus[TL_SHA256_TEXT];          /* of the past */
-    tl_live_tuning_head head;           /* of the newest tuning that was read, */
-    char text[TL_CONFIG_MAX_BYTES + 1]; /* its configuration, */
-    uint32_t looked;                    /* and the number that was looked at last */
-    tl_recorder_known known;            /* the same, for the writer */
-    struct stat folder;                 /* that may be written into, since the process began; 0: there was none */
+    tl_live_samples samples;            /* for the other slot */
+    char fmus[TL_SHA256_TEXT];          /* hash of the FMU files for `history` */
+    tl_live_tuning_head head;           /* newest tuning that was read */
+    char text[TL_CONFIG_MAX_BYTES + 1]; /* configuration of that tuning */
+    uint32_t looked;                    /* number of the tuning that was checked last */
+    tl_recorder_known known;            /* the same for the writer */
+    struct stat folder;                 /* of the database, at the start; st_ino 0: none */
 } recorder;
 
 static void take_sample(void *context, int64_t tick, tl_time instant, tl_sample *sample) {
@@ -62,7 +63,7 @@ static void *bytes_of(const recorder *self, size_t block) {
     return self->given.blocks[block].bytes;
 }
 
-/* What io posts is for samples that the twin does not hand over. */
+/* The sample buffers provide the samples that the twin does not pass on. */
 static tl_status open_memory(recorder *self, tl_error *error) {
     const uint32_t place = self->given.job.place;
     self->own = bytes_of(self, TL_LIVE_RECORDER_PULSE);
@@ -75,7 +76,8 @@ static tl_status open_memory(recorder *self, tl_error *error) {
 
 /* ---- the writer ---- */
 
-/* What whoever retunes has written since: before entries that may be of it are. What cannot be is passed over, since no twin takes it either. */
+/* Reads the newest tuning before any entries that refer to it. An invalid one is skipped, because
+ * no twin applies it either. */
 static void look_at_tuning(recorder *self) {
     const tl_live_tuning *block = bytes_of(self, TL_LIVE_TUNING + self->given.job.place);
     uint32_t number = tl_live_tuning_number(block);
@@ -96,7 +98,7 @@ static void look_at_tuning(recorder *self) {
     self->looked = status != TL_TRY_AGAIN ? number : self->looked;
 }
 
-/* No other twin can have taken over: none was to, since this process was begun. */
+/* True if no handover was announced since this process started. */
 static bool is_nobody_else(void *context) {
     const recorder *self = context;
     return __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE) == self->given.job.handovers;
@@ -137,9 +139,9 @@ static tl_status open_writer(recorder *self, tl_error *error) {
     return tl_recorder_writer_open(&settings, &self->writer, error);
 }
 
-/* ---- the past, for a twin that begins without a predecessor in this run ---- */
+/* ---- resume data, for a twin without a previous process in this run ---- */
 
-/* Further ones than fit are left out. */
+/* Messages that do not fit are dropped. */
 static void note_words(void *context, tl_severity severity, const char *text) {
     tl_live_past_answer *answer = context;
     for (size_t i = 0; i < TL_LIVE_PAST_WORDS; i++) {
@@ -152,7 +154,7 @@ static void note_words(void *context, tl_severity severity, const char *text) {
     }
 }
 
-/* Of the FMUs that the twin has loaded, whatever lies in their places by now. */
+/* Uses the hash of the FMUs that the twin has loaded, because the files may have changed. */
 static void open_history(recorder *self) {
     memcpy(self->fmus, self->twin->digest, sizeof self->fmus);
     self->fmus[TL_SHA256_TEXT - 1] = '\0';
@@ -168,7 +170,7 @@ static void open_history(recorder *self) {
     self->history = tl_resume_history_open(&settings);
 }
 
-/* The next older one, into its block. */
+/* Writes the next older resume data to its block. */
 static void answer(recorder *self, tl_live_wish wish) {
     tl_live_past_answer *given = &self->own->answer[self->given.job.place];
     memset(given->words, 0, sizeof given->words);
@@ -191,13 +193,13 @@ static void look_at_wishes(recorder *self) {
     if (wish != 0 && wish != self->answered) {
         answer(self, wish);
     } else if (self->history != NULL && __atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) != 0) {
-        tl_resume_history_close(self->history); /* nobody needs it any more */
+        tl_resume_history_close(self->history); /* the twin has started */
         self->history = NULL;
         tl_block_forget(self->resume);
     }
 }
 
-/* ---- its life ---- */
+/* ---- main loop ---- */
 
 static struct stat folder_of(const char *path) {
     char copy[PATH_MAX];
@@ -209,8 +211,8 @@ static struct stat folder_of(const char *path) {
     return folder;
 }
 
-/* What a process may write is fixed when it confines itself. A folder that was made anew since, or a disk that was put in its place, takes
- * another process. */
+/* The confinement fixes the folder that the process may write to. If the folder was created again,
+ * or its disk was replaced, another recorder is needed. */
 static bool needs_another(const recorder *self) {
     tl_time since = tl_recorder_state_get(&self->own->state).refused_since;
     if (since == 0 || tl_clock_now(NULL) - since < PATIENCE_WITH_FOLDER) {
@@ -221,7 +223,8 @@ static bool needs_another(const recorder *self) {
            (folder.st_ino != self->folder.st_ino || folder.st_dev != self->folder.st_dev);
 }
 
-/* The run has another twin, which puts into another outbox; in that of the job nothing more is put that is ours to read. */
+/* Another twin is live and writes to the other record queue; the queue of this recorder gets no
+ * more data of its run. */
 static bool is_over(const recorder *self) {
     uint32_t handovers = __atomic_load_n(&self->stage->handovers, __ATOMIC_ACQUIRE);
     uint32_t place = __atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE);
@@ -229,20 +232,19 @@ static bool is_over(const recorder *self) {
            (handovers != self->given.job.handovers + 1 || place != self->given.job.place);
 }
 
-/* For the supervisor: another recorder can go on with the other outbox. */
+/* Reports to the supervisor that another recorder can continue with the other queue. */
 static void tell_drained(recorder *self) {
     __atomic_store_n(&self->own->drained, self->given.job.handovers + 1, __ATOMIC_RELEASE);
 }
 
 static void write_now(recorder *self) {
-    bool over = is_over(self); /* first: what is put before that is read now */
+    bool over = is_over(self); /* first: all data before that is read now */
     if (over) {
         tl_recorder_writer_leave(self->writer);
     }
     look_at_tuning(self);
     tl_recorder_writer_write(self->writer);
-    for (size_t i = 0; i < TL_LIVE_QUEUES;
-         i++) { /* for the supervisor: who has destroyed its outbox is to be replaced */
+    for (size_t i = 0; i < TL_LIVE_QUEUES; i++) { /* the supervisor reads it */
         __atomic_store_n(&self->own->damaged[i], tl_recorder_writer_damage(self->writer, i), __ATOMIC_RELAXED);
     }
     if (over && tl_recorder_writer_has_drained(self->writer)) {
@@ -265,7 +267,7 @@ static void record_until_told(recorder *self) {
         tl_thread_heartbeat_beat(self->heartbeat);
         look_at_wishes(self);
         if (__atomic_load_n(&self->stage->place, __ATOMIC_ACQUIRE) ==
-            self->given.job.place) { /* the other is a shadow */
+            self->given.job.place) { /* the other twin is a shadow */
             tl_live_samples_look(&self->samples, tl_recorder_writer_path(self->writer));
         }
         if (tl_clock_now(NULL) >= due || tl_recorder_writer_is_pressed(self->writer)) {
@@ -274,19 +276,19 @@ static void record_until_told(recorder *self) {
         }
         tl_time now = tl_clock_now(NULL);
         tl_time look = now + (__atomic_load_n(&self->twin->begun, __ATOMIC_RELAXED) == 0 ? LOOK_SOON : LOOK);
-        due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the other one waits */
+        due = is_over(self) && due > now + LOOK ? now + LOOK : due; /* the next recorder waits */
         tl_clock_sleep_until(look < due ? look : due);
     }
 }
 
 int tl_recorder_role_run(void) {
-    static recorder self; /* one for the process */
+    static recorder self; /* one per process */
     tl_error error;
     tl_status status = tl_live_role_begin(TL_LIVE_IS_RECORDER, &self.given);
     if (status != TL_OK) {
         return tl_exit_code(status);
     }
-    (void)signal(SIGXFSZ, SIG_IGN); /* a file that may not grow any more is a full disk */
+    (void)signal(SIGXFSZ, SIG_IGN); /* treat a file size limit like a full disk */
     status = open_memory(&self, &error);
     self.heartbeat = tl_thread_heartbeat_start(&self.own->beats, "recorder", PATIENCE);
     self.folder = folder_of(self.given.job.database);

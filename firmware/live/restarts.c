@@ -1,4 +1,4 @@
-/* The account of restarts: see restarts.h. */
+/* Restart record: see restarts.h. */
 #include "firmware/live/restarts.h"
 
 #include <errno.h>
@@ -23,17 +23,17 @@ static unsigned at_most(uint64_t count, unsigned most) {
     return count < most ? (unsigned)count : most;
 }
 
-/* What the supervisor before this one left; nothing if there is no file, or none that can be understood. */
+/* Loads the record of the previous supervisor; no change if there is no valid file. */
 static void read_account(tl_restarts *restarts, bool watchdog) {
     tl_json_reader reader = tl_json_file_read(restarts->path);
     tl_restarts kept = *restarts;
     kept.starts = tl_json_count(&reader, "starts");
     kept.restarts = tl_json_count(&reader, "restarts");
     kept.failures = at_most(tl_json_count(&reader, "failures"), TL_RESTARTS_MOST);
-    if (tl_json_has(&reader, "tries")) { /* an older version does not write these two */
+    if (tl_json_has(&reader, "tries")) { /* older versions do not write these two */
         kept.tries = at_most(tl_json_count(&reader, "tries"), TRIES_COUNTED);
     }
-    if (tl_json_has(&reader, "unreadable")) { /* as text: a number in JSON holds 53 bits only */
+    if (tl_json_has(&reader, "unreadable")) { /* as text, because a JSON number has only 53 bits */
         kept.unreadable = strtoull(tl_json_text(&reader, "unreadable"), NULL, 16);
     }
     kept.interrupted = tl_json_truth(&reader, "running");
@@ -51,7 +51,7 @@ static void read_account(tl_restarts *restarts, bool watchdog) {
     tl_json_reader_free(&reader);
 }
 
-/* The same length always, so that one can be written over another. */
+/* Fixed length, so that one record can overwrite another in place. */
 enum { ACCOUNT_BYTES = 256 };
 
 static void print_account(const tl_restarts *restarts, bool running, char text[ACCOUNT_BYTES + 1]) {
@@ -65,7 +65,8 @@ static void print_account(const tl_restarts *restarts, bool running, char text[A
     text[ACCOUNT_BYTES - 1] = '\n';
 }
 
-/* On a full disk: over the bytes that are there, which takes no room. Not whole if the power fails just now, so it is for an end only. */
+/* Overwrites the file in place, because a full disk has no space for a new one. A power failure may
+ * damage the file, so this is only for the end. */
 static bool write_over(const char *path, const char *text) {
     int file = open(path, O_WRONLY | O_CLOEXEC | O_NOFOLLOW);
     bool is_written = file >= 0 && tl_file_bytes_write(file, text, ACCOUNT_BYTES) && fdatasync(file) == 0;
@@ -85,7 +86,7 @@ static tl_status write_file(const char *path, const char *text, tl_error *error)
     return tl_new_file_keep(&file, error);
 }
 
-/* A full disk does not keep anybody from going on; it is told once. */
+/* A full disk must not stop the run; it is logged once. */
 static void keep(tl_restarts *restarts, bool running) {
     char text[ACCOUNT_BYTES + 1];
     tl_error error;
@@ -101,9 +102,9 @@ static void keep(tl_restarts *restarts, bool running) {
     restarts->unwritten = failed;
 }
 
-/* ---- the account ---- */
+/* ---- record ---- */
 
-/* A disk that can only be read, as after a fault of it, keeps no twin from its plant. */
+/* A disk that became read-only, for example after a fault, must not prevent the run. */
 static bool is_read_only(const char *folder) {
     bool is = access(folder, W_OK | X_OK) != 0 && errno == EROFS;
     if (is) {

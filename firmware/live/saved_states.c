@@ -1,4 +1,4 @@
-/* What is saved, tried before a run: see saved_states.h. */
+/* Saved-state test: see saved_states.h. */
 #include "firmware/live/saved_states.h"
 
 #include <fcntl.h>
@@ -13,16 +13,18 @@
 #include "firmware/base/os.h"
 #include "firmware/process/private_folder.h"
 
-/* A call of an FMU may take a minute in it. */
+/* One FMU call may take a minute in it. */
 static const tl_time LIMIT = 300 * TL_SECOND;
 
-/* When the log says what the twin waits for, and when a twin begins that holds: io's mail keeps 10 s and hang_s, so no sample is lost. */
+/* When the log reports the test, and when a twin process that only waits is started. No sample is
+ * lost, because the sample memory keeps 10 s and hang_s. */
 static const tl_time TOLD = 3 * TL_SECOND;
 static const tl_time BRIEF = 10 * TL_SECOND;
 
-/* ---- of which FMUs ---- */
+/* ---- identity of the FMUs ---- */
 
-/* What it depends on besides the files. */
+/* The key contains all that the result depends on: file contents, program version, step and
+ * rollback methods. */
 static void make_key(const tl_config *config, const char *digest, char key[TL_SHA256_TEXT]) {
     char format[TL_IDENTITY_TEXT];
     char text[TL_SHA256_TEXT + TL_IDENTITY_TEXT + TL_IDENTITY_FILES + 32];
@@ -34,7 +36,7 @@ static void make_key(const tl_config *config, const char *digest, char key[TL_SH
     tl_sha256(text, (size_t)length, key);
 }
 
-/* The key stays "" if one cannot be read. */
+/* The key stays "" if a file cannot be read. */
 static void identify(tl_saved_states *states) {
     const tl_config *config = states->config;
     int descriptors[TL_IDENTITY_FILES] = {0};
@@ -58,9 +60,9 @@ static void identify(tl_saved_states *states) {
     }
 }
 
-/* ---- what is remembered ---- */
+/* ---- saved result ---- */
 
-/* False: nothing is, of these. */
+/* Returns false if there is no result for these FMUs. */
 static bool remember(tl_saved_states *states) {
     tl_json_reader reader = tl_json_file_read(states->path);
     bool is_known = strcmp(tl_json_text(&reader, "of"), states->key) == 0;
@@ -70,7 +72,8 @@ static bool remember(tl_saved_states *states) {
     return is_known;
 }
 
-/* If it cannot be kept it is found out again: the account of restarts, which lies there as well, says what is wrong with the folder. */
+/* If the result cannot be saved, the next start tests again. The restart record in the same folder
+ * reports an unusable folder. */
 static void keep(const tl_saved_states *states) {
     tl_json_writer json;
     tl_error ignored;
@@ -81,7 +84,7 @@ static void keep(const tl_saved_states *states) {
     tl_json_writer_free(&json);
 }
 
-/* ---- the trial ---- */
+/* ---- test ---- */
 
 static void begin_trial(tl_saved_states *states) {
     tl_error error;
@@ -98,7 +101,7 @@ static void begin_trial(tl_saved_states *states) {
     states->begun = tl_clock_now(NULL);
 }
 
-/* Without an answer nothing is known, nor remembered: the run will say what is wrong with the FMUs. */
+/* Without an answer no result is saved: the run will report the error of the FMUs. */
 static void end_trial(tl_saved_states *states, tl_worker_state how) {
     bool is_known = how == TL_WORKER_DONE && tl_worker_take_why(states->worker.result.bytes, states->why);
     if (states->worker.is_late) {
@@ -146,7 +149,7 @@ tl_wait tl_saved_states_look(tl_saved_states *states) {
 void tl_saved_states_stop(tl_saved_states *states) {
     if (states->worker.is_started) {
         tl_worker_close(&states->worker);
-        tl_private_folder_sweep("twin"); /* it could not remove those of its FMUs */
+        tl_private_folder_sweep("twin"); /* the killed worker could not remove its folders */
     }
     states->is_due = false;
 }

@@ -1,13 +1,20 @@
-/* Whether another process can use what the FMUs of a run save: tried before its first twin begins, and remembered.
+/* Saved-state test: can another process load what the FMUs of a run save? Done before the first
+ * twin starts; the result is saved.
  *
- * Purpose: a checkpoint that ends the process that loads it costs a start; one that is loaded and goes on otherwise is noticed by nobody. So the FMUs are
- *          tried by a process of its own (worker.h) beside the supervisor, which reads the plant meanwhile. Nothing of that process is heard on the log: what
- *          is wrong with the FMUs otherwise the run will say.
- * Memory:  FOLDER/states.json, by the contents of the FMU files, how they are rolled back, the step and the version of this program. So the trial costs two
- *          starts of the FMUs once. Without a folder it would cost that at each start, and is left out.
- * Bad:     FMUs that crash or hang in the trial, or need more than 300 s, count as ones whose states cannot be used, and are not tried again either.
- *          What was interrupted, or could not begin, is not remembered.
- * Trust:   the answer comes from beside the FMUs, and harms only their own run: it is cleaned, and bounded.
+ * Purpose: a checkpoint that crashes the process that loads it costs a start. If it loads, but the
+ *          FMU continues differently, that is never noticed. So a worker (worker.h) tests the FMUs
+ *          while io reads the plant. The log has no output of the worker: the run reports other
+ *          errors of the FMUs.
+ * Memory:  the result is saved to FOLDER/states.json. Its key is computed from the content of the
+ *          FMU files, their rollback methods, the step and the version of this program. So the test
+ *          costs two starts of the FMUs only once. Without a folder every start would need it, so
+ *          it is skipped.
+ * Bad:     if the FMUs crash, hang, or need more than 300 s, their states count as unusable, and
+ *          the test is not repeated. An interrupted test, or one that could not start, is not
+ *          saved.
+ * Trust:   the answer comes from a process with FMUs, and affects only their own run: it is cleaned
+ *          and bounded.
+ * Errors:  none is returned; without a result, nothing is assumed against the FMUs.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_LIVE_SAVED_STATES_H
@@ -23,29 +30,31 @@
 #include "firmware/retune/worker.h"
 
 typedef struct tl_saved_states {
-    const tl_config *config; /* as it was read; this and the next three are set by the user, the rest is zeroed */
+    const tl_config *config; /* as read; the caller sets the first four and zeroes the rest */
     bool unconfined;
-    uint64_t memory_limit; /* bytes that the process of the FMUs may take; 0: tl_confine_fair_memory() */
-    int (*be)(const char *title, void *context); /* where there is no exec (role.h) */
-    uint64_t files; /* number of the FMU files whose saved states are of no use; 0: nothing is known against them */
-    char why[TL_TWIN_CHECK_WHY]; /* then: why */
+    uint64_t memory_limit;                       /* of an FMU process; 0: tl_confine_fair_memory() */
+    int (*be)(const char *title, void *context); /* main function, without exec (role.h) */
+    uint64_t files;                              /* number of unusable FMU files; 0: none known */
+    char why[TL_TWIN_CHECK_WHY];                 /* the reason, if `files` is not 0 */
     /* private */
     uint64_t number;          /* of the FMU files */
-    char key[TL_SHA256_TEXT]; /* by which they are remembered */
+    char key[TL_SHA256_TEXT]; /* of the saved result */
     char path[PATH_MAX];
-    bool is_due; /* they are to be tried, or are being tried, */
+    bool is_due; /* the test is to be done, or is running */
     tl_worker worker;
-    tl_time begun; /* since when */
-    bool is_told;  /* that it takes long */
+    tl_time begun; /* start of the test */
+    bool is_told;  /* the long test was logged */
 } tl_saved_states;
 
-/* Reads the FMU files and what is remembered of them. Without a folder (NULL) nothing is tried. The configuration must stay. */
+/* Identifies the FMU files and loads the saved result. `folder` NULL: nothing is tested. The
+ * configuration must outlive `states`. */
 void tl_saved_states_open(const char *folder, tl_saved_states *states);
 
-/* Does not wait. Begins the trial if it is due, and tells whether the twin has to wait for it: TL_WAIT_LONG after 10 s. After 3 s the log says so. */
+/* Starts the test if necessary, and polls it without blocking. Returns whether the twin must wait:
+ * TL_WAIT_LONG after 10 s. Logs a notice after 3 s. */
 tl_wait tl_saved_states_look(tl_saved_states *states);
 
-/* Kills the trial: nothing comes of it. There need not be one. */
+/* Kills the test without a result. Does nothing if none is running. */
 void tl_saved_states_stop(tl_saved_states *states);
 
 #endif

@@ -1,4 +1,4 @@
-/* The recorded part of a shadow's course: see shadow_warm_up.h. */
+/* Warm-up of a shadow: see shadow_warm_up.h. */
 #include "firmware/live/shadow_warm_up.h"
 
 #include <string.h>
@@ -8,31 +8,33 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/twin/resume.h"
 
-/* That is computed in one go. */
+/* Computing time of one part. */
 static const tl_time PIECE = TL_SECOND / 50;
 
-/* Of the plant's time: what is left to be made up by the cycle; and what the first tick lies ahead if nothing was recorded. */
+/* Samples of less than this time are left to the cycle, which catches up. (AHEAD, in ticks: first
+ * tick after now if nothing was recorded.) */
 static const tl_time LEFT = 2 * TL_SECOND;
 
-/* How old the end of what was recorded may be. */
+/* Maximum age of the newest recorded sample. */
 static const tl_time STALE = 10 * TL_SECOND;
 
-/* What the caller's silence may last: while its FMUs begin, and after it; and beside one call of an FMU. */
+/* Heartbeat timeouts of the caller: at the first tick and after the warm-up; and in addition to the
+ * timeout of an FMU call. */
 static const tl_time PATIENCE = 120 * TL_SECOND;
 static const tl_time BESIDES = TL_SECOND;
 enum { AHEAD = 2 };
 
-/* The pace that is asked for, of the plant's; and for how long it is not judged. */
+/* Required speed relative to the plant; it is checked after this computing and sleeping time. */
 static const double PACE = 1.2;
 static const tl_time FIRST_PACE = 5 * TL_SECOND;
 
 typedef struct course_walk {
     const tl_shadow_warm_up *course;
-    size_t recorded[TL_MAX_SIGNALS]; /* of each signal: its place among those of the run */
+    size_t recorded[TL_MAX_SIGNALS]; /* of each signal: its index among those of the live twin */
     tl_resume samples;
     int64_t next;
     bool has_begun;
-    tl_time computed; /* in all */
+    tl_time computed; /* in total */
     tl_time slept;
     tl_run_status figures;
     tl_metrics match[TL_MAX_MATCH];
@@ -42,8 +44,8 @@ typedef struct course_walk {
 
 /* ---- signals ---- */
 
-/* Both configurations have the same signals in the same order (config_change.h), but each its own second look-ups. One that the run does not have is taken as the
- * signal itself was looked up. */
+/* Both configurations have the same plant signals in the same order (config_change.h), but their
+ * own look-ups. For a look-up that the live twin does not have, the signal's own value is used. */
 static size_t find_recorded(const tl_config *run, const tl_config_signal *signal) {
     for (size_t i = 0; i < run->signal_count; i++) {
         if (strcmp(run->signals[i].plan.name, signal->plan.name) == 0) {
@@ -103,8 +105,7 @@ static void take_piece(void *context) {
     tl_time now = begun;
     tl_resume_tick recorded;
     tl_sample sample;
-    const int64_t most =
-        self->computed == 0 ? 1 : INT64_MAX; /* at the first tick FMUs begin: that takes more patience */
+    const int64_t most = self->computed == 0 ? 1 : INT64_MAX; /* the first tick is slow: initialisation */
     while (self->status == TL_OK && now - begun < PIECE && self->figures.tick < most &&
            tl_resume_tick_at(&self->samples, self->next, &recorded)) {
         sample_of(self, &recorded.sample, &sample);
@@ -137,7 +138,7 @@ static void rest(course_walk *self, tl_time computed) {
     self->course->show(self->course->context, &self->figures, self->match);
 }
 
-/* All of the samples at hand. */
+/* Simulates all samples of the image. */
 static tl_status take_samples(course_walk *self) {
     tl_status status = TL_OK;
     while (status == TL_OK && self->next <= self->samples.last && tl_interrupt_requested() == NULL) {
@@ -153,7 +154,7 @@ static int64_t present(const course_walk *self) {
     return (tl_clock_now(NULL) - self->course->start) / self->course->assembly->config.step;
 }
 
-/* The next samples; false: there are none that follow, and why was told if it is worth that. */
+/* Fetches the next samples. Returns false if none follow; an unexpected reason is reported. */
 static bool fetch(course_walk *self) {
     const tl_shadow_warm_up *course = self->course;
     const void *image = NULL;
@@ -175,7 +176,8 @@ static void begin_at(course_walk *self, int64_t tick) {
     self->has_begun = true;
 }
 
-/* A disk that takes nothing any more: what it has ends long ago, and nobody knows what the plant has done since. */
+/* If the disk accepts no more data, the recorded samples end long ago, and the samples since then
+ * are missing. */
 static bool is_stale(const course_walk *self) {
     tl_time step = self->course->assembly->config.step;
     bool is_old = !self->has_begun && (present(self) - self->samples.first) > (TL_RESUME_SAMPLES_BEFORE + STALE) / step;

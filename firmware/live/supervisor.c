@@ -1,4 +1,4 @@
-/* The supervisor: see supervisor.h. */
+/* Supervisor: see supervisor.h. */
 #include "firmware/live/supervisor.h"
 
 #include <errno.h>
@@ -19,111 +19,118 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/service.h"
 
-/* Between two looks: what a hang costs beyond the patience. Shorter while something is about to happen: a twin that waits for its
- * priority, a dead process that is being reaped. */
+/* Interval of the main loop: a hang lasts that much longer than its timeout. It is shorter while an
+ * event is expected, for example while a twin waits for its priority or a dead process is reaped.
+ */
 static const tl_time LOOK = TL_SECOND / 20;
 static const tl_time LOOK_SOON = TL_SECOND / 500;
 
-/* For how long reaping the twin is worth a stroke. */
+/* While a dead twin is being reaped, keepalives are sent for this time after its pause. */
 static const tl_time REAPING = 30 * TL_SECOND;
 
-/* The first pause before a restart that follows another, and the longest. */
+/* First and longest pause before a restart that follows another one. */
 static const tl_time PAUSE_FIRST = TL_SECOND / 4;
 static const tl_time PAUSE_LAST = 8 * TL_SECOND;
 
-/* The same before an activator for which a client waits. */
+/* Longest pause before a config manager for which a client waits. */
 static const tl_time PAUSE_OF_CLIENT = TL_SECOND;
 
-/* The longest pause before a recorder that is to write the rest. */
+/* Longest pause before a recorder that writes the remaining data. */
 static const tl_time PAUSE_IN_END = TL_SECOND;
 
-/* io and recorder: one that was ready, and died sooner than this, is begun again after PAUSE_FIRST; later: at once. */
+/* io and recorder: after a shorter life, although it was ready, the next process starts after
+ * PAUSE_FIRST; after a longer one, at once. */
 static const tl_time SHORT_LIFE = TL_SECOND;
 
-/* Strokes are no more than this apart, and status lines. */
+/* Longest interval of keepalives; shortest interval of status messages. */
 static const tl_time STROKE = TL_SECOND;
 static const tl_time STATUS = 5 * TL_SECOND;
 
-/* What a process may take to end when it is asked to: that it ends by itself without an FMU that does not return, and keeps what can
- * be kept then, is better than to be killed. */
+/* Grace period of a process that was asked to end. It is longer than the timeout of a hung FMU
+ * call, because a twin that ends after that timeout can still save data. */
 static const tl_time GRACE = TL_FMU_CALL_TIMEOUT_END + TL_SECOND;
 
-/* The same, of all processes together: each has what those before it have left, but GRACE_AGAIN at least. */
+/* Grace period of all processes together: each has the time that those before it have left, but at
+ * least GRACE_AGAIN. */
 static const tl_time GRACE_OF_ALL = 8 * TL_SECOND;
 
-/* The same, of one that is asked again: nobody is patient any more. */
+/* Grace period of a process that is asked again, because the user does not want to wait. */
 static const tl_time GRACE_AGAIN = 2 * TL_SECOND;
 
-/* A restart loop writes one line in this time. */
+/* Shortest interval of the log lines of a restart loop. */
 static const tl_time QUIET = 60 * TL_SECOND;
 
-/* The same, of io: nothing of it is kept. */
+/* Grace period of io: none of its data is kept at the end. */
 static const tl_time GRACE_OF_IO = TL_SECOND;
 
-/* Signals that come within this time, from a terminal and who watches over us, ask once. */
+/* Signals within this time count as one, because a terminal and a service manager may both send
+ * one. */
 static const tl_time AGAIN = TL_SECOND;
 
 enum { TRY_AGAIN = 75, FMU_FAILED = 70 };
 
-/* Recorders that die in the end, before it is given up that all is written. One that had to be killed has taken so much time that it counts as two. */
+/* Failed recorders at the end, before the remaining data is lost. A recorder that had to be killed
+ * has taken so much time that it counts as two. */
 enum { LAST_TRIES = 3 };
 
-/* A twin for which no process could be started so often, which takes about 5 min, is worth no stroke any more: a reset may help. */
+/* After so many starts of the twin without a process (about 5 min), no keepalive is sent: a reset
+ * may help. */
 enum { MOST_WITHOUT_PROCESS = 40 };
 
-/* Safe hold that got a process shows that there are processes again: so much shorter is the first one that is for want of them. */
+/* Safe hold because no process could be started lasts 1/12 of the usual time at first: if its own
+ * process could be started, the system has processes again. */
 enum { SHORTER_HOLD = 12 };
 
 typedef enum state {
-    ABSENT,  /* there is no such member, or not any more */
-    RESTING, /* it is begun when the dead one is reaped and the pause is over */
+    ABSENT,  /* not a member, or not any more */
+    RESTING, /* starts when the dead process is reaped and the pause is over */
     LIVING
 } state;
 
 typedef struct member {
     tl_child child;
     state state;
-    tl_time ended;     /* when it rests, since when, */
-    tl_time pause;     /* and for how long at least */
-    unsigned failures; /* in a row, none of which was ever ready; of the twin: starts in a row that got no process */
-    unsigned unsaid;   /* failures that no line of the log tells yet, */
-    tl_time said;      /* when the last line was written; 0: never */
-    char failure[TL_RESTARTS_REASON]; /* why the last of them */
-    tl_time lived;                    /* since it was begun */
-    tl_time ready;                    /* when that was seen; 0: it is not */
-    tl_time sound;                    /* how long it has lived since */
-    bool was_damaged;                 /* one of them was */
-    bool is_changed;                  /* it was asked to end so that another one is begun */
-    tl_time hold_time;                /* of safe hold: the twin is tried again then */
-    char reason[TL_RESTARTS_REASON];  /* of a shadow: why the last one ended; "": none did */
+    tl_time ended;                    /* start of the pause */
+    tl_time pause;                    /* its minimum length */
+    unsigned failures;                /* in a row, never ready; twin: starts without a process */
+    unsigned unsaid;                  /* failures that were not logged yet */
+    tl_time said;                     /* time of the last log line; 0: never */
+    char failure[TL_RESTARTS_REASON]; /* reason of the last failure */
+    tl_time lived;                    /* ns since its start */
+    tl_time ready;                    /* time when it was seen to be ready; 0: not yet */
+    tl_time sound;                    /* ns since it was ready */
+    bool was_damaged;                 /* a process of this member was damaged */
+    bool is_changed;                  /* asked to end so that another process replaces it */
+    tl_time hold_time;                /* of safe hold, until the twin is retried */
+    char reason[TL_RESTARTS_REASON];  /* shadow: why the last one ended; "": none did */
 } member;
 
 typedef struct supervisor {
     const tl_supervisor_settings *settings;
     member processes[TL_MEMBERS];
-    member *members[TL_MEMBERS]; /* which of them is which */
+    member *members[TL_MEMBERS]; /* current roles; a swap exchanges two */
     tl_restarts restarts;        /* of the twin */
     tl_watchdog watchdog;
     tl_time stroke; /* interval */
     tl_time stroked, told;
-    sigset_t signals; /* that are waited for */
+    sigset_t signals; /* that the supervisor waits for */
     sigset_t before;  /* the caller's mask */
-    bool ran;         /* a twin has been ready, */
-    bool told_ready;  /* and the service manager has heard of it */
-    int stop;         /* asked to end, by this signal; 0: not */
-    tl_time stopped;  /* when */
-    bool hurries;     /* asked again */
-    bool is_ending;   /* all end, for that reason or another one */
-    tl_time ending;   /* for how long, without the time in which this process was stopped */
-    int code;         /* what the run ends with, as far as that is known */
-    int tries;        /* recorders that have died in that end */
-    bool held;        /* the twin that lives holds, */
-    bool waits;       /* only until the first one may begin */
-    bool only_waited; /* and no other twin has been ready yet */
-    bool retries;     /* the next twin is begun although it is a loop */
+    bool ran;         /* a twin has been ready */
+    bool told_ready;  /* and the service manager was notified */
+    int stop;         /* signal that asked to end; 0: none */
+    tl_time stopped;  /* time of that signal */
+    bool hurries;     /* asked to end again */
+    bool is_ending;   /* all processes are ending */
+    tl_time ending;   /* ns since then, while this process was running */
+    int code;         /* exit code of the run so far */
+    int tries;        /* recorders that failed during the end */
+    bool held;        /* the running twin process is in safe hold */
+    bool waits;       /* only until the first twin may start */
+    bool only_waited; /* no real twin has been ready yet */
+    bool retries;     /* start the next twin in spite of a restart loop */
     unsigned bad_holds;
-    bool is_excused; /* the twin rests, and has not failed as one */
-    bool hastens;    /* the next look is soon */
+    bool is_excused; /* the next start of the twin does not follow a failure of its own */
+    bool hastens;    /* the next loop is in 2 ms */
 } supervisor;
 
 static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the recorder",
@@ -132,11 +139,11 @@ static const char *const name_of[TL_MEMBERS] = {[TL_MEMBER_RECORDER] = "the reco
                                                 [TL_MEMBER_SHADOW] = "the shadow",
                                                 [TL_MEMBER_ACTIVATOR] = "the activator"};
 
-/* The order in which they end: the twin needs io to its end, and both tell the recorder something in theirs. */
+/* Order of the end: the twin needs io to its end, and both pass their last data to the recorder. */
 static const tl_member end_order[TL_MEMBERS] = {TL_MEMBER_SHADOW, TL_MEMBER_ACTIVATOR, TL_MEMBER_TWIN, TL_MEMBER_IO,
                                                 TL_MEMBER_RECORDER};
 
-/* Members that are begun when they are ordered; the run does not depend on them. */
+/* Members that are started on order; the run does not depend on them. */
 static bool is_ordered(tl_member which) {
     return which == TL_MEMBER_SHADOW || which == TL_MEMBER_ACTIVATOR;
 }
@@ -149,9 +156,9 @@ static member *shadow_of(supervisor *self) {
     return self->members[TL_MEMBER_SHADOW];
 }
 
-/* ---- strokes ---- */
+/* ---- keepalives ---- */
 
-/* The last one is not retracted by what comes after it: a look that is late is a stroke that is missing. */
+/* A keepalive cannot be undone by what follows; a late loop means a missing keepalive. */
 static void stroke(supervisor *self, tl_time now) {
     if (self->bad_holds >= TL_RESTARTS_MOST || now - self->stroked < self->stroke) {
         return;
@@ -163,10 +170,10 @@ static void stroke(supervisor *self, tl_time now) {
     (void)tl_service_notify("WATCHDOG=1");
 }
 
-/* The text is of a process with FMUs: a second line in it would be another message to the service manager. */
+/* The text is untrusted: a second line in it would be another message to the service manager. */
 static void tell_status(supervisor *self, tl_time now) {
     char text[TL_HEARTBEAT_STATUS];
-    char line[4 * TL_HEARTBEAT_STATUS + 16] = "STATUS="; /* each byte may take four */
+    char line[4 * TL_HEARTBEAT_STATUS + 16] = "STATUS="; /* cleaning may need 4 bytes each */
     const size_t begun = strlen(line);
     if (now - self->told < STATUS || !tl_heartbeats_get_status(twin_of(self)->child.beats, text) || text[0] == '\0') {
         return;
@@ -176,9 +183,9 @@ static void tell_status(supervisor *self, tl_time now) {
     (void)tl_service_notify(line);
 }
 
-/* ---- begin ---- */
+/* ---- start ---- */
 
-/* None after the first failure. */
+/* No pause after the first failure. */
 static tl_time pause_after(unsigned failures) {
     tl_time pause = 0;
     for (unsigned i = 1; i < failures && pause < PAUSE_LAST; i++) {
@@ -193,7 +200,8 @@ static void rest(member *resting, tl_time now, tl_time pause) {
     resting->pause = pause;
 }
 
-/* One that could do its work may do so again: a device or a disk is waited for as shortly as possible. */
+/* A member that was ready before can be ready again soon: retry a device or a disk as soon as
+ * possible. */
 static tl_time pause_of_other(member *failed) {
     if (tl_heartbeats_is_ready(failed->child.beats)) {
         failed->failures = 0;
@@ -208,7 +216,7 @@ static void end_all(supervisor *self, int code) {
     self->code = self->code != 0 ? self->code : code;
 }
 
-/* On the log, and as an event if it is told. */
+/* Logs a failure; if `is_told`, also records it as an event. */
 static void put_failure(supervisor *self, tl_member which, const char *when, const char *reason, bool is_followed,
                         bool is_told) {
     char text[TL_RESTARTS_REASON + 128];
@@ -220,7 +228,7 @@ static void put_failure(supervisor *self, tl_member which, const char *when, con
     }
 }
 
-/* Failures of a member that is begun again: the first one at once, those after it once a minute. */
+/* Logs failures of a member that is restarted: the first at once, later ones once a minute. */
 static void say_failures(supervisor *self, tl_member which, tl_time now) {
     member *failed = self->members[which];
     char times[48] = "";
@@ -246,7 +254,7 @@ static tl_wait wait_of(const supervisor *self) {
     return self->settings->wait != NULL ? self->settings->wait(self->settings->context) : TL_WAIT_OVER;
 }
 
-/* The start that a new twin receives; the account counts it from now on. */
+/* Returns the start information of a new twin, and counts the start in the restart record. */
 static tl_start start_of_twin(supervisor *self) {
     const tl_time first = self->settings->hold_time > 0 ? self->settings->hold_time : TL_RESTARTS_HOLD;
     tl_start start = {.unreadable = self->restarts.unreadable,
@@ -273,7 +281,8 @@ static tl_start start_of_twin(supervisor *self) {
     return start;
 }
 
-/* The kernel gave no process: no failure of the member. Nothing is begun for ever in the end. */
+/* The kernel provided no process: that is no failure of the member. At the end, starts are not
+ * retried for ever. */
 static void note_no_process(supervisor *self, tl_member which, tl_time now, bool again, const tl_error *error) {
     member *missing = self->members[which];
     bool is_last = self->is_ending && ++self->tries >= LAST_TRIES;
@@ -319,9 +328,9 @@ static void begin(supervisor *self, tl_member which, tl_time now) {
     begun->failures = which == TL_MEMBER_TWIN ? 0 : begun->failures;
 }
 
-/* ---- what an end means ---- */
+/* ---- ends ---- */
 
-/* It was told to end before it could hear that, and nothing was to be kept yet. */
+/* It was asked to end before it could handle signals, and had no data to save yet. */
 static bool was_told_early(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     const tl_child_end *end = &child->end;
@@ -331,14 +340,16 @@ static bool was_told_early(const supervisor *self, tl_member which) {
            !tl_heartbeats_is_ready(child->beats);
 }
 
-/* On the log, and for the database; there the next twin tells itself why there is one. */
+/* Logs a failure and records it. For a twin that is restarted, the start information of the next
+ * twin has the reason instead. */
 static void say_failure(supervisor *self, tl_member which, const char *reason, bool is_followed) {
     bool was_asked = self->is_ending && self->members[which]->child.asked;
     put_failure(self, which, was_asked ? " when it was to end" : "", reason, is_followed,
                 which != TL_MEMBER_TWIN || !is_followed);
 }
 
-/* In its end it failed, or could not keep all that was to be kept. Alone, an FMU that ends its process is what the run ends with. */
+/* The exit code of a process that ends last: it may have failed at the end, or could not save
+ * everything. If the run is not supervised, an FMU that ends its process decides the exit code. */
 static void take_last_code(supervisor *self, tl_member which, const char *reason) {
     const tl_child *child = &self->members[which]->child;
     bool is_told = self->settings->alone && which == TL_MEMBER_TWIN;
@@ -358,7 +369,8 @@ static void take_last_code(supervisor *self, tl_member which, const char *reason
     end_all(self, child->end.code);
 }
 
-/* What a recorder had to write still is in memory that outlives it: another one may. */
+/* The data that a failed recorder has not written is in shared memory that outlives it: another one
+ * can write it. */
 static bool is_worth_another(supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     if (which != TL_MEMBER_RECORDER || !self->is_ending || was_told_early(self, which) ||
@@ -369,7 +381,8 @@ static bool is_worth_another(supervisor *self, tl_member which) {
     return self->tries < LAST_TRIES;
 }
 
-/* The run ends with it: it was asked to, it is over, or it never ran, and who started it is told why. */
+/* The run ends with this process: it was asked to end, the run is over, or nothing ever ran and the
+ * exit code reports why. */
 static bool is_final(const supervisor *self, tl_member which) {
     const tl_child *child = &self->members[which]->child;
     bool never_ran = !self->ran || (which == TL_MEMBER_TWIN && self->only_waited);
@@ -378,23 +391,23 @@ static bool is_final(const supervisor *self, tl_member which) {
            (which == TL_MEMBER_TWIN && child->end.farewell == TL_END_CAUSE_OVER);
 }
 
-/* Nobody begins it again. */
+/* The run is not supervised: the twin is not restarted. */
 static void end_alone(supervisor *self, const char *reason) {
     const tl_child *child = &twin_of(self)->child;
     if (child->end.farewell == TL_END_CAUSE_FAILED && tl_child_kept_its_word(child)) {
-        end_all(self, child->end.code); /* which it has said itself */
+        end_all(self, child->end.code); /* the twin has logged the reason */
         return;
     }
     say_failure(self, TL_MEMBER_TWIN, reason, false);
     end_all(self, FMU_FAILED);
 }
 
-/* By somebody beside this run, or by the kernel for want of memory: nothing that it did itself. */
+/* By a user or the kernel (out of memory), not by this run. */
 static bool was_killed_by_others(const tl_child *child) {
     return child->end.by_signal && child->end.number == SIGKILL && !child->killed;
 }
 
-/* Of a shadow: what follows from it is not decided here. */
+/* The handover control decides what follows. */
 static void note_end_of_shadow(supervisor *self) {
     member *ended = shadow_of(self);
     tl_child_describe(&ended->child, ended->reason);
@@ -404,7 +417,7 @@ static void note_end_of_shadow(supervisor *self) {
     ended->state = ABSENT;
 }
 
-/* What it did not finish, another one does. */
+/* The next config manager finishes its work. */
 static void note_end_of_activator(supervisor *self, tl_time now) {
     member *ended = self->members[TL_MEMBER_ACTIVATOR];
     char reason[TL_RESTARTS_REASON];
@@ -424,7 +437,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     tl_child_end *end = &ended->child.end;
     char reason[TL_RESTARTS_REASON];
     if (which == TL_MEMBER_TWIN && end->farewell == TL_END_CAUSE_OVER && !self->settings->has_duration) {
-        end->farewell = TL_END_CAUSE_NONE; /* it is announced in memory that FMUs can write */
+        end->farewell = TL_END_CAUSE_NONE; /* FMUs can write this announcement */
     }
     bool is_last = is_final(self, which) && !is_worth_another(self, which);
     bool is_alone = which == TL_MEMBER_TWIN && self->settings->alone;
@@ -432,7 +445,7 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
     tl_restarts_note_unreadable(&self->restarts, self->settings->ended(self->settings->context, which,
                                                                        was_killed_by_others(&ended->child), reason));
     if (ended->is_changed && tl_child_kept_its_word(&ended->child) &&
-        end->code == 0) { /* it makes room for another one */
+        end->code == 0) { /* it was asked to end for a replacement */
         tl_child_bury(&ended->child);
         rest(ended, now, 0);
         return;
@@ -447,23 +460,23 @@ static void note_end(supervisor *self, tl_member which, tl_time now) {
         end_alone(self, reason);
         return;
     }
-    bool is_named = which == TL_MEMBER_TWIN && !self->held; /* these are few: a loop ends in safe hold */
+    bool is_named = which == TL_MEMBER_TWIN && !self->held; /* few: a loop ends in safe hold */
     if (is_named || self->is_ending) {
         say_failure(self, which, reason, true);
     } else {
         count_failure(self, which, now, reason);
     }
     tl_child_bury(&ended->child);
-    if (which == TL_MEMBER_TWIN) { /* its next start tells the reason */
+    if (which == TL_MEMBER_TWIN) { /* the next start reports the reason */
         self->bad_holds += self->held ? 1 : 0;
         tl_restarts_fail(&self->restarts, reason);
     }
     rest(ended, now, which == TL_MEMBER_TWIN ? pause_after(self->restarts.failures) : pause_of_other(ended));
 }
 
-/* ---- watching ---- */
+/* ---- monitoring ---- */
 
-/* Whoever asks a second time does not want to wait for one that hangs; nor does an FMU get any patience then. */
+/* The user who asks again does not want to wait: a hung FMU call is not waited for either. */
 static void hurry(supervisor *self, int signal) {
     self->hurries = true;
     tl_log(TL_LOG_NOTICE, "asked again to end: who has not ended in %.0f s is killed", tl_seconds(GRACE_AGAIN));
@@ -490,7 +503,7 @@ static void stop(supervisor *self, int signal) {
     }
 }
 
-/* Waits a little for a signal: `most` < 1 s. */
+/* Waits for a signal. `time` < 1 s, in ns. */
 static void listen(supervisor *self, tl_time time) {
     const struct timespec most = {.tv_sec = 0, .tv_nsec = (long)time};
     int signal = sigtimedwait(&self->signals, NULL, &most);
@@ -499,7 +512,7 @@ static void listen(supervisor *self, tl_time time) {
     }
 }
 
-/* Safe hold that could be kept up for its time is followed by a twin. */
+/* If safe hold lasted for its time, a twin follows. */
 static void retry_from_hold(supervisor *self) {
     member *holding = twin_of(self);
     if (holding->sound >= holding->hold_time && !holding->child.asked && !self->is_ending) {
@@ -512,7 +525,7 @@ static void retry_from_hold(supervisor *self) {
     }
 }
 
-/* Of a twin that is ready. */
+/* Called for a twin that is ready. */
 static void note_life(supervisor *self, tl_time now, tl_time passed) {
     self->ran = true;
     self->only_waited = self->waits;
@@ -527,7 +540,7 @@ static void note_life(supervisor *self, tl_time now, tl_time passed) {
     tell_status(self, now);
 }
 
-/* True: it is no more. */
+/* Returns true if the process was found damaged and was killed. */
 static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_time passed) {
     member *living = self->members[which];
     living->sound += living->ready != 0 ? passed : 0;
@@ -535,7 +548,7 @@ static bool look_for_damage(supervisor *self, tl_member which, tl_time now, tl_t
         living->ready = now;
     }
     bool is_believed = !living->was_damaged || living->sound > TL_RESTARTS_FORGIVEN;
-    /* What was found before it was ready is what the one before has left: it has mended that. */
+    /* Damage found before the process was ready was left by its predecessor and is repaired. */
     bool damaged = is_believed && living->ready != 0 && !living->child.asked &&
                    self->settings->damaged(self->settings->context, which) > living->ready;
     if (damaged) {
@@ -558,7 +571,8 @@ static tl_time grace_of(supervisor *self, tl_member which) {
     return left > GRACE_AGAIN ? left : GRACE_AGAIN;
 }
 
-/* Has it been silent for too long? Alone the limit is another one, since nobody would begin another twin; and not if somebody holds it. */
+/* If the run is not supervised, the limit is longer, because no other twin would follow. A debugger
+ * may hold the process for any time. */
 static bool is_to_be_killed(supervisor *self, tl_member which, const char *silent, tl_time silence) {
     member *living = self->members[which];
     if (silent == NULL || which != TL_MEMBER_TWIN || !self->settings->alone) {
@@ -598,14 +612,14 @@ static void look_at_living(supervisor *self, tl_member which, tl_time now, tl_ti
     }
     if (tl_heartbeats_is_ready(living->child.beats)) {
         note_life(self, now, passed);
-        if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may begin */
+        if (self->waits && !living->child.asked && wait_of(self) == TL_WAIT_OVER) { /* the first twin may start */
             living->is_changed = true;
             tl_child_ask(&living->child, SIGTERM);
         }
     }
 }
 
-/* It begins again when its time has come, or not at all if all ends; a recorder has something left to write then. */
+/* Starts it after its pause; at the end of all only a recorder, which has data to write. */
 static void look_at_resting(supervisor *self, tl_member which, tl_time now) {
     member *resting = self->members[which];
     bool is_buried = tl_reaper_rests(&resting->child.reaper);
@@ -647,7 +661,8 @@ static void look_at(supervisor *self, tl_member which, tl_time now, tl_time pass
     }
 }
 
-/* Asks the next one to end. True: nobody is left. A dead disk may keep an activator that was killed from dying. */
+/* Asks the next process to end. Returns true if none is left. A killed config manager is not waited
+ * for, because a failed disk may delay its death. */
 static bool go_on_ending(supervisor *self, tl_time now) {
     for (int i = 0; i < TL_MEMBERS; i++) {
         member *next = self->members[end_order[i]];
@@ -655,13 +670,14 @@ static bool go_on_ending(supervisor *self, tl_time now) {
             (end_order[i] == TL_MEMBER_ACTIVATOR && next->state == LIVING && next->child.killed)) {
             continue;
         }
-        /* A recorder that has only begun would die of it, and there is something to write. */
+        /* A recorder that has just started would be killed by the signal, and there is data to
+         * write. */
         bool is_young = end_order[i] == TL_MEMBER_RECORDER && self->ran && next->lived < GRACE_AGAIN &&
                         !tl_heartbeats_is_ready(next->child.beats);
         if (next->state == LIVING && !next->child.asked && !is_young) {
             tl_child_ask(&next->child, self->stop != 0 && end_order[i] == TL_MEMBER_TWIN ? self->stop : SIGTERM);
         }
-        if (twin_of(self)->state == ABSENT) { /* while it lives, its own heartbeats decide about strokes */
+        if (twin_of(self)->state == ABSENT) { /* else its heartbeats decide about it */
             stroke(self, now);
         }
         return false;
@@ -671,7 +687,7 @@ static bool go_on_ending(supervisor *self, tl_time now) {
 
 /* ---- orders ---- */
 
-/* The activator ends by itself, and begins again after a failure: sooner if a client waits. */
+/* A config manager ends when it has no work; it restarts sooner if a client waits. */
 static void see_to_ordered(supervisor *self, tl_member which, bool wanted, tl_time now) {
     member *ordered = self->members[which];
     bool shall_be = wanted && !self->is_ending;
@@ -700,7 +716,7 @@ static void swap(supervisor *self, tl_time now) {
     }
 }
 
-/* One that has ended with the run may have left something for another one. */
+/* A recorder that ended with the run may have left data for another one. */
 static void change_recorder(supervisor *self, tl_time now) {
     member *recorder = self->members[TL_MEMBER_RECORDER];
     if (recorder->state == LIVING && !recorder->child.asked && tl_heartbeats_is_ready(recorder->child.beats)) {
@@ -734,7 +750,7 @@ static void look_for_orders(supervisor *self, tl_time now) {
 
 /* ---- the run ---- */
 
-/* Members that are ordered need nothing of us at once. */
+/* Members on order need no fast loop. */
 static bool is_something_about_to_happen(supervisor *self) {
     bool is_about = self->is_ending || self->hastens;
     for (tl_member which = 0; which < TL_MEMBER_SHADOW; which++) {
@@ -745,7 +761,7 @@ static bool is_something_about_to_happen(supervisor *self) {
     return is_about;
 }
 
-/* Until nobody is left; the exit code. */
+/* Runs until no process is left. Returns the exit code. */
 static int supervise(supervisor *self) {
     tl_time looked = tl_clock_now(NULL);
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
@@ -774,9 +790,10 @@ static int supervise(supervisor *self) {
     return self->code;
 }
 
-/* ---- begin and end ---- */
+/* ---- open and close ---- */
 
-/* Above the cycle, so that one that never ends cannot keep us from looking; the children begin as ordinary ones. */
+/* The priority is above that of the cycle, so that an endless cycle cannot block the supervisor.
+ * Children start with ordinary priority. */
 static void be_urgent(void) {
     struct sched_param parameter = {.sched_priority = sched_get_priority_max(SCHED_FIFO)};
     struct rlimit limit;
@@ -802,7 +819,7 @@ static tl_status open_watchdog(supervisor *self, tl_error *error) {
     return status;
 }
 
-/* A quarter of the shorter patience, and at most STROKE. */
+/* A quarter of the shorter watchdog timeout, at most STROKE. */
 static tl_time stroke_interval(const supervisor *self) {
     tl_time interval = STROKE;
     tl_time service = tl_service_extend_timeout() / 4;
@@ -822,7 +839,7 @@ static tl_status open_all(supervisor *self, tl_error *error) {
     if (status == TL_OK) {
         status = tl_restarts_open(self->settings->state, self->watchdog.has_reset_the_box, &self->restarts, error);
     }
-    if (tl_restarts_is_loop(&self->restarts)) { /* a start of the box is a retry */
+    if (tl_restarts_is_loop(&self->restarts)) { /* a start of the box counts as a retry */
         tl_restarts_retry(&self->restarts);
     }
     self->retries = true;
@@ -838,7 +855,7 @@ static void close_all(supervisor *self) {
     for (tl_member which = 0; which < TL_MEMBERS; which++) {
         tl_reaper_leave(&self->members[which]->child.reaper);
     }
-    (void)munlockall(); /* our caller may look at what is large */
+    (void)munlockall(); /* the caller may need large memory */
     tl_restarts_close(&self->restarts);
 }
 
@@ -857,7 +874,7 @@ int tl_supervise(const tl_supervisor_settings *settings, int *stopped) {
     supervisor self = {.settings = settings};
     tl_error error = {0};
     tl_supervisor_block_signals(&self.signals, &self.before);
-    (void)signal(SIGCHLD, SIG_DFL); /* whoever started us may have ignored it: the kernel tells nobody of an end then */
+    (void)signal(SIGCHLD, SIG_DFL); /* if ignored by the parent process, no ends are reported */
     int code = 0;
     tl_status status = open_all(&self, &error);
     if (status == TL_OK) {

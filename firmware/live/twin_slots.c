@@ -1,4 +1,4 @@
-/* Places of twins beside each other in a run: see twin_slots.h. */
+/* Twin slots: see twin_slots.h. */
 #include "firmware/live/twin_slots.h"
 
 #include <errno.h>
@@ -15,7 +15,7 @@
 #include "firmware/process/confine.h"
 #include "firmware/store/record_queue.h"
 
-/* ---- live place ---- */
+/* ---- configuration ---- */
 
 void tl_twin_slot_move_out(tl_twin_slot *place) {
     tl_block_close(place->queue);
@@ -40,13 +40,13 @@ tl_status tl_twin_slot_move_in(tl_twin_slot *place, const tl_config *config, boo
     return make_queue(place, &settings, error);
 }
 
-/* ---- a candidate ---- */
+/* ---- candidate ---- */
 
 static bool read_at(const tl_block *block, size_t at, void *bytes, size_t size) {
     return pread(block->descriptor, bytes, size, (off_t)at) == (ssize_t)size;
 }
 
-/* Without mapping it: our memory is locked. */
+/* Reads without mapping, because a mapping would be locked in memory. */
 static tl_status copy_text(tl_twin_slot *place, const tl_block *candidate, tl_error *error) {
     uint32_t size = 0;
     char hash[TL_SHA256_TEXT] = "";
@@ -102,14 +102,14 @@ tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *place, const tl_block *ca
     }
     place->fmus = (tl_twin_fmus){.count = needs->components, .unpacked_bytes = needs->unpacked_bytes};
     place->unconfined = needs->unconfined != 0;
-    uint32_t number = place->pulse->number; /* goes on: by that answers are told apart */
+    uint32_t number = place->pulse->number; /* kept: it identifies answers */
     memset(place->pulse, 0, sizeof *place->pulse);
     place->pulse->number = number;
     place->pulse->first = number + 1;
     return TL_OK;
 }
 
-/* ---- the end ---- */
+/* ---- unread data ---- */
 
 uint64_t tl_twin_slot_count_rest(const tl_twin_slot *place, const tl_record_queue_taken *taken) {
     tl_block queue = {.descriptor = -1};
@@ -123,9 +123,9 @@ uint64_t tl_twin_slot_count_rest(const tl_twin_slot *place, const tl_record_queu
     return count;
 }
 
-/* ---- live places ---- */
+/* ---- confinement ---- */
 
-/* Which boot this is; then where names of hosts are looked up, and what a box has that manages its network. */
+/* The boot id; then the files for name look-up, and those of network managers. */
 static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
                                      "/etc",
                                      "/run/systemd/resolve",
@@ -136,7 +136,7 @@ static const char *const common[] = {"/proc/sys/kernel/random/boot_id",
 
 enum { DOMAIN_PORT = 53, COMMON = sizeof common / sizeof common[0] };
 
-/* Texts of ours. */
+/* Paths; the list owns the texts. */
 typedef struct places {
     char **path;
     size_t count;
@@ -150,7 +150,7 @@ static void free_places(places *list) {
     free(list->path);
 }
 
-/* False: it is not there. */
+/* Returns false if the path does not exist. */
 static bool add(places *list, const char *path) {
     char *found = realpath(path, NULL);
     list->failed = list->failed || (found == NULL && errno == ENOMEM);
@@ -174,7 +174,8 @@ static void add_common(places *list, bool with_names) {
     }
 }
 
-/* The folder of a file that may come later, or anew: that folder, or the nearest one above that is there. */
+/* Adds the folder of a file that may be created or replaced later: that folder, or its nearest
+ * existing parent. */
 static void add_folder(places *list, const char *file) {
     char path[PATH_MAX];
     (void)snprintf(path, sizeof path, "%s", file);
@@ -184,7 +185,7 @@ static void add_folder(places *list, const char *file) {
     }
 }
 
-/* Also where a link leads to now. */
+/* Also adds the folder to which a link points now. */
 static void add_folders(places *list, const char *file) {
     char *found = realpath(file, NULL);
     add_folder(list, file);
@@ -194,7 +195,7 @@ static void add_folders(places *list, const char *file) {
     free(found);
 }
 
-/* `settings`: what differs. Frees both lists. */
+/* `settings`: the fields that differ between io and recorder. Frees both lists. */
 static tl_status confine(tl_confine_settings settings, places *read, places *write, tl_error *error) {
     tl_confine_facts facts;
     settings.read = (const char *const *)read->path;
@@ -212,7 +213,7 @@ static tl_status confine(tl_confine_settings settings, places *read, places *wri
     return status;
 }
 
-/* The files, devices and ports of one source, and what its driver needs. */
+/* Adds the files, devices and ports of one source and of its driver. */
 static void add_source(tl_confine_settings *settings, uint16_t *ports, places *read, places *write,
                        const tl_config *config, const tl_config_source *source) {
     const tl_plant_access *access = source->driver->access;
@@ -254,7 +255,7 @@ tl_status tl_twin_slots_confine_io(const tl_config *config, unsigned kind, tl_er
         }
     }
     add_common(&read, settings.names);
-    if (settings.names) { /* an answer that is too long for a datagram */
+    if (settings.names) { /* DNS by TCP, for long answers */
         ports[settings.port_count++] = DOMAIN_PORT;
     }
     tl_status status = confine(settings, &read, &write, error);

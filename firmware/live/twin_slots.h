@@ -1,4 +1,4 @@
-/* Places of twins beside each other in a run.
+/* Twin slots: memory of the two twin processes of a run, and the confinement of io and recorder.
  *
  * Thread:  the supervisor's.
  */
@@ -11,62 +11,74 @@
 #include "firmware/twin/twin_process.h"
 #include "master/base/status.h"
 
-/* ---- A place for a twin: its pulse, its outbox, and of which configuration it is.
+/* ---- Twin slot: status block, record queue and configuration of one twin process.
  *
- * Purpose: there are two (handover.h). The twin that the run begins with lives in the first; another configuration *moves in*
- *          where no twin is now. What is in the memory outlives each twin's process: its successor goes on with it.
- * Memory:  the outbox has the size of the configuration, and is made when that moves in. It takes memory only as far as it is used.
- * Trust:   a candidate is copied, and its text is that of its digest; it is not read. Its numbers are another process's, and bounded here: what is wrong in
- *          them its own twin finds, since its memory does not fit.
+ * Purpose: there are two slots (handover.h). The first twin of a run has slot 0. Another
+ *          configuration is *loaded* into the slot that has no twin process. The memory outlives
+ *          each process of the slot: the next process continues with it.
+ * Memory:  the record queue is allocated when a configuration is loaded; its size depends on the
+ *          configuration. Pages take memory only when they are used.
+ * Trust:   a candidate is untrusted. Its text is copied and its hash is verified, but the text is
+ *          not parsed. The numbers of the order come from another process and are bounded here. If
+ *          they are wrong, the twin finds that its memory does not fit.
  * Thread:  the supervisor's.
  */
 
-/* Begins with `pulse` and `queue`, and zeros. `start`, `started`, `twin` and `pid` are its user's. */
+/* The caller sets `pulse` and `queue`, and zeroes the rest. It also maintains `start`, `started`,
+ * `twin` and `pid`. */
 typedef struct tl_twin_slot {
     tl_live_twin_pulse *pulse;
-    tl_block *queue; /* none before a configuration has moved in */
+    tl_block *queue; /* empty before a configuration is loaded */
     tl_record_queue_settings queue_settings;
     const char *text; /* of the configuration; NULL: none */
     char hash[TL_SHA256_TEXT];
     tl_twin_fmus fmus;
     bool unconfined;
-    tl_time start;         /* t_start of the run beside which its twin was begun as a shadow; 0: it was not */
+    tl_time start;         /* shadow: t_start of the live twin's run when it was started; else 0 */
     int64_t started;       /* UTC, ms */
-    tl_twin_process *twin; /* that lives; NULL: none, */
-    pid_t pid;             /* and 0 */
-    char *copy;            /* private: the text, if it is ours */
+    tl_twin_process *twin; /* the running process; NULL: none */
+    pid_t pid;             /* of `twin`; 0: none */
+    char *copy;            /* private: the text, if the slot owns it */
 } tl_twin_slot;
 
-/* The run's own configuration, which was read here and stays. Errors: TL_TRY_AGAIN. */
+/* Loads the configuration that the run starts with. `config` must outlive the slot. Errors:
+ * TL_TRY_AGAIN. */
 tl_status tl_twin_slot_move_in(tl_twin_slot *place, const tl_config *config, bool unconfined, tl_error *error);
 
-/* A candidate (tl_live_candidate) moves in beside the run of this step, in place of what was there: no twin lives, and all of the outbox was taken. Nothing of the
- * one before is left in the pulse but its number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the place is empty. */
+/* Loads a candidate (tl_live_candidate) into the slot and replaces its content. `step`: of the run,
+ * ns. The slot must have no running twin, and the recorder must have read the whole queue. Clears
+ * the status block, except its process number. Errors: TL_BAD_DATA, TL_TRY_AGAIN; then the slot is
+ * empty. */
 tl_status tl_twin_slot_move_in_candidate(tl_twin_slot *place, const tl_block *candidate, const tl_live_needs *needs,
                                          tl_time step, tl_error *error);
 
-/* Samples, steps and events in the outbox that nobody has taken. Its twin is dead. */
+/* Returns the number of samples, steps and events in the record queue that were not read. The twin
+ * must have ended. */
 uint64_t tl_twin_slot_count_rest(const tl_twin_slot *place, const tl_record_queue_taken *taken);
 
-/* Frees the text and the outbox; also of a place that is empty. */
+/* Frees the text and the record queue. An empty slot is allowed. */
 void tl_twin_slot_move_out(tl_twin_slot *place);
 
-/* ---- What io and the recorder give up: all files and system calls that their work does not need.
+/* ---- Confinement of io and recorder: drops access to all files and system calls that their work
+ * does not need.
  *
- * Purpose: neither has an FMU. But io understands what whoever sits on the plant's network says, and the recorder a file that anybody may have written: a hole
- *          in one of them must not be a way into the other, or anywhere else.
- * io:      opens what its kind of sources needs, as the row of the driver says (drivers.h): TCP to their ports (and names of hosts, if they are looked
- *          up), sockets, devices, or files. It writes no file.
- * Recorder: writes in the folder of the database, reads the FMUs' files (whose digests it records). It has no socket.
- * Neither:  starts a program, listens, traces, or signals another process.
- * Missing: what the kernel does not offer is passed over, as for the twin, which tells it.
- * Thread:  the main thread, before any other is started. Errors: TL_TRY_AGAIN.
+ * Purpose: neither has an FMU. But io parses data from the plant's network, and the recorder parses
+ *          a database file; both are untrusted. A vulnerability in one must not open the other, or
+ *          anything else.
+ * io:      may open only what its kind of sources needs, as the driver declares (drivers.h): TCP
+ *          connections to their ports (and name look-ups, if needed), sockets, devices, or files.
+ *          It writes no file.
+ * Recorder: writes in the folder of the database, and reads the FMU files, whose hashes it records.
+ *           It has no socket.
+ * Both:    may not start a program, accept connections, trace, or signal another process.
+ * Missing: features that the kernel lacks are skipped, as for the twin, which reports them.
+ * Thread:  the main thread, before any other thread is started. Errors: TL_TRY_AGAIN.
  */
 
-/* `kind`: of the sources that this process reads, tl_driver_bit(); 0: of none. */
+/* `kind`: tl_driver_bit() of the sources that this process reads; 0: no sources. */
 tl_status tl_twin_slots_confine_io(const tl_config *config, unsigned kind, tl_error *error);
 
-/* `database`: the path of its file. */
+/* `database`: path of the database file. */
 tl_status tl_twin_slots_confine_recorder(const tl_config *config, const char *database, tl_error *error);
 
 #endif
