@@ -218,7 +218,7 @@ typedef struct tl_history_event {
 /* Callbacks for rows. */
 typedef struct tl_history_visitor {
     void *context;
-    bool strict;                           /* unknown codes are damage too */
+    bool strict;                           /* unknown codes are damage too (not in output.quality) */
     size_t signals[TL_HISTORY_ADJUST + 1]; /* count of each tl_history_kind; a higher index is damage */
     /* NULL: the rows of this table are not read. */
     void (*sample)(void *context, const tl_history_sample *sample);
