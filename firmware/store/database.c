@@ -435,9 +435,9 @@ static tl_status ask_text(sqlite3 *database, const char *sql, char *text, size_t
     return status;
 }
 
-/* Returns TL_BAD_DATA if the file contains code that SQLite would run, or if our tables are not
- * tables or have other keys, because rows are read in key order without sorting. A missing table is
- * no damage here; the statement that needs it fails. */
+/* Returns TL_BAD_DATA if the file contains code that SQLite would run, or if one of our tables is
+ * not a table or has another key. Keys matter because rows are read in key order without sorting. A
+ * missing table is no damage here; the statement that needs it fails. */
 static tl_status check_schema(sqlite3 *database, tl_error *error) {
     static const char sql[] =
         "WITH keys (name, columns) AS (VALUES ('configurations', 'hash'), ('runs', 'run'),"

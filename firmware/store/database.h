@@ -121,8 +121,8 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
 
 /* Writes to `path` the path, with links resolved, of a database that exists or will be created.
- * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link, with
- * TL_BAD_USAGE for an empty name, with TL_TRY_AGAIN if the folder does not exist. */
+ * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
+ * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
 tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error);
 
 /* Creates an empty database at `path`, where no file may exist. The database appears complete or

@@ -163,8 +163,8 @@ void tl_database_lock_release(tl_database_lock *lock) {
 
 /* ---- Open database.
  *
- * Renaming a damaged file: first the log and its index, the database file last. So a power cut in
- * between leaves a damaged database in its place, which is renamed the next time, to the same name.
+ * A damaged file is renamed last, after its log and its index. So a power cut in between leaves a
+ * damaged database under its name. The next opening renames it to the same new name.
  */
 
 enum { CACHE_KIB = 1024 };

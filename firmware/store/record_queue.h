@@ -228,7 +228,7 @@ typedef struct tl_record_queue_mark {
     int64_t tick;
     uint64_t size;
     uint64_t position; /* of the first entry after it */
-    uint64_t behind;   /* the reader takes all before it first, and a beginning that still waits */
+    uint64_t behind;   /* the reader reads up to here first, with a beginning that still waits */
     tl_resumption beginning;
     tl_run_tuning tuning; /* at that time */
 } tl_record_queue_mark;
@@ -246,7 +246,7 @@ typedef struct tl_record_queue_checkpoint {
 
 typedef struct tl_record_queue_control {
     uint64_t head __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* end of the published entries */
-    uint64_t put; /* end including a waiting sample; for a successor, or the reader if there is none */
+    uint64_t put; /* end with a waiting sample; for a successor, or a reader without producer */
     uint64_t next __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* number of the next event */
     uint64_t lost __attribute__((aligned(TL_RECORD_QUEUE_LINE)));
     tl_record_queue_checkpoint places[TL_RECORD_QUEUE_PLACES];

@@ -578,9 +578,9 @@ static int write_run(tl_recorder_database *database, const tl_record_queue_start
     return code;
 }
 
-/* The identity of the FMUs comes from the process that has loaded them, or else from the settings;
- * in safe hold it is that of no FMUs. `timed`: also writes when the run began and which run it
- * resumes. */
+/* The identity of the FMUs comes from the process that has loaded them, or else from the settings.
+ * In safe hold it is the identity of an empty list. `timed`: also writes when the run began and
+ * which run it resumes. */
 static int write_beginning(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     char none[TL_SHA256_TEXT];
     const tl_recorder_settings *settings = database->settings;

@@ -165,9 +165,8 @@ static bool read_event(tl_recorder_writer *writer, size_t queue, uint64_t number
 }
 
 /* Finds the oldest event that may be written when the ring is written up to `written`. Of events of
- * the same time, the one of the later queue is first, because an event of io is often the cause of
- * the twin's event. Returns the index of the queue, or the number of queues if there is no event.
- */
+ * the same time, the later queue's event is first, because an event of io is often the cause of the
+ * twin's event. Returns the index of the queue, or the number of queues if there is no event. */
 static size_t find_oldest_event(tl_recorder_writer *writer, uint64_t written, tl_recorder_event_entry *oldest,
                                 bool *skip) {
     size_t found = writer->settings.queue_count;
