@@ -1,4 +1,4 @@
-/* SQLite: opening, building, verifying and closing a database; hostile content: see database.h. */
+/* Opens, creates and validates twinlock databases: see database.h. */
 #include "firmware/store/database.h"
 
 #include <errno.h>
@@ -13,13 +13,15 @@
 
 #include "firmware/base/os.h"
 
-/* ---- The schema: one statement each for tables, indices and views. config/SPEC.md, "Database", says what everything means; keep them together.
+/* ---- Schema: one statement for each table, index and view. config/SPEC.md, "Database", defines
+ * their meaning; keep both consistent.
  *
- * Values of signals and variables are in columns without a type, on purpose: a column of type REAL stores 5.0 as the
- * integer 5, which makes 0.0 of -0.0, and a replay of a recording must see the same bits. */
+ * Columns for values of signals and variables have no type, because a REAL column stores 5.0 as the
+ * integer 5. That would change −0.0 to 0.0, but a replay must use the same bits.
+ */
 
 static const char *const schema[] = {
-    /* Codes and their names; filled from the program's own names each time it opens the database for writing. */
+    /* Codes and their names; the recorder writes the program's names when a run begins. */
     "CREATE TABLE outcomes (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE stops (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
     "CREATE TABLE qualities (code INTEGER PRIMARY KEY, name TEXT NOT NULL)",
@@ -80,7 +82,7 @@ static const char *const schema[] = {
     "  evaluations INTEGER NOT NULL,"
     "  executions INTEGER NOT NULL,"
     "  used_ns INTEGER NOT NULL,"
-    "  predicted INTEGER," /* the recorder always writes these three, too */
+    "  predicted INTEGER," /* the recorder always writes these three */
     "  flags INTEGER,"
     "  held INTEGER,"
     "  PRIMARY KEY (run, step)) WITHOUT ROWID",
@@ -93,7 +95,7 @@ static const char *const schema[] = {
     "  y_hat,"
     "  quality INTEGER NOT NULL,"
     "  delta AS (y - y_hat),"
-    "  readings INTEGER," /* the recorder always writes readings and rejected, too; squares is NULL if not finite */
+    "  readings INTEGER," /* always written, except that squares is NULL if not finite */
     "  squares,"
     "  rejected INTEGER,"
     "  PRIMARY KEY (run, step, signal)) WITHOUT ROWID",
@@ -118,11 +120,11 @@ static const char *const schema[] = {
     "  unstored INTEGER NOT NULL DEFAULT 0,"
     "  PRIMARY KEY (run, component)) WITHOUT ROWID",
 
-    /* What a restart needs to resume a run. */
+    /* Data that a restart needs to resume a run. */
     "CREATE TABLE beginnings ("
     "  run INTEGER PRIMARY KEY REFERENCES runs (run),"
-    "  fmus TEXT NOT NULL," /* SHA-256 over those of the files */
-    "  boot TEXT NOT NULL," /* of the system; start_ns is of its clock */
+    "  fmus TEXT NOT NULL," /* SHA-256 over the SHA-256 of the files */
+    "  boot TEXT NOT NULL," /* of the system; start_ns is on its clock */
     "  start_ns INTEGER,"
     "  resumed_run INTEGER,"
     "  resumed_tick INTEGER,"
@@ -136,10 +138,10 @@ static const char *const schema[] = {
     "  bytes BLOB NOT NULL,"
     "  PRIMARY KEY (run, tick))",
 
-    /* Configurations that a run took while it ran. */
+    /* Configurations that a run switched to. */
     "CREATE TABLE tunings ("
     "  run INTEGER NOT NULL REFERENCES runs (run),"
-    "  tick INTEGER NOT NULL," /* the first with it */
+    "  tick INTEGER NOT NULL," /* first tick with it */
     "  configuration TEXT NOT NULL REFERENCES configurations (hash),"
     "  at TEXT NOT NULL,"
     "  who TEXT NOT NULL,"
@@ -162,7 +164,7 @@ static const char *const schema[] = {
     "  step_ns / 1e9 AS step_s, samples_written, steps_written, events_written, entries_lost, removed_before,"
     "  version, substr(configuration, 1, 12) AS configuration FROM runs",
 
-    /* When the instant t_ns of a run was: only a live run has one in the world. */
+    /* UTC of the instant t_ns of a run; only a live run has one. */
     "CREATE VIEW v_samples AS SELECT s.run, s.tick, s.tick * r.step_ns / 1e9 AS time_s,"
     "  CASE r.verb WHEN 'run' THEN"
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.tick * r.step_ns / 1e9)) END AS at,"
@@ -172,7 +174,7 @@ static const char *const schema[] = {
     "  LEFT JOIN signals n ON n.run = s.run AND n.kind = 'plant' AND n.signal = s.signal"
     "  LEFT JOIN qualities q ON q.code = s.quality",
 
-    /* Bits as names; NULL if no bit is set. */
+    /* Names of set bits; NULL if no bit is set. */
     "CREATE VIEW v_steps AS SELECT s.run, s.step, s.t_ns / 1e9 AS time_s,"
     "  CASE r.verb WHEN 'run' THEN"
     "    strftime('%Y-%m-%dT%H:%M:%fZ', r.started, printf('%.3f seconds', s.t_ns / 1e9)) END AS at,"
@@ -213,7 +215,7 @@ static const char *const schema[] = {
     "  FROM tunings t JOIN runs r USING (run) ORDER BY t.run, t.tick",
 };
 
-/* ---- database fault ---- */
+/* ---- Database fault ---- */
 
 static __thread tl_database_fault last;
 
@@ -250,7 +252,7 @@ tl_database_fault tl_database_fault_of(int code, int number) {
         return tl_database_fault_of_errno(number);
     case SQLITE_IOERR: /* of a medium that cannot be read any more */
         return code == SQLITE_IOERR_READ || code == SQLITE_IOERR_CORRUPTFS ? TL_DATABASE_DENIED : TL_DATABASE_LATER;
-    case SQLITE_ERROR: /* not the tables that our statements are about */
+    case SQLITE_ERROR: /* the tables do not match our statements */
     case SQLITE_MISMATCH:
     case SQLITE_CONSTRAINT:
     case SQLITE_SCHEMA:
@@ -272,11 +274,11 @@ tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status
     return tl_fail(error, status, "%s", text);
 }
 
-/* ---- database sql ---- */
+/* ---- SQL statements ---- */
 
 void tl_database_text(sqlite3 *database, int code, char *text, size_t size) {
     char buffer[128];
-    bool known = database != NULL && sqlite3_extended_errcode(database) == code; /* else something came after it */
+    bool known = database != NULL && sqlite3_extended_errcode(database) == code; /* else another call has followed */
     int number = known ? sqlite3_system_errno(database) : 0;
     int primary = code & 0xFF;
     bool is_of_system =
@@ -332,14 +334,15 @@ tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *fo
                               sqlite3_db_filename(database, "main"), what);
 }
 
-/* ---- database guard ---- */
+/* ---- Protection against untrusted files ---- */
 
-/* A statement of ours takes some thousand turns of SQLite's machine, and one over a long run some million. */
+/* Our statements need some thousand instructions of SQLite's virtual machine; one over a long run
+ * needs some million. */
 enum { TURNS_AT_ONCE = 1000 * 1000, MOST_TIMES = 50 };
 
-static __thread int times; /* that the turns of the statement under way were counted */
+static __thread int times; /* how often the instructions of the present statement were counted */
 
-/* ---- What a statement may take ----------------------------------------------------------------------------------- */
+/* ---- Limits of a statement ---- */
 
 static int begin_statement(unsigned event, void *context, void *statement, void *text) {
     (void)event;
@@ -355,7 +358,8 @@ static int count_turns(void *context) {
     return ++times > MOST_TIMES;
 }
 
-/* For a new connection, before the first SQL on it. A statement that is ended then fails with SQLITE_INTERRUPT. */
+/* Restricts a new connection; call it before the first SQL. A statement that exceeds its time limit
+ * then fails with SQLITE_INTERRUPT. */
 static void guard_connection(sqlite3 *database) {
     static const int off[] = {SQLITE_DBCONFIG_TRUSTED_SCHEMA, SQLITE_DBCONFIG_ENABLE_TRIGGER,
                               SQLITE_DBCONFIG_ENABLE_VIEW, SQLITE_DBCONFIG_ENABLE_LOAD_EXTENSION};
@@ -384,7 +388,7 @@ static void guard_connection(sqlite3 *database) {
     sqlite3_progress_handler(database, TURNS_AT_ONCE, count_turns, NULL);
 }
 
-/* ---- Damage ------------------------------------------------------------------------------------------------------ */
+/* ---- Damage ---- */
 
 int64_t tl_database_size(sqlite3 *database, int which) {
     sqlite3_file *file = NULL;
@@ -410,9 +414,9 @@ void tl_database_diagnose(sqlite3 *database, tl_error *error) {
     (void)sqlite3_finalize(statement);
 }
 
-/* ---- Is the schema ours? ------------------------------------------------------------------------------------------ */
+/* ---- Validation of the schema ---- */
 
-/* The text that a statement gives; "": there is no row. */
+/* Returns the text of a query; "" if there is no row. */
 static tl_status ask_text(sqlite3 *database, const char *sql, char *text, size_t size, tl_error *error) {
     sqlite3_stmt *statement = NULL;
     tl_status status = tl_database_prepare(database, sql, &statement, error);
@@ -431,8 +435,9 @@ static tl_status ask_text(sqlite3 *database, const char *sql, char *text, size_t
     return status;
 }
 
-/* TL_BAD_DATA for what the file would have SQLite run for it, and for tables of ours that are none or have another key: rows are read in the
- * order of the key without being sorted. A table that is missing is no damage here; whoever needs it fails. */
+/* Returns TL_BAD_DATA if the file contains code that SQLite would run, or if one of our tables is
+ * not a table or has another key. Keys matter because rows are read in key order without sorting. A
+ * missing table is no damage here; the statement that needs it fails. */
 static tl_status check_schema(sqlite3 *database, tl_error *error) {
     static const char sql[] =
         "WITH keys (name, columns) AS (VALUES ('configurations', 'hash'), ('runs', 'run'),"
@@ -452,15 +457,19 @@ static tl_status check_schema(sqlite3 *database, tl_error *error) {
     return status == TL_OK && found[0] != '\0' ? tl_database_damaged(database, error, "%s", found) : status;
 }
 
-/* ---- Opening, making and recognising a twinlock database.
+/* ---- Recognising, opening and creating a twinlock database.
  *
- * Recognising: SQLite's header has 100 bytes at the front of the file: the magic text, and big-endian at byte 60
- *              user_version, at 68 application_id. They are read through SQLite's own file handle before any SQL runs,
- *              so no lock is taken, no journal is rolled back and no -wal file appears beside somebody else's file.
- *              (A file descriptor of our own would drop SQLite's POSIX locks when it is closed.)
- * Making:      under a name that nobody has, then renamed, so that a power cut leaves a whole database or none, and
- *              the header is always in the file itself, not in its write-ahead log. The renaming replaces nothing.
- * Formats:     only one is read. SQL reads user_version again: another program's may still be in the write-ahead log. */
+ * Recognising: SQLite's header is the first 100 bytes of the file: the magic text, at byte 60
+ *              user_version and at byte 68 application_id, both big-endian. They are read through
+ *              SQLite's own file handle before any SQL runs. So no lock is taken, no journal is
+ *              rolled back, and no -wal file appears beside a foreign file. (Closing a file
+ *              descriptor of our own would release SQLite's POSIX locks.)
+ * Creating:    under an unused name, then renamed. So a power cut leaves a complete database or
+ *              none, and the header is always in the file itself, not in its write-ahead log.
+ *              Renaming replaces no file.
+ * Formats:     only one is read. SQL reads user_version again, because that of another program may
+ *              still be in the write-ahead log.
+ */
 
 enum { HEADER = 100, VERSION_AT = 60, APPLICATION_AT = 68, JOURNAL = sizeof "-journal" };
 
@@ -510,14 +519,14 @@ tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *e
     }
     (void)sqlite3_file_control(database, "main", SQLITE_FCNTL_FILE_POINTER, &file);
     int code = size == 0 ? SQLITE_OK : file->pMethods->xRead(file, header, HEADER, 0);
-    if (code != SQLITE_OK && code != SQLITE_IOERR_SHORT_READ) { /* what is not there reads as zeros */
+    if (code != SQLITE_OK && code != SQLITE_IOERR_SHORT_READ) { /* bytes beyond the end read as zeros */
         return tl_database_refuse(TL_DATABASE_DENIED, error, TL_TRY_AGAIN, "%s: cannot be read (%s)", path,
                                   sqlite3_errstr(code));
     }
     return judge_header(header, size, path, error);
 }
 
-/* SQLite does not know the name of what it could not open. */
+/* SQLite does not know the name of a file that it could not open. */
 static tl_status open_connection(const char *name, int flags, sqlite3 **database, tl_error *error) {
     char why[TL_ERROR_TEXT];
     int code = sqlite3_open_v2(name, database, flags | SQLITE_OPEN_NOMUTEX | SQLITE_OPEN_EXRESCODE, NULL);
@@ -532,7 +541,7 @@ static tl_status open_connection(const char *name, int flags, sqlite3 **database
     return status;
 }
 
-/* "file:PATH?immutable=1", every byte that means something in a URI written as %XX. */
+/* "file:PATH?immutable=1", with special bytes of a URI as %XX. */
 static char *immutable_uri(const char *path) {
     static const char plain[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789-._~/";
     char *uri = malloc(strlen(path) * 3 + sizeof "file:?immutable=1");
@@ -547,7 +556,8 @@ static char *immutable_uri(const char *path) {
     return uri;
 }
 
-/* A database on a read-only medium, without a -wal file: nothing can be missing and nothing can change. */
+/* For a database on a read-only medium without a -wal file: no data can be missing and nothing can
+ * change. */
 static tl_status open_immutable(const char *path, sqlite3 **database, tl_error *error) {
     char *uri = immutable_uri(path);
     if (uri == NULL) {
@@ -565,7 +575,8 @@ static bool has_wal(const char *path) {
     return length > 0 && length < PATH_MAX && stat(name, &status) == 0 && status.st_size > 0;
 }
 
-/* The first SQL: with -wal and -shm files where that is possible, without where it must and can be: not if it is to be written. */
+/* Executes the first SQL. This creates -wal and -shm files; for reading without permission to
+ * create them, opens the file as immutable if it has no -wal file. */
 static tl_status first_read(const char *path, bool write, sqlite3 **database, tl_error *error) {
     static const char question[] = "SELECT 1 FROM sqlite_schema LIMIT 1";
     int code = sqlite3_exec(*database, question, NULL, NULL, NULL);
@@ -597,8 +608,8 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     if (!S_ISREG(file.st_mode)) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA, "%s: is no ordinary file", path);
     }
-    /* Readers too: the last one to close then removes -wal and -shm. SQLite falls back to reading where the file
-     * or the medium permits no more. */
+    /* Readers open for writing too, so that the last one to close removes -wal and -shm. SQLite
+     * falls back to reading if the file or the medium is read-only. */
     tl_status status = open_connection(path, SQLITE_OPEN_READWRITE, database, error);
     if (status != TL_OK) {
         return status;
@@ -618,7 +629,7 @@ tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_
     if (status == TL_OK) {
         status = ask_text(*database, "PRAGMA user_version", version, sizeof version, error);
     }
-    if (status == TL_OK) { /* as SQL sees it */
+    if (status == TL_OK) { /* user_version as SQL reads it */
         status = check_version(path, strtoll(version, NULL, 10), error);
     }
     if (status == TL_OK) {
@@ -653,14 +664,15 @@ static tl_status build(const char *name, tl_error *error) {
         status = tl_database_execute(database, "COMMIT; PRAGMA journal_mode = WAL", error);
     }
     (void)sqlite3_close(database);
-    if (status == TL_BAD_DATA) { /* what is not there yet cannot be bad */
+    if (status == TL_BAD_DATA) { /* a new file cannot be damaged */
         tl_database_set_fault(TL_DATABASE_LATER);
         status = TL_TRY_AGAIN;
     }
     return status;
 }
 
-/* What SQLite leaves beside a database, and how it begins: a log, its index, a journal that was not finished or was. */
+/* A file that SQLite leaves beside a database, and the first bytes that identify it: a log, its
+ * index, or a journal (unfinished or finished). */
 typedef struct leftover {
     const char *end;
     size_t length;
@@ -673,7 +685,8 @@ static const leftover leftovers[] = {
     {"-journal", 8, {"\xd9\xd5\x05\xf9\x20\xa1\x63\xd7", "\0\0\0\0\0\0\0\0"}},
 };
 
-/* Is it SQLite's, or empty, or not there? An empty one says nothing, and SQLite leaves such too. */
+/* Returns true if the file is SQLite's, empty or absent. Empty files have no content to lose, and
+ * SQLite leaves such files too. */
 static bool may_be_removed(const char *name, const leftover *kind) {
     char start[8] = {0};
     struct stat file;
@@ -698,7 +711,7 @@ static void remove_beside(const char *path) {
     }
 }
 
-/* The log of a database that was removed would be played into the new one. */
+/* SQLite would apply the log of a removed database to the new one. */
 static tl_status remove_leftovers(const char *path, tl_error *error) {
     char name[PATH_MAX];
     for (size_t i = 0; i < sizeof leftovers / sizeof leftovers[0]; i++) {
@@ -715,7 +728,7 @@ static tl_status remove_leftovers(const char *path, tl_error *error) {
     return TL_OK;
 }
 
-/* An empty file beside `path` that nobody had before; its name goes to `name`. */
+/* Creates an empty file with an unused name beside `path`; returns it in `name`. */
 static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *error) {
     for (int i = 0;; i++) {
         if (snprintf(name, PATH_MAX, "%s.new-%ld-%d", path, (long)getpid(), i) + JOURNAL >= PATH_MAX) {
@@ -733,8 +746,8 @@ static tl_status take_name(const char *path, char name[PATH_MAX], tl_error *erro
     }
 }
 
-/* Gives what was built its name, unless there is something by now. A file system that cannot do both at once (NFS) can make a
- * second name. */
+/* Renames the new file unless the name exists by now. A file system that cannot do both in one
+ * operation (NFS) can create a second link. */
 static bool put_in_place(const char *built, const char *path) {
     if (renameat2(AT_FDCWD, built, AT_FDCWD, path, RENAME_NOREPLACE) == 0) {
         return true;
@@ -765,9 +778,10 @@ tl_status tl_database_create(const char *path, tl_error *error) {
     return TL_OK;
 }
 
-/* ---- Where it is ------------------------------------------------------------------------------------------------- */
+/* ---- Path ---- */
 
-/* The name that what is not there yet will have: whoever looks for it then must find the same one. */
+/* Returns the resolved path of a file that does not exist yet, so that it is the same when the file
+ * exists. */
 static tl_status place_new(const char *given, char path[PATH_MAX], tl_error *error) {
     char copy[PATH_MAX];
     char folder[PATH_MAX];

@@ -1,5 +1,9 @@
-/* SQLite: opening, building, verifying and closing a database; hostile content; statements, and what a fault of SQLite means.
+/* Opens, creates and validates twinlock databases, and classifies SQLite's faults.
  *
+ * Purpose: one module decides whether a file is a twinlock database, and protects against untrusted
+ *          content.
+ * Trust:   a database file is untrusted; every connection is restricted before its first SQL.
+ * Errors:  TL_BAD_DATA, TL_TRY_AGAIN, TL_BAD_USAGE; each failure also sets the fault.
  * Thread:  one for each database.
  */
 #ifndef TL_FIRMWARE_STORE_DATABASE_H
@@ -13,105 +17,117 @@
 
 #include "master/base/status.h"
 
-/* ---- What keeps a database from being opened or written, as a kind: who writes one does something else about each.
+/* ---- Database fault: why a database cannot be opened or written. The recorder reacts differently
+ * to each kind.
  *
- * Use:    as errno: every failure of this room sets it for its thread, and it means something only right after one.
- * Thread: any; each has its own.
+ * Use:    like errno: each failure of this module sets it; the value is valid only directly after a
+ *         failure.
+ * Thread: any; each thread has its own value.
  */
 
 typedef enum tl_database_fault {
-    TL_DATABASE_LATER,   /* locked, no room, no memory: another time it may work */
+    TL_DATABASE_LATER,   /* locked, disk full, out of memory: a retry may succeed */
     TL_DATABASE_TAKEN,   /* another twinlock writes it */
-    TL_DATABASE_DENIED,  /* it, or what it is on, may not be read or not be written */
-    TL_DATABASE_DAMAGED, /* it is ours, and its pages are not what they were */
+    TL_DATABASE_DENIED,  /* no permission to read or write the file or its medium */
+    TL_DATABASE_DAMAGED, /* a twinlock database whose pages are corrupted */
     TL_DATABASE_OTHER,   /* another version of twinlock wrote it, in another format */
-    TL_DATABASE_FOREIGN  /* it is not ours, or somebody has worked on it, or somebody's file is in its way */
+    TL_DATABASE_FOREIGN  /* foreign or modified by another program, or a foreign file has its name */
 } tl_database_fault;
 
 tl_database_fault tl_database_get_fault(void);
 void tl_database_set_fault(tl_database_fault fault);
 
-/* By SQLite's result code and, if there is one, errno. */
+/* Returns the fault for SQLite's result code and, for SQLITE_CANTOPEN, errno in `number`. */
 tl_database_fault tl_database_fault_of(int code, int number);
 
-/* The same of errno alone. */
+/* Returns the fault for an errno. */
 tl_database_fault tl_database_fault_of_errno(int number);
 
-/* Sets the fault, then as tl_fail(). */
+/* Sets the fault; otherwise like tl_fail(). */
 tl_status tl_database_refuse(tl_database_fault fault, tl_error *error, tl_status status, const char *format, ...)
     TL_PRINTF(4, 5);
 
-/* ---- SQL of ours on a connection, and what SQLite answers: as a status and in words.
+/* ---- SQL statements: executes them on a connection and converts SQLite's result into a status and
+ * a text.
  *
- * Errors:  TL_BAD_DATA where the file is to blame, TL_TRY_AGAIN for everything the system refuses (no room, no permission,
- *          locked). Each says the fault too.
- * Thread:  a connection belongs to one thread at a time.
+ * Errors: TL_BAD_DATA if the file is the cause, TL_TRY_AGAIN if the system refuses (disk full, no
+ *         permission, locked). Each failure also sets the fault.
+ * Thread: one at a time for each connection.
  */
 
-/* Both fail as tl_database_fail() does. */
+/* Both fail like tl_database_fail(). */
 tl_status tl_database_execute(sqlite3 *database, const char *sql, tl_error *error);
 tl_status tl_database_prepare(sqlite3 *database, const char *sql, sqlite3_stmt **statement, tl_error *error);
 
-/* What went wrong in the last call on this connection: what SQLite says, and what the system says. */
+/* Writes to `text` why the last call on this connection failed: SQLite's message and, if known, the
+ * system's. */
 void tl_database_text(sqlite3 *database, int code, char *text, size_t size);
 
-/* The same as an error, with the file in front. */
+/* Reports the same text as an error, with the path of the file in front, and sets the fault. */
 tl_status tl_database_fail(sqlite3 *database, int code, tl_error *error);
 
-/* Of a file that somebody has worked on. TL_BAD_DATA: "FILE: is damaged: WHAT: …what to do". */
+/* Reports a file that another program has modified. Returns TL_BAD_DATA with the text "FILE: is
+ * damaged: WHAT: …what to do"; the fault is TL_DATABASE_FOREIGN. */
 tl_status tl_database_damaged(sqlite3 *database, tl_error *error, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Bytes of its file (SQLITE_FCNTL_FILE_POINTER) or of its log (SQLITE_FCNTL_JOURNAL_POINTER), as SQLite sees it; −1: not known. */
+/* Returns the size in bytes of the database file (SQLITE_FCNTL_FILE_POINTER) or of its log
+ * (SQLITE_FCNTL_JOURNAL_POINTER) as SQLite sees it; −1 if unknown. */
 int64_t tl_database_size(sqlite3 *database, int which);
 
-/* What a time in ns, a tick or a count of the recorder stays below. */
+/* Upper limit of each time (ns), tick and count that the recorder writes. */
 #define TL_ROW_LARGEST (INT64_MAX / 4)
 
-/* ---- A database file as hostile input: what it cannot do to us.
+/* ---- Protection against untrusted database files.
  *
- * Purpose: a file may be damaged, or made by somebody who wants harm. SQLite reads it, so SQLite is held on a short lead: no
- *          code of the file runs (triggers, views, virtual tables), nothing in it is longer than what the recorder writes, and
- *          no statement goes on for ever (pages may point at each other in circles). What the rows say is checked where they
- *          are read (history.c).
- * Thread:  a connection belongs to one thread at a time.
+ * Purpose: a file may be corrupted, or made by an attacker. So SQLite executes no code of the file
+ *          (triggers, views, virtual tables), accepts no value longer than the recorder writes, and
+ *          terminates statements that run too long (corrupted pages can form a cycle). history.c
+ *          validates the rows when it reads them.
+ * Thread:  one at a time for each connection.
  */
 
 enum {
     TL_DATABASE_APPLICATION = 0x74776C6B,    /* "twlk": SQLite's application_id */
-    TL_DATABASE_VERSION = 5,                 /* its user_version: the format; no other is read */
-    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of one value and of one row; a checkpoint has at most half */
-    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes of a file that tl_database_diagnose() looks through, at most */
+    TL_DATABASE_VERSION = 5,                 /* SQLite's user_version; no other is read */
+    TL_DATABASE_LONGEST = 8 * 1024 * 1024,   /* bytes of a row; a checkpoint: at most half */
+    TL_DATABASE_DIAGNOSED = 64 * 1000 * 1000 /* bytes that tl_database_diagnose() checks */
 };
 
-/* Adds to the words of an error what SQLite itself finds wrong with the pages of a small file, if it does. Reads all of it, so
- * never while a plant waits. */
+/* Runs SQLite's quick check on a small file and appends the first problem found to the error's
+ * text. Reads the whole file: do not call while the plant is followed. */
 void tl_database_diagnose(sqlite3 *database, tl_error *error);
 
-/* ---- A twinlock database: what it is recognised by, how it is made and opened. The recorder writes one, history reads.
+/* ---- Twinlock database: recognises, creates and opens it. The recorder writes databases, the
+ * history reads them.
  *
- * Purpose: the one place that decides whether a file is ours, before a single byte of it can change.
- * Format:  SQLite; application_id and user_version in its header say what and which; config/SPEC.md, "Database".
- * Mode:    a new one is 0640 less the umask, and what SQLite puts beside it the same: what a plant does is not everybody's.
- * Trust:   none: every connection is guarded (database.h).
- * Errors:  TL_BAD_DATA for a file that is not ours, has another format, or is damaged; TL_TRY_AGAIN for everything the
- *          system refuses (no room, no permission, locked).
- * Thread:  a connection belongs to one thread at a time.
+ * Purpose: decides whether a file is a twinlock database before any of its bytes can change.
+ * Format:  SQLite; application_id and user_version in the header identify it; see config/SPEC.md,
+ *          "Database".
+ * Mode:    a new database, and SQLite's files beside it, have mode 0640 less the umask, because
+ *          plant data is not public.
+ * Trust:   the file is untrusted; every connection is restricted as described above.
+ * Errors:  TL_BAD_DATA if the file is not a twinlock database, has another format or is damaged;
+ *          TL_TRY_AGAIN if the system refuses (disk full, no permission, locked).
+ * Thread:  one at a time for each connection.
  */
 
-/* The file must exist and have the format of this program. Reading does not create, recover or change anything
- * but SQLite's own -wal and -shm files, and works on a read-only medium. */
+/* Opens an existing file of the current format. Reading creates, recovers and changes nothing
+ * except SQLite's own -wal and -shm files, and works on a read-only medium. `write`: fails with
+ * TL_TRY_AGAIN if the file is read-only. */
 tl_status tl_database_open(const char *path, bool write, sqlite3 **database, tl_error *error);
 
-/* Is the file of this connection still one of ours, by its header as it is on the disk? */
+/* Checks the header on the disk: returns TL_OK if the file of this connection is still a twinlock
+ * database. */
 tl_status tl_database_recognise(sqlite3 *database, const char *path, tl_error *error);
 
-/* Where a database that is to be written is, or will be: links resolved. Refused is what no database can be, or be
- * made of: anything but an ordinary file, a link that leads nowhere (both TL_BAD_DATA), an empty name (TL_BAD_USAGE),
- * a folder that is not there (TL_TRY_AGAIN). */
+/* Writes to `path` the path, with links resolved, of a database that exists or will be created.
+ * Fails with TL_BAD_DATA for anything except an ordinary file and for a dangling link. Fails with
+ * TL_BAD_USAGE for an empty name, and with TL_TRY_AGAIN if the folder does not exist. */
 tl_status tl_database_place(const char *given, char path[PATH_MAX], tl_error *error);
 
-/* Makes an empty database at `path`, where there is nothing. It appears whole or not at all, and replaces nothing but
- * what SQLite left there of a database that was removed; TL_BAD_DATA where others' files have such names. */
+/* Creates an empty database at `path`, where no file may exist. The database appears complete or
+ * not at all. It replaces only files that SQLite left there of a removed database; TL_BAD_DATA if
+ * foreign files have such names. */
 tl_status tl_database_create(const char *path, tl_error *error);
 
 #endif

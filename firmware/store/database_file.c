@@ -1,4 +1,4 @@
-/* The file of a database: its lock, its identity, opening and replacing it: see database_file.h. */
+/* Database file of the recorder: see database_file.h. */
 #include "firmware/store/database_file.h"
 
 #include <errno.h>
@@ -15,11 +15,13 @@
 #include "firmware/base/os.h"
 #include "firmware/store/database.h"
 
-/* ---- flock() on a file of our own. Not on the database itself: SQLite has its own locks there. */
+/* ---- Lock file: flock() on a file of our own, because SQLite has its own locks on the database
+ * file. */
 
 static const tl_time PAUSE = TL_SECOND / 20; /* between two tries */
 
-/* Is the file of this handle the one with that name? If that cannot be told, it is taken to be. */
+/* Compares the open file with the file of that name. If that is impossible, the result is
+ * TL_DATABASE_IN_PLACE. */
 static tl_database_whereabouts look_for(int handle, const char *name) {
     struct stat ours;
     struct stat named;
@@ -28,7 +30,7 @@ static tl_database_whereabouts look_for(int handle, const char *name) {
     }
     bool is_there = stat(name, &named) == 0;
     if (!is_there && errno != ENOENT && errno != ENOTDIR) {
-        return TL_DATABASE_IN_PLACE; /* as far as we may know: what is open goes on */
+        return TL_DATABASE_IN_PLACE; /* no permission to check: continue with the open file */
     }
     if (is_there && named.st_ino == ours.st_ino && named.st_dev == ours.st_dev) {
         return TL_DATABASE_IN_PLACE;
@@ -36,7 +38,7 @@ static tl_database_whereabouts look_for(int handle, const char *name) {
     return ours.st_nlink == 0 ? TL_DATABASE_REMOVED : TL_DATABASE_MOVED;
 }
 
-/* Its last owner may have removed it after we had opened it. */
+/* Returns false if the last owner has removed the lock file after it was opened here. */
 static bool is_current(const tl_database_lock *lock) {
     struct stat opened;
     struct stat named;
@@ -48,7 +50,7 @@ static void say_owner(tl_database_lock *lock) {
     char text[32];
     int length = snprintf(text, sizeof text, "%ld\n", (long)getpid());
     if (ftruncate(lock->file, 0) != 0 || pwrite(lock->file, text, (size_t)length, 0) != length) {
-        return; /* only a hint for people */
+        return; /* only information for users */
     }
 }
 
@@ -62,7 +64,7 @@ static tl_status fail_taken(const tl_database_lock *lock, const char *database, 
         owner[0] == '\0' ? "unknown" : owner);
 }
 
-/* Empty, or with the number that a killed owner left. */
+/* Returns true if the file is empty, or has the process id that a killed owner left. */
 static bool is_ours(const tl_database_lock *lock) {
     char text[32];
     struct stat file;
@@ -75,7 +77,8 @@ static bool is_ours(const tl_database_lock *lock) {
     return strcmp(text + digits, digits == 0 ? "" : "\n") == 0;
 }
 
-/* What this process holds. A child that an FMU forks has the file too, and would hold the lock for as long as it lives: it lets go. */
+/* The lock of this process. A child that an FMU forks inherits the descriptor and would keep the
+ * lock, so it closes it. */
 static int held = -1;
 
 static void let_go(void) {
@@ -90,7 +93,7 @@ static void hold(int file) {
     held = file;
 }
 
-/* 1: taken, 0: somebody else has it, −1: errno. */
+/* 1: taken, 0: another recorder has it, −1: errno. */
 static int try_once(tl_database_lock *lock) {
     lock->file = open(lock->path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0640);
     if (lock->file < 0) {
@@ -106,7 +109,7 @@ static int try_once(tl_database_lock *lock) {
     return is_current(lock) ? 1 : 0;
 }
 
-/* What is there under the lock's name may be the user's: it is left alone. */
+/* A foreign file with the lock's name may be the user's and is not changed. */
 static tl_status fail_impossible(const tl_database_lock *lock, const char *database, int reason, tl_error *error) {
     if (reason == EEXIST || reason == ELOOP || reason == EISDIR) {
         return tl_database_refuse(TL_DATABASE_FOREIGN, error, TL_BAD_DATA,
@@ -150,18 +153,19 @@ tl_status tl_database_lock_take(const char *database, tl_time patience, tl_datab
 void tl_database_lock_release(tl_database_lock *lock) {
     if (lock->file >= 0) {
         hold(-1);
-        if (is_current(lock)) { /* else it was removed, and what has its name may be another one's lock */
+        if (is_current(lock)) { /* else it was removed, and its name may belong to another lock */
             (void)unlink(lock->path);
         }
-        (void)close(lock->file); /* in this order: who finds the file finds it locked */
+        (void)close(lock->file); /* after unlink(): a process that finds the file finds it locked */
         lock->file = -1;
     }
 }
 
-/* ---- A database that a recorder has for itself:
+/* ---- Open database.
  *
- * Aside: the log and its index go first, the file itself last, so that a power cut in between leaves a damaged file at its place, which is
- *        put aside the next time, to the same name. */
+ * A damaged file is renamed last, after its log and its index. So a power cut in between leaves a
+ * damaged database under its name. The next opening renames it to the same new name.
+ */
 
 enum { CACHE_KIB = 1024 };
 
@@ -169,8 +173,9 @@ void tl_database_file_set_patience(tl_database_file *file, tl_time patience) {
     (void)sqlite3_busy_timeout(file->connection, (int)(patience / (TL_SECOND / 1000)));
 }
 
-/* WAL so that people can read while we write; FULL so that what is committed survives a power cut (with NORMAL the log
- * is only synced when it is written back). We write the log back ourselves, between batches. */
+/* WAL so that users can read while the recorder writes. FULL so that committed data survives a
+ * power cut (with NORMAL the log is synced only when it is written back). The recorder writes the
+ * log back between batches. */
 static tl_status configure(sqlite3 *connection, tl_error *error) {
     char sql[256];
     (void)snprintf(sql, sizeof sql,
@@ -180,7 +185,8 @@ static tl_status configure(sqlite3 *connection, tl_error *error) {
     return tl_database_execute(connection, sql, error);
 }
 
-/* Its log, or the index of that, may be another user's, and then SQLite reads and says nothing. Whether somebody else writes now does not matter. */
+/* The log or its index may belong to another user; then SQLite opens the file read-only without an
+ * error. A lock of another program does not matter here. */
 static tl_status prove_writable(sqlite3 *connection, tl_error *error) {
     (void)sqlite3_busy_timeout(connection, 100);
     int code = sqlite3_exec(connection, "BEGIN IMMEDIATE", NULL, NULL, NULL);
@@ -204,20 +210,20 @@ static void close_handle(int *handle) {
 }
 
 static void close_connection(tl_database_file *file) {
-    (void)sqlite3_close(file->connection); /* writes the log back and removes it where nobody reads */
+    (void)sqlite3_close(file->connection); /* writes the log back and removes it if there is no reader */
     file->connection = NULL;
     close_handle(&file->handle);
     close_handle(&file->log);
 }
 
-/* "PATH-wal"; a path whose log has no name that fits was never opened. */
+/* "PATH-wal". A path whose log name is too long was never opened. */
 static const char *name_log(const char *path, char name[PATH_MAX + 8]) {
     (void)snprintf(name, PATH_MAX + 8, "%s-wal", path);
     return name;
 }
 
-/* As if it had never been there. The index goes first: one that is there is believed, and who reads another file of that name at this moment may
- * have made it of this log. */
+/* The index is removed first, because SQLite trusts an existing index. A reader of another file
+ * with that name may just have built it from this log. */
 static void remove_log(const char *path) {
     static const char *const ends[] = {"-shm", "-wal"};
     char name[PATH_MAX + 8];
@@ -227,7 +233,7 @@ static void remove_log(const char *path) {
     }
 }
 
-/* SQLite's locks end when a descriptor of the file is closed, but not one that can neither be read nor written. */
+/* O_PATH: closing an ordinary descriptor of the file would release SQLite's locks. */
 static tl_status open_connection(tl_database_file *file, tl_time patience, const tl_database_user *user,
                                  tl_error *error) {
     tl_status status = is_there(file->path) ? TL_OK : tl_database_create(file->path, error);
@@ -251,8 +257,7 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
     }
     if (status == TL_OK) {
         char name[PATH_MAX + 8];
-        file->log =
-            open(name_log(file->path, name), O_PATH | O_CLOEXEC); /* it is there as soon as something was read */
+        file->log = open(name_log(file->path, name), O_PATH | O_CLOEXEC); /* it exists after the first read */
         tl_database_file_note(file);
     }
     if (status != TL_OK) {
@@ -261,9 +266,9 @@ static tl_status open_connection(tl_database_file *file, tl_time patience, const
     return status;
 }
 
-/* ---- Aside ------------------------------------------------------------------------------------------------------- */
+/* ---- Renaming a damaged file ---- */
 
-/* False where the new name is somebody's, or too long. */
+/* Returns false if the new name exists or is too long. */
 static bool put_one_aside(const char *path, const char *name, const char *end) {
     char from[PATH_MAX];
     char to[PATH_MAX];
@@ -309,7 +314,7 @@ tl_status tl_database_file_renew(tl_database_file *file, const char *why, const 
     return status;
 }
 
-/* ---- Opening and closing ----------------------------------------------------------------------------------------- */
+/* ---- Opening and closing ---- */
 
 tl_status tl_database_file_open(const char *given, tl_time patience, const tl_database_user *user,
                                 tl_database_file *file, tl_database_aside *aside, tl_error *error) {
@@ -339,7 +344,8 @@ static off_t size_of(const tl_database_file *file) {
     return file->handle >= 0 && fstat(file->handle, &ours) == 0 ? ours.st_size : -1;
 }
 
-/* How long it would be if all of the log were written back. False: that cannot be told now. */
+/* Finds the size that the file has after the log is written back. Returns false if it is unknown
+ * now. */
 static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
     static const char sql[] = "SELECT page_count * page_size FROM pragma_page_count, pragma_page_size";
     sqlite3_stmt *statement = NULL;
@@ -349,20 +355,21 @@ static bool ask_pages(const tl_database_file *file, int64_t *bytes) {
         *bytes = code == SQLITE_ROW ? sqlite3_column_int64(statement, 0) : 0;
     }
     (void)sqlite3_finalize(statement);
-    if ((code & 0xFF) == SQLITE_CORRUPT) { /* SQLite has seen it */
+    if ((code & 0xFF) == SQLITE_CORRUPT) { /* SQLite has found it */
         *bytes = INT64_MAX;
     }
     return code == SQLITE_ROW || *bytes == INT64_MAX;
 }
 
-/* Only a file that is shorter than it was is in doubt: another program may write our log back, and shorten it to what it is to have. */
+/* Checks only a file that became shorter, because another program may write the log back and so
+ * shorten it to its correct size. */
 static bool is_cut(const tl_database_file *file) {
     int64_t bytes = 0;
     off_t size = size_of(file);
     return size == 0 || (size >= 0 && size < file->size && ask_pages(file, &bytes) && size < bytes);
 }
 
-/* It may be emptied at any moment: its size counts only if it is asked for after what is in it was read. */
+/* Another program may empty the file at any moment, so the size is read after the content. */
 static tl_database_whereabouts look_inside(tl_database_file *file) {
     if (tl_database_recognise(file->connection, file->path, NULL) != TL_OK &&
         tl_database_get_fault() == TL_DATABASE_FOREIGN && size_of(file) != 0) {
@@ -408,16 +415,16 @@ void tl_database_file_abandon(tl_database_file *file) {
 
 void tl_database_file_close(tl_database_file *file) {
     if (file->connection != NULL && look_for(file->handle, file->path) == TL_DATABASE_MOVED) {
-        (void)tl_database_file_write_back(file); /* SQLite does not when it closes: its log stays under the old name */
+        (void)tl_database_file_write_back(file); /* SQLite would not, because the log still has the old name */
     }
     close_connection(file);
     tl_database_lock_release(&file->lock);
     file->path[0] = '\0';
 }
 
-/* ---- database identity ---- */
+/* ---- Identity ---- */
 
-/* Of an open file (name "") or of one with this name; false: errno. */
+/* Of an open file (name "") or of a file with this name. Returns false with errno. */
 static bool look(int handle, const char *name, tl_database_inode *inode) {
     struct statx found;
     if (statx(handle, name, AT_EMPTY_PATH, STATX_INO | STATX_BTIME, &found) != 0) {
@@ -449,14 +456,14 @@ bool tl_database_is_gone(const char *path, const tl_database_identity *identity)
     return look(AT_FDCWD, path, &now) ? !is_same(&now, &identity->file) : errno == ENOENT || errno == ENOTDIR;
 }
 
-/* Its log is there, without it. */
+/* Returns whether its log exists, but the database does not. */
 static bool is_stray(const char *path, const char *log, const tl_database_identity *identity) {
     tl_database_inode now;
     return identity->log.number != 0 && tl_database_is_gone(path, identity) && look(AT_FDCWD, log, &now) &&
            is_same(&now, &identity->log);
 }
 
-/* Under the lock, since another twinlock may be writing there, with this log for its own. */
+/* With the lock, because another twinlock may be writing there and use this log. */
 void tl_database_remove_stray_log(const char *path, const tl_database_identity *identity) {
     char log[PATH_MAX + 8];
     tl_database_lock lock = {.file = -1};
@@ -469,9 +476,9 @@ void tl_database_remove_stray_log(const char *path, const tl_database_identity *
     tl_database_lock_release(&lock);
 }
 
-/* ---- Which file is written ---- */
+/* ---- Choice of the file ---- */
 
-enum { DENIALS = 60 }; /* that are not believed */
+enum { DENIALS = 60 }; /* tries before a denial is final */
 static const tl_time DENIAL_PAUSE = TL_SECOND / 1000;
 static const tl_time DENIAL_PAUSE_LAST = TL_SECOND / 64;
 
@@ -484,22 +491,25 @@ static bool is_waited_for(tl_database_fault fault) {
     return fault == TL_DATABASE_LATER || fault == TL_DATABASE_TAKEN;
 }
 
-/* Which file the others are beside: links resolved. */
+/* Returns the path with links resolved, beside which replacements are created. */
 static const char *find_place(const char *given, char place[PATH_MAX]) {
     return tl_database_place(given, place, NULL) == TL_OK ? place : given;
 }
 
-/* Nothing can be written in its folder. Then no name beside it can be either, unless the folder is opened meanwhile, and then the file itself
- * can be. */
+/* Returns whether the folder is read-only. Then no replacement can be created, unless the folder
+ * becomes writable; but then the file itself can be opened. */
 static bool is_shut_in(const char *path) {
     char copy[PATH_MAX];
     (void)snprintf(copy, sizeof copy, "%s", path);
     return faccessat(AT_FDCWD, dirname(copy), W_OK | X_OK, AT_EACCESS) != 0;
 }
 
-/* One file, which `place` is without links; *shut: its folder is, so none beside it is to be tried. A file that was denied is tried again once its
- * folder is known to be open: else it might have been opened since, and another file be written for no reason. And more than once, as long as its mode does not say so: a reader that is
- * root makes log and index as root's, and only then gives them to the owner of the file. */
+/* Opens one file; `place` is its path without links. *shut: its folder is read-only, so
+ * replacements are not tried.
+ * A denied file is tried again after the folder was found writable, because it may have become
+ * writable meanwhile. It is tried up to DENIALS times while its mode allows writing: a reader that
+ * is root creates log and index as root's files, and only then changes their owner to that of the
+ * file. */
 static tl_status open_file(const char *path, const char *place, const tl_database_wanted *wanted,
                            tl_database_file *file, tl_database_aside *aside, bool *shut, tl_error *error) {
     tl_status status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
@@ -509,7 +519,7 @@ static tl_status open_file(const char *path, const char *place, const tl_databas
         if (*shut || (i > 0 && faccessat(AT_FDCWD, place, W_OK, AT_EACCESS) != 0)) {
             return status;
         }
-        tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* the reader may wait for its turn on a busy machine */
+        tl_clock_sleep_until(tl_clock_now(NULL) + pause); /* on a busy machine the reader may need time */
         pause = 2 * pause < DENIAL_PAUSE_LAST ? 2 * pause : DENIAL_PAUSE_LAST;
         status = tl_database_file_open(path, wanted->patience, wanted->user, file, aside, error);
     }
@@ -521,7 +531,7 @@ static tl_status open_beside(const char *path, const char *why, const tl_databas
     char name[PATH_MAX];
     tl_status status = TL_BAD_DATA;
     const tl_database_wanted wanted = {.path = name, .user = user};
-    bool ends = false; /* also if the next one would meet the same */
+    bool ends = false; /* true also if the next name would fail in the same way */
     for (int i = 1; i <= TL_DATABASE_BESIDE_MOST && !ends; i++) {
         int length = i == 1 ? snprintf(name, sizeof name, "%s.beside", path)
                             : snprintf(name, sizeof name, "%s.beside-%d", path, i);

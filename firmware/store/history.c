@@ -1,4 +1,4 @@
-/* Reads what was recorded: see history.h. */
+/* Reads recorded runs from a database: see history.h. */
 #include "firmware/store/history.h"
 
 #include <inttypes.h>
@@ -13,10 +13,11 @@
 #include "master/base/arena.h"
 #include "master/base/text.h"
 
-/* Nothing in a database is trusted, not even that rows come in the order that was asked for: SQLite takes them as they lie in
- * pages, which may be damaged. Values that the recorder does not write are reported as damage. */
+/* Nothing in the database is trusted, not even the order of rows: SQLite returns them as they lie
+ * in the pages, which may be damaged. Values that the recorder does not write are reported as
+ * damage. */
 
-static const tl_time LONGEST_STEP = 3600 * TL_SECOND; /* of a configuration */
+static const tl_time LONGEST_STEP = 3600 * TL_SECOND; /* that a configuration allows */
 
 enum { TABLES = TL_HISTORY_ADJUSTMENTS + 1 };
 
@@ -70,34 +71,38 @@ static const char *file_of(tl_history *history) {
     return sqlite3_db_filename(history->database, "main");
 }
 
-/* ---- One row of a database, which may hold anything: read column by column, each taken only if it is what the recorder writes there.
+/* ---- Reading a row: column by column, each value only if it is such as the recorder writes.
  *
- * Purpose: SQLite turns any value into any type; a number that is a text in the file would be 0. These do not.
- * Use:     columns are read from the left, in the order of the SELECT; `right` is looked at once all are read.
- * Errors:  a column that is of another type or out of range makes `right` false, and reads as something harmless.
- * Owner:   texts and bytes are valid until the statement's next step. */
+ * Purpose: SQLite converts any value to any type; a text instead of a number would be read as 0.
+ *          These functions do not convert.
+ * Use:     columns are read from the left, in the order of the SELECT; check `right` after the last
+ *          one.
+ * Errors:  a column of another type or out of range sets `right` to false and returns a harmless
+ *          value.
+ * Owner:   texts and bytes are valid until the statement's next step.
+ */
 
 enum {
-    NAME_MOST = 4096,       /* bytes that a name, a reason or an event has at most */
-    TEXT_MOST = 1024 * 1024 /* and a configuration */
+    NAME_MOST = 4096,       /* most bytes of a name, a reason or an event */
+    TEXT_MOST = 1024 * 1024 /* most bytes of a configuration */
 };
 
 typedef struct table_row {
     sqlite3_stmt *statement;
     int column; /* the next one */
-    bool right; /* all that was read so far is as it was asked for */
+    bool right; /* all columns read so far were valid */
 } table_row;
 
 static table_row row_of(sqlite3_stmt *statement) {
     return (table_row){.statement = statement, .right = true};
 }
 
-/* Looks at the next column, without reading it. */
+/* Tests the next column without reading it. */
 static bool is_null(const table_row *row) {
     return sqlite3_column_type(row->statement, row->column) == SQLITE_NULL;
 }
 
-/* The next column. `least` if it is wrong. */
+/* Reads the next column; returns `least` if it is invalid. */
 static int64_t take_integer(table_row *row, int64_t least, int64_t most) {
     int column = row->column++;
     int64_t found = sqlite3_column_int64(row->statement, column);
@@ -108,7 +113,7 @@ static int64_t take_integer(table_row *row, int64_t least, int64_t most) {
     return least;
 }
 
-/* `otherwise` if it is NULL. */
+/* Returns `otherwise` if it is NULL. */
 static int64_t take_integer_or(table_row *row, int64_t least, int64_t most, int64_t otherwise) {
     if (is_null(row)) {
         row->column++;
@@ -117,7 +122,8 @@ static int64_t take_integer_or(table_row *row, int64_t least, int64_t most, int6
     return take_integer(row, least, most);
 }
 
-/* Finite; NaN if it is NULL, which stands for what was not. */
+/* Returns a finite number, or NaN for NULL, because the recorder writes NULL for values that are
+ * not finite. */
 static double take_number(table_row *row) {
     int column = row->column++;
     int type = sqlite3_column_type(row->statement, column);
@@ -142,7 +148,7 @@ static bool is_utf8(const char *text, size_t size) {
     return true;
 }
 
-/* UTF-8, at most `most` bytes, no NUL among them; "" if it is wrong. */
+/* Returns a UTF-8 text of at most `most` bytes without NUL; "" if it is invalid. */
 static const char *read_text(table_row *row, size_t most) {
     int column = row->column++;
     if (sqlite3_column_type(row->statement, column) == SQLITE_TEXT) {
@@ -156,7 +162,7 @@ static const char *read_text(table_row *row, size_t most) {
     return "";
 }
 
-/* NULL if there are none. */
+/* Returns NULL if there are none. */
 static const unsigned char *read_bytes(table_row *row, size_t *size) {
     int column = row->column++;
     row->right = row->right && sqlite3_column_type(row->statement, column) == SQLITE_BLOB;
@@ -165,13 +171,14 @@ static const unsigned char *read_bytes(table_row *row, size_t *size) {
     return bytes;
 }
 
-/* ---- Runs, signals, configurations ------------------------------------------------------------------------------- */
+/* ---- Runs, signals, configurations ---- */
 
 int64_t tl_history_last_possible(const tl_history_run *run) {
     return TL_ROW_LARGEST / run->step;
 }
 
-/* A copy of the next column's text, which outlives the row. "": memory is out, and the row is not right. */
+/* Returns a copy of the next column's text that outlives the row. If memory is out: "", and the row
+ * is invalid. */
 static const char *take_text(tl_history *history, table_row *row, size_t most) {
     const char *copy = tl_arena_text(&history->arena, read_text(row, most));
     row->right = row->right && copy != NULL;
@@ -197,14 +204,15 @@ static uint64_t take_count(table_row *row) {
     return (uint64_t)take_integer(row, 0, TL_ROW_LARGEST);
 }
 
-/* ---- Lists: all rows of a question about a run. ------------------------------------------------------------------ */
+/* ---- Lists: all rows of a query about a run. ---- */
 
 typedef struct row_list {
     const char *sql;  /* ?1 is the run */
     const char *what; /* for messages; NULL: runs */
     size_t most;      /* more are damage */
     size_t size;      /* of an item */
-    /* Reads items[index] from the row. What the recorder does not write makes the row wrong. */
+    /* Reads items[index] from the row. A value that the recorder does not write makes the row
+     * invalid. */
     void (*read)(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items);
 } row_list;
 
@@ -216,7 +224,7 @@ static tl_status fail_list(tl_history *history, const row_list *list, int64_t ru
                                      list->what, run);
 }
 
-/* Room for the next item, in an array that is twice as long if need be. */
+/* Ensures room for the next item; doubles the array if necessary. */
 static bool make_room(tl_history *history, const row_list *list, size_t count, size_t *room, void **items) {
     if (count == *room) {
         *room = *room == 0 ? 16 : 2 * *room;
@@ -229,7 +237,7 @@ static bool make_room(tl_history *history, const row_list *list, size_t count, s
     return *items != NULL;
 }
 
-/* NULL as run: `id` is the one that is looked for. */
+/* `run` is NULL for a list of runs; `id` is the run to find. */
 static tl_status read_list(tl_history *history, const row_list *list, const tl_history_run *run, int64_t id,
                            void **items, size_t *count, tl_error *error) {
     sqlite3_stmt *statement = NULL;
@@ -269,7 +277,7 @@ static tl_status read_list(tl_history *history, const row_list *list, const tl_h
     " removed_before, fmus, boot, start_ns, resumed_run, resumed_tick, resumed_from"                                   \
     " FROM runs LEFT JOIN beginnings USING (run) "
 
-/* A run that has an end has a reason for it. */
+/* A run has either both an end and a reason or neither. */
 static void read_run(tl_history *history, const tl_history_run *none, table_row *row, size_t index, void *items) {
     tl_history_run *run = (tl_history_run *)items + index;
     (void)none;
@@ -330,7 +338,8 @@ tl_status tl_history_find(tl_history *history, int64_t id, const tl_history_run 
     return status;
 }
 
-/* The first row of a question about a run. *statement is NULL if there is none; else it stands there, for the caller to finalise. */
+/* Executes a query for one row about a run. *statement is NULL if there is none; else it is at that
+ * row, and the caller finalises it. */
 static tl_status ask_row(tl_history *history, const char *sql, int64_t run, int64_t number, const char *text,
                          sqlite3_stmt **statement, tl_error *error) {
     tl_status status = tl_database_prepare(history->database, sql, statement, error);
@@ -368,7 +377,7 @@ tl_status tl_history_text(tl_history *history, const char *hash, const char **te
 
 /* ---- Tunings, signals, components ---- */
 
-/* In the order of their ticks. */
+/* Ticks must ascend. */
 static void read_tuning(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
     tl_history_tuning *tuning = (tl_history_tuning *)items + index;
     int64_t at = 0;
@@ -403,7 +412,7 @@ static tl_type take_type(table_row *row) {
     return (tl_type)code;
 }
 
-/* In the order of their indices; an index that is missing is damage. */
+/* Indices must be 0, 1, 2, …; a missing index is damage. */
 static void read_signal(tl_history *history, const tl_history_run *run, table_row *row, size_t index, void *items) {
     tl_recorder_signal *signal = (tl_recorder_signal *)items + index;
     (void)run;
@@ -453,7 +462,7 @@ tl_status tl_history_ledger(tl_history *history, const tl_history_run *run, cons
     return status;
 }
 
-/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+/* ---- Checkpoints ---- */
 
 static tl_status read_checkpoint(tl_history *history, const tl_history_run *run, sqlite3_stmt *statement,
                                  int64_t before, const tl_history_checkpoint **checkpoint, tl_error *error) {
@@ -516,19 +525,19 @@ tl_time tl_history_execution_cost(tl_history *history, const tl_history_run *run
     return cost;
 }
 
-/* ---- Rows: each statement begins behind the last row of the one before ------------------------------------------- */
+/* ---- Rows: each statement begins after the last row of the previous one ---- */
 
 enum { ROWS_AT_ONCE = 4096 };
 
-/* Whose rows are handed out to whom; of the row before, and what the next one may be. */
+/* State of a walk through rows: the previous row, and the limits for the next one. */
 typedef struct row_key {
     tl_history *history;
     const tl_history_run *run;
     const tl_history_visitor *visitor;
-    int64_t number;  /* tick or step; the next is not before it, */
-    int64_t last;    /* nor after this one */
-    int64_t signal;  /* of the same number, the next one's is larger */
-    int64_t signals; /* that there are */
+    int64_t number;  /* tick or step; the next one is not smaller */
+    int64_t last;    /* largest number */
+    int64_t signal;  /* with the same number, the next signal is larger */
+    int64_t signals; /* number of signals */
 } row_key;
 
 static void take_key(row_key *key, table_row *row) {
@@ -539,10 +548,10 @@ static void take_key(row_key *key, table_row *row) {
     key->signal = signal;
 }
 
-/* Hands out a row whose key was read. False: it is none that the recorder writes. */
+/* Passes a row, whose key was read, to its callback. Returns false if the row is invalid. */
 typedef bool give_row(table_row *row, const row_key *key);
 
-/* One of a newer program may be larger than those that have a name here. */
+/* A newer program may have written larger codes than those known here. */
 static int64_t take_code(table_row *row, const tl_history_visitor *visitor, int64_t named) {
     return take_integer(row, 0, visitor->strict ? named : TL_ROW_LARGEST);
 }
@@ -604,7 +613,7 @@ static bool give_adjustment(table_row *row, const row_key *key) {
     return row->right;
 }
 
-/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+/* ---- Tables ---- */
 
 #define ASK_RANGE(table, key)                                                                                          \
     "SELECT (SELECT " key " FROM " table " WHERE run = ?1 AND " key " >= ?2 ORDER BY " key " LIMIT 1),"                \
@@ -614,7 +623,7 @@ static bool give_adjustment(table_row *row, const row_key *key) {
     "SELECT " key ", signal, " columns " FROM " table " WHERE run = ?1 AND (" key ", signal) > (?2, ?3) AND " key      \
     " <= ?4 ORDER BY " key ", signal LIMIT ?5"
 
-/* How to ask for the ends of a table and for its rows, and who understands these. */
+/* Queries for the range and the rows of each table, and the function that reads its rows. */
 static const struct {
     const char *what;
     const char *range;
@@ -641,7 +650,7 @@ static tl_status fail_row(tl_history *history, const tl_history_run *run, tl_his
                                number, run->run);
 }
 
-/* A statement that is kept; it is reset after each use. */
+/* Prepares a statement once; it is reset after each use. */
 static tl_status keep_statement(tl_history *history, const char *sql, sqlite3_stmt **kept, tl_error *error) {
     return *kept != NULL ? TL_OK : tl_database_prepare(history->database, sql, kept, error);
 }
@@ -677,7 +686,7 @@ tl_status tl_history_last_step(tl_history *history, const tl_history_run *run, i
     return status;
 }
 
-/* The next rows, of one statement, which begins behind the key. */
+/* Passes the next rows of one statement, after the key. */
 static tl_status give_some(row_key *key, tl_history_table table, int *count, tl_error *error) {
     sqlite3_stmt *statement = key->history->rows[table];
     int code = SQLITE_ROW;
@@ -722,7 +731,8 @@ tl_status tl_history_rows(tl_history *history, const tl_history_run *run, const 
     return status;
 }
 
-/* ---- Ticks: rows of TICKS_AT_ONCE ticks are read in one transaction, and handed out one by one ------------------- */
+/* ---- Ticks: the rows of TICKS_AT_ONCE ticks are read in one transaction, and returned one by one
+ * ---- */
 
 enum { TICKS_AT_ONCE = 64 };
 
@@ -731,16 +741,16 @@ struct tl_history_ticks {
     const tl_history_run *run;
     tl_history_visitor samples;
     tl_history_visitor steps; /* and adjustments */
-    int64_t next;             /* first tick not read yet */
+    int64_t next;             /* first tick that is not read yet */
     size_t count;             /* of ticks in the buffer */
-    size_t given;             /* of them, handed out */
+    size_t given;             /* ticks returned from the buffer */
     tl_history_tick buffer[TICKS_AT_ONCE];
 };
 
-/* A value that is missing was no number. */
+/* A missing value was not finite when it was recorded. */
 static void add_sample(void *context, const tl_history_sample *found) {
     tl_history_ticks *ticks = context;
-    /* Ascending within TICKS_AT_ONCE numbers: there is room. */
+    /* Ticks ascend within TICKS_AT_ONCE numbers, so there is room. */
     if (ticks->count == 0 || ticks->buffer[ticks->count - 1].sample.tick != found->tick) {
         tl_history_tick *tick = &ticks->buffer[ticks->count++];
         memset(tick, 0, sizeof *tick);
@@ -757,7 +767,8 @@ static void add_sample(void *context, const tl_history_sample *found) {
     sample->stamps[found->signal] = found->stamp;
 }
 
-/* The tick at which a step was computed; NULL: it is not in the buffer. Without gaps before it, its place follows from its number. */
+/* Returns the tick at which a step was computed; NULL: it is not in the buffer. If no tick before
+ * it is missing, its index follows from its number. */
 static tl_history_tick *find_tick(tl_history_ticks *ticks, int64_t step) {
     int64_t number = step + ticks->run->lead;
     int64_t at = number - ticks->buffer[0].sample.tick;
@@ -776,7 +787,7 @@ static void add_step(void *context, const tl_history_step *found) {
     }
 }
 
-/* The signals of a step come in their order; what is not a number ends the row. */
+/* Signals of a step ascend; the first value that is not finite ends the row. */
 static void add_adjustment(void *context, const tl_history_adjustment *found) {
     tl_history_tick *tick = find_tick(context, found->step);
     if (tick != NULL && found->signal == tick->adjusted && !isnan(found->u)) {
@@ -815,7 +826,7 @@ void tl_history_ticks_end(tl_history_ticks *ticks) {
     free(ticks);
 }
 
-/* The first tick from `next` on that is there, and the TICKS_AT_ONCE − 1 after it. */
+/* Reads the first recorded tick at or after `next`, and the TICKS_AT_ONCE − 1 after it. */
 static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
     int64_t there[2] = {0};
     bool any = false;
@@ -829,12 +840,13 @@ static tl_status read_block(tl_history_ticks *ticks, tl_error *error) {
     status = tl_history_rows(ticks->history, ticks->run, numbers, &ticks->samples, error);
     if (status == TL_OK && (ticks->count == 0 || ticks->buffer[0].sample.tick != numbers[0])) {
         return fail_row(ticks->history, ticks->run, TL_HISTORY_SAMPLES, numbers[0],
-                        error); /* it was there a moment ago */
+                        error); /* it was found just before */
     }
     return status == TL_OK ? tl_history_rows(ticks->history, ticks->run, steps, &ticks->steps, error) : status;
 }
 
-/* Fills the buffer, in one transaction. What cannot be read whole is not handed out at all. */
+/* Fills the buffer in one transaction. On a failure the buffer is empty, so that no incomplete tick
+ * is returned. */
 static tl_status read_ticks(tl_history_ticks *ticks, tl_error *error) {
     sqlite3 *database = ticks->history->database;
     ticks->count = 0;
@@ -862,9 +874,9 @@ tl_status tl_history_ticks_next(tl_history_ticks *ticks, tl_history_tick *tick, 
     return status;
 }
 
-/* ---- Events ------------------------------------------------------------------------------------------------------ */
+/* ---- Events ---- */
 
-/* Events come in the order of their ids. */
+/* Ids must ascend. */
 static bool give_event(sqlite3_stmt *statement, int64_t *last, const tl_history_visitor *visitor) {
     table_row row = row_of(statement);
     tl_history_event event = {0};
@@ -883,7 +895,7 @@ static bool give_event(sqlite3_stmt *statement, int64_t *last, const tl_history_
     return right;
 }
 
-/* Read in their order without being sorted, which would take all of them into memory. */
+/* The query uses the order of the ids, because sorting would load all events into memory. */
 tl_status tl_history_events(tl_history *history, const tl_history_run *run, const char *from_at, int64_t most,
                             const tl_history_visitor *visitor, tl_error *error) {
     static const char sql[] = "SELECT event, at, tick, coalesce(name, CAST(severity AS TEXT)), source, text FROM events"

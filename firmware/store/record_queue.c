@@ -1,4 +1,4 @@
-/* The record queue: what a process hands to the recorder, in memory that the recorder reads: see record_queue.h. */
+/* Record queue: see record_queue.h. */
 #include "firmware/store/record_queue.h"
 
 #include <assert.h>
@@ -11,7 +11,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 
-/* ---- recorder events ---- */
+/* ---- Recorder events ---- */
 
 static void copy_text(char *to, size_t size, const char *from) {
     size_t length = strnlen(from, size - 1);
@@ -29,31 +29,35 @@ void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_sev
     copy_text(entry->text, sizeof entry->text, text);
 }
 
-/* ---- The writer's side of an outbox. The header says what it is, record_queue.h what lies where.
+/* ---- Record queue, producer's side.
  *
- * Ring:        who appends publishes the new end with a release; the reader hands room back by `taken`, which is acquired here. What was appended and
- *              not published when its writer died is not there. A sample that waits for its step has another end, which only a successor looks at.
- * Kept:        nothing has to be marked. An entry stays until another one needs its bytes, and its position tells whether that has
- *              happened: at most one entry is appended beyond the published end.
- * Events:      a thread draws a number if its slot is free, fills it, and says so with a release. One that died in between leaves a gap, which the
- *              successor marks.
- * Checkpoints: see tl_record_queue_checkpoint. Both sides copy word by word, relaxed: no thread waits for another, and no fence is needed (ThreadSanitizer
- *              does not know them).
- * Death:       the kernel shows a successor all that a dead process has stored, in its order. */
+ * Ring:        the producer publishes the new end with a release store; the reader returns room
+ *              through `taken`, which is loaded with acquire. If the producer dies, entries that
+ *              are not published do not exist. A sample that waits for its step has an end of its
+ *              own (`put`), used only by a successor or by a reader without a producer.
+ * Kept:        an entry stays until another one needs its bytes. Its position shows whether that
+ *              has happened, because at most one entry is written beyond the published end.
+ * Events:      a thread reserves a number if its slot is free, fills the slot, and publishes it
+ *              with a release store. If it dies in between, a gap remains, which the successor
+ *              marks.
+ * Checkpoints: see tl_record_queue_checkpoint. Both sides copy word by word, relaxed: no thread
+ *              waits for another, and no fence is needed (ThreadSanitizer does not support fences).
+ * Death:       a successor sees all stores of a dead process, in their order.
+ */
 
 enum { PAGE = 4096, RING_LEAST = 256 * 1024, RING_MOST = 16 * 1024 * 1024, LOOK_BACK_TICKS = 2000 };
 
 static const tl_time RING_TIME = 30 * TL_SECOND;
 static const tl_time LOOK_BACK = 10 * TL_SECOND; /* between two checkpoints, or LOOK_BACK_TICKS */
-static const tl_time NAP = TL_SECOND / 1000;     /* between two looks for room */
+static const tl_time NAP = TL_SECOND / 1000;     /* between two checks for room */
 
-/* ---- Sizes ------------------------------------------------------------------------------------------------------- */
+/* ---- Sizes ---- */
 
 static size_t round_up(size_t bytes, size_t to) {
     return (bytes + to - 1) / to * to;
 }
 
-/* Where the parts are, from the beginning of the memory. */
+/* Offsets of the parts in the memory. */
 static size_t tl_record_queue_ring_at(void) {
     return round_up(sizeof(tl_record_queue_control), PAGE);
 }
@@ -80,7 +84,7 @@ size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step) 
     return rounded;
 }
 
-/* ---- Room in the ring -------------------------------------------------------------------------------------------- */
+/* ---- Room in the ring ---- */
 
 static void lose(const tl_record_queue *queue) {
     (void)__atomic_add_fetch(&queue->control->lost, 1, __ATOMIC_RELAXED);
@@ -90,7 +94,7 @@ static bool has_reader(const tl_record_queue *queue) {
     return queue->taken != NULL;
 }
 
-/* If what the reader says cannot be, it has taken nothing of what is there. */
+/* A position of the reader that is impossible counts as no room. */
 static bool has_room(const tl_record_queue *queue, size_t size) {
     uint64_t waiting = has_reader(queue) ? queue->written - __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : 0;
     return waiting <= queue->settings.ring_bytes && queue->settings.ring_bytes - waiting >= size;
@@ -100,14 +104,15 @@ static tl_recorder_pen pen_of(const tl_record_queue *queue) {
     return (tl_recorder_pen){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .position = queue->written};
 }
 
-/* All that was put is there. A writer that dies between the two stores leaves no sample that waits. */
+/* Publishes all entries. If the producer dies between the two stores, no sample waits. */
 static void publish(tl_record_queue *queue) {
     queue->published = queue->written;
     __atomic_store_n(&queue->control->head, queue->written, __ATOMIC_RELEASE);
     __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
 }
 
-/* A reader that has found the ring corrupted skips to its end, and may have been told a wrong one: the next entry goes there. */
+/* A reader that has found the ring corrupted skips to its end, and may have read a wrong end. The
+ * next entry is put there. */
 static void follow_reader(tl_record_queue *queue) {
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : queue->written;
     uint64_t ahead = taken - queue->written;
@@ -122,7 +127,8 @@ static void publish_entry(tl_record_queue *queue, const tl_recorder_pen *pen) {
     publish(queue);
 }
 
-/* The beginning of the run, if it still waits. False: nothing may come before it, and it finds no room. */
+/* Puts the beginning of the run if it still waits. Returns false if it has no room; then no other
+ * entry may be put. */
 static bool put_waiting_start(tl_record_queue *queue) {
     tl_record_queue_control *control = queue->control;
     follow_reader(queue);
@@ -139,7 +145,8 @@ static bool put_waiting_start(tl_record_queue *queue) {
     return true;
 }
 
-/* Room for an entry of this kind, and for what belongs to it; if there is none, it is lost. */
+/* Finds room for an entry of this kind (a sample: with its step). Counts a loss if there is none.
+ */
 static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_recorder_pen *pen) {
     size_t size = tl_recorder_entry_size(&queue->settings.shape, kind);
     size_t step = kind == TL_ENTRY_SAMPLE ? tl_recorder_entry_size(&queue->settings.shape, TL_ENTRY_STEP) : 0;
@@ -151,7 +158,7 @@ static bool find_room(tl_record_queue *queue, tl_recorder_kind kind, tl_recorder
     return found;
 }
 
-/* Nothing that was put up to this end has taken its bytes. */
+/* Returns whether no entry up to `end` has overwritten the one at `position`. */
 static bool is_kept(const tl_record_queue *queue, uint64_t end, uint64_t position) {
     uint64_t since = end - position;
     size_t reach = queue->settings.ring_bytes;
@@ -160,7 +167,7 @@ static bool is_kept(const tl_record_queue *queue, uint64_t end, uint64_t positio
 }
 
 static void store_bytes(unsigned char *to, const unsigned char *from, size_t size) {
-    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words: there is room for them on both sides */
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words: both sides have room for them */
         size_t word = 0;
         memcpy(&word, from + at, sizeof word);
         __atomic_store_n((size_t *)(void *)(to + at), word, __ATOMIC_RELAXED);
@@ -168,13 +175,14 @@ static void store_bytes(unsigned char *to, const unsigned char *from, size_t siz
 }
 
 static void load_bytes(unsigned char *to, const unsigned char *from, size_t size) {
-    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* whole words are there */
+    for (size_t at = 0; at < size; at += sizeof(size_t)) { /* the source has whole words */
         size_t word = __atomic_load_n((const size_t *)(const void *)(from + at), __ATOMIC_RELAXED);
         memcpy(to + at, &word, size - at < sizeof word ? size - at : sizeof word);
     }
 }
 
-/* What a place says of its checkpoint; false: it has none. The bytes may be of another one. */
+/* Reads the mark of a checkpoint slot. Returns false if it has no valid mark. The checkpoint's
+ * bytes may belong to another mark. */
 static bool look_at_mark(const tl_record_queue_checkpoint *place, uint64_t *number, uint64_t *digest,
                          tl_record_queue_mark *mark) {
     *number = __atomic_load_n(&place->number, __ATOMIC_ACQUIRE);
@@ -184,8 +192,8 @@ static bool look_at_mark(const tl_record_queue_checkpoint *place, uint64_t *numb
            (unsigned)mark->beginning.from <= (unsigned)TL_RESUMED_INPUTS && tl_identity_is_sound(mark->tuning.hash);
 }
 
-/* What was put behind the new end has taken the bytes of what that end does not reach any more; and nothing may be gone on from what lies
- * behind it. */
+/* Sets the end back. Entries behind the new end may have overwritten older ones, and a successor
+ * must not resume from a position behind it. So checkpoints with such positions are removed. */
 static void go_back(tl_record_queue *queue, uint64_t end) {
     uint64_t before = queue->written;
     queue->written = end;
@@ -201,10 +209,11 @@ static void go_back(tl_record_queue *queue, uint64_t end) {
     }
 }
 
-/* ---- A run ------------------------------------------------------------------------------------------------------- */
+/* ---- A run ---- */
 
-/* Whose is a sample that a dead one has not come to the end of? That of the run which begins, if it has that tick: it takes it anew. Else it goes to
- * the reader together with the beginning: who dies before that leaves it to the next one to decide. */
+/* A dead producer may have left a sample that waits for its step. If the new run contains that
+ * tick, it takes the sample again. Otherwise the sample is published together with the beginning.
+ * If this process dies earlier, its successor decides. */
 static void settle_waiting_sample(tl_record_queue *queue, const tl_resumption *beginning) {
     bool waits = queue->written != queue->published;
     if (waits && beginning->from != TL_RESUMED_NOT && queue->waiting >= beginning->tick) {
@@ -311,20 +320,19 @@ uint64_t tl_record_queue_lost(const tl_record_queue *queue) {
     return __atomic_load_n(&queue->control->lost, __ATOMIC_RELAXED);
 }
 
-/* ---- Events ------------------------------------------------------------------------------------------------------ */
+/* ---- Events ---- */
 
 static uint64_t tl_record_queue_state_if_there(uint64_t number) {
     return 2 * number + 2;
 }
 
-/* False: its slot is not free. */
+/* Reserves the number of an event. Returns false if its slot is not free. */
 static bool draw_number(const tl_record_queue *queue, uint64_t *number) {
     uint64_t *next = &queue->control->next;
     bool drawn = false;
     bool is_free = true;
-    while (is_free && !drawn) { /* again only if another thread has drawn one meanwhile */
-        uint64_t taken =
-            __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE); /* first: what is taken was drawn before */
+    while (is_free && !drawn) { /* retries only if another thread has reserved one */
+        uint64_t taken = __atomic_load_n(&queue->taken->events, __ATOMIC_ACQUIRE); /* must be loaded first */
         *number = __atomic_load_n(next, __ATOMIC_RELAXED);
         is_free = *number - taken < TL_RECORDER_EVENTS;
         drawn = is_free &&
@@ -345,15 +353,16 @@ void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity sev
         return;
     }
     tl_record_queue_slot *slot = &queue->control->slots[number % TL_RECORDER_EVENTS];
-    /* The reader gave the slot back. Here it is seen besides what the thread that filled it before has done: ThreadSanitizer does not know what
-     * a reader in another process has seen. */
+    /* The reader has released the slot. This load also orders the stores of the thread that filled
+     * it before, because ThreadSanitizer does not know what a reader in another process has seen.
+     */
     (void)__atomic_load_n(&slot->state, __ATOMIC_ACQUIRE);
     tl_recorder_event_fill(&slot->entry, tick, severity, source, text);
     slot->entry.position = position;
     __atomic_store_n(&slot->state, tl_record_queue_state_if_there(number), __ATOMIC_RELEASE);
 }
 
-/* NULL, or what is wrong with an event. */
+/* Returns NULL, or a text that describes what is invalid in an event. */
 static const char *tl_record_queue_event_fault(const tl_recorder_event_entry *event) {
     if ((unsigned)event->severity > (unsigned)TL_EVENT_ERROR) {
         return "an event of a severity that there is not";
@@ -363,7 +372,7 @@ static const char *tl_record_queue_event_fault(const tl_recorder_event_entry *ev
     return end ? NULL : "an event with a text without an end";
 }
 
-/* ---- Checkpoints ------------------------------------------------------------------------------------------------- */
+/* ---- Checkpoints ---- */
 
 uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mark, const unsigned char *bytes) {
     return tl_recorder_digest(tl_recorder_digest(number, mark, sizeof *mark), bytes, (size_t)mark->size);
@@ -373,7 +382,8 @@ static unsigned char *bytes_of_place(const tl_record_queue *queue, unsigned plac
     return (unsigned char *)queue->control + tl_record_queue_checkpoint_at(&queue->settings, place);
 }
 
-/* So that no page of it is missing when it is written. What is there stays, and may be read meanwhile. */
+/* Touches the pages, so that later stores cause no page fault. The content stays, and may be read
+ * meanwhile. */
 static void touch_pages(unsigned char *bytes, size_t size) {
     for (size_t i = 0; i < size; i += PAGE) {
         volatile size_t *word = (volatile size_t *)(void *)(bytes + i);
@@ -421,13 +431,13 @@ void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t
     queue->number = number;
 }
 
-/* ---- What a dead one has left ------------------------------------------------------------------------------------ */
+/* ---- For a successor ---- */
 
 static tl_recorder_page page_of(const tl_record_queue *queue) {
     return (tl_recorder_page){.bytes = queue->ring, .capacity = queue->settings.ring_bytes, .end = queue->written};
 }
 
-/* Number of the checkpoint in a place that is whole; 0: there is none. */
+/* Returns the number of the valid checkpoint in a slot; 0: none. */
 static uint64_t look_at_place(const tl_record_queue *queue, unsigned place, tl_record_queue_mark *mark) {
     uint64_t number = 0;
     uint64_t digest = 0;
@@ -444,7 +454,7 @@ void tl_record_queue_hide_unused(tl_record_queue *queue) {
         bool is_left = place < TL_RECORD_QUEUE_PLACES && look_at_place(queue, place, &mark) != 0;
         size_t used = is_left ? (size_t)mark.size : 0;
         used = round_up(used > queue->reserved ? used : queue->reserved, PAGE);
-        if (place < TL_RECORD_QUEUE_PLACES && !is_left) { /* nobody is to look there */
+        if (place < TL_RECORD_QUEUE_PLACES && !is_left) { /* a reader must not read hidden pages */
             __atomic_store_n(&queue->control->places[place].number, 0, __ATOMIC_RELAXED);
         }
         if (used < capacity) {
@@ -481,15 +491,15 @@ bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position
            tl_recorder_entry_unpack(&page, &queue->settings.shape, position, entry) == NULL;
 }
 
-/* ---- Opening ----------------------------------------------------------------------------------------------------- */
+/* ---- Opening ---- */
 
-/* The new end: that of the last sound entry, which waits if it is a sample that was not for the reader yet. A wild store of a dead process
- * may have hit what it had put before, or the ends. */
+/* Finds the end of the last valid entry. If that entry is a sample that was not published, it
+ * waits. A stray store of the dead process may have changed its entries or the ends. */
 static void mend_ring(tl_record_queue *queue) {
     tl_recorder_entry entry;
     uint64_t head = __atomic_load_n(&queue->control->head, __ATOMIC_ACQUIRE);
     uint64_t waiting = __atomic_load_n(&queue->control->put, __ATOMIC_ACQUIRE) - head;
-    uint64_t end = waiting <= queue->settings.ring_bytes ? head + waiting : head; /* of what a dead one has put */
+    uint64_t end = waiting <= queue->settings.ring_bytes ? head + waiting : head; /* of the dead producer */
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->ring, __ATOMIC_ACQUIRE) : head;
     uint64_t there = taken - head <= end - head ? 0 : head - taken; /* bytes for the reader */
     uint64_t position = taken;
@@ -512,10 +522,10 @@ static void mend_ring(tl_record_queue *queue) {
     __atomic_store_n(&queue->control->put, queue->written, __ATOMIC_RELEASE);
 }
 
-/* The slot of an event that was drawn. */
+/* Repairs the slot of a reserved event. */
 static void mend_event(tl_record_queue_slot *slot, uint64_t number, uint64_t head) {
     uint64_t state = __atomic_load_n(&slot->state, __ATOMIC_RELAXED);
-    if (slot->entry.position > head) { /* entries that it came after are gone */
+    if (slot->entry.position > head) { /* the entries before it were removed */
         slot->entry.position = head;
     }
     bool known = state == tl_record_queue_state_if_there(number) + 1 ||
@@ -536,14 +546,14 @@ static void mend_events(tl_record_queue *queue) {
         tl_record_queue_slot *slot = &control->slots[number % TL_RECORDER_EVENTS];
         if (number - taken < control->next - taken) {
             mend_event(slot, number, queue->written);
-        } else { /* none yet: as if the one before it had been there */
+        } else { /* not used yet: as if the event before it were there */
             __atomic_store_n(&slot->state, tl_record_queue_state_if_there(number - TL_RECORDER_EVENTS),
                              __ATOMIC_RELAXED);
         }
     }
 }
 
-/* The next one does not go where the newest is. */
+/* Sets the number so that the next checkpoint does not overwrite the newest one. */
 static void mend_checkpoints(tl_record_queue *queue) {
     uint64_t taken = has_reader(queue) ? __atomic_load_n(&queue->taken->checkpoint, __ATOMIC_ACQUIRE) : 0;
     uint64_t newest = 0;
@@ -553,12 +563,12 @@ static void mend_checkpoints(tl_record_queue *queue) {
         newest = number > newest ? number : newest;
     }
     queue->number = newest;
-    if (taken > newest && taken < TL_RECORD_QUEUE_NUMBERS) { /* what it has taken is damaged now */
+    if (taken > newest && taken < TL_RECORD_QUEUE_NUMBERS) { /* the newest that was taken is damaged now */
         queue->number = taken + (newest != 0 && (taken + 1 - newest) % TL_RECORD_QUEUE_PLACES == 0 ? 1 : 0);
     }
 }
 
-/* Nothing was ever put: it takes the place of one that the reader knows, and goes on with its numbers. */
+/* New memory replaces a queue that the reader knows, and continues its numbers. */
 static void follow_numbers(tl_record_queue *queue) {
     tl_record_queue_control *control = queue->control;
     uint64_t head = __atomic_load_n(&control->head, __ATOMIC_ACQUIRE);
@@ -588,7 +598,7 @@ void tl_record_queue_open(const tl_record_queue_settings *settings, void *memory
     mend_checkpoints(queue);
 }
 
-/* ---- The reader's side of an outbox. The header says how much it believes. What is looked at is copied first: see recorder_entry.c. */
+/* ---- Record queue, reader's side. Data is copied before it is validated: see recorder_entry.c. */
 
 void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const void *memory,
                                  tl_record_queue_reader *reader) {
@@ -598,7 +608,7 @@ void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const
 
 static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) TL_PRINTF(3, 4);
 
-/* The part is not read any more. */
+/* Stops reading this part. */
 static bool refuse(tl_record_queue_reader *reader, bool *part, const char *format, ...) {
     va_list arguments;
     *part = true;
@@ -612,7 +622,8 @@ void tl_record_queue_reader_leave(tl_record_queue_reader *reader) {
     reader->is_left = true;
 }
 
-/* A reader before this one may have thought that the writer was no more, and have taken what waited: then that is not there yet, seen from here. */
+/* An earlier reader may have assumed that the producer had ended, and have taken the waiting
+ * sample. Then `taken` is ahead of the published end. */
 uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t taken) {
     uint64_t ring = reader->settings.ring_bytes;
     uint64_t head = __atomic_load_n(&reader->control->head, __ATOMIC_ACQUIRE);
@@ -670,7 +681,7 @@ bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t numbe
     return true;
 }
 
-/* One that may be taken, as far as its place tells. */
+/* A checkpoint that may be taken according to its mark. */
 typedef struct offer {
     unsigned place;
     uint64_t number; /* 0: none */
@@ -687,7 +698,7 @@ static offer look(const tl_record_queue_reader *reader, unsigned place, uint64_t
     return found;
 }
 
-/* False: there is none, it is not whole, or it was overwritten meanwhile. */
+/* Returns false if there is none, if it is invalid, or if it was overwritten meanwhile. */
 static bool copy(const tl_record_queue_reader *reader, const offer *offered, unsigned char *bytes) {
     const unsigned char *there = (const unsigned char *)reader->control;
     if (offered->number == 0 || reader->is_ring_broken) {
@@ -718,7 +729,7 @@ uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader) {
     return __atomic_load_n(&reader->control->lost, __ATOMIC_RELAXED);
 }
 
-/* ---- outbox rest ---- */
+/* ---- Remaining entries ---- */
 
 uint64_t tl_record_queue_rest_count(const tl_record_queue_settings *settings, const void *memory,
                                     const tl_record_queue_taken *taken) {

@@ -1,6 +1,8 @@
-/* The record queue: what a process hands to the recorder, in memory that the recorder reads.
+/* Record queue: passes a run and its events from a process to the recorder, through shared memory.
  *
- * Thread:  as each part says.
+ * Memory:  the caller's; see the parts below.
+ * Trust:   each side treats the data of the other side as untrusted.
+ * Thread:  see the parts below.
  */
 #ifndef TL_FIRMWARE_STORE_RECORD_QUEUE_H
 #define TL_FIRMWARE_STORE_RECORD_QUEUE_H
@@ -17,196 +19,225 @@
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
 
-/* ---- An event as it waits to be written.
+/* ---- Event, as it waits to be written.
  *
- * Size:   fixed, texts are cut; no pointers, so that it can wait in memory that another process reads (record_queue.h).
+ * Size:   fixed; texts are truncated. No pointers, so that another process can read it.
  * Thread: plain data.
  */
 
-/* That wait at most; a power of two. */
+/* Most events that wait; a power of two. */
 enum { TL_RECORDER_EVENTS = 512 };
 enum { TL_EVENT_SOURCE = 32, TL_EVENT_TEXT = 224 };
 
 typedef struct tl_recorder_event_entry {
     int64_t at;        /* UTC, ms */
     int64_t tick;      /* −1: none */
-    uint64_t position; /* of an outbox: end of its ring when the event was put; else 0 */
+    uint64_t position; /* end of the queue's ring when the event was put; 0 if it is in no record queue */
     tl_severity severity;
     char source[TL_EVENT_SOURCE];
     char text[TL_EVENT_TEXT];
 } tl_recorder_event_entry;
 
-/* Fills an entry with the texts, cut to what it holds, and the time now. */
+/* Fills an entry with the texts, truncated to its size, and with the present time. */
 void tl_recorder_event_fill(tl_recorder_event_entry *entry, int64_t tick, tl_severity severity, const char *source,
                             const char *text);
 
-/* ---- An outbox: what a process hands to the recorder, in memory that the recorder reads.
+/* ---- Record queue, producer's side.
  *
- * Purpose: the beginning of a run, its samples, steps, tunings and end go through a ring of bytes; events through a queue for many threads;
- *          saved twins (checkpoints) lie in two places that take turns. Nothing of it ever waits for the recorder.
- * Memory:  of the caller, zeroed at first, at a multiple of 64 bytes: of this process, or a block (block.h) that only this process writes. It has
- *          no pointers. What the reader gives back, tl_record_queue_taken, lies in the reader's memory.
- * Death:   the memory may outlive its writer. A successor goes on in it: all that was published stands; what was left half-written, and what is
- *          not sound of that which the reader has not taken, goes. A successor may also look back: what was taken stays in the ring until new entries
- *          need its bytes, and the ring is large enough for 30 s of new ones beside those since the older of the two checkpoints.
- * New:     memory of zeros in the place of another outbox, all of which was taken, goes on with its numbers: those of a reader never go back.
- * Ticks:   a sample waits for its step, and is in the ring together with it, or with whatever else is put next: so that of a tick in which its writer dies
- *          nothing is there, unless the reader knows that nobody goes on. If the successor goes on with that tick, it takes its sample anew; if it begins
- *          another run, the sample that waited is the last one of the run before.
- * Loss:    what finds no room is counted, and never waited for. Room is lost only to a reader that is too slow, not to what is kept.
- * Damage:  a reader that cannot read the ring on may skip to its end, and the next entry goes behind what it has skipped.
- * Order:   nothing of a run is in the ring before its beginning. A beginning without room waits, and goes first; until then the rest is lost.
- * Thread:  put_* and checkpoints: one thread, the cycle's; event(): any; lost(): any. Lock-free: an event is tried again only
- *          if another thread has put one meanwhile.
- * Trust:   the reader's side (record_queue.h) believes nothing of this; and this nothing of what the reader says it has taken.
+ * Purpose: the beginning of a run, its samples, steps, tunings and end pass through a ring of
+ *          bytes. Events pass through a queue for many threads. Checkpoints (saved twins) lie in
+ *          two slots that alternate. The producer never waits for the recorder.
+ * Memory:  the caller's, zeroed at first, aligned to 64 bytes: of this process, or a shared block
+ *          (block.h) that only this process writes. No pointers. tl_record_queue_taken, the
+ *          reader's progress, lies in the reader's memory.
+ * Death:   the memory may outlive the producer. A successor continues in it. All published entries
+ *          remain. Entries that were left incomplete are removed, and so are invalid entries that
+ *          the reader has not taken. The successor can also read back: taken entries stay in the
+ *          ring until new entries need their bytes. The ring has room for 30 s of new entries and
+ *          all entries since the older of the two checkpoints.
+ * New:     zeroed memory may replace another record queue of which all was taken. It continues with
+ *          the numbers of that queue, because a reader's numbers never decrease.
+ * Ticks:   a sample waits for its step. It is published together with the step, or with the next
+ *          other entry. If the producer dies within a tick, the reader gets nothing of that tick,
+ *          unless it knows that there is no successor. A successor that continues with that tick
+ *          takes its sample again. If it begins another run, the waiting sample is the last one of
+ *          the earlier run.
+ * Loss:    entries without room are counted as lost; the producer does not wait. Only a slow reader
+ *          causes loss; entries that are kept for a successor do not.
+ * Damage:  a reader that cannot read the ring further may skip to its end. The next entry follows
+ *          the skipped bytes.
+ * Order:   the beginning of a run precedes all its entries. A beginning without room waits and is
+ *          put first; until then other entries are lost.
+ * Thread:  put_* and checkpoints: one thread, that of the cycle; event() and lost(): any.
+ *          Lock-free: event() retries only if another thread has put an event meanwhile.
+ * Trust:   the reader validates all data of the producer, and the producer validates the progress
+ *          of the reader.
  */
 
-/* The same on both sides. */
+/* Must be equal on both sides. */
 typedef struct tl_record_queue_settings {
     tl_recorder_shape shape; /* of the entries */
-    size_t ring_bytes; /* a power of two, at least that of tl_record_queue_ring_bytes(); 0: there are events only */
-    size_t checkpoint_bytes; /* of each place, and of the room for the next one; used only as far as needed. 0: none */
+    size_t ring_bytes;       /* a power of two, at least tl_record_queue_ring_bytes(); 0: events only */
+    size_t checkpoint_bytes; /* largest checkpoint; pages are used only when needed. 0: none */
 } tl_record_queue_settings;
 
-/* What the reader has taken, for good. In its memory, where the writer looks. Positions never go back. */
+/* What the reader has taken for good. Lies in the reader's memory, and the producer reads it.
+ * Values never decrease. */
 typedef struct tl_record_queue_taken {
     uint64_t ring;       /* bytes */
-    uint64_t events;     /* how many */
+    uint64_t events;     /* count */
     uint64_t checkpoint; /* number of the newest one; 0: none */
 } tl_record_queue_taken;
 
-/* Private; placed by the caller. */
+/* Fields are private; the caller provides the memory. */
 typedef struct tl_record_queue {
     tl_record_queue_settings settings;
     struct tl_record_queue_control *control;
     unsigned char *ring;
-    const tl_record_queue_taken *taken; /* NULL: nobody reads */
-    uint64_t written;                   /* end of what was put, */
-    uint64_t published;                 /* and of what is in the ring: between them is a sample that waits, */
-    int64_t waiting;                    /* of this tick */
+    const tl_record_queue_taken *taken; /* NULL: no reader */
+    uint64_t written;                   /* end of all entries */
+    uint64_t published;                 /* end of the published ones; between them a sample waits */
+    int64_t waiting;                    /* tick of that sample */
     uint64_t number;                    /* of the newest checkpoint */
-    size_t reserved;                    /* bytes for each */
-    bool hides;                         /* what is not reserved */
+    size_t reserved;                    /* bytes reserved for each checkpoint */
+    bool hides;                         /* tl_record_queue_hide_unused() was called */
     char fmus[TL_SHA256_TEXT];
-    tl_run_tuning configured; /* of the runs that are begun, */
-    tl_run_tuning tuning;     /* and what is in force */
+    tl_run_tuning configured; /* for runs that begin from now on */
+    tl_run_tuning tuning;     /* present tuning */
     tl_resumption beginning;  /* of the run; stamps are relative to its start */
-    uint64_t id;              /* of the run: when its beginning was put; 0: it has none */
+    uint64_t id;              /* of the run: time when its beginning was put; 0: no run */
 } tl_record_queue;
 
-/* For 30 s of such a run, and what a successor looks back at; between 256 KiB and 16 MiB. */
+/* Returns the ring size for 30 s of such a run plus the entries that a successor may read back: 256
+ * KiB … 16 MiB. */
 size_t tl_record_queue_ring_bytes(const tl_recorder_shape *shape, tl_time step);
 
-/* Of the memory. */
+/* Returns the size of the memory, bytes. */
 size_t tl_record_queue_bytes(const tl_record_queue_settings *settings);
 
-/* Begins, or goes on where a dead one was. All pages of the ring are touched. `taken` may be the reader's block. NULL: nobody reads;
- * what is put is for a successor only, and events go nowhere. Takes some 25 KB of stack. */
+/* Starts a record queue, or continues in the memory of a dead producer. Touches all pages of the
+ * ring. `taken` may lie in the reader's block; NULL: no reader, so entries are for a successor only
+ * and events are dropped. Needs about 25 kB of stack. */
 void tl_record_queue_open(const tl_record_queue_settings *settings, void *memory, const tl_record_queue_taken *taken,
                           tl_record_queue *queue);
 
 /* ---- a run ---- */
 
-/* Which FMUs the runs have that are begun from now on, as identity.h says; of those that hold, nothing is said. */
+/* Sets the identity of the FMUs (identity.h) for runs that begin from now on. Runs in safe hold do
+ * not record it. */
 void tl_record_queue_name_fmus(tl_record_queue *queue, const char fmus[TL_SHA256_TEXT]);
 
-/* What they are built with; of those that hold, nothing is said. */
+/* Sets the configuration and tuning for runs that begin from now on. Runs in safe hold do not
+ * record it. */
 void tl_record_queue_name_configuration(tl_record_queue *queue, const tl_run_tuning *configured);
 
-/* False: there was no room. A beginning goes in before the next entry that finds room; anything else was counted as lost. Stamps are kept relative
- * to the start. A sample finds room only together with its step. */
+/* Put an entry; return false if there is no room. A beginning without room is put before the next
+ * entry that has room; any other entry is counted as lost. Stamps are stored relative to the start.
+ * A sample needs room for its step too. */
 bool tl_record_queue_put_start(tl_record_queue *queue, const tl_record_queue_start *start);
 bool tl_record_queue_put_sample(tl_record_queue *queue, const tl_sample *sample);
 bool tl_record_queue_put_step(tl_record_queue *queue, const tl_record *record, const tl_recorder_component *ledger);
-bool tl_record_queue_put_end(tl_record_queue *queue, const char *reason); /* cut to TL_RECORDER_REASON */
+bool tl_record_queue_put_end(tl_record_queue *queue, const char *reason); /* truncated to TL_RECORDER_REASON */
 
-/* The twin has this from `tick` on: just before that tick's sample. Whoever asks first whether there is room, beside that tick and the step before it,
- * does not lose it. */
+/* Records that the twin uses this tuning from `tick` on; call just before that tick's sample. If
+ * tl_record_queue_has_room_for_tuning() has returned true, the tuning, the sample and step of that
+ * tick and the step before it have room. */
 bool tl_record_queue_has_room_for_tuning(const tl_record_queue *queue);
 bool tl_record_queue_put_tuning(tl_record_queue *queue, const tl_run_tuning *tuning);
 
-/* What is in force: what the run was built with, or what was put since. */
+/* Returns the present tuning: that of the last put_tuning(), or else that at the run's beginning.
+ */
 const tl_run_tuning *tl_record_queue_tuning(const tl_record_queue *queue);
 
-/* How the run began that is being put. */
+/* Returns how the present run began. */
 const tl_resumption *tl_record_queue_beginning(const tl_record_queue *queue);
 
-/* Sleeps in small pieces until a tuning, a sample, a step and an end have room; false: not by `until` (CLOCK_MONOTONIC). For who makes up what is past. */
+/* Sleeps in steps of 1 ms until a tuning, a sample, a step and an end have room. Returns false if
+ * they have none at `until` (CLOCK_MONOTONIC). For a producer that catches up. */
 bool tl_record_queue_wait_for_room(tl_record_queue *queue, tl_time until);
 
-/* Any thread. `source` is one word; `tick` −1 if it belongs to none. Texts are cut to what an entry holds. */
+/* Puts an event; any thread. `source` is one word; `tick` −1: no tick. Texts are truncated to the
+ * size of an entry. */
 void tl_record_queue_event(tl_record_queue *queue, int64_t tick, tl_severity severity, const char *source,
                            const char *text);
 
-/* Entries and events that found no room. */
+/* Returns the number of entries and events that were lost. */
 uint64_t tl_record_queue_lost(const tl_record_queue *queue);
 
 /* ---- checkpoints ---- */
 
-/* From now on checkpoints of up to `size` bytes meet no page fault. What the places hold stays. False: settings.checkpoint_bytes are
- * fewer, or memory is out. */
+/* Touches the pages for checkpoints of up to `size` bytes, so that saving one causes no page fault.
+ * Existing checkpoints remain. Returns false if `size` exceeds settings.checkpoint_bytes or memory
+ * is out. */
 bool tl_record_queue_reserve_checkpoint(tl_record_queue *queue, size_t size);
 
-/* Where the next one is made; NULL if nothing was reserved. */
+/* Returns the memory in which to make the next checkpoint; NULL if nothing is reserved. */
 unsigned char *tl_record_queue_checkpoint_room(tl_record_queue *queue, size_t *capacity);
 
-/* It is made: the twin after `tick`, and after all entries put so far. Copied into the place of the older one, whether or not the reader has taken
- * that. `size` 0: a twin that cannot be saved; a successor finds what was put since. */
+/* Publishes the checkpoint in that memory: the twin after `tick` and after all entries put so far.
+ * Copies it over the older checkpoint, even if the reader has not taken that. `size` 0: the twin
+ * cannot be saved; a successor still finds the entries put since. */
 void tl_record_queue_put_checkpoint(tl_record_queue *queue, int64_t tick, size_t size);
 
-/* What neither a reservation nor a checkpoint that was left uses cannot be touched any more, until it is reserved: so that a process that locks its
- * memory does not fill it. Only of memory that begins with a page. */
+/* Makes checkpoint memory inaccessible that neither a reservation nor an existing checkpoint uses,
+ * until it is reserved. So locking the memory of the process (mlockall) does not fill it. The
+ * memory must begin at a page boundary. */
 void tl_record_queue_hide_unused(tl_record_queue *queue);
 
-/* ---- a successor, before it puts anything ---- */
+/* ---- for a successor, before it puts anything ---- */
 
-/* What the predecessor has left. */
+/* A checkpoint of the dead producer. */
 typedef struct tl_record_queue_left {
     int64_t tick;
     const unsigned char *bytes; /* valid until the next checkpoint; size 0: none */
     size_t size;
     uint64_t position;       /* of the first entry after it */
     tl_resumption beginning; /* of its run */
-    tl_run_tuning tuning;    /* in force then; its values are not judged, its hash is */
+    tl_run_tuning tuning;    /* at that time; the hash is validated, the values are not */
 } tl_record_queue_left;
 
-/* The newest (0) or the older (1) checkpoint that is whole, and since which no entry was overwritten. False: there is none. */
+/* Finds the newest (0) or the older (1) valid checkpoint since which no entry was overwritten.
+ * Returns false if there is none. */
 bool tl_record_queue_checkpoint_left(const tl_record_queue *queue, unsigned which, tl_record_queue_left *left);
 
-/* The entry at a position, which moves behind it. False: there is none any more. Sound as recorder_entry.h says; stamps are relative to its
- * run's start, and may be any. */
+/* Reads the entry at `*position` and advances the position. Returns false if there is no further
+ * entry. The entry is validated as in recorder_entry.h. Stamps are relative to its run's start, and
+ * may have any value. */
 bool tl_record_queue_entry_left(const tl_record_queue *queue, uint64_t *position, tl_recorder_entry *entry);
 
-/* ---- What lies where in an outbox: shared by the writer and the reader.
+/* ---- Memory layout of a record queue, for both sides.
  *
- * Layout:  what controls it, with the events; the ring; two places for checkpoints, and the room in which the next one is made. Each part
- *          begins with a page.
- * Atomics: whatever both sides touch at the same time has 8 bytes and lies on a multiple of 8, so that a 32-bit machine reads it at once too.
- * Thread:  as record_queue.h and record_queue.h say.
+ * Layout:  control data with the events; the ring; two checkpoint slots; the memory in which the
+ *          next checkpoint is made. Each part begins at a page boundary.
+ * Atomics: fields that both sides access at the same time have 8 bytes and 8-byte alignment, so
+ *          that a 32-bit CPU also accesses them atomically.
+ * Thread:  as for the two sides.
  */
 
 enum { TL_RECORD_QUEUE_LINE = 64, TL_RECORD_QUEUE_PLACES = 2 };
 
-/* Event n lies in slot n % TL_RECORDER_EVENTS. Before it is there, its state is that of an earlier one. */
+/* Event n lies in slot n % TL_RECORDER_EVENTS. Until it is complete, the slot's state is that of an
+ * earlier event. */
 typedef struct tl_record_queue_slot {
     uint64_t state __attribute__((aligned(8)));
     tl_recorder_event_entry entry;
 } tl_record_queue_slot;
 
-/* What belongs to the bytes of a checkpoint. */
+/* Description of a checkpoint. */
 typedef struct tl_record_queue_mark {
     int64_t tick;
     uint64_t size;
     uint64_t position; /* of the first entry after it */
-    uint64_t behind;   /* what the reader takes before it: that far, and the beginning of its run if that still waits */
+    uint64_t behind;   /* the reader reads up to here first, with a beginning that still waits */
     tl_resumption beginning;
-    tl_run_tuning tuning; /* in force */
+    tl_run_tuning tuning; /* at that time */
 } tl_record_queue_mark;
 
 enum { TL_RECORD_QUEUE_MARK_WORDS = (sizeof(tl_record_queue_mark) + 7) / 8 };
 
-/* Checkpoint n lies in place n % 2. Number 0: none, or one that is being written. The digest is over all of it, so that one that was read
- * while it changed, or that somebody has written into, is none: no order of stores and loads has to see to that. */
+/* Checkpoint n lies in slot n % 2. Number 0: none, or it is being written. The digest covers mark
+ * and bytes. So a checkpoint that changed during reading, or was overwritten, is invalid, and the
+ * order of memory accesses does not matter. */
 typedef struct tl_record_queue_checkpoint {
     uint64_t number __attribute__((aligned(TL_RECORD_QUEUE_LINE)));
     uint64_t digest;
@@ -214,42 +245,46 @@ typedef struct tl_record_queue_checkpoint {
 } tl_record_queue_checkpoint;
 
 typedef struct tl_record_queue_control {
-    uint64_t head __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* end of what is in the ring, for the reader */
-    uint64_t put; /* and with a sample that waits for its step; for a successor, or a reader if there is none */
-    uint64_t next __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* event */
+    uint64_t head __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* end of the published entries */
+    uint64_t put; /* end with a waiting sample; for a successor, or a reader without producer */
+    uint64_t next __attribute__((aligned(TL_RECORD_QUEUE_LINE))); /* number of the next event */
     uint64_t lost __attribute__((aligned(TL_RECORD_QUEUE_LINE)));
     tl_record_queue_checkpoint places[TL_RECORD_QUEUE_PLACES];
     tl_record_queue_slot slots[TL_RECORDER_EVENTS];
-    bool start_waits;            /* the writer's own: */
-    tl_record_queue_start start; /* has found no room yet */
+    bool start_waits;            /* private to the producer */
+    tl_record_queue_start start; /* beginning without room so far */
 } tl_record_queue_control;
 
 size_t tl_record_queue_checkpoint_at(const tl_record_queue_settings *settings,
-                                     unsigned place); /* TL_RECORD_QUEUE_PLACES: the room; one more: the end */
+                                     unsigned place); /* PLACES: memory for the next; PLACES + 1: end */
 
-/* Checkpoints below it are possible; so numbers never wrap around. */
+/* Upper limit of checkpoint numbers, so that they never wrap around. */
 #define TL_RECORD_QUEUE_NUMBERS (UINT64_MAX / 2)
 
-/* Over the mark as it lies there, padding included, and the bytes. */
+/* Digest of number, mark (with padding) and bytes. */
 uint64_t tl_record_queue_digest(uint64_t number, const tl_record_queue_mark *mark, const unsigned char *bytes);
 
-/* ---- The reader's side of an outbox (record_queue.h), which may be a hostile process's.
+/* ---- Record queue, reader's side. The producer may be hostile.
  *
- * Purpose: hands out copies of what is in it, each checked: kinds, sizes, positions, enumerations, texts, digests. Numbers are not judged.
- *          Control characters of texts become '?'. The first thing that cannot be ends its part, the ring or the events: `fault`
- *          says what, and nothing more comes of that part. A reader that is opened anew goes on if a successor of the writer has mended it, or
- *          behind what it skips.
- * Twice:   the reader goes on from tl_record_queue_taken, which its owner keeps. What was not taken comes again.
- * Death:   an event that its writer has left half-written keeps those behind it waiting, until a successor has mended the outbox.
+ * Purpose: returns copies of the entries, each validated: kinds, sizes, positions, enumerations,
+ *          texts, digests. Numbers are not validated. Control characters of texts become '?'. The
+ *          first invalid value stops its part, the ring or the events; `fault` describes it. A
+ *          newly opened reader continues if a successor of the producer has repaired the part, or
+ *          after the bytes that it skips.
+ * Twice:   the reader continues at tl_record_queue_taken, which its owner stores. Entries that were
+ *          not taken come again.
+ * Death:   an event that the producer left incomplete blocks the later ones until a successor has
+ *          repaired the queue.
+ * Trust:   the whole memory is untrusted.
  * Thread:  one.
  */
 
-/* Private but for `fault`; placed by the caller. */
+/* Fields are private except `fault`; the caller provides the memory. */
 typedef struct tl_record_queue_reader {
     tl_record_queue_settings settings;
     const struct tl_record_queue_control *control;
     const unsigned char *ring;
-    bool is_left; /* its writer is no more */
+    bool is_left; /* the producer has ended */
     bool is_ring_broken;
     bool are_events_broken;
     char fault[TL_ERROR_TEXT]; /* "": none */
@@ -258,40 +293,46 @@ typedef struct tl_record_queue_reader {
 void tl_record_queue_reader_open(const tl_record_queue_settings *settings, const void *memory,
                                  tl_record_queue_reader *reader);
 
-/* Its writer is no more, and nobody goes on in it: from now on a sample that waits for its step is there, too. */
+/* The producer has ended and has no successor: from now on a sample that waits for its step can be
+ * read too. */
 void tl_record_queue_reader_leave(tl_record_queue_reader *reader);
 
-/* Behind the newest entry that is there now, seen from `taken`. */
+/* Returns the end of the newest entry that can be read now, seen from `taken`. */
 uint64_t tl_record_queue_reader_end(tl_record_queue_reader *reader, uint64_t taken);
 
-/* The entry at a position before that end, which moves behind it. False: a fault. */
+/* Reads the entry at `*position`, which is before `end`, and advances the position. Returns false
+ * if there is a fault. */
 bool tl_record_queue_reader_entry(tl_record_queue_reader *reader, uint64_t *position, uint64_t end,
                                   tl_recorder_entry *entry);
 
-/* Of a reader that was just opened: where to go on. `taken` if all entries up to the end are sound, or the writer has to publish first; else the end:
- * a writer that lives goes on there. */
+/* For a newly opened reader: returns the position at which to continue. That is `taken` if all
+ * entries up to the end are valid, or if the producer has to publish first; else the end, where a
+ * live producer continues. */
 uint64_t tl_record_queue_reader_skip(tl_record_queue_reader *reader, uint64_t taken);
 
-/* The event of this number; false: it is not there yet, or a fault. *skip: it was left half-written, and is none. */
+/* Reads the event of this number. Returns false if it is not there yet, or if there is a fault.
+ * *skip: the event was left incomplete; there is nothing to read. */
 bool tl_record_queue_reader_event(tl_record_queue_reader *reader, uint64_t number, tl_recorder_event_entry *event,
                                   bool *skip);
 
-/* Of the whole checkpoints with a number above `taken`, whose entries before it, the beginning of its run included, end at or before
- * `position`, the older one: a run may begin with it. Copied into `bytes` (of settings.checkpoint_bytes). False: there is none (now). */
+/* Copies a valid checkpoint to `bytes` (settings.checkpoint_bytes long): the older one with a
+ * number above `taken` whose entries, including the beginning of its run, end at or before
+ * `position`. The older one, because a run may begin with it. Returns false if there is none now.
+ */
 bool tl_record_queue_reader_checkpoint(tl_record_queue_reader *reader, uint64_t taken, uint64_t position,
                                        unsigned char *bytes, size_t *size, int64_t *tick, uint64_t *number);
 
-/* As the writer counts. */
+/* Returns the producer's count of lost entries. */
 uint64_t tl_record_queue_reader_lost(const tl_record_queue_reader *reader);
 
-/* ---- The rest: what is in an outbox, and nobody is left who records it.
+/* ---- Entries that remain in a record queue after the recorder has ended.
  *
- * Purpose: what is lost at the end of a run is counted, by who has outlived all others.
- * Trust:   none in the outbox, nor in what is said to be taken of it.
+ * Purpose: counts what is lost at the end of a run, for the process that has outlived the others.
+ * Trust:   the queue and `taken` are untrusted.
  * Thread:  one at a time.
  */
 
-/* Samples, steps and events that were not taken, up to the first thing that cannot be. */
+/* Counts the samples, steps and events that were not taken, up to the first invalid value. */
 uint64_t tl_record_queue_rest_count(const tl_record_queue_settings *settings, const void *memory,
                                     const tl_record_queue_taken *taken);
 

@@ -1,6 +1,8 @@
-/* The recorder: an outbox on the side of the producer, a thread with a writer on the side of the disk.
+/* Recorder of a replay: the producer puts entries into a record queue; a thread runs the writer.
  *
- * The thread checks every PAUSE whether a commit is due or the ring is half full. So it shares no lock with the producer. */
+ * The thread checks every PAUSE whether a commit is due or the ring is half full, so it shares no
+ * lock with the producer.
+ */
 #include "firmware/store/recorder.h"
 
 #include <pthread.h>
@@ -16,24 +18,24 @@
 
 enum { STACK = 512 * 1024, PAGE = 4096 };
 
-static const tl_time PATIENCE = 2 * TL_SECOND; /* where the settings do not say it */
-static const tl_time PAUSE = TL_SECOND / 200;  /* between two looks: of the thread, and of a put that waits */
+static const tl_time PATIENCE = 2 * TL_SECOND; /* default of settings.patience */
+static const tl_time PAUSE = TL_SECOND / 200;  /* between two checks of the thread, and of a put that waits */
 
 struct tl_recorder {
     tl_recorder_settings settings;
     tl_time patience;
-    void *memory; /* in which the outbox is */
+    void *memory; /* of the record queue */
     tl_record_queue queue;
     tl_recorder_writer_state state;
     tl_record_queue_start start;
     bool stop; /* atomic */
     pthread_t thread;
-    tl_recorder_writer *writer; /* the thread's; after the join, close's */
+    tl_recorder_writer *writer; /* used by the thread, and after its end by close() */
 };
 
-/* ---- Producer ---------------------------------------------------------------------------------------------------- */
+/* ---- Producer ---- */
 
-/* Until there is room, or the disk has refused for too long. */
+/* Waits until there is room, or until the disk has refused for `patience`. */
 static void wait_for_room(tl_recorder *recorder) {
     while (!tl_record_queue_wait_for_room(&recorder->queue, 0)) {
         tl_time now = tl_clock_now(NULL);
@@ -71,7 +73,7 @@ tl_recorder_counts tl_recorder_get_counts(const tl_recorder *recorder) {
         .written = counts.written, .lost = counts.dropped + tl_record_queue_lost(&recorder->queue), .run = counts.run};
 }
 
-/* ---- The thread -------------------------------------------------------------------------------------------------- */
+/* ---- Thread ---- */
 
 static void *run_writer(void *argument) {
     tl_recorder *recorder = argument;
@@ -89,7 +91,7 @@ static void *run_writer(void *argument) {
     return NULL;
 }
 
-/* ---- Open and close ---------------------------------------------------------------------------------------------- */
+/* ---- Open and close ---- */
 
 static void destroy(tl_recorder *recorder) {
     free(recorder->memory);
@@ -142,7 +144,7 @@ tl_status tl_recorder_open(const tl_recorder_settings *settings, tl_recorder **r
     return TL_OK;
 }
 
-/* The end has its place behind all entries; the ring may have to be written first. */
+/* The end follows all entries; if the ring is full, they are written first. */
 static void put_end(tl_recorder *recorder, const char *reason, tl_time until) {
     while (!tl_record_queue_wait_for_room(&recorder->queue, 0) && tl_clock_now(NULL) < until) {
         tl_recorder_writer_write(recorder->writer);

@@ -1,4 +1,5 @@
-/* The recorder's settings and its database: tables, statements, the beginning of a run, its bound: see recorder_database.h. */
+/* Recorder's settings and its database statements, with the limit of the file's size: see
+ * recorder_database.h. */
 #include "firmware/store/recorder_database.h"
 
 #include <assert.h>
@@ -44,7 +45,7 @@ void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, 
     settings->adjust_count = config->adjust_count;
 }
 
-/* ---- Statements: ?1 is always a run, mostly that of the batch. ---------------------------------------------------- */
+/* ---- Statements: ?1 is always a run, usually that of the batch. ---- */
 
 typedef enum statement {
     BEGIN,
@@ -77,7 +78,7 @@ typedef enum statement {
     NEW_BEGINNING,
     SIGNAL,
     COMPONENT,
-    /* retention: questions, */
+    /* retention: queries */
     PAGE_SIZE,
     PAGE_COUNT,
     FREE_COUNT,
@@ -86,7 +87,7 @@ typedef enum statement {
     LAST_SAMPLE,
     TICKS_AT_ONCE,
     COUNT_EVENTS,
-    /* what is removed of a run before tick ?2, */
+    /* removal of a run's data before tick ?2 */
     OLD_SAMPLES,
     OLD_OUTPUTS,
     OLD_ADJUSTMENTS,
@@ -94,7 +95,8 @@ typedef enum statement {
     OLD_OWN_CHECKPOINTS,
     OLD_TUNINGS,
     REMOVED_BEFORE,
-    /* of a run without ticks: at most ?2 events, and the rest if that were all, */
+    /* for a run without ticks: removes at most ?2 events; when none remain, everything else of the
+     * run */
     OLD_EVENTS,
     ALL_SIGNALS,
     ALL_COMPONENTS,
@@ -108,7 +110,8 @@ typedef enum statement {
 
 #define WITHOUT_EVENTS " WHERE run = ?1 AND NOT EXISTS (SELECT 1 FROM events WHERE run = ?1)"
 
-/* OR REPLACE: a tick that comes twice is a bug of the caller, but must not stop the record for ever. */
+/* OR REPLACE: a tick that comes twice is an error of the caller, but must not block the recording
+ *             for ever. */
 static const char *const sql_of[STATEMENTS] = {
     [BEGIN] = "BEGIN IMMEDIATE",
     [COMMIT] = "COMMIT",
@@ -117,18 +120,19 @@ static const char *const sql_of[STATEMENTS] = {
                    " entries_lost, committed) = (?2, ?3, ?4, ?5, ?6)",
     [GO_ON] = "UPDATE runs SET ended = NULL, ended_reason = NULL"
               " WHERE run = ?1 AND ended_reason = 'not ended cleanly'",
-    /* One that was not known when a run was begun with it is now. */
+    /* Adds the text if it was unknown when a run began with this configuration. */
     [CONFIGURATION] = "INSERT INTO configurations (hash, text) VALUES (?2, ?3)"
                       " ON CONFLICT (hash) DO UPDATE SET text = excluded.text WHERE text = ''",
     [TUNING] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
                " VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
-    /* As it was said before, by this run or one before it; else with nothing but that it was taken now. */
+    /* Copies the details from an earlier activation, by this run or an earlier one; otherwise only
+     * the time of recording. */
     [TUNING_AGAIN] = "INSERT OR REPLACE INTO tunings (run, tick, configuration, at, who, origin, why)"
                      " SELECT ?1, ?2, ?3, at, who, origin, why FROM (SELECT * FROM tunings WHERE configuration = ?3"
                      " UNION ALL SELECT -1, -1, ?3, ?4, '', '', '') ORDER BY run DESC, tick DESC LIMIT 1",
     [IS_CONFIGURATION] = "SELECT 1 FROM configurations WHERE hash = ?2",
     [CHECKPOINT] = "INSERT OR REPLACE INTO checkpoints (run, tick, format, sha256, bytes) VALUES (?1, ?2, ?3, ?4, ?5)",
-    /* But the two newest, and what the run began with. */
+    /* Keeps the two newest, and those from which the run was resumed. */
     [OLD_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1"
                         " AND tick NOT IN (SELECT tick FROM checkpoints WHERE run = ?1 ORDER BY tick DESC LIMIT 2)"
                         " AND tick >= (SELECT coalesce(resumed_tick, 0) FROM beginnings WHERE run = ?1)",
@@ -169,15 +173,15 @@ static const char *const sql_of[STATEMENTS] = {
         "SELECT min(tick) FROM (SELECT * FROM (SELECT tick FROM samples WHERE run = ?1 ORDER BY tick LIMIT 1)"
         " UNION ALL SELECT * FROM (SELECT step FROM steps WHERE run = ?1 ORDER BY step LIMIT 1))",
     [LAST_SAMPLE] = "SELECT tick FROM samples WHERE run = ?1 ORDER BY tick DESC LIMIT 1",
-    /* That make about 4096 rows: each has a row per signal, and one of its own. */
+    /* Number of ticks with about 4096 rows: a tick has a row per signal and one of its own. */
     [TICKS_AT_ONCE] = "SELECT 4096 / (count(*) + 1) + 1 FROM signals WHERE run = ?1",
     [COUNT_EVENTS] = "SELECT count(*) FROM events WHERE run = ?1",
     [OLD_SAMPLES] = "DELETE FROM samples WHERE run = ?1 AND tick < ?2",
     [OLD_OUTPUTS] = "DELETE FROM outputs WHERE run = ?1 AND step < ?2",
     [OLD_ADJUSTMENTS] = "DELETE FROM adjustments WHERE run = ?1 AND step < ?2",
     [OLD_STEPS] = "DELETE FROM steps WHERE run = ?1 AND step < ?2",
-    [OLD_OWN_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1 AND tick + 1 < ?2", /* what came after it is gone */
-    /* But that which is in force in the first tick that stays. */
+    [OLD_OWN_CHECKPOINTS] = "DELETE FROM checkpoints WHERE run = ?1 AND tick + 1 < ?2", /* its next tick is removed */
+    /* Keeps the tuning that applies to the first remaining tick. */
     [OLD_TUNINGS] = "DELETE FROM tunings WHERE run = ?1 AND tick <"
                     " (SELECT max(tick) FROM tunings WHERE run = ?1 AND tick <= ?2)",
     [REMOVED_BEFORE] = "UPDATE runs SET removed_before = ?2 WHERE run = ?1",
@@ -198,16 +202,16 @@ struct tl_recorder_database {
     const tl_recorder_settings *settings;
     sqlite3_stmt *statements[STATEMENTS];
     int64_t run;     /* of the batch; 0: none yet */
-    bool has_ledger; /* a step of this batch has brought one */
+    bool has_ledger; /* a step of this batch has set it */
     tl_recorder_component ledger[TL_RECORDER_COMPONENTS];
     /* retention: */
     int64_t page_size;
-    int64_t log_limit;      /* bytes of the log after which it is written back */
+    int64_t log_limit;      /* bytes of the log above which it is written back */
     int log_frames;         /* pages in the log after the last commit */
-    unsigned writings_back; /* of the log into the file, so far */
+    unsigned writings_back; /* how often the log was written back */
 };
 
-/* A value of a row, as the database may have it. */
+/* A value for a column. */
 typedef struct cell {
     enum { NONE, WHOLE, NUMBER, TEXT } type;
     int64_t whole;
@@ -221,7 +225,7 @@ static cell cell_whole(int64_t value) {
     return (cell){.type = WHOLE, .whole = value};
 }
 
-/* What no history would take does not get in. */
+/* Limits the value to what the history accepts. */
 static cell cell_within(int64_t least, int64_t value) {
     return cell_whole(value < least ? least : value > TL_ROW_LARGEST ? TL_ROW_LARGEST : value);
 }
@@ -230,17 +234,17 @@ static cell cell_count(uint64_t count) {
     return cell_whole(count > TL_ROW_LARGEST ? TL_ROW_LARGEST : (int64_t)count);
 }
 
-/* Infinite and NaN values never enter a database. */
+/* Infinite and NaN values are written as NULL. */
 static cell cell_number(double value) {
     return (cell){.type = isfinite(value) ? NUMBER : NONE, .number = value};
 }
 
-/* NULL is none. */
+/* NULL becomes an SQL NULL. */
 static cell cell_text(const char *value) {
     return (cell){.type = value == NULL ? NONE : TEXT, .text = value};
 }
 
-/* What is no character becomes "?". */
+/* Replaces bytes that are not UTF-8 by "?". */
 static void repair(char *text) {
     for (size_t left = strlen(text); left > 0;) {
         uint32_t code = 0;
@@ -254,7 +258,8 @@ static void repair(char *text) {
     }
 }
 
-/* One text that is none would make the whole database one that is damaged: texts come from anywhere, and were cut. */
+/* Texts come from other processes and were truncated. One invalid text would make the history
+ * report the whole database as damaged. */
 static void bind_text(sqlite3_stmt *prepared, int index, const char *text) {
     char *repaired = sqlite3_mprintf("%s", text);
     if (repaired != NULL) {
@@ -269,7 +274,7 @@ static int run_statement(sqlite3_stmt *prepared) {
     return code == SQLITE_DONE || code == SQLITE_ROW ? SQLITE_OK : code;
 }
 
-/* The run, and a cell for each further parameter. */
+/* Binds the run, then one cell for each further parameter. */
 static void bind_row(tl_recorder_database *database, statement which, const cell *cells) {
     sqlite3_stmt *prepared = database->statements[which];
     int count = sqlite3_bind_parameter_count(prepared);
@@ -297,7 +302,7 @@ static int write_row(tl_recorder_database *database, statement which, const cell
     return run_statement(database->statements[which]);
 }
 
-/* Of a run and one number, which may be meaningless. */
+/* Executes a statement for a run with one number, which the statement may ignore. */
 static int change(tl_recorder_database *database, statement which, int64_t run, int64_t value) {
     sqlite3_stmt *prepared = database->statements[which];
     (void)sqlite3_bind_int64(prepared, 1, run);
@@ -305,7 +310,7 @@ static int change(tl_recorder_database *database, statement which, int64_t run, 
     return run_statement(prepared);
 }
 
-/* The one number a statement gives of a run, `otherwise` where it is NULL or there is no row. */
+/* Executes a query for one number of a run; `otherwise` if it is NULL or there is no row. */
 static int ask(tl_recorder_database *database, statement which, int64_t run, int64_t otherwise, int64_t *value) {
     sqlite3_stmt *prepared = database->statements[which];
     (void)sqlite3_bind_int64(prepared, 1, run);
@@ -316,14 +321,19 @@ static int ask(tl_recorder_database *database, statement which, int64_t run, int
     return code == SQLITE_ROW || code == SQLITE_DONE ? SQLITE_OK : code;
 }
 
-/* ---- Retention: removing the oldest, and keeping the write-ahead log short.
+/* ---- Retention: removes the oldest data and keeps the write-ahead log short.
  *
- * All tables of ticks begin their key with (run, tick), so the oldest are one range at the front of each: removing them
- * frees whole pages, which the next batch takes. The file shrinks (incremental vacuum) only when it is larger
- * than the bound permits, which happens when the bound was lowered. The oldest runs go first, from their oldest tick on, each in small
- * transactions so that the writer keeps up; then the oldest ticks of the run that is being written. Its row, configuration and signals stay; its
- * events too, unless they alone break the bound: then all but the newest NEWEST_EVENTS go. The file may fill the bound but for four times
- * the log's limit: the log itself, a batch in it, one retention step in it, and a reserve. */
+ * The keys of all tables with ticks begin with (run, tick). So the oldest rows are one range at the
+ * front of each table, and removing them frees whole pages for the next batch.
+ * The file shrinks (incremental vacuum) only if it exceeds the bound, for example after the bound
+ * was lowered.
+ * Order of removal: the oldest runs, each from its oldest tick on, in small transactions, so that
+ * the writer keeps up; then the oldest ticks of the present run. The row, configuration and signals
+ * of the present run remain. Its events remain too, unless they alone exceed the bound; then all
+ * except the newest NEWEST_EVENTS are removed.
+ * The file may use the bound less four times the log's limit: for the log, a batch in it, one
+ * retention step in it, and a reserve.
+ */
 
 enum {
     LEAST_LOG = 64 * 1024,
@@ -332,8 +342,8 @@ enum {
     LEAST_BYTES = 1000000, /* smallest bound */
     NEWEST_EVENTS = 1000,
     ROWS_AT_ONCE = 4096,  /* removed in one transaction */
-    STEPS_PER_BATCH = 16, /* such transactions between two batches; together more than a batch can add */
-    PAGES_AT_ONCE = 256,  /* given back to the file system in one transaction */
+    STEPS_PER_BATCH = 16, /* such transactions between two batches; they remove more than a batch adds */
+    PAGES_AT_ONCE = 256,  /* released in one transaction */
     OVERHEAD_PAGES = 24   /* that a batch may add beside its rows */
 };
 
@@ -349,8 +359,8 @@ static int count_frames(void *context, sqlite3 *connection, const char *name, in
     return SQLITE_OK;
 }
 
-/* The first tick or step that a run still has, INT64_MAX if there is none; and which tick lies as far behind it as is removed at once. Ticks of a
- * run that is damaged may be anywhere. */
+/* Finds a run's first tick or step (INT64_MAX if it has none), and the tick up to which one
+ * transaction removes. The ticks of a damaged run may have any value. */
 static int find_oldest(tl_recorder_database *database, int64_t run, int64_t *first, int64_t *until) {
     int64_t ticks = 0;
     int code = ask(database, FIRST_TICK, run, INT64_MAX, first);
@@ -398,7 +408,7 @@ static int remove_of_this_run(tl_recorder_database *database, bool *removed) {
     return change(database, OLD_EVENTS, run, surplus < ROWS_AT_ONCE ? surplus : ROWS_AT_ONCE);
 }
 
-/* One small step of removal, in a transaction. *removed is false where nothing is left that may go. */
+/* Removes a little in one transaction. *removed is false if nothing remains that may be removed. */
 static int remove_some(tl_recorder_database *database, bool *removed) {
     int64_t run = 0;
     *removed = true;
@@ -431,7 +441,7 @@ static int write_back(tl_recorder_database *database, int mode) {
     int code = sqlite3_wal_checkpoint_v2(database->connection, "main", mode, &left, &done);
     database->writings_back++;
     if (code == SQLITE_OK && left == done) {
-        database->log_frames = 0; /* the next transaction starts the log anew, unless a reader still needs it */
+        database->log_frames = 0; /* the next transaction restarts the log unless a reader needs it */
     }
     return code;
 }
@@ -444,10 +454,10 @@ int tl_recorder_database_tidy(tl_recorder_database *database) {
     if ((code == SQLITE_OK || code == SQLITE_BUSY) && log_bytes(database) >= 2 * database->log_limit) {
         code = write_back(database, SQLITE_CHECKPOINT_TRUNCATE);
     }
-    return code == SQLITE_BUSY ? SQLITE_OK : code; /* a reader; make_room() says when that is too much */
+    return code == SQLITE_BUSY ? SQLITE_OK : code; /* a reader; make_room() reports it if the log is too long */
 }
 
-/* Gives at most `pages` free pages back to the file system. */
+/* Returns at most `pages` free pages to the file system. */
 static int shrink(tl_recorder_database *database, int64_t pages) {
     char sql[64];
     (void)snprintf(sql, sizeof sql, "PRAGMA incremental_vacuum(%lld)",
@@ -455,7 +465,7 @@ static int shrink(tl_recorder_database *database, int64_t pages) {
     return sqlite3_exec(database->connection, sql, NULL, NULL, NULL);
 }
 
-/* A log that a reader keeps from being written back may grow as long as the bound holds. */
+/* While a reader prevents writing the log back, the log may grow up to the bound. */
 static int check_log(tl_recorder_database *database, int64_t needed) {
     int64_t file = tl_database_size(database->connection, SQLITE_FCNTL_FILE_POINTER);
     int64_t log = tl_database_size(database->connection, SQLITE_FCNTL_JOURNAL_POINTER);
@@ -467,8 +477,8 @@ static int check_log(tl_recorder_database *database, int64_t needed) {
     return write_back(database, SQLITE_CHECKPOINT_TRUNCATE);
 }
 
-/* Between transactions: room for a batch of `bytes`. SQLITE_BUSY where a reader keeps the log from being written back and another batch would
- * break the bound. */
+/* Call between transactions: makes room for a batch of `bytes`. Returns SQLITE_BUSY if a reader
+ * prevents writing the log back and another batch would exceed the bound. */
 static int make_room(tl_recorder_database *database, size_t bytes) {
     if (database->settings->max_bytes == 0) {
         return SQLITE_OK;
@@ -495,11 +505,13 @@ static int make_room(tl_recorder_database *database, size_t bytes) {
     return code;
 }
 
-/* ---- The beginning of a run ---------------------------------------------------------------------------------------
+/* ---- Beginning of a run.
  *
- * The account may be that of a hostile twin: its texts are repaired, its counts bounded by the settings. */
+ * The account may be that of a hostile twin: its texts are repaired, and its counts are limited by
+ * the settings.
+ */
 
-/* Whose text is known; NULL: it is not. */
+/* Returns the configuration if its text is known, or NULL. */
 static const tl_recorder_known *find_known(const tl_recorder_database *database, const tl_run_tuning *tuning) {
     const tl_recorder_settings *settings = database->settings;
     for (size_t i = 0; i < settings->known_count; i++) {
@@ -511,7 +523,7 @@ static const tl_recorder_known *find_known(const tl_recorder_database *database,
     return NULL;
 }
 
-/* A database of an older program learns the names that came since. */
+/* So a database of an older program also gets the names of newer codes. */
 static int write_names(tl_recorder_database *database) {
     int code = SQLITE_OK;
     for (int i = TL_FREE; i < TL_OUTCOMES && code == SQLITE_OK; i++) {
@@ -532,12 +544,12 @@ static int write_names(tl_recorder_database *database) {
     return code;
 }
 
-/* The last tick that a run of this step can have. */
+/* The last tick that a run with this step can have. */
 static int64_t last_tick(const tl_recorder_database *database) {
     return TL_ROW_LARGEST / database->settings->step;
 }
 
-/* With the configuration that the run was built with, whose text may not be known. */
+/* Writes the configuration that the run began with; its text may be unknown. */
 static int write_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     const tl_recorder_settings *settings = database->settings;
     char own[TL_SHA256_TEXT];
@@ -566,8 +578,9 @@ static int write_run(tl_recorder_database *database, const tl_record_queue_start
     return code;
 }
 
-/* Which FMUs there are, by who has loaded them or else by the settings; none if nothing but the plant is recorded. If timed, when the run began,
- * and what it goes on with. */
+/* The identity of the FMUs comes from the process that has loaded them, or else from the settings.
+ * In safe hold it is the identity of an empty list. `timed`: also writes when the run began and
+ * which run it resumes. */
 static int write_beginning(tl_recorder_database *database, const tl_record_queue_start *start, bool timed) {
     char none[TL_SHA256_TEXT];
     const tl_recorder_settings *settings = database->settings;
@@ -598,7 +611,8 @@ static int write_signal(tl_recorder_database *database, const char *kind, size_t
                               cell_text(tl_type_name(type)), cell_text(signal->to)});
 }
 
-/* Units and types of what is matched and adjusted are what the account says; counts of components come with the steps. */
+/* Units and types of matched and adjusted signals come from the account. The counts of components
+ * come later, with the steps. */
 static int write_signals(tl_recorder_database *database, const tl_record_queue_start *start) {
     const tl_recorder_settings *settings = database->settings;
     const tl_account *account = &start->account;
@@ -640,7 +654,7 @@ int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_reco
     return code;
 }
 
-/* ---- A batch ----------------------------------------------------------------------------------------------------- */
+/* ---- Batch ---- */
 
 size_t tl_recorder_database_batch(const tl_recorder_database *database) {
     return (size_t)database->log_limit / 4;
@@ -657,8 +671,8 @@ int tl_recorder_database_go_on(tl_recorder_database *database) {
     return change(database, GO_ON, database->run, 0);
 }
 
-/* We have the writer's lock: a run without an end was killed. Its last commit was at most one interval after its last
- * step. */
+/* This process has the writer's lock, so the recorder of a run without an end was killed. The last
+ * commit was at most one commit interval after the run's last step. */
 int tl_recorder_database_give_up(tl_recorder_database *database) {
     return run_statement(database->statements[END_KILLED]);
 }
@@ -729,7 +743,7 @@ static int write_step(tl_recorder_database *database, const tl_record *record) {
     return code;
 }
 
-/* A text that nobody has told us is none that a replay could follow. */
+/* A tuning whose text is unknown is not written, because a replay could not reproduce it. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible) {
     const tl_recorder_known *known = find_known(database, tuning);
     const cell tick = cell_whole(tuning->tick);
@@ -770,7 +784,7 @@ int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder
     if (entry->kind == TL_ENTRY_TUNING) {
         return tl_recorder_database_tuning(database, &entry->tuning, impossible);
     }
-    /* The ledger of the last step is written with the batch. */
+    /* The counts of the last step are written at the commit. */
     database->has_ledger = true;
     memcpy(database->ledger, entry->ledger, database->settings->component_count * sizeof *entry->ledger);
     return write_step(database, &entry->record);
@@ -827,7 +841,7 @@ unsigned tl_recorder_database_writings_back(const tl_recorder_database *database
     return database->writings_back;
 }
 
-/* ---- Opening ----------------------------------------------------------------------------------------------------- */
+/* ---- Opening ---- */
 
 int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
                               tl_recorder_database **database) {

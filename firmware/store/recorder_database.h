@@ -1,7 +1,8 @@
-/* What a recorder is made with (the file, the run's facts, how patient it is), and its database: tables, statements, the beginning of a run.
+/* Recorder's settings and its database statements: begins runs, writes batches, removes old data.
  *
- * Owner:   all texts and arrays of the settings are the caller's, and outlive the recorder.
- * Thread:  the settings are plain data; the rest is the recorder's.
+ * Owner:   the caller owns all texts and arrays of the settings; they must outlive the recorder.
+ * Errors:  functions that return int return SQLite's result code.
+ * Thread:  the settings are plain data; all functions: the recorder's thread.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_DATABASE_H
 #define TL_FIRMWARE_STORE_RECORDER_DATABASE_H
@@ -19,98 +20,106 @@
 
 typedef struct tl_recorder_settings {
     const char *path;
-    tl_database_insistence insistence; /* at the opening; once it is open, whatever happens is coped with */
+    tl_database_insistence insistence; /* at the opening; later each fault is handled */
     int64_t max_bytes;                 /* 0: no bound; else at least 1,000,000 */
     tl_time commit;                    /* ns between commits, > 0, default 0.5 s */
     const char *verb;                  /* "run", "hold", "replay" */
     const char *name;                  /* of the configuration */
-    const char *configuration;         /* its text, */
-    const tl_recorder_known *known;    /* and others: they may change between two writes */
+    const char *configuration;         /* its text */
+    const tl_recorder_known *known;    /* further ones; they may change between two writes */
     size_t known_count;
-    const char *fmus;   /* SHA-256 over those of the FMUs, */
-    const char *boot;   /* of the system, */
-    const char *format; /* and of the bytes of checkpoints; each may be NULL */
+    const char *fmus;   /* SHA-256 over the SHA-256 of the FMUs, or NULL */
+    const char *boot;   /* id of the system's boot, or NULL */
+    const char *format; /* of the checkpoints' bytes, or NULL */
     tl_time step;       /* T_S */
     tl_pairing measurements;
     const tl_recorder_signal *plant, *match, *adjust;
     size_t plant_count, match_count, adjust_count;
-    size_t component_count;    /* in the ledger */
-    const tl_account *account; /* of a twin whose run begins when the recorder is opened: needed only then */
-    tl_time patience;          /* ns, with a disk that refuses: of close, and of a put that waits for room; 0: 2 s */
+    size_t component_count;    /* number of components with counts */
+    const tl_account *account; /* of a twin; only for a run that begins at the opening */
+    tl_time patience;          /* ns for a disk that refuses: close, waiting puts; 0: 2 s */
 } tl_recorder_settings;
 
-/* Names as the recorder makes them of a configuration. */
+/* Signal names that are made from a configuration. */
 typedef struct tl_recorder_names {
     char plant_texts[TL_MAX_SIGNALS][TL_RECORDER_NAME];
     tl_recorder_signal plant[TL_MAX_SIGNALS];
-    tl_recorder_signal match[TL_MAX_MATCH]; /* without units and types, which the FMUs tell */
+    tl_recorder_signal match[TL_MAX_MATCH]; /* without units and types, which come from the FMUs */
     tl_recorder_signal adjust[TL_MAX_ADJUST];
 } tl_recorder_names;
 
-/* Sets all that a configuration says: bound, interval, name, text, step, measurements, signals. Lives as long as both. */
+/* Sets all fields that a configuration defines: bound, interval, name, text, step, measurements,
+ * signals. The settings are valid as long as `config` and `names`. */
 void tl_recorder_settings_of(const tl_config *config, tl_recorder_names *names, tl_recorder_settings *settings);
 
 typedef struct tl_recorder_database tl_recorder_database;
 
-/* What a run has brought so far: what its row says. */
+/* Counts of a run, as in its row. */
 typedef struct tl_recorder_totals {
     uint64_t samples;
     uint64_t steps;
     uint64_t events;
     uint64_t lost;
-    char committed[TL_UTC_TEXT]; /* when */
+    char committed[TL_UTC_TEXT]; /* UTC */
 } tl_recorder_totals;
 
-/* On a connection that writes. The settings must outlive it. It is to be closed after a failure too. */
+/* Prepares the statements on a connection for writing. The settings must outlive it. Close it also
+ * after a failure. */
 int tl_recorder_database_open(sqlite3 *connection, const tl_recorder_settings *settings,
                               tl_recorder_database **database);
 
-/* Before its connection. NULL is allowed. */
+/* Call before closing the connection. NULL is allowed. */
 void tl_recorder_database_close(tl_recorder_database *database);
 
-/* Bytes of ring that a batch should not exceed by more than one entry. */
+/* Returns the bytes of the ring that a batch may have; one entry may exceed them. */
 size_t tl_recorder_database_batch(const tl_recorder_database *database);
 
-/* Whether the file has this run, and that has these totals. */
+/* Finds out whether the file has this run with exactly these totals. */
 int tl_recorder_database_has(tl_recorder_database *database, int64_t run, const tl_recorder_totals *totals, bool *has);
 
 /* ---- a batch, of one run ---- */
 
-/* Makes room for a batch of `bytes`, then begins it. `run` 0: it begins one. */
+/* Removes old data until a batch of `bytes` has room, then begins the transaction. `run` 0: the
+ * batch begins a run. */
 int tl_recorder_database_begin(tl_recorder_database *database, int64_t run, size_t bytes);
 
-/* Begins a run; `timed`: its start is when it says; else it is now, and on no clock. Gives the id of its row. */
+/* Begins a run and returns the id of its row. `timed`: it starts at the time in `start`; else now,
+ * without a clock. */
 int tl_recorder_database_begin_run(tl_recorder_database *database, const tl_record_queue_start *start, bool timed,
                                    int64_t *run);
 
-/* The run goes on: an end that somebody has found for it is none. */
+/* Continues the run: removes an end "not ended cleanly" from its row. */
 int tl_recorder_database_go_on(tl_recorder_database *database);
 
-/* Whoever was to end the run will not: it was not ended cleanly, unless it goes on all the same. */
+/* Marks each run without an end as not ended cleanly. tl_recorder_database_go_on() reverts it. */
 int tl_recorder_database_give_up(tl_recorder_database *database);
 
-/* What comes is not the run's beginning, which is not in this file. */
+/* Records that the run's earlier ticks are not in this file. */
 int tl_recorder_database_begin_at(tl_recorder_database *database, int64_t tick);
 
-/* A sample, a step or a tuning. *impossible: its tick is none, or it is of a configuration that nobody knows, and it is not written. */
+/* Writes a sample, a step or a tuning. *impossible: the entry is not written, because its tick is
+ * out of range or its configuration is unknown. */
 int tl_recorder_database_entry(tl_recorder_database *database, const tl_recorder_entry *entry, bool *impossible);
 
-/* Its tick is one. */
+/* The same for a tuning whose tick is in range. */
 int tl_recorder_database_tuning(tl_recorder_database *database, const tl_run_tuning *tuning, bool *impossible);
 
-/* One that is larger than a file with this bound bears, or of a tick that is none, is left out. */
+/* Writes a checkpoint. Skips it if it is too large for the file's bound or its tick is out of
+ * range. */
 int tl_recorder_database_checkpoint(tl_recorder_database *database, int64_t tick, const unsigned char *bytes,
                                     size_t size);
 int tl_recorder_database_event(tl_recorder_database *database, const tl_recorder_event_entry *event);
 
-/* Ends a batch, and with a reason the run: all of it is on disk, or the caller must roll back. */
+/* Commits the batch; a `reason` ends the run. On success all is on the disk; else the caller must
+ * roll back. */
 int tl_recorder_database_commit(tl_recorder_database *database, const tl_recorder_totals *totals, const char *reason);
 void tl_recorder_database_rollback(tl_recorder_database *database);
 
-/* After a commit: work that may fail without harm to what was committed. */
+/* Call after a commit: writes the log back if it is long. A failure does not affect committed data.
+ */
 int tl_recorder_database_tidy(tl_recorder_database *database);
 
-/* How often the log was written back, which alone changes the file itself. */
+/* Returns how often the log was written back; only this changes the database file itself. */
 unsigned tl_recorder_database_writings_back(const tl_recorder_database *database);
 
 #endif

@@ -1,16 +1,19 @@
-/* Packing and unpacking of entries. What packs and what unpacks must agree field by field.
+/* Packs and unpacks entries. Both directions must use the same fields in the same order.
  *
- * A kind is a byte that damaged memory does not hold by chance: zeros are no entry. What is unpacked is copied first and looked at then,
- * in the copy: the memory may be another process's, which changes it meanwhile. */
+ * The first byte of an entry does not occur in corrupted memory by chance: zeros are no entry.
+ * Unpacking copies the bytes first and validates the copy, because another process may change the
+ * memory meanwhile.
+ */
 #include "firmware/store/recorder_entry.h"
 
 #include <string.h>
 
 #include "firmware/base/identity.h"
 
-enum { MARK = 0xB4 }; /* kinds begin with it */
+enum { MARK = 0xB4 }; /* added to each kind */
 
-/* Most parts have one or two words: a loop packs a tick of two signals in two thirds of the time that calls take. */
+/* Most parts have one or two words. For a tick of two signals this loop needs two thirds of the
+ * time of calls to memcpy(). */
 static inline void copy_part(unsigned char *to, const unsigned char *from, size_t size) {
     if (size > 8 * sizeof(uint64_t)) {
         memcpy(to, from, size);
@@ -25,7 +28,7 @@ static inline void copy_part(unsigned char *to, const unsigned char *from, size_
     }
 }
 
-/* Can be undone, so that a word that is changed always changes the digest. */
+/* Invertible, so that a changed word always changes the digest. */
 static uint64_t mix(uint64_t digest, uint64_t word) {
     digest = (digest ^ word) * UINT64_C(0x9E3779B97F4A7C15);
     return digest ^ digest >> 29;
@@ -55,9 +58,9 @@ const tl_packed_part tl_packed_signals[] = {
     {0},
 };
 
-/* Without padding, so that no byte is indeterminate. */
+/* Without padding, so that each byte is defined. */
 const tl_packed_part tl_packed_record[] = {
-    {offsetof(tl_record, step), offsetof(tl_record, held) + sizeof(uint32_t), TL_PACKED_ONE}, /* all up to it */
+    {offsetof(tl_record, step), offsetof(tl_record, held) + sizeof(uint32_t), TL_PACKED_ONE}, /* up to `held` */
     {offsetof(tl_record, used), sizeof(tl_time), TL_PACKED_ONE},
     {offsetof(tl_record, delay_state), sizeof(tl_delay_state), TL_PACKED_ONE},
     {offsetof(tl_record, delay), sizeof(tl_time), TL_PACKED_ONE},
@@ -132,7 +135,7 @@ size_t tl_recorder_entry_size_of_start(bool holds) {
 }
 
 size_t tl_recorder_entry_size(const tl_recorder_shape *shape, tl_recorder_kind kind) {
-    size_t ends = 1 + sizeof(uint64_t); /* the kind, and the digest */
+    size_t ends = 1 + sizeof(uint64_t); /* the kind and the digest */
     switch (kind) {
     case TL_ENTRY_START:
         break;
@@ -203,7 +206,7 @@ void tl_recorder_entry_pack_start(tl_recorder_pen *pen, const tl_record_queue_st
     put_digest(pen);
 }
 
-/* A stamp comes from a driver's process, and may be any. */
+/* A stamp comes from a driver's process, and may have any value. */
 tl_time tl_recorder_entry_stamp(tl_time start, tl_time stamp) {
     tl_time difference = 0;
     if (stamp == TL_TIME_NEVER) {
@@ -244,14 +247,15 @@ void tl_recorder_entry_pack_part(tl_recorder_pen *pen, tl_recorder_kind kind, co
 
 /* ---- Unpacking ---- */
 
-/* The part of an entry that is being unpacked. */
+/* Read position within an entry. */
 typedef struct look {
     const tl_recorder_page *page;
     uint64_t position;
     uint64_t digest;
 } look;
 
-/* False: it would be beyond the end. The copy is made once; nothing is read from the memory again after this. */
+/* Returns false if the part would exceed the end. Each byte is copied once and then not read from
+ * the memory again. */
 static bool get(look *at, void *part, size_t size) {
     const tl_recorder_page *page = at->page;
     size_t from = (size_t)(at->position & (page->capacity - 1));
@@ -370,7 +374,7 @@ const char *tl_recorder_entry_unpack(const tl_recorder_page *page, const tl_reco
     return fault;
 }
 
-/* Control characters of ASCII, and of Latin 1, which are C2 80 … C2 9F in UTF-8. */
+/* Replaces control characters of ASCII and of Latin 1 (in UTF-8: C2 80 … C2 9F). */
 void tl_recorder_text_clean(char *text) {
     for (unsigned char *byte = (unsigned char *)text; *byte != '\0'; byte++) {
         if (*byte < ' ' || *byte == 0x7FU) {

@@ -1,4 +1,4 @@
-/* The file that is written: see recorder_file.h. */
+/* Writer's database file: see recorder_file.h. */
 #include "firmware/store/recorder_file.h"
 
 #include <inttypes.h>
@@ -10,12 +10,12 @@
 #include "firmware/base/os.h"
 #include "firmware/store/database.h"
 
-static const tl_time PATIENCE = 2 * TL_SECOND; /* for what keeps a file from being opened, if that is an error */
+static const tl_time PATIENCE = 2 * TL_SECOND;          /* for locks at the opening, if a fault is an error */
 static const tl_time PATIENCE_RUNNING = TL_SECOND / 10; /* for other programs, while entries wait */
 static const tl_time OPEN_PAUSE = TL_SECOND / 10;       /* between two tries to open a file */
-static const tl_time CUT_PAUSE = TL_SECOND / 4;         /* until a file that is too short is looked at again */
+static const tl_time CUT_PAUSE = TL_SECOND / 4;         /* before a truncated file is checked again */
 
-/* ---- What it says ------------------------------------------------------------------------------------------------ */
+/* ---- Reports ---- */
 
 const char *tl_recorder_file_path(const tl_recorder_file *file) {
     return file->file.path[0] != '\0' ? file->file.path : file->record->path;
@@ -34,7 +34,7 @@ void tl_recorder_file_keep_words(tl_recorder_file *file, int code) {
     (void)tl_database_fail(file->file.connection, code, &file->failure);
 }
 
-/* What has become of the file that the run was in; not said yet. */
+/* Notes what happened to the file with the run; it is reported later. */
 static void note_fate(tl_recorder_file *file, const char *fate) {
     (void)snprintf(file->fate, sizeof file->fate, "%s with %" PRIu64 " samples, steps and events of this run", fate,
                    tl_recorder_mark_entries(tl_recorder_state_mark(file->state)));
@@ -65,14 +65,14 @@ void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news)
     }
 }
 
-/* ---- The run in it ----------------------------------------------------------------------------------------------- */
+/* ---- The run in the file ---- */
 
 static bool is_same(const tl_recorder_totals *totals, const tl_recorder_totals *other) {
     return totals->samples == other->samples && totals->steps == other->steps && totals->events == other->events &&
            totals->lost == other->lost && strcmp(totals->committed, other->committed) == 0;
 }
 
-/* Is the run in this file as the mark says? */
+/* Finds out whether the file has the run with the totals of the mark. */
 static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *there) {
     *there = false;
     if (mark->run == 0 || strcmp(mark->path, file->file.path) != 0) {
@@ -81,13 +81,15 @@ static int is_there(tl_recorder_file *file, const tl_recorder_mark *mark, bool *
     return tl_recorder_database_has(file->database, mark->run, &mark->totals, there);
 }
 
-/* What went with a file is lost; how many, its fate says. */
+/* Entries in a file that is gone are lost. The report of the file's fate has their number, so they
+ * are not reported twice. */
 static void leave_run(tl_recorder_file *file, bool gone) {
     file->lost_said += gone ? tl_recorder_mark_entries(tl_recorder_state_mark(file->state)) : 0;
     tl_recorder_state_leave_run(file->state, gone);
 }
 
-/* The writer before us wrote another file. What is in that is lost unless it is still there, only not for us to write, or was put aside. */
+/* The previous writer wrote another file. Its entries are lost, unless that file still exists and
+ * only cannot be written, or was renamed as damaged. */
 static void leave_kept(tl_recorder_file *file, const tl_database_news *news) {
     bool is_aside = news->aside.name[0] != '\0';
     bool is_here = strcmp(tl_recorder_state_mark(file->state)->path, file->file.path) == 0 && !is_aside;
@@ -120,7 +122,7 @@ int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *ne
     return code;
 }
 
-/* ---- Opening and closing ----------------------------------------------------------------------------------------- */
+/* ---- Opening and closing ---- */
 
 static int begin_use(void *context, sqlite3 *connection) {
     tl_recorder_file *file = context;
@@ -138,7 +140,7 @@ void tl_recorder_file_close(tl_recorder_file *file) {
     tl_database_file_close(&file->file);
 }
 
-/* Logs of ours beside files that are not: they would be played into those. */
+/* Removes logs of our databases beside foreign files, because SQLite would apply them to those. */
 static void remove_stray_logs(const tl_recorder_file *file) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     const tl_recorder_mark *tried = tl_recorder_state_tried(file->state);
@@ -148,7 +150,7 @@ static void remove_stray_logs(const tl_recorder_file *file) {
     }
 }
 
-/* A file that the writer before us was writing, though another one was asked for. */
+/* Opens the file of the previous writer, even if another one is requested. */
 static tl_status open_kept(tl_recorder_file *file) {
     const tl_recorder_mark *mark = tl_recorder_state_mark(file->state);
     file->is_kept = !tl_database_is_gone(mark->path, &mark->identity);
@@ -156,7 +158,7 @@ static tl_status open_kept(tl_recorder_file *file) {
         return TL_BAD_DATA;
     }
     tl_status status = tl_database_file_open(mark->path, 0, &file->user, &file->file, NULL, NULL);
-    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* somebody has written into it */
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* another program has written into it */
         file->is_kept = false;
     }
     return status;
@@ -200,9 +202,9 @@ void tl_recorder_file_end(tl_recorder_file *file) {
     tl_log_limiter_end(&file->limiter);
 }
 
-/* ---- Another one in its place ------------------------------------------------------------------------------------ */
+/* ---- Replacing the file ---- */
 
-/* As tl_database_instead_beside(), whose news are still to be told. */
+/* Like tl_database_instead_beside(); the caller reports `news`. */
 static tl_status open_beside(tl_recorder_file *file, const tl_error *why, tl_database_news *news) {
     return tl_database_instead_beside(file->record->path, why->text, &file->user, &file->file, news, &file->failure);
 }
@@ -213,14 +215,14 @@ static bool replace_damaged(tl_recorder_file *file) {
     end_use(file);
     tl_recorder_state_leave_run(file->state, false);
     tl_status status = tl_database_file_renew(&file->file, why.text, &file->user, &news.aside, &file->failure);
-    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* it stays where it is */
+    if (status != TL_OK && tl_database_get_fault() == TL_DATABASE_FOREIGN) { /* the damaged file keeps its name */
         status = open_beside(file, &why, &news);
     }
     tl_recorder_file_tell(file, &news);
     return status == TL_OK;
 }
 
-/* It may look well again when it is opened: so it is not. */
+/* The denied file is not opened again, because opening it might succeed although writing fails. */
 static bool replace_denied(tl_recorder_file *file) {
     tl_database_news news = {.beside = ""};
     tl_error why = file->failure;
@@ -244,9 +246,10 @@ bool tl_recorder_file_mend(tl_recorder_file *file, int code) {
     }
 }
 
-/* ---- What others do to it ---------------------------------------------------------------------------------------- */
+/* ---- Changes by other programs ---- */
 
-/* What was in it is no more, or somewhere else. That is said with what is written instead. */
+/* The file was removed, overwritten or moved. This is reported together with the file that replaces
+ * it. */
 static void leave(tl_recorder_file *file, tl_database_whereabouts found) {
     bool gone = found != TL_DATABASE_MOVED;
     note_fate(file, found == TL_DATABASE_MOVED     ? "moved away"
@@ -262,7 +265,8 @@ static void leave(tl_recorder_file *file, tl_database_whereabouts found) {
     file->opened_at = 0;
 }
 
-/* What it holds is known to us still: it is brought into the file, which is opened anew, with a log that has a name. */
+/* SQLite still knows the content of the removed log. It is written back into the file; then the
+ * file is opened again, with a new log. */
 static bool restore_log(tl_recorder_file *file) {
     if (!tl_database_file_write_back(&file->file)) {
         return false;
@@ -274,7 +278,8 @@ static bool restore_log(tl_recorder_file *file) {
     return true;
 }
 
-/* Whoever overwrites a file empties it first: what is put aside then would be theirs. */
+/* A program that overwrites a file truncates it first. Without the pause, the other program's file
+ * would be renamed as damaged. */
 static tl_database_whereabouts look(tl_recorder_file *file) {
     tl_database_whereabouts found = tl_database_file_look(&file->file);
     if (found == TL_DATABASE_CUT) {

@@ -1,10 +1,14 @@
-/* The file that a writer writes: opened, looked after, and given up for another one.
+/* Writer's database file: opens it, monitors it, and replaces it if necessary.
  *
- * Purpose: what is wrong with a file at first is coped with, or refused (insistence): see database_file.h. Later everything is coped with:
- *          a damaged file is put aside, one that may not be written any more is left for one beside it, one that was removed, moved away or
- *          overwritten is made anew. The run then begins again in the new file (tl_recorder_state_leave_run()).
- * Words:   each of it is said once, in the log and as an event of the writer's own (tl_recorder_state_say()).
- * Touches: the file and what lies beside it; of the writer's state its marks, if a run is left. No outbox.
+ * Purpose: at the opening, a fault of the file is handled or is an error (insistence): see
+ *          database_file.h. Later, each fault is handled. A damaged file is renamed. A file that
+ *          may not be written any more is replaced by one beside it. A file that was removed, moved
+ *          or overwritten is created again. Then the run begins again in the new file
+ *          (tl_recorder_state_leave_run()).
+ * Reports: each fault once, in the log and as an event of the writer (tl_recorder_state_say()).
+ * Changes: the file and the files beside it; in the writer's state its marks, if a run leaves a
+ *          file. No record queue.
+ * Memory:  the caller's.
  * Thread:  one at a time.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_FILE_H
@@ -22,57 +26,62 @@
 
 enum { TL_RECORDER_FATE = 80 };
 
-/* Placed by the caller, who reads it, and writes `goes_on` and `lost_said`. */
+/* The caller provides the memory and may read all fields; it writes only `goes_on` and `lost_said`.
+ */
 typedef struct tl_recorder_file {
     const tl_recorder_settings *record;
     tl_recorder_writer_state *state;
     tl_database_file file;
     tl_database_user user;
     tl_recorder_database *database; /* NULL: no file is open */
-    bool goes_on;                   /* with a run that another writer began, and of which nothing was written since */
-    bool is_kept;                   /* what that one wrote is still in its file, as far as we know */
-    char fate[TL_RECORDER_FATE];    /* of the file before, as long as it is not said; "": nothing has happened to it */
-    uint64_t lost_said;             /* of totals.lost, what was said */
-    tl_time opened_at;              /* when that was tried the last time */
-    tl_error failure;               /* the last one, with the file */
-    char reason[192];               /* and without */
+    bool goes_on;                   /* the run was begun by another writer, and this one wrote nothing yet */
+    bool is_kept;                   /* the previous writer's data is still in its file, as far as known */
+    char fate[TL_RECORDER_FATE];    /* of the previous file, until it is reported; "": none */
+    uint64_t lost_said;             /* how much of totals.lost was reported */
+    tl_time opened_at;              /* time of the last try */
+    tl_error failure;               /* the last one, with the file's name */
+    char reason[192];               /* the same without the name */
     tl_log_limiter limiter;
 } tl_recorder_file;
 
-/* None is open yet. Settings and state outlive it. */
+/* Initialises it without an open file. Settings and state must outlive it. */
 void tl_recorder_file_begin(tl_recorder_file *file, const tl_recorder_settings *record,
                             tl_recorder_writer_state *state);
 void tl_recorder_file_end(tl_recorder_file *file);
 
-/* Where it is; if none is open, where one was asked for. */
+/* Returns the path of the open file; if no file is open, the requested path. */
 const char *tl_recorder_file_path(const tl_recorder_file *file);
 
 void tl_recorder_file_say(tl_recorder_file *file, tl_severity severity, const char *text);
 
-/* Of a call that has failed: sets `failure` and `reason`. Before a roll-back, which has words of its own. */
+/* Stores why a call has failed in `failure` and `reason`. Call it before a rollback, which
+ * overwrites SQLite's message. */
 void tl_recorder_file_keep_words(tl_recorder_file *file, int code);
 
-/* That which the writer before us was writing, or the one that is asked for, or what there is instead: why is in *news, still to be told. Else
- * sets `failure`; *waits: trying again may help. */
+/* Opens the file of the previous writer, or the requested file, or a replacement. *news holds the
+ * reasons, for tl_recorder_file_tell(). On failure sets `failure`; *waits: a retry may succeed. */
 tl_status tl_recorder_file_open(tl_recorder_file *file, tl_database_insistence insistence, tl_database_news *news,
                                 bool *waits);
 
-/* Says why it is another file than before; NULL: that there is none. */
+/* Reports why the file differs from the previous one; NULL: no file is open. */
 void tl_recorder_file_tell(tl_recorder_file *file, const tl_database_news *news);
 
-/* Whether it is time to try that again; it is noted as tried then. */
+/* Returns whether to try again to open a file (every 0.1 s), and notes the time of the try. */
 bool tl_recorder_file_is_due(tl_recorder_file *file);
 
-/* From now on commits wait but shortly for other programs: entries are waiting meanwhile. */
+/* From now on commits wait for other programs for only 0.1 s, because entries are waiting. */
 void tl_recorder_file_hurry(tl_recorder_file *file);
 
-/* How far the writer before us came, and whether what it wrote is here; else its run is left. `news`: of the opening. SQLite's result code. */
+/* Finds out how far the previous writer came, and whether its run is in this file; if not, leaves
+ * that run. `news`: from the opening. Returns SQLite's result code. */
 int tl_recorder_file_find_run(tl_recorder_file *file, const tl_database_news *news);
 
-/* What others have done to it, which SQLite would go on to write. True: something was done about it, and perhaps none is open. */
+/* Checks what other programs did to the file; SQLite would continue to write into it. Returns true
+ * if it has reacted; then possibly no file is open. */
 bool tl_recorder_file_look_after(tl_recorder_file *file);
 
-/* Something else can be done about a failure than to try again; true: at once. */
+/* Handles a failure by another file instead of a retry. Returns true if the caller can write again
+ * at once. */
 bool tl_recorder_file_mend(tl_recorder_file *file, int code);
 
 void tl_recorder_file_close(tl_recorder_file *file);

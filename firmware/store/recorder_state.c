@@ -1,11 +1,13 @@
-/* What a writer of runs leaves to its successor: see recorder_state.h.
+/* State of the writer for its successor: see recorder_state.h.
  *
- * A process that is killed has done all its stores up to one instant, in the order of the program if the compiler keeps it. */
+ * A killed process has executed all its stores up to one instant, in program order if the compiler
+ * keeps that order.
+ */
 #include "firmware/store/recorder_state.h"
 
 #include <string.h>
 
-#define LOST_MOST (UINT64_C(1) << 60) /* a row takes no count that is larger */
+#define LOST_MOST (UINT64_C(1) << 60) /* limit of the count, below TL_ROW_LARGEST */
 
 static uint64_t more_of(uint64_t now, uint64_t before) {
     return now > before ? now - before : 0;
@@ -32,7 +34,7 @@ const tl_recorder_mark *tl_recorder_state_tried(const tl_recorder_writer_state *
 void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_mark *mark) {
     tl_recorder_mark *tried = &state->marks[~state->current & 1];
     uint64_t number = mark->number;
-    __atomic_store_n(&tried->number, 0, __ATOMIC_RELAXED); /* what is there is none until it is whole */
+    __atomic_store_n(&tried->number, 0, __ATOMIC_RELAXED); /* no valid mark until it is complete */
     __atomic_signal_fence(__ATOMIC_SEQ_CST);
     memcpy((char *)tried + sizeof tried->number, (const char *)mark + sizeof mark->number,
            sizeof *mark - sizeof mark->number);

@@ -1,10 +1,13 @@
-/* What a writer of runs leaves to its successor: how far everything has been written.
+/* State of the recorder's writer, for its successor: how much of each record queue has been
+ * written.
  *
- * Purpose: a process that writes may be killed at any instant, and its successor must write each entry once. So before a commit a mark says
- *          how far things will be after it, beside the mark of how far they are. The successor finds in the database which of the two holds: the run's
- *          row has the same totals.
- * Memory:  the caller's, zeroed at first: of this process, or a block that outlives it and that only writers write. No pointers.
- * Thread:  one writes; the counts, and what has been taken, may be read by any thread and process.
+ * Purpose: a process that writes may be killed at any instant, and its successor must write each
+ *          entry exactly once. So before each commit, a second mark describes the state after that
+ *          commit. The successor compares both marks with the totals in the run's row, and so finds
+ *          out whether the commit has happened.
+ * Memory:  the caller's, zeroed at first: of this process, or a shared block that outlives it and
+ *          that only writers write. No pointers.
+ * Thread:  one thread writes; any thread or process may read the counts and `taken`.
  */
 #ifndef TL_FIRMWARE_STORE_RECORDER_STATE_H
 #define TL_FIRMWARE_STORE_RECORDER_STATE_H
@@ -20,84 +23,88 @@
 
 enum { TL_WRITER_QUEUES = 8, TL_WRITER_OWN_EVENTS = 8 };
 
-/* How far everything has been written. */
+/* Progress of the writer after a commit. */
 typedef struct tl_recorder_mark {
     uint64_t number;               /* of the batch; 0: none */
     char path[PATH_MAX];           /* of the file; "": none yet */
-    tl_database_identity identity; /* which one that is */
-    int64_t run;                   /* its row in there; 0: it has none yet */
+    tl_database_identity identity; /* of that file */
+    int64_t run;                   /* row of the run in the file; 0: none yet */
     bool has_begun;
-    bool is_untimed; /* it began without a START: it is on no clock */
+    bool is_untimed; /* it began without a START, so it has no clock */
     bool has_ended;
-    bool hands_over; /* it has ended so that a run from another ring goes on */
-    uint32_t ring;   /* the outbox from which it came */
-    bool is_again;   /* its beginning is in another file, and here it has no sample yet */
+    bool hands_over; /* it has ended so that a run of another ring follows */
+    uint32_t ring;   /* index of the record queue that it came from */
+    bool is_again;   /* its beginning is in another file, and this file has no sample yet */
     tl_record_queue_start start;
-    tl_recorder_totals totals;       /* of the row, */
-    uint64_t own;                    /* and how many of its events are the writer's own */
-    tl_run_tuning tuning;            /* in force: the newest one of the run that was written; its hash "": none */
-    uint64_t written;                /* entries and events of all runs, */
-    uint64_t dropped;                /* and those that a file took with it, or that belonged to no run */
-    uint64_t said;                   /* number of the first of the writer's own events that is not written */
-    uint64_t lost[TL_WRITER_QUEUES]; /* what the producers have lost, as far as totals know it, */
-    tl_time counted;                 /* and when that was looked at */
-    uint64_t id;                     /* of the run in its ring; 0: it has none */
-    int64_t sampled;                 /* the tick behind its newest sample; 0: it has none */
-    bool is_cut;                     /* what came behind that in the ring was skipped */
+    tl_recorder_totals totals;       /* in the run's row */
+    uint64_t own;                    /* how many of its events are the writer's own */
+    tl_run_tuning tuning;            /* newest tuning of the run that was written; hash "": none */
+    uint64_t written;                /* entries and events of all runs */
+    uint64_t dropped;                /* those lost with a file, or that belonged to no run */
+    uint64_t said;                   /* number of the first own event that is not written yet */
+    uint64_t lost[TL_WRITER_QUEUES]; /* the producers' loss counts that are included in totals */
+    tl_time counted;                 /* when they were read, ns */
+    uint64_t id;                     /* of the run in its ring; 0: none */
+    int64_t sampled;                 /* tick of its newest sample + 1; 0: no sample */
+    bool is_cut;                     /* the entries after `sampled` were skipped in the ring */
     tl_record_queue_taken taken[TL_WRITER_QUEUES];
 } tl_recorder_mark;
 
-/* Entries and events of the run that were written; the writer's own events are not counted. */
+/* Returns how many entries and events of the run were written, without the writer's own events. */
 uint64_t tl_recorder_mark_entries(const tl_recorder_mark *mark);
 
-/* So many more are lost of the run. */
+/* Adds `more` to the lost entries of the run. */
 void tl_recorder_mark_lose(tl_recorder_mark *mark, uint64_t more);
 
-/* Fields are private but for `taken`: there each producer looks, in its own. */
+/* Fields are private except `taken`: each producer reads its own element. */
 typedef struct tl_recorder_writer_state {
     tl_record_queue_taken taken[TL_WRITER_QUEUES];
     tl_recorder_mark marks[2];
-    uint32_t current;  /* the mark that is committed; the other one is being committed, or was not */
-    uint64_t own_said; /* number of the next of the writer's own events */
+    uint32_t current;  /* index of the committed mark; the other one is not committed yet */
+    uint64_t own_said; /* number of the next own event */
     tl_recorder_event_entry own[TL_WRITER_OWN_EVENTS];
-    uint64_t written; /* to be shown */
+    uint64_t written; /* these are published for other threads */
     uint64_t dropped;
     int64_t run;
     uint32_t tuning;
     tl_time refused_since;
 } tl_recorder_writer_state;
 
-/* ---- the writer's ---- */
+/* ---- functions of the writer ---- */
 
-/* What is committed. */
+/* Returns the mark of the last commit. */
 const tl_recorder_mark *tl_recorder_state_mark(const tl_recorder_writer_state *state);
 
-/* What was going to be committed when the writer before us ended, and perhaps is; NULL: nothing was. */
+/* Returns the mark of the commit that was in progress when the previous writer ended; it may have
+ * been committed. Returns NULL if there was none. */
 const tl_recorder_mark *tl_recorder_state_tried(const tl_recorder_writer_state *state);
 
-/* Before the commit: how far things will be. Its number must be that of what is committed, plus 1. */
+/* Stores the mark of the coming commit. Its number must be that of the committed mark plus 1. */
 void tl_recorder_state_try(tl_recorder_writer_state *state, const tl_recorder_mark *mark);
 
-/* What was tried is committed. */
+/* Makes the tried mark the committed one and publishes it. */
 void tl_recorder_state_settle(tl_recorder_writer_state *state);
 
-/* The run is in a file that is not written any more: it begins again in the next one. `gone`: and that one is no more. Takes some 20 KB of stack. */
+/* Leaves the run's file: the run begins again in the next file. `gone`: the file is lost, so its
+ * entries count as dropped and lost. Needs about 20 kB of stack. */
 void tl_recorder_state_leave_run(tl_recorder_writer_state *state, bool gone);
 
-/* Lets others see what is committed, as settle() does: for a writer that begins, since the one before may have been killed within it. */
+/* Publishes the committed mark, as settle() does. A new writer calls it, because the previous one
+ * may have been killed inside settle(). */
 void tl_recorder_state_show(tl_recorder_writer_state *state);
 
-/* An event of the writer's own, until there is a file to write it into. There is room for a few: the newest takes the place of the one before it. */
+/* Stores an event of the writer until a file can be written. There is room for 8 events; then a new
+ * event overwrites the newest one. */
 void tl_recorder_state_say(tl_recorder_writer_state *state, tl_severity severity, const char *text);
 
-/* ---- any thread's or process's ---- */
+/* ---- functions for any thread or process ---- */
 
 typedef struct tl_recorder_state_counts {
-    uint64_t written; /* entries and events that are in a file; the writer's own are not counted */
-    uint64_t dropped; /* that are in none, though their producers have not lost them */
-    int64_t run;      /* id of the newest run; 0: none yet */
-    uint32_t tuning;  /* number of the newest tuning that is in a file, and its configuration's text with it; 0: none */
-    tl_time refused_since; /* CLOCK_MONOTONIC; 0: what is to be written can be */
+    uint64_t written;      /* entries and events in a file, without the writer's own */
+    uint64_t dropped;      /* those in no file, although the producer did not lose them */
+    int64_t run;           /* id of the newest run; 0: none yet */
+    uint32_t tuning;       /* number of the newest tuning recorded with its configuration; 0: none */
+    tl_time refused_since; /* CLOCK_MONOTONIC; 0: writing works */
 } tl_recorder_state_counts;
 
 tl_recorder_state_counts tl_recorder_state_get(const tl_recorder_writer_state *state);

@@ -1,13 +1,20 @@
-/* The writer: outboxes are read, and what is in them is written in batches: see recorder_writer.h.
+/* Writer: reads record queues and writes their entries in batches: see recorder_writer.h.
  *
- * Batch:   formed in `next`, a copy of the mark of what is committed: positions, totals and the run move on in it with each thing that is written, and become
- *          the mark when the transaction is committed. What fails is forgotten with it. A batch is of one run.
- * Order:   the writer's own events, then entries, then the events that were put before the last of these.
- * Samples: come by the ring, since a replay has to see what the twin has seen. One that does not is taken from what io has read: in front of a later one,
- *          at the end of the run, or before io's readings are overwritten. It is replaced if it comes after all.
- * Runs:    entries before the first START belong to no run, and are dropped.
- * Handing: an END with the reason `hand_over` hands over: what follows it in the ring is of a later run than one in another ring, and is not read before
- *          that was. Nor is it ever if nobody may go on; but if the reason was said without cause, who knows that says so. */
+ * Batch:   built in `next`, a copy of the committed mark. Each written entry advances the
+ *          positions, totals and run in `next`. When the transaction is committed, `next` becomes
+ *          the mark; if it fails, `next` is discarded. A batch contains one run only.
+ * Order:   the writer's own events, then entries, then the events that were put before the last of
+ *          these entries.
+ * Samples: come through the ring, because a replay must use exactly what the twin has read. A
+ *          sample that is missing in the ring is made from io's readings: before a later sample, at
+ *          the end of the run, or before io overwrites its readings. If the sample arrives later,
+ *          it replaces that one.
+ * Runs:    entries before the first START belong to no run and are dropped.
+ * Handover: an END with the reason `hand_over` means that a run of another ring follows. The
+ *           entries behind it belong to a run after that, and are read only after that run. If no
+ *           process may continue, they are never read. If the reason was announced without cause,
+ *           `goes_on` returns true.
+ */
 #include "firmware/store/recorder_writer.h"
 
 #include <assert.h>
@@ -24,22 +31,22 @@
 #include "firmware/store/recorder_file.h"
 
 enum {
-    EVENT_BYTES = 256, /* what an event counts in a batch */
-    MENDS = 3,         /* of a file, in one go */
-    STALLS = 8, /* batches of events alone: who puts them out faster than they are written does not keep the caller */
-    REFUSED_TO_OPEN = 1 << 16 /* among SQLite's codes: no file could be opened, for that fault */
+    EVENT_BYTES = 256,        /* size of an event for the batch limit */
+    MENDS = 3,                /* replacements of the file in one call */
+    STALLS = 8,               /* batches without ring entries: endless events must not block */
+    REFUSED_TO_OPEN = 1 << 16 /* added to a fault, beside SQLite's codes: no file could be opened */
 };
 
-static const tl_time MEND_PAUSE = TL_SECOND;       /* between two looks at an outbox that is damaged */
-static const tl_time LOSS_PAUSE = 10 * TL_SECOND;  /* between two events that say what a slow disk has cost */
-static const tl_time CLOSE_PAUSE = TL_SECOND / 20; /* between two tries when it closes */
+static const tl_time MEND_PAUSE = TL_SECOND;       /* between two checks of a damaged queue */
+static const tl_time LOSS_PAUSE = 10 * TL_SECOND;  /* between two reports of losses by a slow disk */
+static const tl_time CLOSE_PAUSE = TL_SECOND / 20; /* between two tries during closing */
 
-/* An outbox as it is read. One that is not there has no reader: nothing is in it, and it is never damaged. */
+/* A record queue and its reader. An absent queue has no reader: it is empty and never damaged. */
 typedef struct source {
     tl_recorder_writer_queue queue;
     tl_record_queue_reader reader;
-    bool is_told;       /* that it is damaged */
-    tl_time damaged_at; /* by a look that was not before this; 0: it is not */
+    bool is_told;       /* damage was reported */
+    tl_time damaged_at; /* not before this time; 0: not damaged */
 } source;
 
 struct tl_recorder_writer {
@@ -48,19 +55,19 @@ struct tl_recorder_writer {
     tl_recorder_writer_state *state;
     tl_recorder_file file;
     source sources[TL_WRITER_QUEUES];
-    tl_time mended_at;         /* when damaged outboxes were looked at the last time */
-    bool is_reopened;          /* the ring was, since it was still damaged */
-    unsigned char *checkpoint; /* of the size of those of the outbox with the ring; NULL: it has none */
-    int refusal;               /* the kind of the last failure; 0: nothing is refused */
+    tl_time mended_at;         /* time of the last check of damaged queues */
+    bool is_reopened;          /* the ring was reopened because it was damaged */
+    unsigned char *checkpoint; /* copy of a checkpoint of the queue with the ring; NULL: it has none */
+    int refusal;               /* kind of the last failure; 0: writing works */
     tl_time lost_said_at;
-    bool was_corrupted; /* an outbox, since the last loss that was said */
+    bool was_corrupted; /* a queue, since the last reported loss */
     /* of the batch: */
     tl_recorder_mark next;
     tl_recorder_entry entry; /* too large for a small stack */
-    bool is_over;            /* the next entry is for another batch */
-    bool ends;               /* the run does, with this batch */
+    bool is_over;            /* the next entry belongs to another batch */
+    bool ends;               /* the run ends with this batch */
     bool is_stray;           /* the newest sample was of a run whose beginning was not read */
-    bool is_last;            /* the writer of samples has ended */
+    bool is_last;            /* the producer of samples has ended */
 };
 
 static const tl_recorder_mark *mark_of(const tl_recorder_writer *writer) {
@@ -75,7 +82,7 @@ static const tl_record_queue_settings *settings_of_ring(const tl_recorder_writer
     return &writer->sources[writer->settings.ring].queue.settings;
 }
 
-/* Of the outbox with the ring: what the batch has taken, and what is committed of that. */
+/* Progress in the queue with the ring: of the batch, and of the last commit. */
 static tl_record_queue_taken *taken_of(tl_recorder_writer *writer) {
     return &writer->next.taken[writer->settings.ring];
 }
@@ -92,7 +99,7 @@ const char *tl_recorder_writer_path(const tl_recorder_writer *writer) {
     return tl_recorder_file_path(&writer->file);
 }
 
-/* ---- What it says ------------------------------------------------------------------------------------------------ */
+/* ---- Reports ---- */
 
 static const char *why_lost(const tl_recorder_writer *writer) {
     return writer->was_corrupted || mark_of(writer)->is_cut ? "their queue was corrupted"
@@ -113,7 +120,7 @@ static void say_loss(tl_recorder_writer *writer, const char *why) {
     writer->file.lost_said = lost;
 }
 
-/* Once, as long as it is for the same reason. */
+/* Reports a failure only once while its kind is the same. */
 static void note_refusal(tl_recorder_writer *writer, int kind) {
     char text[TL_EVENT_TEXT];
     if (writer->refusal == 0) {
@@ -146,9 +153,10 @@ static void note_success(tl_recorder_writer *writer) {
     }
 }
 
-/* ---- Events of the outboxes -------------------------------------------------------------------------------------- */
+/* ---- Events of the record queues ---- */
 
-/* The event of this number, if all entries are written that were put before it; *skip: it is none. */
+/* Reads the event of this number if all entries that were put before it are written; *skip: it was
+ * left incomplete. */
 static bool read_event(tl_recorder_writer *writer, size_t queue, uint64_t number, uint64_t written,
                        tl_recorder_event_entry *event, bool *skip) {
     source *from = &writer->sources[queue];
@@ -156,8 +164,9 @@ static bool read_event(tl_recorder_writer *writer, size_t queue, uint64_t number
            (queue != writer->settings.ring || *skip || event->position <= written);
 }
 
-/* The oldest one that may be written now, with the ring as far as `written`; of two of the same instant that of the later outbox, since what io
- * says is often why the twin says something. The outbox, or the number of outboxes: there is none. */
+/* Finds the oldest event that may be written when the ring is written up to `written`. Of events of
+ * the same time, the later queue's event is first, because an event of io is often the cause of the
+ * twin's event. Returns the index of the queue, or the number of queues if there is no event. */
 static size_t find_oldest_event(tl_recorder_writer *writer, uint64_t written, tl_recorder_event_entry *oldest,
                                 bool *skip) {
     size_t found = writer->settings.queue_count;
@@ -174,7 +183,8 @@ static size_t find_oldest_event(tl_recorder_writer *writer, uint64_t written, tl
     return found;
 }
 
-/* Those that can be written once the ring is as far, of each outbox at most so many. */
+/* Counts the events that can be written when the ring is written up to `written`, at most `most` of
+ * each queue. */
 static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t most) {
     tl_recorder_event_entry event;
     size_t events = 0;
@@ -189,7 +199,7 @@ static size_t count_events(tl_recorder_writer *writer, uint64_t written, size_t 
     return events;
 }
 
-/* ---- Damage of the outboxes -------------------------------------------------------------------------------------- */
+/* ---- Damage of the record queues ---- */
 
 static void reopen(source *from) {
     bool is_left = from->reader.is_left;
@@ -201,7 +211,7 @@ static bool is_broken(const source *from) {
     return from->reader.fault[0] != '\0';
 }
 
-/* Looks at damaged outboxes again, once a second; at one that was found damaged between two writings, at once. */
+/* Reopens damaged queues once a second; at once if the damage was found since the last call. */
 static void mend_queues(tl_recorder_writer *writer) {
     tl_time now = tl_clock_now(NULL);
     bool again = now - writer->mended_at >= MEND_PAUSE;
@@ -219,7 +229,7 @@ static void mend_queues(tl_recorder_writer *writer) {
     }
 }
 
-/* After reading, which began at this time. */
+/* Call after reading; `begun`: when the reading began. */
 static void note_damage(tl_recorder_writer *writer, tl_time begun) {
     for (size_t i = 0; i < writer->settings.queue_count; i++) {
         char text[TL_EVENT_TEXT];
@@ -239,7 +249,7 @@ tl_time tl_recorder_writer_damage(const tl_recorder_writer *writer, size_t queue
     return writer->sources[queue].damaged_at;
 }
 
-/* ---- Beginning and ending a batch -------------------------------------------------------------------------------- */
+/* ---- Beginning and ending a batch ---- */
 
 static void begin_batch(tl_recorder_writer *writer) {
     tl_thread_heartbeat_beat(writer->settings.heartbeat);
@@ -248,13 +258,13 @@ static void begin_batch(tl_recorder_writer *writer) {
     writer->ends = false;
 }
 
-/* The mark moves on without a transaction: nothing is written by it. */
+/* Advances the mark without a transaction, because nothing is written to the database. */
 static void settle(tl_recorder_writer *writer) {
     tl_recorder_state_try(writer->state, &writer->next);
     tl_recorder_state_settle(writer->state);
 }
 
-/* Bytes of texts that may be written with the batch. */
+/* Bytes of configuration texts that the batch may have to write. */
 static size_t count_configurations(const tl_recorder_writer *writer) {
     const tl_recorder_settings *record = &writer->record;
     size_t bytes = writer->next.run == 0 ? strlen(record->configuration) : 0;
@@ -276,7 +286,8 @@ static int begin_transaction(tl_recorder_writer *writer, size_t bytes) {
     return code;
 }
 
-/* The batch is whole: it is tried, and is the mark if the database takes it. */
+/* The mark is stored before the commit, so that a successor can check whether the commit has
+ * happened. */
 static int commit(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     tl_utc_text(tl_utc_now(), next->totals.committed);
@@ -304,40 +315,40 @@ static int end_batch(tl_recorder_writer *writer, int code) {
     return code;
 }
 
-/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+/* ---- Runs ---- */
 
-/* What lies behind is of a run that comes after one in another ring. */
+/* Returns whether the next entries of the ring belong to a run after one in another ring. */
 static bool is_handed_over(const tl_recorder_writer *writer) {
     const tl_recorder_writer_settings *settings = &writer->settings;
     const tl_recorder_mark *mark = &writer->next;
     return mark->hands_over && mark->ring == settings->ring && !settings->goes_on(settings->context);
 }
 
-/* How far of that the ring may be read. */
+/* Returns up to where the ring may be read. */
 static uint64_t end_of(tl_recorder_writer *writer, uint64_t end) {
     return is_handed_over(writer) ? taken_of(writer)->ring : end;
 }
 
-/* What is committed is where a look begins; gives the end of what may be read. */
+/* Sets `next` to the committed mark and returns the end of what may be read. */
 static uint64_t look_from_mark(tl_recorder_writer *writer) {
     writer->next = *mark_of(writer);
     return end_of(writer, tl_record_queue_reader_end(ring_of(writer), taken_of(writer)->ring));
 }
 
-/* What comes next, if it is the beginning of another run: then the entry is that. */
+/* Returns whether the next entry is the beginning of another run; then `entry` holds it. */
 static bool is_beginning(tl_recorder_writer *writer, uint64_t end, uint64_t *position) {
     *position = taken_of(writer)->ring;
     return *position != end && take_entry(writer, position, end) && writer->entry.kind == TL_ENTRY_START;
 }
 
-/* The entry begins a run, whatever became of the one before. */
+/* Begins the run of `entry`, also if the previous run has no end. */
 static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     tl_recorder_mark *next = &writer->next;
     next->start = writer->entry.start;
     if (next->start.resumption.run < 0) {
-        next->start.resumption.run = next->run; /* the one before */
+        next->start.resumption.run = next->run; /* the previous run */
     }
-    next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* not said in any row yet */
+    next->totals = (tl_recorder_totals){.lost = next->run != 0 ? 0 : next->totals.lost}; /* in no row yet */
     next->run = 0;
     next->has_ended = false;
     next->hands_over = false;
@@ -355,11 +366,11 @@ static void take_beginning(tl_recorder_writer *writer, uint64_t position) {
     writer->file.goes_on = false;
 }
 
-/* ---- What is lost ------------------------------------------------------------------------------------------------ */
+/* ---- Losses ---- */
 
-/* What producers have lost since the last batch is lost of this run. */
+/* Adds what the producers have lost since the last batch to this run. */
 static void count_lost(tl_recorder_writer *writer) {
-    enum { ENTRIES = 4, EVENTS = 1 << 16 }; /* at most: in a tick; since the last batch */
+    enum { ENTRIES = 4, EVENTS = 1 << 16 }; /* upper limits: per tick; since the last batch */
     tl_recorder_mark *next = &writer->next;
     tl_time now = tl_clock_now(NULL);
     uint64_t most = EVENTS + ENTRIES * (uint64_t)((now - next->counted) / writer->record.step);
@@ -368,7 +379,7 @@ static void count_lost(tl_recorder_writer *writer) {
         const source *from = &writer->sources[i];
         uint64_t lost = from->queue.memory != NULL ? tl_record_queue_reader_lost(&from->reader) : next->lost[i];
         uint64_t more = lost - next->lost[i];
-        tl_recorder_mark_lose(next, more <= most ? more : 0); /* else somebody has written over the count */
+        tl_recorder_mark_lose(next, more <= most ? more : 0); /* else the count was corrupted */
         next->lost[i] = lost;
     }
 }
@@ -378,7 +389,7 @@ static void drop(tl_recorder_writer *writer) {
     tl_recorder_mark_lose(&writer->next, 1);
 }
 
-/* Entries that belong to no run: there is nothing to write them to. */
+/* Drops entries that belong to no run. */
 static void drop_entries(tl_recorder_writer *writer, uint64_t end) {
     uint64_t position = taken_of(writer)->ring;
     while (position != end && take_entry(writer, &position, end) && writer->entry.kind != TL_ENTRY_START) {
@@ -390,7 +401,7 @@ static void drop_entries(tl_recorder_writer *writer, uint64_t end) {
     }
 }
 
-/* ---- What is written --------------------------------------------------------------------------------------------- */
+/* ---- Writing events and entries ---- */
 
 static int write_own_events(tl_recorder_writer *writer) {
     const tl_recorder_writer_state *state = writer->state;
@@ -423,7 +434,7 @@ static int write_events(tl_recorder_writer *writer, size_t most) {
     return code;
 }
 
-/* The first tick of the run at this instant or later; 0: the run is on no clock of ours. */
+/* First tick of the run at this instant or later; 0 if the run has no clock of this system. */
 static int64_t tick_at(const tl_recorder_writer *writer, tl_time instant) {
     tl_time since = 0;
     tl_time step = writer->record.step;
@@ -431,9 +442,9 @@ static int64_t tick_at(const tl_recorder_writer *writer, tl_time instant) {
     return fits && since > 0 && since < INT64_MAX - step ? (since - 1) / step + 1 : 0;
 }
 
-/* Is it one of the run, and can it be written? Else it is dropped. */
+/* Writes the entry. Drops it if it belongs to no open run or is invalid. */
 static int write_part(tl_recorder_writer *writer, bool *written) {
-    /* Its tick is later than now. In mode ahead the last one is a period early. */
+    /* A tick in the future is invalid. With the pairing "ahead" the last tick is one step early. */
     bool is_of_the_future = writer->settings.plant.take != NULL && !writer->next.is_untimed &&
                             writer->entry.kind == TL_ENTRY_SAMPLE &&
                             writer->entry.sample.tick > tick_at(writer, tl_clock_now(NULL)) + 1;
@@ -451,7 +462,8 @@ static int write_part(tl_recorder_writer *writer, bool *written) {
     return code;
 }
 
-/* The run's beginning is in another file, and with it what was taken before this tick. */
+/* Continues the run in a new file, beginning at this tick: an earlier tuning is written again for
+ * it. */
 static int begin_at(tl_recorder_writer *writer, int64_t tick) {
     tl_recorder_database *database = writer->file.database;
     int code = tl_recorder_database_begin_at(database, tick);
@@ -464,7 +476,7 @@ static int begin_at(tl_recorder_writer *writer, int64_t tick) {
     return code;
 }
 
-/* Or a tuning. */
+/* Also writes a tuning. */
 static int write_sample_or_step(tl_recorder_writer *writer) {
     tl_recorder_mark *next = &writer->next;
     int64_t tick = writer->entry.sample.tick;
@@ -477,7 +489,7 @@ static int write_sample_or_step(tl_recorder_writer *writer) {
         next->tuning = writer->entry.tuning;
     } else if (writer->entry.kind == TL_ENTRY_STEP) {
         next->totals.steps++;
-    } else if (tick < next->sampled) { /* it was taken from what io has read */
+    } else if (tick < next->sampled) { /* this sample replaces one made from io's readings */
         next->written--;
     } else {
         next->totals.samples++;
@@ -490,30 +502,32 @@ static int write_sample_or_step(tl_recorder_writer *writer) {
     return code;
 }
 
-/* ---- Samples that do not come by the ring ---- */
+/* ---- Samples that are missing in the ring ---- */
 
-/* The first tick of a run's own. What it follows at its beginning is the run's before. */
+/* First own tick of a run; a resumed run replays the ticks before it, which belong to the earlier
+ * run. */
 static int64_t first_tick(const tl_resumption *resumption) {
     return resumption->from == TL_RESUMED_NOT ? 0 : resumption->tick;
 }
 
-/* The next one that has to come. */
+/* The next tick without a sample. */
 static int64_t next_tick(const tl_recorder_writer *writer) {
     int64_t own = first_tick(&writer->next.start.resumption);
     return writer->next.sampled > own ? writer->next.sampled : own;
 }
 
-/* How many ticks below this one are missing, of those of the past. */
+/* Number of missing ticks below `end`, without those in the future. */
 static int64_t count_missing(const tl_recorder_writer *writer, int64_t end) {
     const tl_recorder_mark *next = &writer->next;
     int64_t present = tick_at(writer, tl_clock_now(NULL));
     bool can = writer->settings.plant.take != NULL && next->has_begun && !next->is_untimed && !next->has_ended &&
-               next->ring == writer->settings.ring; /* a run of another ring has another plant */
+               next->ring == writer->settings.ring; /* a run of another ring may have another plant */
     end = end < present ? end : present;
     return can && end > next_tick(writer) ? end - next_tick(writer) : 0;
 }
 
-/* Below which tick none may be missing any more: the twin, or its successor, will put the others. In the end no writer is left. */
+/* Returns the tick below which no sample may be missing any more. The twin or its successor will
+ * still put the later ones. At the end (`is_last`) there is no producer, so nothing is awaited. */
 static int64_t oldest_awaited(const tl_recorder_writer *writer) {
     static const tl_time margin = 2 * TL_SECOND;
     tl_time lag = writer->settings.plant.kept - writer->record.commit - margin;
@@ -540,7 +554,7 @@ static size_t size_of(const tl_recorder_writer *writer, tl_recorder_kind kind) {
     return tl_recorder_entry_size(&settings_of_ring(writer)->shape, kind);
 }
 
-/* How many samples may be written together. */
+/* Most samples for one batch. */
 static size_t most_samples(const tl_recorder_writer *writer, size_t limit) {
     return limit / size_of(writer, TL_ENTRY_SAMPLE) + 1;
 }
@@ -551,7 +565,8 @@ static size_t bytes_of_missing(const tl_recorder_writer *writer, int64_t end, si
     return size_of(writer, TL_ENTRY_SAMPLE) * ((uint64_t)missing < most ? (size_t)missing : most);
 }
 
-/* Those below this tick, as many as fit. What io's memory has lost already is lost. Changes the entry. */
+/* Writes missing samples below tick `end`, as many as the batch allows. Samples whose readings io
+ * has overwritten count as lost. Overwrites `entry`. */
 static int write_missing(tl_recorder_writer *writer, int64_t end, size_t limit) {
     tl_recorder_mark *next = &writer->next;
     int64_t missing = count_missing(writer, end);
@@ -570,7 +585,7 @@ static int write_missing(tl_recorder_writer *writer, int64_t end, size_t limit) 
     return code;
 }
 
-/* The first tick of the run that will be another's, if the entry begins one. */
+/* First tick of this run that belongs to the other run, if `entry` begins one. */
 static int64_t tick_of_other(const tl_recorder_writer *writer) {
     const tl_resumption *other = &writer->entry.start.resumption;
     tl_time resume = 0;
@@ -582,7 +597,8 @@ static int64_t tick_of_other(const tl_recorder_writer *writer) {
 
 /* ---- Entries ---- */
 
-/* Is it of another run than ours? Its clock is unknown without its beginning. */
+/* Returns whether the entry belongs to another run than the present one. Without that run's
+ * beginning its clock is unknown. */
 static bool is_stray(tl_recorder_writer *writer) {
     if (writer->entry.kind == TL_ENTRY_SAMPLE) {
         writer->is_stray = writer->entry.id != writer->next.id;
@@ -611,14 +627,16 @@ static int write_entry(tl_recorder_writer *writer) {
     }
 }
 
-/* Which ticks have to be there before the entry: all below this one. At the end of a run the last ones may have been skipped. */
+/* Returns the tick below which all samples must exist before this entry is written. At the end of a
+ * run the last samples may have been skipped with a damaged part of the ring. */
 static int64_t end_of_missing(const tl_recorder_writer *writer) {
     bool ends = writer->entry.kind == TL_ENTRY_END && writer->next.is_cut && !writer->is_stray;
     bool is_own = writer->entry.kind == TL_ENTRY_SAMPLE && writer->entry.id == writer->next.id;
     return is_own ? writer->entry.sample.tick : ends ? tick_at(writer, tl_clock_now(NULL) - writer->record.step) : 0;
 }
 
-/* After the samples that are missing before it. *is_more: there are more of those than fit. */
+/* Writes the missing samples first, then the entry. *is_more: not all missing samples fit into the
+ * batch. */
 static int write_entry_in_turn(tl_recorder_writer *writer, uint64_t *position, uint64_t end, size_t limit,
                                bool *is_more) {
     int64_t awaited = end_of_missing(writer);
@@ -631,7 +649,8 @@ static int write_entry_in_turn(tl_recorder_writer *writer, uint64_t *position, u
     return code == SQLITE_OK && !*is_more ? write_entry(writer) : code;
 }
 
-/* Up to the end of a run, the beginning of another, or so many bytes. A sample and its step are in one batch: so no power cut leaves half a tick. */
+/* Stops at the end of a run, at the beginning of another, or after `limit` bytes. A sample and its
+ * step are in one batch, so that a power cut never leaves half a tick. */
 static int write_entries(tl_recorder_writer *writer, uint64_t end, size_t limit) {
     const size_t step = size_of(writer, TL_ENTRY_STEP);
     uint64_t *taken = &taken_of(writer)->ring;
@@ -656,12 +675,12 @@ static int write_entries(tl_recorder_writer *writer, uint64_t end, size_t limit)
     return code;
 }
 
-/* Whether there is more of the ring behind what is committed. */
+/* Returns whether the ring has entries after the committed ones. */
 static bool has_more(tl_recorder_writer *writer, uint64_t end) {
     return taken_of_ring(writer) != end && !ring_of(writer)->is_ring_broken;
 }
 
-/* The run is known: its transaction, if there is anything for one. */
+/* Writes one transaction of the present run, if there is anything to write. */
 static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t before = mark_of(writer)->number;
     size_t limit = tl_recorder_database_batch(writer->file.database);
@@ -687,17 +706,17 @@ static int write_transaction(tl_recorder_writer *writer, uint64_t end, bool *mor
     return code;
 }
 
-/* One transaction, of entries up to `end` of the ring, or to where another run begins, and events as far as they fit. *more: it should be followed
- * by another one. */
+/* Writes one transaction: entries up to `end` of the ring or to the beginning of another run, and
+ * as many events as fit. *more: another batch should follow. */
 static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     uint64_t position = 0;
     begin_batch(writer);
     *more = false;
     end = end_of(writer, end);
     bool has_early = writer->next.run != 0 && count_events(writer, taken_of(writer)->ring, 1) > 0;
-    if (!has_early && is_beginning(writer, end, &position)) { /* else there are events of the run before */
+    if (!has_early && is_beginning(writer, end, &position)) { /* else events of the previous run wait */
         int64_t rest = tick_of_other(writer);
-        if (count_missing(writer, rest) > 0) { /* of the run before: in a transaction of its own */
+        if (count_missing(writer, rest) > 0) { /* in a transaction of their own */
             size_t limit = tl_recorder_database_batch(writer->file.database);
             int code = begin_transaction(writer, bytes_of_missing(writer, rest, limit));
             code = end_batch(writer, code == SQLITE_OK ? write_missing(writer, rest, limit) : code);
@@ -713,7 +732,8 @@ static int write_batch(tl_recorder_writer *writer, uint64_t end, bool *more) {
     return write_transaction(writer, end, more);
 }
 
-/* A checkpoint, in a transaction of its own, once all that came before it is there. *any: there was one. */
+/* Writes a checkpoint in its own transaction, after all entries that precede it. *any: there was
+ * one. */
 static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
     const tl_recorder_mark *mark = mark_of(writer);
     const tl_record_queue_taken *taken = &mark->taken[writer->settings.ring];
@@ -735,9 +755,9 @@ static int write_checkpoint(tl_recorder_writer *writer, bool *any) {
     return end_batch(writer, code);
 }
 
-/* ---- What is left ------------------------------------------------------------------------------------------------ */
+/* ---- Remaining entries ---- */
 
-/* Samples, steps and events that are not written. */
+/* Counts the samples, steps and events that are not written. */
 static uint64_t count_left(tl_recorder_writer *writer) {
     uint64_t end = look_from_mark(writer);
     uint64_t position = taken_of(writer)->ring;
@@ -748,13 +768,13 @@ static uint64_t count_left(tl_recorder_writer *writer) {
     return left + (writer->next.has_begun ? count_events(writer, end_of(writer, UINT64_MAX), TL_RECORDER_EVENTS) : 0);
 }
 
-/* All of the ring is written, up to where it hands over. */
+/* Returns whether the ring is written completely or up to a handover. */
 static bool is_read(tl_recorder_writer *writer) {
     uint64_t end = look_from_mark(writer);
     return taken_of(writer)->ring == end || ring_of(writer)->is_ring_broken;
 }
 
-/* Nothing is left that could be written. */
+/* Returns whether nothing remains that could be written. */
 static bool is_empty(tl_recorder_writer *writer) {
     bool is_ring_empty = is_read(writer);
     const tl_recorder_mark *next = &writer->next;
@@ -780,9 +800,9 @@ void tl_recorder_writer_leave(tl_recorder_writer *writer) {
     tl_record_queue_reader_leave(ring_of(writer));
 }
 
-/* ---- Writing ----------------------------------------------------------------------------------------------------- */
+/* ---- Writing ---- */
 
-/* Is there a file to write into? Tries to open one every now and then. */
+/* Returns whether a file is open; if not, tries to open one every 0.1 s. */
 static bool is_open(tl_recorder_writer *writer) {
     tl_recorder_file *file = &writer->file;
     tl_database_news news;
@@ -811,7 +831,8 @@ static bool is_open(tl_recorder_writer *writer) {
     return file->database != NULL;
 }
 
-/* What is there now. An outbox has two checkpoints; who puts them without end is looked at again later. */
+/* Writes what the queues hold now. Reads at most two checkpoints per batch, because a producer
+ * might put them without end. */
 static int write_all(tl_recorder_writer *writer) {
     uint64_t end = tl_record_queue_reader_end(ring_of(writer), taken_of_ring(writer));
     bool more = true;
@@ -833,7 +854,8 @@ static int write_all(tl_recorder_writer *writer) {
     return code;
 }
 
-/* What was read of a damaged ring so far is followed by what lies at its end; what is between is lost. Nothing if it is not ours to read. */
+/* Continues at the end of a damaged ring; the entries in between are lost. Does nothing if a
+ * handover forbids to read the ring. */
 static void skip_damage(tl_recorder_writer *writer) {
     uint64_t taken = taken_of_ring(writer);
     uint64_t to = writer->is_reopened ? tl_record_queue_reader_skip(ring_of(writer), taken) : taken;
@@ -874,9 +896,9 @@ void tl_recorder_writer_write(tl_recorder_writer *writer) {
     note_damage(writer, begun);
 }
 
-/* ---- Opening and closing ----------------------------------------------------------------------------------------- */
+/* ---- Opening and closing ---- */
 
-/* The run that begins at once, without an entry, in a file that is new to us. */
+/* Begins the run that needs no START entry, in a file that is new to this writer. */
 static tl_status begin_first(tl_recorder_writer *writer, tl_database_insistence insistence) {
     bool more = false;
     begin_batch(writer);
@@ -897,7 +919,7 @@ static tl_status open_all(tl_recorder_writer *writer) {
     bool waits = false;
     tl_database_insistence insistence = writer->record.insistence;
     if (mark_of(writer)->number != 0 || tl_recorder_state_tried(writer->state) != NULL) {
-        (void)is_open(writer); /* and if it is not, it will be */
+        (void)is_open(writer); /* if no file can be opened now, a later write opens one */
         return TL_OK;
     }
     tl_status status = tl_recorder_file_open(&writer->file, insistence, &news, &waits);
@@ -927,7 +949,7 @@ static void open_queues(tl_recorder_writer *writer) {
             tl_record_queue_reader_open(&from->queue.settings, from->queue.memory, &from->reader);
         }
     }
-    writer->settings.queues = NULL; /* the caller's */
+    writer->settings.queues = NULL; /* owned by the caller */
 }
 
 static void destroy(tl_recorder_writer *writer) {
@@ -991,7 +1013,7 @@ tl_status tl_recorder_writer_close(tl_recorder_writer *writer, tl_time patience,
             tl_fail(error, TL_TRY_AGAIN, "%s: the run's end and its last %" PRIu64 " entries could not be written: %s",
                     tl_recorder_writer_path(writer), left, writer->file.reason);
     } else if (writer->is_last && writer->file.database != NULL) {
-        (void)tl_recorder_database_give_up(writer->file.database); /* else the next writer does that */
+        (void)tl_recorder_database_give_up(writer->file.database); /* or the next writer does it */
     }
     destroy(writer);
     return status;

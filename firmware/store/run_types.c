@@ -1,4 +1,4 @@
-/* The names of what a run is made of: see run_types.h. */
+/* Names of the types of a recorded run: see run_types.h. */
 #include "firmware/store/run_types.h"
 
 #include <string.h>
