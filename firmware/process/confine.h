@@ -124,8 +124,8 @@ tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_
  * Itself:  single files of /proc/self are readable. A dozen descriptors of them stay open until the
  *          process ends, because the rules depend on them.
  * Unseen:  Landlock does not check stat(), access(), readlink(), changes of the current folder, and
- *          changes of mode, owner, times and attributes. The filter refuses all of these changes
- *          except that of the folder.
+ *          changes of mode, owner, times and attributes. The filter allows to change the folder and
+ *          refuses the other changes; keeps_files allows fchmod() and fchown().
  * Thread:  applies to the calling thread and the threads that it starts.
  */
 
