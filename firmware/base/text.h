@@ -86,7 +86,7 @@ size_t tl_show_character(const char *text, bool *is_control);
  * too. Truncates it to `size`. */
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size);
 
-/* "0.0031", "1.2e-07"; "-" if not finite. `sign`: always with a sign. */
+/* "0.0031", "1.2e-07", "0"; "-" if not finite. `sign`: all but 0 have a sign. */
 void tl_show_number(double value, bool sign, char *text, size_t size);
 
 /* Writes the shortest text that parses to the same number. */
