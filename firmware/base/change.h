@@ -33,7 +33,7 @@ typedef enum tl_change_right {
     TL_RIGHTS
 } tl_change_right;
 
-/* Where a configuration comes from. A request has one of the first three. */
+/* Origin of a configuration. A request has one of the first three. */
 typedef enum tl_change_origin {
     TL_ORIGIN_RELOAD,  /* `twinlock reload`; of a version: with the run's own file */
     TL_ORIGIN_NETWORK, /* twinlock-serve */

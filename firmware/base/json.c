@@ -21,7 +21,7 @@ typedef struct scanner {
     const char *text;
     size_t size;
     size_t at;
-    uint32_t line; /* of `at`, from 1; only white space holds line breaks */
+    uint32_t line; /* of `at`, from 1; only white space contains line breaks */
     size_t depth;
     char open[TL_JSON_MAX_DEPTH]; /* '{' or '[' of each level */
     tl_json_lines *lines;

@@ -18,10 +18,10 @@
  * Purpose: cJSON accepts 01, 1e999, invalid UTF-8, a byte order mark and text after the end, and
  *          has no line numbers. This check rejects all of these, reports the position, and records
  *          the line of each value.
- * Stricter: than the RFC: no \u0000 (texts are C strings), no number that is infinite as a double
- *           or has more than TL_JSON_NUMBER_CHARS characters (cJSON would truncate it), at most
- *           TL_JSON_MAX_DEPTH levels. Duplicate keys are detected by json_document.h, after
- *           decoding.
+ * Stricter: additional rules to those of the RFC. No \u0000, because texts are C strings. No number
+ *           that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a number,
+ *           because cJSON would truncate it, and TL_JSON_MAX_DEPTH levels. Duplicate keys are
+ *           detected by json_document.h, after decoding.
  * Bound:   time O(size), no recursion. The lines need 4 bytes for each of the characters [ , : and
  *          4 more.
  * Memory:  the arena.
@@ -56,7 +56,7 @@ void tl_text_for_people(const char *text, char *copy, size_t size);
  * Use:     check `right` after all members are read.
  * Errors:  if a member is missing or has another type, `right` becomes false and the member reads
  *          as a harmless value.
- * Owner:   the caller, who frees it; texts live until then.
+ * Owner:   the caller, which frees it; texts live until then.
  * Thread:  one thread.
  */
 
@@ -85,12 +85,12 @@ void tl_json_reader_free(tl_json_reader *reader);
 
 /* ---- Writer: builds one JSON object in memory and writes it completely or not at all.
  *
- * Purpose: the only place where JSON is written. Values are added to the innermost open object or
+ * Purpose: all JSON is written by this writer. Values are added to the innermost open object or
  *          array, in the order of the calls. `key` is NULL in an array.
  * Numbers: 15 digits, or 17 if 15 are less exact than one part in 2^52. A number that is not finite
  *          becomes null, because JSON has neither NaN nor infinity.
  * Errors:  a lack of memory is reported once, when the object is written.
- * Owner:   the caller, who frees it.
+ * Owner:   the caller, which frees it.
  * Thread:  one thread.
  */
 

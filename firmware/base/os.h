@@ -31,7 +31,7 @@ void tl_locale_use(void);
 
 /* ---- Clock: CLOCK_MONOTONIC in nanoseconds.
  *
- * Purpose: the only place that reads it, with the signature that tl_budget needs. Also the sleep
+ * Purpose: the only function that reads it, with the signature that tl_budget needs. Also the sleep
  *          function of all periodic code.
  * Thread:  any.
  */

@@ -110,7 +110,7 @@ tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_
     return map(block, false) ? TL_OK : fail_make(name, block, error);
 }
 
-/* Returns what is wrong with a received block, or NULL. If F_GET_SEALS fails, either the kernel has
+/* Returns the fault of a received block, or NULL. If F_GET_SEALS fails, either the kernel has
  * no seals, or the file is of another kind, which its size or mapping shows. */
 static const char *fault_of(const tl_block *block, const struct stat *status, size_t size, tl_block_writer writer) {
     bool has_seals = fcntl(block->descriptor, F_GET_SEALS) >= 0;

@@ -22,10 +22,11 @@
 
 #include "master/base/status.h"
 
-/* Which process writes a block. `TL_BLOCK_WE_WRITE`: the one that made it. */
+/* Which process writes a block. The maker is the process that called tl_block_make(), the receiver
+ * the one that called tl_block_take(). */
 typedef enum tl_block_writer {
-    TL_BLOCK_WE_WRITE,   /* the maker, while it is open here; the receiver reads */
-    TL_BLOCK_THEY_WRITE, /* the receiver; only this convention keeps the maker from writing */
+    TL_BLOCK_WE_WRITE,   /* the maker, while it has the block open; the receiver reads */
+    TL_BLOCK_THEY_WRITE, /* the receiver; the maker could too, but must not */
     TL_BLOCK_SPARSE,     /* the receiver; memory is used on first access; not mapped here */
     TL_BLOCK_IS_WRITTEN  /* no process any more: tl_block_make_of() */
 } tl_block_writer;

@@ -44,7 +44,7 @@ static pid_t teller; /* thread that reports; 0: none */
 static unsigned char alternate[2][ALTERNATE_STACK] __attribute__((aligned(64)));
 
 static __thread tl_crash_thread kind;
-static __thread uintptr_t stack_end; /* lowest address of its stack */
+static __thread uintptr_t stack_end; /* lowest address of the thread's stack */
 static __thread uintptr_t stack_guard;
 static __thread uintptr_t in_foreign; /* frame that calls an FMU's handler; 0: none */
 
@@ -174,9 +174,9 @@ static void on_crash(int number, siginfo_t *info, void *context) {
         }
     }
     /* Raises the signal again with the default action; it is delivered when this returns. A fault
-     * would recur without this. A signal that was sent, or that the kernel sends for a call
-     * (uretprobe on x86-64 outside of a probe), would not, and the process would continue after its
-     * crash report. */
+     * would recur without this. Other signals would not, and the process would continue after its
+     * crash report: a signal that was sent, or one of the kernel for a call (uretprobe on x86-64
+     * outside of a probe). */
     const struct sigaction standard = {.sa_handler = SIG_DFL};
     (void)sigaction(number, &standard, NULL);
     (void)raise(number);

@@ -51,7 +51,7 @@ static struct {
     size_t handler_count;
 } host = {.folder = -1};
 
-/* ---- keep ---- */
+/* ---- save ---- */
 
 /* The C library has no function for this. If the kernel has none either, returns zeros. */
 static scheduling read_scheduling(void) {

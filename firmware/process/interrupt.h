@@ -1,5 +1,5 @@
 /* Interrupt flag: SIGINT, SIGTERM and SIGHUP set a flag that long operations poll, so that they end
- * in an orderly way.
+ * properly.
  *
  * Thread: install once, before threads are started. tl_interrupt_reclaim() from the main thread,
  *         which receives these signals first while it does not block them. All others from any

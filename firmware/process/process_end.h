@@ -1,11 +1,11 @@
-/* Process end: the only way in which our processes exit.
+/* Process end: the only exit of our processes.
  *
  * Purpose: once the work is done, no FMU code can change the exit code. Output is flushed and the
  *          process exits. No destructor of an FMU and no exit handler runs, and threads that an FMU
  *          has left are not joined.
- * Interpreters are an exception (tl_process_run_exit_handlers()): their exit handlers run, because
- * they write what scripts have printed. If a handler crashes or takes longer than TL_PROCESS_END_S
- * seconds, the process exits too.
+ * Scripts: interpreters are an exception (tl_process_run_exit_handlers()). Their exit handlers run,
+ *          because they write what scripts have printed. If a handler crashes or lasts longer than
+ *          TL_PROCESS_END_S seconds, the process exits too.
  * Noticed: if an FMU calls exit(), the process exits with 70, and the log names the FMU and its
  *          function. A call of _exit() cannot be detected from inside the process.
  * Thread:  tl_process_begin() and tl_process_end() from the main thread; all others from any.
