@@ -1,4 +1,4 @@
-/* The kind, the right and the origin of a configuration change, and their words: see change.h. */
+/* Kind, right and origin of a configuration change: see change.h. */
 #include "firmware/base/change.h"
 
 #include <string.h>

@@ -1,4 +1,4 @@
-/* Identities: SHA-256 of bytes and files: see identity.h. */
+/* Identities: see identity.h. */
 #include "firmware/base/identity.h"
 
 #include <fcntl.h>
@@ -10,7 +10,8 @@
 #include <sys/utsname.h>
 #include <unistd.h>
 
-/* ---- SHA-256 in one go: whole blocks from the data, then one or two blocks of padding. Names as in FIPS 180-4. */
+/* ---- SHA-256 of a block of memory: first the complete blocks, then one or two blocks of padding.
+ * Names as in FIPS 180-4. */
 
 enum { BLOCK = 64, LENGTH_FIELD = 8, WORDS = 8, ROUNDS = 64 };
 
@@ -26,7 +27,7 @@ static const uint32_t K[ROUNDS] = {
     0x748f82ee, 0x78a5636f, 0x84c87814, 0x8cc70208, 0x90befffa, 0xa4506ceb, 0xbef9a3f7, 0xc67178f2,
 };
 
-/* The same of the square roots of the first 8 primes. */
+/* First 32 bits of the fractional parts of the square roots of the first 8 primes. */
 static const uint32_t INITIAL[WORDS] = {
     0x6a09e667, 0xbb67ae85, 0x3c6ef372, 0xa54ff53a, 0x510e527f, 0x9b05688c, 0x1f83d9ab, 0x5be0cd19,
 };
@@ -64,7 +65,7 @@ static void add_block(uint32_t state[WORDS], const unsigned char *block) {
         uint32_t t1 = h + sum1 + choice + K[t] + w[t];
         uint32_t sum0 = rotated(a, 2) ^ rotated(a, 13) ^ rotated(a, 22);
         uint32_t majority = (a & b) ^ (a & c) ^ (b & c);
-        h = g; /* in registers: moved in memory, they take most of the time */
+        h = g; /* in variables, so in registers: as an array in memory they would take most of the time */
         g = f;
         f = e;
         e = d + t1;
@@ -79,7 +80,7 @@ static void add_block(uint32_t state[WORDS], const unsigned char *block) {
     }
 }
 
-/* What is left of the data, a single 1 bit, zeros, and the length in bits. */
+/* Adds the remaining data, a single 1 bit, zeros, and the length in bits. */
 static void add_tail(uint32_t state[WORDS], const unsigned char *rest, size_t rest_size, uint64_t bits) {
     unsigned char tail[2 * BLOCK] = {0};
     size_t size = rest_size + 1 + LENGTH_FIELD <= BLOCK ? BLOCK : 2 * BLOCK;
@@ -115,7 +116,7 @@ void tl_sha256(const void *data, size_t size, char text[TL_SHA256_TEXT]) {
 #define TL_VERSION "unknown"
 #endif
 
-/* All of it; false: it cannot be read. */
+/* Reads the whole file without changing its offset. Returns false if it cannot be read. */
 static bool read_all(int descriptor, unsigned char *bytes, size_t size) {
     size_t done = 0;
     ssize_t part = 1;
@@ -167,7 +168,7 @@ void tl_identity_files(const char *const *paths, size_t count, char text[TL_SHA2
 }
 
 uint64_t tl_identity_number_of_open_files(const int *descriptors, size_t count) {
-    char digest[TL_SHA256_TEXT] = ""; /* of the files before, and this one */
+    char digest[TL_SHA256_TEXT] = ""; /* of the earlier files, then including this one */
     for (size_t i = 0; i < count; i++) {
         struct stat about;
         char text[TL_SHA256_TEXT + 100];

@@ -13,17 +13,17 @@
 #include "firmware/base/text.h"
 #include "master/base/text.h"
 
-/* ---- A scanner for RFC 8259 with a stack of open brackets in place of recursion. */
+/* ---- Scanner for RFC 8259, with a stack of open brackets instead of recursion. */
 
-enum { END = -1 }; /* what peek() says at the end of the text */
+enum { END = -1 }; /* result of peek() at the end of the text */
 
 typedef struct scanner {
     const char *text;
     size_t size;
     size_t at;
-    uint32_t line; /* of `at`, from 1; only white space holds line breaks */
+    uint32_t line; /* of `at`, from 1; only white space contains line breaks */
     size_t depth;
-    char open[TL_JSON_MAX_DEPTH]; /* '{' or '[' */
+    char open[TL_JSON_MAX_DEPTH]; /* '{' or '[' of each level */
     tl_json_lines *lines;
     tl_error *error;
 } scanner;
@@ -40,9 +40,9 @@ bool tl_text_is_plain(const char *text) {
 
 void tl_text_for_people(const char *text, char *copy, size_t size) {
     static const char cut[] = "…";
-    enum { SHOWN = 16 }; /* what stands for one character, at most */
+    enum { SHOWN = 16 }; /* most bytes that replace one character */
     size_t used = 0;
-    size_t cut_at = 0; /* the last end of a character behind which there is room for that */
+    size_t cut_at = 0; /* last end of a character that leaves room for "…" */
     while (*text != '\0') {
         char shown[SHOWN];
         bool is_control = false;
@@ -65,7 +65,7 @@ static bool is_digit(int character) {
     return character >= '0' && character <= '9';
 }
 
-/* What a number or a word is made of. */
+/* Characters of numbers and words. */
 static bool is_word(int character) {
     return is_digit(character) || (character >= 'a' && character <= 'z') || (character >= 'A' && character <= 'Z') ||
            character == '+' || character == '-' || character == '.' || character == '_';
@@ -92,7 +92,7 @@ static void skip_space(scanner *s) {
     }
 }
 
-/* Characters of the number or word that begins at `from`. */
+/* Returns the length of the number or word that begins at `from`. */
 static size_t word_length(const scanner *s, size_t from) {
     size_t end = from;
     while (end < s->size && is_word((unsigned char)s->text[end])) {
@@ -103,7 +103,7 @@ static size_t word_length(const scanner *s, size_t from) {
 
 /* ---- errors ---- */
 
-/* What stands at an offset, for people. */
+/* Describes the character or word at an offset. */
 static void describe(const scanner *s, size_t at, char *found, size_t size) {
     size_t word = word_length(s, at);
     unsigned byte = at < s->size ? (unsigned char)s->text[at] : 0;
@@ -123,7 +123,7 @@ static void describe(const scanner *s, size_t at, char *found, size_t size) {
     }
 }
 
-/* Notes the error at an offset and returns false, so that a scan can end with it. */
+/* Reports the error at an offset and returns false. */
 static bool wrong(scanner *s, size_t at, const char *found, const char *expected) {
     size_t line = 1;
     size_t column = 1;
@@ -147,14 +147,14 @@ static bool unexpected(scanner *s, size_t at, const char *expected) {
 
 /* ---- values ---- */
 
-/* Four hexadecimal digits after \u; -1 where they are not. */
+/* Returns the value of four hexadecimal digits after \u; -1 if there are not four. */
 static long hexadecimal(const scanner *s, size_t at) {
     char digits[5] = "";
     memcpy(digits, s->text + at, at < s->size ? (s->size - at < 4 ? s->size - at : 4) : 0);
     return strspn(digits, "0123456789abcdefABCDEF") == 4 ? strtol(digits, NULL, 16) : -1;
 }
 
-/* \uXXXX, or a pair of them for a character beyond U+FFFF; `at` is at the u. */
+/* Scans \uXXXX, or a pair of them for a character above U+FFFF; `at` is at the u. */
 static bool scan_unicode_escape(scanner *s) {
     size_t start = s->at - 1;
     long code = hexadecimal(s, s->at + 1);
@@ -177,7 +177,7 @@ static bool scan_unicode_escape(scanner *s) {
     return true;
 }
 
-/* After a backslash. */
+/* Scans what follows a backslash. */
 static bool scan_escape(scanner *s) {
     int character = peek(s);
     if (character == 'u') {
@@ -215,7 +215,7 @@ static bool scan_string(scanner *s) {
     }
 }
 
-/* True where there was one. */
+/* Returns whether there was a digit. */
 static bool skip_digits(scanner *s) {
     size_t first = s->at;
     while (is_digit(peek(s))) {
@@ -224,7 +224,8 @@ static bool skip_digits(scanner *s) {
     return s->at > first;
 }
 
-/* True where `at` has moved over -? int frac? exp?, with nothing of a word behind it. */
+/* Scans -? int frac? exp?. Returns false if it has another form, or if more characters of a word
+ * follow. */
 static bool scan_number_shape(scanner *s) {
     (void)accept(s, '-');
     bool right = accept(s, '0') || skip_digits(s);
@@ -284,7 +285,7 @@ static bool scan_key(scanner *s) {
     return accept(s, ':') || unexpected(s, s->at, "a : after the key");
 }
 
-/* Opens an object or array. *ended where it is empty; else `at` is before its first value. */
+/* Opens an object or array. Sets *ended if it is empty; else `at` is before its first value. */
 static bool scan_opening(scanner *s, bool *ended) {
     char bracket = s->text[s->at];
     if (s->depth == TL_JSON_MAX_DEPTH) {
@@ -301,7 +302,7 @@ static bool scan_opening(scanner *s, bool *ended) {
     return bracket == '[' || scan_key(s);
 }
 
-/* One value, or the opening of one. *ended where it is complete. */
+/* Scans one value, or the start of an object or array. Sets *ended if the value is complete. */
 static bool scan_value(scanner *s, bool *ended) {
     skip_space(s);
     s->lines->line[s->lines->count++] = s->line;
@@ -319,7 +320,8 @@ static bool scan_value(scanner *s, bool *ended) {
     return scan_word(s);
 }
 
-/* After a complete value: closes what ends here, up to the comma before the next value. */
+/* After a complete value: closes all objects and arrays that end here, and scans the comma and key
+ * before the next value. */
 static bool scan_closing(scanner *s) {
     while (s->depth > 0) {
         bool object = s->open[s->depth - 1] == '{';
@@ -382,7 +384,7 @@ tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_
 
 /* ---- json reader ---- */
 
-static const double LIMIT = 9e15; /* below 2^53: each is exact */
+static const double LIMIT = 9e15; /* below 2^53, so each integer is exact */
 
 tl_json_reader tl_json_reader_of(const char *text, size_t size) {
     tl_json_reader reader = {NULL, false};
@@ -453,7 +455,7 @@ void tl_json_writer_begin(tl_json_writer *writer) {
     writer->failed = writer->open[0] == NULL;
 }
 
-/* NULL: there was no memory, for it or for its key. */
+/* Adds an item. Returns NULL if memory is out for it or its key. */
 static cJSON *add(tl_json_writer *writer, const char *key, cJSON *item) {
     cJSON *around = writer->open[writer->depth - 1];
     bool added = item != NULL &&
@@ -469,7 +471,7 @@ void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth) {
     (void)add(writer, key, cJSON_CreateBool(truth));
 }
 
-/* cJSON makes null of what is not finite. */
+/* cJSON writes null for a number that is not finite. */
 void tl_json_add_number(tl_json_writer *writer, const char *key, double number) {
     (void)add(writer, key, cJSON_CreateNumber(number));
 }
@@ -511,7 +513,6 @@ tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_erro
     return TL_OK;
 }
 
-/* cJSON wants some bytes more than it writes. */
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error) {
     tl_new_file file;
     if (tl_new_file_open(path, &file, error) != TL_OK) {
@@ -525,6 +526,7 @@ tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_
     return tl_new_file_keep(&file, error);
 }
 
+/* cJSON_PrintPreallocated() needs a few bytes more than it writes. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room) {
     bool fits = !writer->failed && room <= INT_MAX && cJSON_PrintPreallocated(writer->open[0], line, (int)room, 0) != 0;
     return fits ? strlen(line) : 0;

@@ -1,6 +1,6 @@
 /* JSON texts: validation, reading of flat objects, writing.
  *
- * Thread:  one for each reader or writer.
+ * Thread:  one per reader or writer.
  */
 #ifndef TL_FIRMWARE_BASE_JSON_H
 #define TL_FIRMWARE_BASE_JSON_H
@@ -13,43 +13,50 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 
-/* ---- The bytes of a JSON text: checked strictly (RFC 8259) before a parser sees them.
+/* ---- Validation of a JSON text: strict (RFC 8259), before a parser reads it.
  *
- * Purpose: cJSON takes 01, 1e999, bad UTF-8, a byte order mark and text after the end, and does not know lines. This
- *          check refuses all of that, says where, and notes on which line each value stands.
- * Beyond the RFC: no \u0000 (texts are C strings), no number that is infinite as a double, none with more than
- *          TL_JSON_NUMBER_CHARS characters (cJSON would cut it), at most TL_JSON_MAX_DEPTH levels. Keys that appear
- *          twice are found by json_document.h, once they are decoded.
- * Bound:   time O(size), no recursion; the lines take 4 bytes for each of the characters [ , : and 4 more.
+ * Purpose: cJSON accepts 01, 1e999, invalid UTF-8, a byte order mark and text after the end, and
+ *          has no line numbers. This check rejects all of these, reports the position, and records
+ *          the line of each value.
+ * Stricter: additional rules to those of the RFC. No \u0000, because texts are C strings. No number
+ *           that is infinite as a double. At most TL_JSON_NUMBER_CHARS characters in a number,
+ *           because cJSON would truncate it, and TL_JSON_MAX_DEPTH levels. Duplicate keys are
+ *           detected by json_document.h, after decoding.
+ * Bound:   time O(size), no recursion. The lines need 4 bytes for each of the characters [ , : and
+ *          4 more.
+ * Memory:  the arena.
  * Thread:  no shared state.
  */
 
 enum { TL_JSON_MAX_DEPTH = 32, TL_JSON_NUMBER_CHARS = 63 };
 
-/* The line (from 1) of each value in the order in which the values begin; keys are not values. */
+/* Line (from 1) of each value, in the order in which the values begin. Keys are no values. */
 typedef struct tl_json_lines {
     uint32_t *line;
     size_t count;
 } tl_json_lines;
 
-/* Checks all of `text` (`size` < 4 GiB, no terminator needed). `lines` is taken from the arena.
- * Errors: TL_BAD_DATA for the first thing that is wrong, "line 3, column 7: found …, expected …" (columns count
- * characters, from 1); TL_TRY_AGAIN where memory is out. */
+/* Validates `text` (`size` < 4 GiB, no NUL needed). Allocates `lines` in the arena.
+ * Errors: TL_BAD_DATA for the first error, "line 3, column 7: found …, expected …" (columns count
+ *         characters, from 1); TL_TRY_AGAIN if memory is out. */
 tl_status tl_json_text_check(const char *text, size_t size, tl_arena *arena, tl_json_lines *lines, tl_error *error);
 
-/* Whether all of it can be shown as it is: valid UTF-8 without control characters, marks that turn text and unseen ones (text.h). */
+/* Returns whether all of `text` can be displayed unchanged: valid UTF-8 without control characters,
+ * direction marks and invisible characters (text.h). */
 bool tl_text_is_plain(const char *text);
 
-/* Copies `text` for people: what cannot be shown becomes \x1B or \u{202E} (text.h), and what does not fit is cut at a character and ends in
- * "…". `size` ≥ 8. */
+/* Copies `text` for display. Characters that cannot be displayed become \x1B or \u{202E} (text.h).
+ * A text that does not fit is truncated between two characters and ends in "…". `size` ≥ 8. */
 void tl_text_for_people(const char *text, char *copy, size_t size);
 
-/* ---- A small JSON object that this program has written earlier, read back as if a stranger had.
+/* ---- Reader of a small JSON object that this program has written earlier; treats it as untrusted.
  *
- * Purpose: a few members by their keys. What says where in a file something is wrong is firmware/config/json_document.h.
- * Use:     `right` is looked at once all members are read.
- * Errors:  a member that is missing or of another type makes `right` false, and reads as something harmless.
- * Owner:   the caller, who frees it; texts live until then.
+ * Purpose: reads a few members by their keys. To report the position of an error in a file, use
+ *          firmware/config/json_document.h.
+ * Use:     check `right` after all members are read.
+ * Errors:  if a member is missing or has another type, `right` becomes false and the member reads
+ *          as a harmless value.
+ * Owner:   the caller, which frees it; texts live until then.
  * Thread:  one thread.
  */
 
@@ -60,13 +67,14 @@ typedef struct tl_json_reader {
     bool right;
 } tl_json_reader;
 
-/* `text` needs no terminator and passes json.h first. If it is refused, or memory is out, nothing is right. */
+/* Parses `text` (no NUL needed) after tl_json_text_check(). If it is rejected or memory is out,
+ * `right` is false. */
 tl_json_reader tl_json_reader_of(const char *text, size_t size);
 
-/* That of a file of at most 16 KiB; nothing is right if it cannot be read. */
+/* Parses a file of at most 16 KiB. If it cannot be read, `right` is false. */
 tl_json_reader tl_json_file_read(const char *path);
 
-/* Of the first member with this key. A count is a number of at least 0, below 9e15, rounded down. */
+/* Read the first member with this key. A count is a number from 0 to below 9e15, rounded down. */
 uint64_t tl_json_count(tl_json_reader *reader, const char *key);
 bool tl_json_has(const tl_json_reader *reader, const char *key); /* an older version may not have written it */
 double tl_json_number(tl_json_reader *reader, const char *key);
@@ -75,14 +83,14 @@ const char *tl_json_text(tl_json_reader *reader, const char *key);
 
 void tl_json_reader_free(tl_json_reader *reader);
 
-/* ---- JSON for programs: one object, put together in memory and written whole, or not at all.
+/* ---- Writer: builds one JSON object in memory and writes it completely or not at all.
  *
- * Purpose: the one place where JSON is written. Values go into the innermost object or array that is open, with a key in an
- *          object and NULL in an array, and come out in that order.
- * Numbers: with 15 digits, 17 if those are not enough for one part in 2^52. Null if they are not finite: JSON knows neither
- *          NaN nor infinity.
- * Errors:  memory that is out is told once, by tl_json_writer_print().
- * Owner:   the caller, who frees it.
+ * Purpose: all JSON is written by this writer. Values are added to the innermost open object or
+ *          array, in the order of the calls. `key` is NULL in an array.
+ * Numbers: 15 digits, or 17 if 15 are less exact than one part in 2^52. A number that is not finite
+ *          becomes null, because JSON has neither NaN nor infinity.
+ * Errors:  a lack of memory is reported once, when the object is written.
+ * Owner:   the caller, which frees it.
  * Thread:  one thread.
  */
 
@@ -91,35 +99,38 @@ enum { TL_JSON_WRITER_DEPTH = 8 };
 struct cJSON;
 
 typedef struct tl_json_writer {
-    struct cJSON *open[TL_JSON_WRITER_DEPTH]; /* objects and arrays, the outermost first; NULL: memory was out */
+    struct cJSON *open[TL_JSON_WRITER_DEPTH]; /* open objects and arrays, outermost first; NULL: memory was out */
     size_t depth;
     bool failed;
 } tl_json_writer;
 
-/* The outermost object is open. */
+/* Starts with the outermost object open. */
 void tl_json_writer_begin(tl_json_writer *writer);
 
 void tl_json_add_truth(tl_json_writer *writer, const char *key, bool truth);
 void tl_json_add_number(tl_json_writer *writer, const char *key, double number);
 void tl_json_add_count(tl_json_writer *writer, const char *key, uint64_t count);
 
-/* UTF-8; null if it is NULL. */
+/* UTF-8; NULL becomes null. */
 void tl_json_add_text(tl_json_writer *writer, const char *key, const char *text);
 
-/* An object or an array within, which is open from now on; at most TL_JSON_WRITER_DEPTH with the outermost. */
+/* Opens an object or array inside the innermost one; at most TL_JSON_WRITER_DEPTH levels, including
+ * the outermost. */
 void tl_json_open_object(tl_json_writer *writer, const char *key);
 void tl_json_open_array(tl_json_writer *writer, const char *key);
 
-/* Closes the innermost; never the outermost. */
+/* Closes the innermost object or array; never the outermost. */
 void tl_json_close(tl_json_writer *writer);
 
-/* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; nothing is printed then. */
+/* Prints the object, indented, and a newline. Errors: TL_TRY_AGAIN if memory was out; then nothing
+ * is printed. */
 tl_status tl_json_writer_print(const tl_json_writer *writer, FILE *file, tl_error *error);
 
-/* Makes the object a file, whole or not at all (tl_new_file). Errors: TL_TRY_AGAIN. */
+/* Writes the object to a file, completely or not at all (tl_new_file). Errors: TL_TRY_AGAIN. */
 tl_status tl_json_file_write(const tl_json_writer *writer, const char *path, tl_error *error);
 
-/* The object in one line without its end, with a NUL behind it. Returns its length; 0: it does not fit into `room` bytes, or memory was out. */
+/* Writes the object as one line without newline, with a NUL. Returns its length, or 0 if it does
+ * not fit into `room` bytes or memory was out. */
 size_t tl_json_writer_line(const tl_json_writer *writer, char *line, size_t room);
 
 void tl_json_writer_free(tl_json_writer *writer);

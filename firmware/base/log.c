@@ -1,5 +1,6 @@
-/* Log lines on stderr. A line is put together in one buffer and written at once, so that lines of several threads do
- * not mix: a write of up to PIPE_BUF bytes is whole on a pipe, and a terminal or a socket takes one write at a time. */
+/* Log lines on stderr. Each line is built in one buffer and written with one call, so that lines of
+ * several threads do not mix: a pipe accepts up to PIPE_BUF bytes atomically, and a terminal or a
+ * socket handles one write at a time. */
 #include "firmware/base/log.h"
 
 #include <errno.h>
@@ -18,7 +19,7 @@
 #include "firmware/base/os.h"
 #include "firmware/base/text.h"
 
-/* To the beginning of the line, and what stands there is gone. */
+/* Returns to the start of the row and erases it. */
 #define WIPE "\r\x1b[K"
 
 enum { LINE = sizeof WIPE + TL_LOG_TEXT + TL_LOG_PREFIX + 1 }; /* with the newline */
@@ -28,15 +29,16 @@ typedef enum style { STYLE_UNKNOWN, STYLE_PLAIN, STYLE_COLOUR, STYLE_JOURNAL } s
 static int top_level = TL_LOG_NOTICE;
 static int known_style = STYLE_UNKNOWN;
 
-/* A status line may stand on the terminal, so each line begins by wiping it. No lock says whether it does: to wipe an empty line is cheap, and
- * who logs from within a step may not wait. */
+/* If there may be a status line, each line erases it first. There is no lock: erasing an empty row
+ * costs little, and a thread that logs during a step must not wait. */
 static bool has_status;
 
 void tl_log_set_level(tl_log_level level) {
     __atomic_store_n(&top_level, (int)level, __ATOMIC_RELAXED);
 }
 
-/* JOURNAL_STREAM is "device:inode" of the socket; it is inherited also where stderr was redirected since. */
+/* JOURNAL_STREAM is "device:inode" of the socket. It is compared, because it is inherited even if
+ * stderr was redirected. */
 static bool is_journal(void) {
     const char *stream = getenv("JOURNAL_STREAM");
     struct stat status;
@@ -61,14 +63,14 @@ void tl_log_use_levels(void) {
     __atomic_store_n(&known_style, (int)STYLE_JOURNAL, __ATOMIC_RELAXED);
 }
 
-/* Nothing of ours has a level that shakes up all who are logged in. */
+/* Accepts only levels that we use; more severe ones would be broadcast to all logged-in users. */
 int tl_log_level_of(const char *line, const char **text) {
     bool has_level = line[0] == '<' && line[1] >= '0' + TL_LOG_ERROR && line[1] <= '0' + TL_LOG_DEBUG && line[2] == '>';
     *text = has_level ? line + 3 : line;
     return has_level ? line[1] - '0' : TL_LOG_FOREIGN;
 }
 
-/* Cuts before the first byte of a UTF-8 character that would not be whole. */
+/* Moves a cut to the start of a UTF-8 character, so that none is split. */
 static size_t whole_characters(const char *text, size_t length) {
     while (length > 0 && ((unsigned char)text[length] & 0xC0U) == 0x80U) {
         length--;
@@ -76,7 +78,8 @@ static size_t whole_characters(const char *text, size_t length) {
     return length;
 }
 
-/* Control characters of ASCII become spaces, what else cannot be shown becomes "?". */
+/* Replaces ASCII control characters by spaces, and other characters that cannot be displayed by
+ * "?". */
 static void make_harmless(char *text) {
     char *end = text;
     while (*text != '\0') {
@@ -93,7 +96,7 @@ static void make_harmless(char *text) {
     *end = '\0';
 }
 
-/* Formats into text[TL_LOG_TEXT]; one line, without a newline. */
+/* Formats into text[TL_LOG_TEXT]: one line without a newline. */
 static void format_text(char *text, const char *format, va_list arguments) TL_PRINTF(2, 0);
 
 static void format_text(char *text, const char *format, va_list arguments) {
@@ -133,7 +136,8 @@ static const char *wipe(void) {
     return __atomic_load_n(&has_status, __ATOMIC_SEQ_CST) ? WIPE : "";
 }
 
-/* What a pipe takes at once is written at once, if it takes anything: then no write waits. */
+/* Writes in parts of PIPE_BUF bytes: a pipe that is ready for writing accepts such a part
+ * completely, so no write blocks. */
 static bool write_patiently(const char *bytes, size_t size, int patience) {
     for (size_t written = 0; written < size;) {
         struct pollfd ready = {.fd = STDERR_FILENO, .events = POLLOUT};
@@ -151,7 +155,7 @@ static bool write_patiently(const char *bytes, size_t size, int patience) {
     return true;
 }
 
-/* false where `wait` is not wanted and stderr takes nothing now. */
+/* Returns false if not all was written: without `wait`, also if stderr cannot accept it now. */
 static bool write_line(tl_log_level level, const char *text, bool wait) {
     char prefix[TL_LOG_PREFIX];
     char line[LINE];
@@ -210,7 +214,7 @@ bool tl_log_foreign(int level, const char *line, int patience) {
     if (!is_wanted(level)) {
         return true;
     }
-    if (level == TL_LOG_FOREIGN) { /* in a journal a line without a level of its own could begin with one */
+    if (level == TL_LOG_FOREIGN) { /* in a journal, an untrusted line could start with a level of its own */
         (void)snprintf(prefix, sizeof prefix, "%s", current_style() == STYLE_JOURNAL ? "<6>fmu: " : "fmu: ");
     } else {
         tl_log_prefix((tl_log_level)level, prefix, sizeof prefix);
@@ -224,8 +228,8 @@ bool tl_log_foreign(int level, const char *line, int patience) {
 
 /* ---- The status line ---- */
 
-/* Bytes that the terminal has columns for: a line that wraps cannot be redrawn. Two columns are left for the ^C that the terminal itself
- * writes behind it. */
+/* Returns the bytes that fit into the terminal's columns, because a wrapped line cannot be redrawn.
+ * Leaves two columns for the ^C that the terminal echoes. */
 static size_t fitting(const char *line) {
     struct winsize size = {0};
     size_t columns = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 3 ? size.ws_col - 3U : 77U;
@@ -239,7 +243,8 @@ static size_t fitting(const char *line) {
     return end;
 }
 
-/* Said before it is drawn, so that no line of another thread takes it for absent afterwards. */
+/* Sets has_status before the status line is drawn, so that later lines of other threads erase it.
+ */
 static void draw(const char *line) {
     char text[TL_LOG_TEXT];
     char drawn[sizeof WIPE + TL_LOG_TEXT];
@@ -280,7 +285,8 @@ static void say_dropped(tl_log_limiter *limiter, bool wait) {
     }
 }
 
-/* true where the limiter has room. A few messages more may pass where two threads enter a new second together. */
+/* Returns whether the limiter permits a message. A few more may pass if two threads enter a new
+ * second at once. */
 static bool may_pass(tl_log_limiter *limiter) {
     struct timespec now = {0};
     (void)clock_gettime(CLOCK_MONOTONIC, &now);

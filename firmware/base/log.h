@@ -1,15 +1,19 @@
-/* The log: one line per message on stderr, in journald's style.
+/* Log: one line per message on stderr, in journald's style.
  *
- * Purpose: "<4>text" where stderr goes to the journal (JOURNAL_STREAM names it), else "twinlock: warning: text"
- *          (coloured on a terminal, unless NO_COLOR is set). Whole lines only, also from many threads; control
- *          characters become spaces, others that cannot be shown (text.h) "?".
- * Limits:  a line holds TL_LOG_TEXT bytes, what exceeds is cut and marked "…". tl_log_limited() drops what exceeds
- *          `per_second` per limiter, and what stderr cannot take at once; it says how many with the limiter's next
- *          message in a later second, or when the limiter ends.
- * Status:  a line on a terminal that is drawn anew in its place; every other line wipes it first, in the same write. One that another thread
- *          is just about to write when the first status is drawn may stand behind it, once.
- * Thread:  what writes may block on stderr: any thread but the cycle's. tl_log_limited() takes no lock and does not
- *          wait for a reader of stderr, so an FMU may come here from within a step.
+ * Purpose: writes "<4>text" if stderr goes to the journal (JOURNAL_STREAM names it), else
+ *          "twinlock: warning: text" (coloured on a terminal, unless NO_COLOR is set). Lines of
+ *          several threads do not mix. ASCII control characters become spaces; other characters
+ *          that cannot be displayed (text.h) become "?".
+ * Limits:  a line has at most TL_LOG_TEXT bytes; a longer one is truncated and ends in "…".
+ *          tl_log_limited() drops messages above `per_second` per limiter, and those that stderr
+ *          cannot accept at once. It logs their number with the limiter's next message in a later
+ *          second, or when the limiter ends.
+ * Status:  a status line on a terminal is redrawn in the same row. Each other line erases it first,
+ *          in the same write. A line of another thread at the time of the first status line may
+ *          follow it in the same row, once.
+ * Thread:  functions that write may block on stderr, so the real-time cycle must not call them.
+ *          tl_log_limited() takes no lock and does not wait for stderr, so an FMU may call it
+ *          during a step.
  */
 #ifndef TL_FIRMWARE_BASE_LOG_H
 #define TL_FIRMWARE_BASE_LOG_H
@@ -32,35 +36,42 @@ typedef enum tl_log_level {
 
 enum { TL_LOG_FOREIGN = -1 };
 
-/* Messages above this level are dropped. Default TL_LOG_NOTICE. */
+/* Drops messages above this level. Default: TL_LOG_NOTICE. */
 void tl_log_set_level(tl_log_level level);
 
-/* From now on every line begins with its level, as for a journal: for a process whose log another one reads (relay.h). */
+/* From now on each line starts with its level as for a journal, so that another process can relay
+ * it (relay.h). */
 void tl_log_use_levels(void);
 
 void tl_log(tl_log_level level, const char *format, ...) TL_PRINTF(2, 3);
 
-/* A foreign line as it is, of at most TL_LOG_PLAIN bytes and without control characters (relay.h); what exceeds is cut. */
+/* Logs a line without a prefix. It must have no control characters (relay.h); at most TL_LOG_PLAIN
+ * bytes, else it is truncated. */
 void tl_log_plain(const char *line);
 
-/* A line that another process asks to log, as tl_log_plain() demands it: of a tl_log_level, or TL_LOG_FOREIGN: marked as an FMU's. Waits at most
- * `patience` ms for each part that stderr is to take. False: it takes nothing; the line, or its rest, is left out. */
+/* Logs a line of another process, with the same conditions as tl_log_plain(). `level`: a
+ * tl_log_level, or TL_LOG_FOREIGN to mark it as an FMU's. Waits at most `patience` ms for each part
+ * of the line (-1: no limit). Returns false if stderr did not accept all of it in time; the rest is
+ * dropped. */
 bool tl_log_foreign(int level, const char *line, int patience);
 
-/* Whether an error was logged, of this process or of another one for which it logs. Any thread. */
+/* Returns whether an error was logged, by this process or by another one that it logs for. Any
+ * thread. */
 bool tl_log_has_said_error(void);
 
-/* Of a line of a process that uses levels: its level, and *text is what follows. Any other is TL_LOG_FOREIGN, and all of it is the text. */
+/* Parses a line of a process that uses levels: returns its level and sets *text to the rest. For
+ * another line returns TL_LOG_FOREIGN and sets *text to the whole line. */
 int tl_log_level_of(const char *line, const char **text);
 
-/* If stderr is a terminal: `line` is the status line from now on, as far as the terminal has columns and TL_LOG_TEXT bytes reach. NULL: there is
- * none any more. */
+/* Sets the status line if stderr is a terminal. It is truncated to the terminal's columns and
+ * TL_LOG_TEXT bytes. NULL removes it. */
 void tl_log_status(const char *line);
 
-/* What a line of this level begins with, of at most TL_LOG_PREFIX bytes: for who cannot call tl_log() when it has something to say. */
+/* Writes the prefix of this level, at most TL_LOG_PREFIX bytes, for code that cannot call tl_log()
+ * later, such as signal handlers. */
 void tl_log_prefix(tl_log_level level, char *prefix, size_t size);
 
-/* Begins as TL_LOG_LIMITER(). Fields are private. */
+/* Initialise it with TL_LOG_LIMITER(). Fields are private. */
 typedef struct tl_log_limiter {
     uint32_t per_second;
     uint32_t second;
@@ -68,14 +79,14 @@ typedef struct tl_log_limiter {
     uint32_t dropped;
 } tl_log_limiter;
 
-/* What a limiter of so many messages a second is initialised with. */
+/* Initialiser of a limiter: this many messages per second. */
 #define TL_LOG_LIMITER(messages)                                                                                       \
     { .per_second = (messages) }
 
-/* May be called from several threads with the same limiter. */
+/* Several threads may use the same limiter. */
 void tl_log_limited(tl_log_limiter *limiter, tl_log_level level, const char *format, ...) TL_PRINTF(3, 4);
 
-/* Says how many were dropped, where that was not yet said. */
+/* Logs how many messages were dropped, unless that was already logged. */
 void tl_log_limiter_end(tl_log_limiter *limiter);
 
 #endif

@@ -1,4 +1,4 @@
-/* The operating system in small pieces: locale, clock, memory, files, threads, shortages: see os.h. */
+/* Operating system: see os.h. */
 #include "firmware/base/os.h"
 
 #include <assert.h>
@@ -23,7 +23,8 @@
 static pthread_once_t once = PTHREAD_ONCE_INIT;
 static locale_t ours;
 
-/* "C" itself is a constant of the C library: that cannot fail, and freeing it does nothing. */
+/* newlocale() returns a constant of the C library for "C", so it cannot fail, and nothing leaks if
+ * the second call does. */
 static void make(void) {
     locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
     locale_t with_utf8 = newlocale(LC_CTYPE_MASK, "C.UTF-8", plain);
@@ -60,7 +61,7 @@ void *tl_array_grown(void *array, size_t count, size_t size) {
     return (count & (count - 1)) == 0 ? realloc(array, (count == 0 ? 1 : 2 * count) * size) : array;
 }
 
-/* ---- shortage ---- */
+/* ---- shortages ---- */
 
 static const int codes[] = {EMFILE, ENFILE, ENOMEM, ENOSPC, EDQUOT};
 
@@ -84,7 +85,7 @@ bool tl_shortage_is_told(const char *sentence) {
     return false;
 }
 
-/* ---- See os.h. */
+/* ---- bytes of an open file ---- */
 
 ssize_t tl_file_bytes_read(int file, char *bytes, size_t room) {
     size_t size = 0;
@@ -142,7 +143,7 @@ bool tl_new_file_is(const char *path, const char *other) {
                                         first.st_dev == second.st_dev && first.st_ino == second.st_ino);
 }
 
-/* Where it will be; `mode` is what the file at that place has, or what a new one gets. */
+/* Resolves the final path and its mode: that of an existing file, or the default of a new one. */
 static tl_status find_place(const char *given, char path[PATH_MAX], mode_t *mode, tl_error *error) {
     struct stat file;
     if (given[0] == '\0') {
@@ -205,7 +206,7 @@ void tl_keep_name(const char *path) {
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error) {
     FILE *file = new_file->file;
     bool failed = ferror(file) != 0;
-    errno = failed ? EIO : 0; /* what an earlier failure is called where nothing is left to fail */
+    errno = failed ? EIO : 0; /* error of an earlier write, if no later call fails */
     failed = fflush(file) != 0 || failed;
     failed = fsync(fileno(file)) != 0 || failed;
     failed = fclose(file) != 0 || failed;
@@ -250,7 +251,7 @@ int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint
         errno = cause;
         return -1;
     }
-    *port = ntohs(own.sin6_port); /* stands where that of IPv4 does */
+    *port = ntohs(own.sin6_port); /* at the same offset as the IPv4 port */
     return made;
 }
 
@@ -276,7 +277,7 @@ const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     return text;
 }
 
-/* ---- latest ---- */
+/* ---- latest value ---- */
 
 void tl_words_store(void *shared, const void *from, size_t bytes) {
     uint64_t *words = shared;
@@ -297,8 +298,7 @@ void tl_words_load(void *to, const void *shared, size_t bytes) {
 
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size) {
     assert(size <= sizeof latest->words);
-    uint64_t writing =
-        __atomic_load_n(&latest->sequence, __ATOMIC_RELAXED) | 1U; /* odd already if a writer died here */
+    uint64_t writing = __atomic_load_n(&latest->sequence, __ATOMIC_RELAXED) | 1U; /* already odd if a writer died */
     __atomic_store_n(&latest->sequence, writing, __ATOMIC_SEQ_CST);
     tl_words_store(latest->words, data, size);
     __atomic_store_n(&latest->sequence, writing + 1, __ATOMIC_SEQ_CST);

@@ -1,6 +1,6 @@
-/* The operating system in small pieces: locale, clock, memory, files, threads, shortages.
+/* Operating system: small functions for locale, clock, memory, files, threads and shortages.
  *
- * Thread:  as each part says.
+ * Thread:  see each section.
  */
 #ifndef TL_FIRMWARE_BASE_OS_H
 #define TL_FIRMWARE_BASE_OS_H
@@ -16,156 +16,176 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- The C locale for a thread of ours, whatever the process has.
+/* ---- C locale for a thread of ours, whatever the locale of the process is.
  *
- * Purpose: an FMU, or a library that it loads, may call setlocale(): with a decimal comma every strtod() and printf() of the
- *          process would read and write other numbers from then on. A thread that has called this keeps a locale of its
- *          own: numbers with a point, English messages. Characters are UTF-8 where the system has C.UTF-8, for the scripts of
- *          FMUs that are written in Python. What an FMU computes in such a thread is the same too.
- * Use:     first thing in main() and in each thread of ours; again after every time that an FMU could have called uselocale().
- *          Costs no more than storing a pointer. The locale lives as long as the process.
- * Thread:  any; says nothing about other threads.
+ * Purpose: an FMU or its libraries may call setlocale(). With a decimal comma, every strtod() and
+ *          printf() of the process would then use other numbers. After this call the thread has its
+ *          own locale: decimal points and English messages. Characters are UTF-8 if the system has
+ *          C.UTF-8, because Python FMUs need it. FMUs that run in the thread use this locale too.
+ * Use:     call it first in main() and in each of our threads, and again whenever an FMU could have
+ *          called uselocale(). It only stores a pointer. The locale lives as long as the process.
+ * Thread:  any; affects only the calling thread.
  */
 
 void tl_locale_use(void);
 
-/* ---- The clock of the appliance: CLOCK_MONOTONIC in nanoseconds.
+/* ---- Clock: CLOCK_MONOTONIC in nanoseconds.
  *
- * Purpose: the one place that reads it, in the shape tl_budget wants; and the absolute sleep of everything periodic.
+ * Purpose: the only function that reads it, with the signature that tl_budget needs. Also the sleep
+ *          function of all periodic code.
  * Thread:  any.
  */
 
-/* `context` is not used. */
+/* Returns the time, ns. `context` is not used. */
 tl_time tl_clock_now(void *context);
 
-/* Sleeps until the instant, or until a signal comes. */
+/* Sleeps until the instant, or until a signal arrives. */
 void tl_clock_sleep_until(tl_time instant);
 
-/* ---- How much memory of this process is allocated.
+/* ---- Allocated memory of this process.
  *
- * Purpose: what an FMU's saved state takes, it seldom says; what the heap grows by when one is made, does.
- * Limits:  what is allocated by malloc() and its like, in any thread. An FMU with an allocator of its own is not seen.
+ * Purpose: measures the size of an FMU's saved state by the growth of the heap, because an FMU
+ *          seldom reports it.
+ * Limits:  counts malloc() and similar functions, in all threads. An FMU's own allocator is not
+ *          counted.
  * Thread:  any.
  */
 
-/* Bytes, the allocator's own among them. */
+/* Returns bytes, including the allocator's own. */
 size_t tl_heap_used(void);
 
-/* Room for one more element behind `count`, each of `size` bytes: the array grows whenever `count` is 0 or a power of two. NULL: memory is out, and
- * the array stays as it is. */
+/* Returns the array with room for one more element after `count`, each of `size` bytes. It is
+ * reallocated if `count` is 0 or a power of two. Returns NULL if memory is out; then the array is
+ * unchanged. */
 void *tl_array_grown(void *array, size_t count, size_t size);
 
-/* ---- Whether something failed only because something ran out: descriptors, memory, space on a disk.
+/* ---- Shortages: whether an operation failed only because descriptors, memory or disk space ran
+ * out.
  *
- * Purpose: such a failure says nothing about the file that was to be opened. Another time it may work: TL_TRY_AGAIN, not TL_BAD_DATA,
- *          so that who starts the program tries again.
+ * Purpose: such a failure is not caused by the file itself and may disappear. It is reported as
+ *          TL_TRY_AGAIN, not TL_BAD_DATA, so that the caller retries.
  * Thread:  any.
  */
 
-/* `code` as errno has it. */
+/* `code`: an errno value. */
 bool tl_shortage_is(int code);
 
-/* The same for a sentence of the C library's in which such a code was put into words: what dlerror() says. */
+/* The same for a message of the C library that contains the text of such a code, for example from
+ * dlerror(). */
 bool tl_shortage_is_told(const char *sentence);
 
-/* ---- The bytes of a file that is open, in one call, whatever interrupts it.
+/* ---- Bytes of an open file, read or written completely despite interruptions by signals.
  *
- * Thread: any thread.
+ * Thread: any.
  */
 
-/* Reads until `bytes` has so many, or the file has no more. Returns how many there are; −1 with errno where reading failed. */
+/* Reads until `room` bytes are read or the file ends. Returns the number of bytes, or −1 with errno
+ * on an error. */
 ssize_t tl_file_bytes_read(int file, char *bytes, size_t room);
 
-/* All of an open file, with a NUL behind it: the caller's to free(). Closes the file. NULL with errno: it cannot be read, or has more than `most` bytes
- * (EFBIG). A file of −1 gives NULL, and errno stays. */
+/* Reads all of an open file, adds a NUL, and closes the file. The caller frees the text. Returns
+ * NULL with errno if the file cannot be read or has more than `most` bytes (EFBIG). If `file` is
+ * −1, returns NULL and leaves errno unchanged. */
 char *tl_file_text_take(int file, size_t most, size_t *size);
 
-/* Writes all of them. False, with errno: it cannot. */
+/* Writes all bytes. Returns false with errno on an error. */
 bool tl_file_bytes_write(int file, const void *bytes, size_t size);
 
-/* ---- A file that appears whole or not at all.
+/* ---- New file: appears completely or not at all.
  *
- * Purpose: it is written as FILE.new- and six characters, and takes its name at the end. What had the name stays until then, and
- *          stays for good where the command is interrupted or the disk is full.
- * Rules:   those of `--db`: an ordinary file is replaced, a link to one is followed; a device, a FIFO, a folder and a link
- *          that leads nowhere are left as they are. A replaced file's permissions are kept.
+ * Purpose: the file is written as FILE.new- plus six characters and renamed at the end. Until then
+ *          an existing FILE stays; it also stays if the command is interrupted or the disk is full.
+ * Rules:   those of `--db`: an ordinary file is replaced, also through a link. A device, a FIFO, a
+ *          folder and a broken link are rejected. The permissions of a replaced file are kept.
  * Thread:  one thread.
  */
 
 typedef struct tl_new_file {
     FILE *file;          /* to write to */
-    char path[PATH_MAX]; /* what it will be called */
-    char name[PATH_MAX]; /* what it is called until then */
+    char path[PATH_MAX]; /* final name */
+    char name[PATH_MAX]; /* temporary name */
 } tl_new_file;
 
-/* Errors: TL_BAD_USAGE (no name), TL_BAD_DATA (there is something that must not be replaced), TL_TRY_AGAIN. */
+/* Creates the temporary file. Errors: TL_BAD_USAGE (no name), TL_BAD_DATA (something exists that
+ * must not be replaced), TL_TRY_AGAIN. */
 tl_status tl_new_file_open(const char *path, tl_new_file *new_file, tl_error *error);
 
-/* Gives it its name; content and name survive a power cut from here on. TL_TRY_AGAIN where not everything could be written; it is discarded then. */
+/* Closes the file and renames it. After that its content and name survive a power failure. Errors:
+ * TL_TRY_AGAIN if not everything could be written; then the file is discarded. */
 tl_status tl_new_file_keep(tl_new_file *new_file, tl_error *error);
 
-/* Synchronises the folder of this path, so that a name in it survives a power cut. Not every file system can; that is no error. */
+/* Synchronises the folder of this path, so that a new name in it survives a power failure. Not all
+ * file systems support this; that is no error. */
 void tl_keep_name(const char *path);
 
-/* The same name, or one file by two names: what is made would take the other's place. */
+/* Returns whether both names are equal or refer to the same file, so that a new file would replace
+ * the other one. */
 bool tl_new_file_is(const char *path, const char *other);
 
-/* A zeroed one is allowed. */
+/* Deletes the temporary file. A zeroed struct is allowed. */
 void tl_new_file_discard(tl_new_file *new_file);
 
-/* ---- A TCP socket that listens.
+/* ---- Listening TCP socket.
  *
  * Thread:  any.
  */
 
-/* Listens at an address, without blocking. *port: the one it has, also if 0 was asked for. Returns the socket; −1 and errno if it failed. */
+/* Listens at an address with a non-blocking socket. Sets *port to its port, also if 0 was
+ * requested. Returns the socket, or −1 with errno. */
 struct sockaddr;
 int tl_tcp_listen(const struct sockaddr *address, size_t size, int backlog, uint16_t *port);
 
-/* ---- A file that is not there, but is with other letters' case.
+/* ---- A missing file of which a name in other letter case exists.
  *
- * Purpose: who comes from a system that takes Config.json and config.json for one file is told which of them is there.
- * Thread:  any; reads a folder, so not the cycle's.
+ * Purpose: helps users of systems that do not distinguish Config.json from config.json.
+ * Thread:  any but the real-time cycle, because it reads a folder.
  */
 
 enum { TL_OTHER_CASE_TEXT = 320 };
 
-/* The end of a sentence that says that `path` cannot be opened: "; there is Config.json beside it, with other letters' case". Empty if
- * the file is there, or none that differs only so. ASCII letters count. Returns `text`. */
+/* Returns `text`, the end of an error message about `path`: "; there is Config.json beside it, with
+ * other letters' case". It is empty if the file exists or no such name does. Only ASCII letters
+ * count. */
 const char *tl_other_case(const char *path, char text[TL_OTHER_CASE_TEXT]);
 
-/* ---- A latest-value register: the newest copy of a small struct, from one writer to any readers, wait-free for the writer.
+/* ---- Latest value: shares the newest copy of a small struct between one writer and any number of
+ * readers. Wait-free for the writer.
  *
- * Purpose: the cycle shows what it does; the status line and, later, the server look.
- * Bound:   read tries TL_LATEST_TRIES times while the writer overtakes it, then says so.
+ * Purpose: the real-time cycle publishes its state, and the status line reads it.
+ * Bound:   a read is repeated up to TL_LATEST_TRIES times while the writer changes the value, then
+ *          it fails.
  */
 
 enum { TL_LATEST_WORDS = 256, TL_LATEST_TRIES = 8 };
 
-/* A zeroed register holds zeroes. Fields are private. */
+/* Zeroed: the value is all zeros. Fields are private. */
 typedef struct tl_latest {
-    uint64_t sequence; /* odd while written */
+    uint64_t sequence; /* odd during a write */
     uint64_t words[TL_LATEST_WORDS];
 } tl_latest;
 
-/* `size` is at most 8·TL_LATEST_WORDS, and the same at every call. */
+/* `size` is at most 8·TL_LATEST_WORDS and the same in all calls. tl_latest_read() returns false if
+ * no consistent value could be read. */
 void tl_latest_publish(tl_latest *latest, const void *data, size_t size);
 bool tl_latest_read(const tl_latest *latest, void *data, size_t size);
 
-/* Copies word by word, since another process may write or read `shared` meanwhile; it begins at a word, and has room for whole ones. Accesses keep
- * their order, so that a number that is odd during a write tells a reader what to skip. */
+/* Copy in units of 64 bits, because another process may access `shared` at the same time. `shared`
+ * must be aligned to 64 bits and have room for whole units. The accesses keep their order, so that
+ * readers can detect a write by an odd sequence number. */
 void tl_words_store(void *shared, const void *from, size_t bytes);
 void tl_words_load(void *to, const void *shared, size_t bytes);
 
-/* ---- A thread beside the cycle: it runs under ordinary scheduling, and takes no signals, whoever starts it.
+/* ---- Side thread: runs under ordinary scheduling and receives no signals, whichever thread starts
+ * it.
  *
- * Purpose: the one way to start a thread that only reads, writes or waits. A thread inherits priority and signal mask from
- *          its starter, which may be the real-time cycle; this one does not.
- * Stack:   in bytes; with mlockall() all of it is real memory. 0: as the system has it.
- * Thread:  any. Errors: 0, or errno: EAGAIN if a resource is missing.
+ * Purpose: the only function to start a thread that just reads, writes or waits. Threads inherit
+ *          priority and signal mask from the thread that starts them, which may be the real-time
+ *          cycle. This one does not.
+ * Stack:   in bytes; mlockall() makes all of it resident. 0: the system's default.
+ * Thread:  any. Errors: returns 0, or an errno value: EAGAIN if a resource is missing.
  */
 
-/* Runs `run` with `context`; the caller joins *thread. */
+/* Runs `run` with `context`. The caller joins *thread. */
 int tl_side_thread_start(pthread_t *thread, size_t stack, void *(*run)(void *context), void *context);
 
 #endif

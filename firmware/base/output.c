@@ -1,4 +1,4 @@
-/* Standard output: a result that is written whole or fails, and the progress of long work on standard error: see output.h. */
+/* Standard output and progress: see output.h. */
 #include "firmware/base/output.h"
 
 #include <errno.h>

@@ -1,4 +1,5 @@
-/* Standard output: a result that is written whole or fails, and the progress of long work on standard error.
+/* Standard output: writes a result completely or fails. Also shows the progress of long work on
+ * standard error.
  *
  * Thread:  the main thread.
  */
@@ -11,36 +12,39 @@
 
 #include "master/base/status.h"
 
-/* ---- Where a verb prints its result: standard output, kept from the FMUs.
+/* ---- Result of a verb on standard output, protected from the FMUs.
  *
- * Purpose: some vendors' FMUs print banners to standard output, which would spoil a JSON object or a CSV file. While an
- *          FMU may be loaded, what others print there goes to standard error; ours goes to the real one.
+ * Purpose: some vendors' FMUs print to standard output, which would corrupt a JSON object or a CSV
+ *          file. While FMUs may be loaded, their output goes to standard error, and ours to the
+ *          real standard output.
  * Thread:  call once, before FMUs are loaded.
  */
 
-/* The real standard output. From now on file descriptor 1 is standard error. Falls back to stdout. */
+/* Returns the real standard output and redirects file descriptor 1 to standard error. Returns
+ * stdout if that fails. */
 FILE *tl_output_claim(void);
 
-/* Once all is printed: `status`, or TL_TRY_AGAIN (said on the log) where that was TL_OK but not everything could be
- * written. */
+/* Call it after all is printed. Returns `status`. If that is TL_OK or TL_NOT_LOCKED and not
+ * everything could be written, logs an error and returns TL_TRY_AGAIN. */
 tl_status tl_output_finish(FILE *output, tl_status status);
 
-/* ---- Progress of long work: one line on a terminal, redrawn a few times a second; nothing in a pipe.
+/* ---- Progress of long work: one line on a terminal, redrawn a few times a second; nothing if
+ * stderr is no terminal.
  *
  * Thread: one thread.
  */
 
 typedef struct tl_progress {
     const char *what;
-    int64_t total; /* 0: not known */
+    int64_t total; /* 0: unknown */
     bool shown;    /* stderr is a terminal */
-    int64_t drawn; /* when last, ns of CLOCK_MONOTONIC */
+    int64_t drawn; /* time of the last drawing, ns of CLOCK_MONOTONIC */
 } tl_progress;
 
 void tl_progress_begin(tl_progress *progress, const char *what, int64_t total);
 void tl_progress_update(tl_progress *progress, int64_t done);
 
-/* Wipes the line. */
+/* Removes the line. */
 void tl_progress_end(tl_progress *progress);
 
 #endif

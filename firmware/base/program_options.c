@@ -1,4 +1,4 @@
-/* The options of a program: see program_options.h. */
+/* Program options: see program_options.h. */
 #include "firmware/base/program_options.h"
 
 #include <getopt.h>
@@ -8,16 +8,17 @@
 
 #include "master/base/text.h"
 
-/* What getopt_long() returns: an option of the verb, from here on, so that no option is taken for a character. */
+/* Values of getopt_long() for the verb's options start here, so that they differ from all
+ * characters. */
 enum { FIRST_ROW = 256, LONGEST_NAME = 64, LIST = 256, NARROWEST = 4 };
 
-/* One command line while it is read. */
+/* State while one command line is parsed. */
 typedef struct reading {
     const tl_option_table *table;
     const tl_verb_row *verb;
     char **argv;
     void *settings;
-    size_t count; /* of the verb's own options */
+    size_t count; /* number of the verb's own options */
     const tl_option *options[TL_OPTIONS_MOST];
     bool given[TL_OPTIONS_MOST];
 } reading;
@@ -56,7 +57,7 @@ bool tl_option_listed(const char *text, void *target) {
 
 /* ---- help -------------------------------------------------------------------------------------------------------- */
 
-/* Lines, each indented but the first. */
+/* Prints lines; all but the first are indented. */
 static void print_lines(const char *lines, int indent) {
     for (const char *line = lines;;) {
         size_t length = strcspn(line, "\n");
@@ -99,7 +100,9 @@ void tl_options_print_help(const tl_option_table *table, size_t verb) {
     }
 }
 
-/* ---- what is wrong ----------------------------------------------------------------------------------------------- */
+/* ---- errors
+ * -------------------------------------------------------------------------------------------------------
+ */
 
 tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format, ...) {
     va_list arguments;
@@ -112,13 +115,14 @@ tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format
     return TL_OPTIONS_WRONG;
 }
 
-/* Adds a word to a list: "--record or --recording". */
+/* Adds a word to a list, for example "--record or --recording". */
 static void add_to(char list[LIST], const char *separator, const char *before, const char *word) {
     size_t used = strlen(list);
     (void)snprintf(list + used, LIST - used, "%s%s%s", used > 0 ? separator : "", before, word);
 }
 
-/* The verbs that have an option of this name: "replay, show"; "" if none has. */
+/* Lists the verbs that have an option of this name, for example "replay, show"; "" if none has it.
+ */
 static void list_verbs(const tl_option_table *table, const char *name, char list[LIST]) {
     for (size_t i = 0; i < table->option_count; i++) {
         for (size_t verb = 0; verb < table->verb_count && strcmp(table->options[i].name, name) == 0; verb++) {
@@ -129,7 +133,7 @@ static void list_verbs(const tl_option_table *table, const char *name, char list
     }
 }
 
-/* `word` begins with "--". */
+/* Reports an unknown or ambiguous option; `word` begins with "--". */
 static tl_options_outcome refuse_word(const reading *self, const char *word) {
     char name[LONGEST_NAME];
     char longer[LIST] = "";
@@ -158,7 +162,8 @@ static tl_options_outcome refuse_word(const reading *self, const char *word) {
     return tl_options_refuse(self->verb, "there is no option --%s", name);
 }
 
-/* getopt_long() came upon what it does not know, or upon a value that is missing (':') or not wanted. */
+/* Reports why getopt_long() failed: an unknown option, a missing value (':'), or an unwanted one.
+ */
 static tl_options_outcome refuse_option(const reading *self, int result) {
     if (optopt >= FIRST_ROW) {
         const tl_option *option = self->options[optopt - FIRST_ROW];
@@ -203,7 +208,7 @@ static tl_options_outcome check_needs(const reading *self) {
     return TL_OPTIONS_READ;
 }
 
-/* What does not belong together is not there together. */
+/* Rejects options that exclude each other. */
 static tl_options_outcome check_together(const reading *self) {
     char list[LIST] = "";
     size_t alone = 0;
@@ -227,7 +232,9 @@ static tl_options_outcome check_together(const reading *self) {
     return TL_OPTIONS_READ;
 }
 
-/* ---- the whole --------------------------------------------------------------------------------------------------- */
+/* ---- parsing
+ * ------------------------------------------------------------------------------------------------------
+ */
 
 static void list_options(const reading *self, struct option list[TL_OPTIONS_MOST + 1]) {
     for (size_t i = 0; i < self->count; i++) {
@@ -258,7 +265,7 @@ tl_options_outcome tl_program_options_read(const tl_option_table *table, size_t 
     self.argv = argv;
     self.settings = settings;
     list_options(&self, list);
-    optind = 0; /* GNU: begin anew */
+    optind = 0; /* GNU: restarts getopt_long() */
     opterr = 0;
     for (int result = 0; outcome == TL_OPTIONS_READ && (result = getopt_long(argc, argv, ":h", list, NULL)) != -1;) {
         outcome = result == '?' || result == ':' ? refuse_option(&self, result) : take(&self, result);

@@ -1,4 +1,4 @@
-/* From a pipe to lines that can be shown: see relay.h. */
+/* Relay: see relay.h. */
 #include "firmware/base/relay.h"
 
 #include <errno.h>
@@ -19,7 +19,8 @@ static void pass_on(const tl_relay *relay, size_t size) {
     }
 }
 
-/* Bytes at the end of a full line that begin a UTF-8 character without completing it. */
+/* Returns the number of bytes at the end of a full line that start a UTF-8 character without
+ * completing it. */
 static size_t count_incomplete(const tl_relay *relay) {
     uint32_t code = 0;
     size_t back = 1;

@@ -1,11 +1,14 @@
-/* A relay: what another process prints into a pipe, as lines that can be shown.
+/* Relay: reads the output of another process from a pipe and passes it on as clean lines.
  *
- * Purpose: nothing that an FMU prints can command the terminal, forge a line's end or turn its direction (text.h).
- * Lines:   whole ones. One that is longer than TL_RELAY_LINE bytes comes in pieces, each as a line; no piece ends within a UTF-8 character.
- * Bounds:  a drain reads at most TL_RELAY_DRAIN bytes, so that who never stops printing does not keep it. There is no limit per second:
- *          what is not read stays in the pipe, and who prints waits.
- * Owner:   the caller places a relay; the descriptor is the relay's.
- * Thread:  any may drain; a line is passed on by whoever does, one at a time.
+ * Purpose: output of an FMU cannot control the terminal, fake a line end, or change the text
+ *          direction (text.h).
+ * Lines:   passes on complete lines. A line longer than TL_RELAY_LINE bytes is passed on in parts,
+ *          each as a line; no UTF-8 character is split.
+ * Bounds:  one call reads at most TL_RELAY_DRAIN bytes, so that a process that never stops printing
+ *          cannot block it. There is no limit per second: unread output stays in the pipe, and the
+ *          printing process waits.
+ * Owner:   the caller owns the struct; the relay owns the descriptor.
+ * Thread:  any thread may read, one at a time; it passes the lines on.
  */
 #ifndef TL_FIRMWARE_BASE_RELAY_H
 #define TL_FIRMWARE_BASE_RELAY_H
@@ -17,10 +20,10 @@
 enum {
     TL_RELAY_LINE = 4096,
     TL_RELAY_DRAIN = 256 * 1024,
-    TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* a line as it is passed on, with its NUL */
+    TL_RELAY_CLEAN = 4 * TL_RELAY_LINE + 1 /* bytes of a clean line, including its NUL */
 };
 
-/* One clean line, without its newline. It must not call the relay. */
+/* Receives one clean line without its newline. It must not call the relay. */
 typedef void tl_relay_line(void *context, const char *line);
 
 /* Fields are private. */
@@ -30,16 +33,19 @@ typedef struct tl_relay {
     tl_relay_line *pass;
     void *context;
     size_t used;
-    char line[TL_RELAY_LINE]; /* as it came */
+    char line[TL_RELAY_LINE]; /* unprocessed */
 } tl_relay;
 
-/* `descriptor`: the reading end of a pipe; it becomes non-blocking. `pass` NULL: lines are read and dropped. */
+/* `descriptor`: read end of a pipe; it becomes non-blocking. `pass` NULL: lines are read and
+ * dropped. */
 void tl_relay_open(tl_relay *relay, int descriptor, tl_relay_line *pass, void *context);
 
-/* Reads what is there, without waiting. False: nobody has the other end any more, and all is read. */
+/* Reads the available output without blocking. Returns false if all was read and no process has the
+ * write end open any more. */
 bool tl_relay_drain(tl_relay *relay);
 
-/* Passes on a last line without an end, and closes. What is still in the pipe is lost: drain before. */
+/* Passes on a last incomplete line and closes the pipe. Unread output is lost, so call
+ * tl_relay_drain() first. */
 void tl_relay_close(tl_relay *relay);
 
 #endif

@@ -1,4 +1,4 @@
-/* Texts for people: what may be shown, columns, numbers, durations, dates, wrapped lines: see text.h. */
+/* Texts for display: see text.h. */
 #include "firmware/base/text.h"
 
 #include <assert.h>
@@ -17,7 +17,8 @@
 
 enum { LONGEST = 16 };
 
-/* Digits of `value`, at least `least` of them, behind `begin`. Without stdio, which no signal handler may use. */
+/* Writes `begin` and `value` with at least `least` digits. Avoids stdio, which is not safe in a
+ * signal handler. */
 static size_t put_hex(char *to, const char *begin, uint32_t value, int least) {
     size_t size = 0;
     int digits = least;
@@ -34,7 +35,8 @@ static size_t put_hex(char *to, const char *begin, uint32_t value, int least) {
     return size;
 }
 
-/* What stands for a character of `length` bytes; 0: for a byte that is none. Bytes added to `shown`. */
+/* Converts a character of `length` bytes for display; `length` 0: an invalid byte. Returns the
+ * number of bytes in `shown`. */
 static size_t show(const char *bytes, size_t length, uint32_t code, char shown[LONGEST]) {
     if (length == 0 || (length == 1 && code != '\t' && !tl_utf8_can_be_shown(code))) {
         return put_hex(shown, "\\x", (unsigned char)bytes[0], 2);
@@ -77,7 +79,7 @@ void tl_clean_field(char *field, size_t room) {
 
 enum { WIDTH = 79 };
 
-/* Characters, not bytes. */
+/* Counts characters, not bytes. */
 static size_t columns_of(const char *word, size_t length) {
     size_t columns = 0;
     for (size_t i = 0; i < length; i++) {
@@ -106,8 +108,8 @@ void tl_wrapped_print(FILE *file, const char *text, int first, int indent) {
     (void)fputc('\n', file);
 }
 
-/* ---- UTC stamps. Parsed by hand: strptime() depends on the locale and accepts too much. The calendar is our own, because
- * that of a 32-bit time_t ends in 2038. */
+/* ---- UTC stamps. The parser does not use strptime(), which depends on the locale and accepts too
+ * much. The calendar does not use time_t, because a 32-bit one ends in 2038. */
 
 enum { MS = 1000, DAY = 86400 };
 
@@ -122,12 +124,12 @@ typedef struct date {
 
 /* ---- Calendar ------------------------------------------------------------------------------------------- */
 
-/* Days from 0000-01-01 to the first of a year; the year 0 is a leap year. */
+/* Days from 0000-01-01 to the first day of a year; the year 0 is a leap year. */
 static int64_t days_before_year(int year) {
     return INT64_C(365) * year + (year + 3) / 4 - (year + 99) / 100 + (year + 399) / 400;
 }
 
-/* Days of a year before a month, 1 … 13. */
+/* Days from the start of the year to the start of a month, 1 … 13. */
 static int days_before_month(int year, int month) {
     assert(month >= 1 && month <= 13);
     static const int before[] = {0, 31, 59, 90, 120, 151, 181, 212, 243, 273, 304, 334, 365};
@@ -135,9 +137,9 @@ static int days_before_month(int year, int month) {
     return before[month - 1] + (month > 2 && is_leap ? 1 : 0);
 }
 
-/* The date of a day from 0000-01-01 on. */
+/* Converts days since 0000-01-01 to a date. */
 static void set_date(date *utc, int64_t day) {
-    utc->year = (int)(day / 366); /* not later than it is */
+    utc->year = (int)(day / 366); /* a lower bound */
     while (days_before_year(utc->year + 1) <= day) {
         utc->year++;
     }
@@ -152,7 +154,7 @@ static void set_date(date *utc, int64_t day) {
 /* ---- Texts ---------------------------------------------------------------------------------------------- */
 
 int64_t tl_utc_now(void) {
-    struct timespec now = {.tv_sec = 0}; /* what it stays where time_t has 4 bytes and 2038 is over */
+    struct timespec now = {.tv_sec = 0}; /* remains if time_t has 4 bytes and 2038 is over */
     (void)clock_gettime(CLOCK_REALTIME, &now);
     return (int64_t)now.tv_sec * MS + now.tv_nsec / 1000000;
 }
@@ -163,7 +165,7 @@ void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]) {
     int second = (int)(seconds % DAY);
     date utc;
     set_date(&utc, seconds / DAY);
-    char wide[96]; /* what the compiler thinks the fields could need */
+    char wide[96]; /* avoids a compiler warning about truncation */
     (void)snprintf(wide, sizeof wide, "%04d-%02d-%02dT%02d:%02d:%02d.%03dZ", utc.year, utc.month, utc.day,
                    second / 3600, second / 60 % 60, second % 60, (int)((within - EARLIEST) % MS));
     memcpy(text, wide, TL_UTC_TEXT - 1);
@@ -178,7 +180,7 @@ static int number_at(const char *text, int digits) {
     return value;
 }
 
-/* How many characters of the text are those of a stamp. */
+/* Returns how many characters at the start of the text have the form of a stamp. */
 static size_t count_fitting(const char *text) {
     static const char shape[] = "9999-99-99T99:99:99.999999999";
     size_t length = 0;
@@ -193,7 +195,7 @@ static size_t count_fitting(const char *text) {
 }
 
 bool tl_utc_parse(const char *text, int64_t *milliseconds) {
-    enum { DATE = 10, MINUTE = 16, SECOND = 19, TENTH = 21 }; /* where one may end */
+    enum { DATE = 10, MINUTE = 16, SECOND = 19, TENTH = 21 }; /* valid lengths */
     char full[] = "0000-00-00T00:00:00.000";
     size_t length = count_fitting(text);
     const char *rest = text + length + (text[length] == 'Z' ? 1 : 0);
@@ -215,7 +217,7 @@ bool tl_utc_parse(const char *text, int64_t *milliseconds) {
     return true;
 }
 
-/* ---- Text for people. Numbers are written and read with a point, whatever the locale (os.h). */
+/* ---- Text for display. The decimal separator is a point, whatever the locale is (os.h). */
 
 enum { CELL = 512 };
 
@@ -223,7 +225,7 @@ static bool is_set(const char *value) {
     return value != NULL && value[0] != '\0';
 }
 
-/* The locale's name, as POSIX finds it. */
+/* Finds the locale's name in the order of POSIX. */
 static bool is_utf8_locale(void) {
     static const char *const names[] = {"LC_ALL", "LC_CTYPE", "LANG"};
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
@@ -321,7 +323,7 @@ void tl_show_bytes(double bytes, char *text, size_t size) {
     (void)snprintf(text, size, bytes < 99.95 && unit > 0 ? "%.1f %s" : "%.0f %s", bytes, units[unit]);
 }
 
-/* Halved, so that the difference of the largest numbers is one too. */
+/* Halves the values, because the difference of the largest ones would overflow. */
 static size_t level_of(double value, double least, double largest, size_t levels) {
     double range = largest / 2.0 - least / 2.0;
     if (!(range > 0.0)) {
@@ -379,10 +381,10 @@ void tl_show_table_add(tl_show_table *table, const char *format, ...) {
     }
 }
 
-/* The header is dim. */
+/* Prints the first row, the header, dim. */
 static void print_row(const tl_show_table *table, size_t row, const size_t *widths, FILE *file) {
     bool dim = row == 0 && table->style.colour;
-    size_t last = table->columns; /* no blanks at the end of a line */
+    size_t last = table->columns; /* omits blanks at the end of the line */
     while (last > 0 && table->cells[row + last - 1][0] == '\0') {
         last--;
     }

@@ -1,6 +1,6 @@
-/* Texts for people: what may be shown, columns, numbers, durations, dates, wrapped lines.
+/* Texts for display: clean text, columns, numbers, durations, dates, wrapped lines.
  *
- * Thread:  any, but for a table of columns, which belongs to one.
+ * Thread:  any; a table belongs to one thread.
  */
 #ifndef TL_FIRMWARE_BASE_TEXT_H
 #define TL_FIRMWARE_BASE_TEXT_H
@@ -12,77 +12,84 @@
 
 #include "master/base/status.h"
 
-/* ---- Clean text: what a stranger has written, so that it can be shown and kept.
+/* ---- Clean text: makes untrusted text safe to display and store.
  *
- * Purpose: the one way for all that comes from a process with FMUs, be it printed, logged, an error or a name. What is left is valid UTF-8 that cannot
- *          command a terminal, forge a line's end or turn its direction: printable characters and tabs as they are; control characters and what is
- *          no UTF-8 as \xHH; C1, separators of lines, what turns or hides as \u{HEX} (master/base/text.h).
+ * Purpose: used for everything from an FMU process: output, log lines, errors and names. The result
+ *          is valid UTF-8 that cannot control a terminal, fake a line end, or change the text
+ *          direction. Printable characters and tabs stay. Control characters and invalid UTF-8
+ *          become \xHH. C1 characters, line separators, direction marks and invisible characters
+ *          become \u{HEX} (master/base/text.h).
  * Thread:  pure; safe in a signal handler.
  */
 
-/* As much of `size` bytes as fits into `room` > 0 with a NUL behind it; nothing is cut in its middle. The bytes must be our own by now: nobody may
- * change them meanwhile. Returns the length. */
+/* Cleans as much of `size` bytes as fits into `room` > 0 bytes with a NUL; characters and escapes
+ * are not split. No other process may change `bytes` meanwhile: copy shared memory first. Returns
+ * the length. */
 size_t tl_clean_text(const char *bytes, size_t size, char *clean, size_t room);
 
-/* The same in place, of a field that may have no NUL: it is cut to `room` bytes, at most TL_CLEAN_FIELD. */
+/* Cleans a field in place, which may have no NUL. It is truncated to `room` bytes, at most
+ * TL_CLEAN_FIELD. */
 enum { TL_CLEAN_FIELD = 4096 };
 void tl_clean_field(char *field, size_t room);
 
 /* ---- Paragraphs for a terminal.
  *
- * Purpose: what is told in sentences, broken between words at 79 columns.
- * Thread:  the writer's.
+ * Purpose: breaks sentences between words at 79 columns.
+ * Thread:  the thread that writes `file`.
  */
 
-/* A paragraph and a new line: behind `first` blanks its first line, and behind `indent` all others. */
+/* Prints a paragraph and a newline. The first line is indented by `first` blanks, all others by
+ * `indent`. */
 void tl_wrapped_print(FILE *file, const char *text, int first, int indent);
 
-/* ---- UTC as people and databases write it: "2026-11-21T10:02:03.456Z".
+/* ---- UTC for users and databases: "2026-11-21T10:02:03.456Z".
  *
- * Purpose: one format for every stamp that leaves the process. Inside, times are monotonic nanoseconds
- *          (master/base/simtime.h); the wall clock is only ever a stamp.
+ * Purpose: one format for all time stamps that leave the process. Internal times are monotonic
+ *          nanoseconds (master/base/simtime.h); the wall clock is used for stamps only.
  * Thread:  any; no lock, no allocation.
  */
 
-enum { TL_UTC_TEXT = 25 }; /* bytes, the zero at the end included */
+enum { TL_UTC_TEXT = 25 }; /* bytes, including the NUL */
 
-/* Milliseconds since 1970-01-01T00:00:00Z. Wait-free. */
+/* Returns milliseconds since 1970-01-01T00:00:00Z. Wait-free. */
 int64_t tl_utc_now(void);
 
-/* Years 0 … 9999; a time outside is written as the nearest inside. */
+/* Formats a time. Times outside of the years 0 … 9999 are limited to this range. */
 void tl_utc_text(int64_t milliseconds, char text[TL_UTC_TEXT]);
 
-/* "2026-11-21", "2026-11-21T10:02", "… 10:02:03", "….456"; 'T' or one blank between, an optional 'Z' at the end.
- * False where it is none of these. */
+/* Parses "2026-11-21", "2026-11-21T10:02", "… 10:02:03" or "….456"; 'T' or one blank between, an
+ * optional 'Z' at the end. Returns false for any other text. */
 bool tl_utc_parse(const char *text, int64_t *milliseconds);
 
-/* ---- Text for people: what a terminal can show, columns, numbers, durations, small curves.
+/* ---- Display on a terminal: supported characters, columns, numbers, durations, small curves.
  *
- * Purpose: the page of `show` says what it says on any terminal and in any pipe, and nothing in a database can command
- *          the terminal.
- * Thread:  pure but for the table, which belongs to one thread.
+ * Purpose: the output of `show` is readable on any terminal and in any pipe, and no text in a
+ *          database can control the terminal.
+ * Thread:  pure; a table belongs to one thread.
  */
 
 typedef struct tl_show_style {
-    bool unicode; /* a terminal that shows UTF-8 */
-    bool colour;  /* a terminal that shows colours, and nobody who forbids them */
-    bool ascii;   /* a terminal that shows no UTF-8: nothing else may reach it */
+    bool unicode; /* a terminal that displays UTF-8 */
+    bool colour;  /* a terminal that displays colours, which are not disabled */
+    bool ascii;   /* a terminal without UTF-8: print ASCII only */
 } tl_show_style;
 
-/* By isatty(), LC_ALL, LC_CTYPE, LANG, TERM and NO_COLOR. */
+/* Detects the style from isatty(), LC_ALL, LC_CTYPE, LANG, TERM and NO_COLOR. */
 tl_show_style tl_show_style_of(FILE *file);
 
-/* Bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that begins none. `is_control`: it is none, or it commands a terminal,
- * turns the direction of text or hides, instead of standing in it (master/base/text.h). */
+/* Returns the bytes of the UTF-8 character at `text`, which is not its end; 1 for a byte that
+ * starts none. Sets *is_control for such a byte, and for a character that controls a terminal,
+ * changes the text direction or is invisible (master/base/text.h). */
 size_t tl_show_character(const char *text, bool *is_control);
 
-/* Cuts a text so that it can be printed: control characters become "?", and with `ascii` all that is not ASCII. */
+/* Copies a text for printing: control characters become "?", and with `ascii` all other than ASCII
+ * too. Truncates it to `size`. */
 void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t size);
 
-/* "0.0031", "1.2e-07", "-" for what is not finite; the sign always where `sign`. */
+/* "0.0031", "1.2e-07", "0"; "-" if not finite. `sign`: all but 0 have a sign. */
 void tl_show_number(double value, bool sign, char *text, size_t size);
 
-/* The shortest text that reads back as the same number. */
+/* Writes the shortest text that parses to the same number. */
 void tl_show_exact(double value, char *text, size_t size);
 
 /* "0.35 s", "14 s", "1 min 30 s", "2 h 5 min", "3 d 4 h". */
@@ -91,31 +98,32 @@ void tl_show_duration(double seconds, char *text, size_t size);
 /* "12.4 MB" */
 void tl_show_bytes(double bytes, char *text, size_t size);
 
-/* One character per value between the least and the largest; NaN: blank. */
+/* Draws one character per value, between the smallest and the largest value. NaN: blank. */
 void tl_show_curve(tl_show_style style, const double *values, size_t count, char *text, size_t size);
 
 enum { TL_SHOW_COLUMNS = 16, TL_SHOW_CURVE = 64 * 3 + 1 };
 
-/* A table of cells, printed with columns as wide as they need. */
+/* Table of cells, printed with columns as wide as necessary. */
 typedef struct tl_show_table {
     tl_show_style style;
-    const char *alignment; /* of its columns */
-    size_t columns;        /* TL_SHOW_COLUMNS at most */
+    const char *alignment; /* one letter per column */
+    size_t columns;        /* at most TL_SHOW_COLUMNS */
     char **cells;
     size_t count;
     bool failed; /* memory is out */
 } tl_show_table;
 
-/* `alignment`: one letter per column, "l" or "r"; it stays. */
+/* `alignment`: one letter per column, "l" or "r"; it must stay valid. */
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment);
 
-/* The next cell, row by row; the text is cleaned. */
+/* Adds the next cell, row by row; cleans the text. */
 void tl_show_table_add(tl_show_table *table, const char *format, ...) TL_PRINTF(2, 3);
 
-/* Prints with two blanks before each row and between columns, and frees. The first row is a header. */
+/* Prints the table with two blanks before each row and between columns, and frees it. The first row
+ * is the header. */
 tl_status tl_show_table_end(tl_show_table *table, FILE *file, tl_error *error);
 
-/* A unit as people read it: nothing where it is "1". */
+/* Returns the unit to display: "" for "1". */
 const char *tl_show_unit(const char *unit);
 
 #endif

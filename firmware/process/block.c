@@ -1,4 +1,4 @@
-/* Shared memory of a sealed size: see block.h. */
+/* Shared memory with a sealed size: see block.h. */
 #include "firmware/process/block.h"
 
 #include <errno.h>
@@ -19,7 +19,7 @@
 
 enum { SIZE_SEALS = F_SEAL_SHRINK | F_SEAL_GROW | F_SEAL_SEAL };
 
-/* A kernel refuses flags that it does not know. */
+/* A kernel rejects flags that it does not know, so retry without them. */
 static int make_file(const char *name) {
     int file = memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING | MFD_NOEXEC_SEAL);
     return file >= 0 || errno != EINVAL ? file : memfd_create(name, MFD_CLOEXEC | MFD_ALLOW_SEALING);
@@ -50,13 +50,13 @@ static bool map(tl_block *block, bool is_writable) {
     return block->bytes != NULL;
 }
 
-/* Those that it has from now on; 0: none can be had. */
+/* Returns the present seals; 0 if the kernel has none. */
 static unsigned read_seals(int descriptor) {
     int seals = fcntl(descriptor, F_GET_SEALS);
     return seals < 0 ? 0 : (unsigned)seals;
 }
 
-/* What keeps others from writing comes first: F_SEAL_SEAL is the last that can be set. */
+/* Seals against writing first, because F_SEAL_SEAL forbids all further seals. */
 static void seal(tl_block *block, int against_writers) {
     if (against_writers != 0) {
         (void)fcntl(block->descriptor, F_ADD_SEALS, against_writers);
@@ -65,7 +65,7 @@ static void seal(tl_block *block, int against_writers) {
     block->seals = read_seals(block->descriptor);
 }
 
-/* Of a sparse one the mapping of who writes comes later, so only the size is sealed. */
+/* For a sparse block only the size is sealed, because its writer maps it later. */
 tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, tl_block *block, tl_error *error) {
     *block = (tl_block){.size = size, .descriptor = make_file(name)};
     if (block->descriptor < 0) {
@@ -83,8 +83,8 @@ tl_status tl_block_make(const char *name, size_t size, tl_block_writer writer, t
     return TL_OK;
 }
 
-/* A descriptor that was opened for reading can neither be mapped for writing nor written. Who has it could open the file anew by /proc, as its
- * owner, if its mode allowed that. */
+/* A read-only descriptor can neither be mapped for writing nor written. Its receiver could reopen
+ * the file in /proc if the file's mode allowed the owner to write, so the mode is changed. */
 int tl_block_reader(const tl_block *block) {
     char path[64];
     (void)fchmod(block->descriptor, S_IRUSR);
@@ -96,7 +96,7 @@ int tl_block_reader(const tl_block *block) {
     return reader;
 }
 
-/* By the descriptor: madvise() refuses to take locked memory away. */
+/* Uses the descriptor, because madvise() rejects locked memory. */
 void tl_block_forget(tl_block *block) {
     (void)fallocate(block->descriptor, FALLOC_FL_PUNCH_HOLE | FALLOC_FL_KEEP_SIZE, 0, (off_t)block->size);
 }
@@ -110,8 +110,8 @@ tl_status tl_block_make_of(const char *name, const void *bytes, size_t size, tl_
     return map(block, false) ? TL_OK : fail_make(name, block, error);
 }
 
-/* What is wrong with a block that was handed over, or NULL. A descriptor that can have no seals has none where the kernel knows none: that
- * of a file of another kind is refused by its size or by its mapping. */
+/* Returns the fault of a received block, or NULL. If F_GET_SEALS fails, either the kernel has
+ * no seals, or the file is of another kind, which its size or mapping shows. */
 static const char *fault_of(const tl_block *block, const struct stat *status, size_t size, tl_block_writer writer) {
     bool has_seals = fcntl(block->descriptor, F_GET_SEALS) >= 0;
     if (!S_ISREG(status->st_mode)) {
@@ -155,18 +155,19 @@ void tl_block_close(tl_block *block) {
 
 /* ---- a packet with a descriptor ---- */
 
-/* Descriptors that one packet may bring, at most: what finds no room here would not be closed by every emulator. */
+/* Most descriptors in one packet (kernel limit). With less room an emulator might not close those
+ * that do not fit. */
 enum { DESCRIPTORS = 253 };
 
 typedef union room_for_descriptors {
-    struct cmsghdr header; /* for its alignment */
+    struct cmsghdr header; /* for alignment */
     char bytes[CMSG_SPACE(DESCRIPTORS * sizeof(int))];
 } room_for_descriptors;
 
 bool tl_packet_send(int socket, const void *bytes, size_t size, int descriptor) {
     const union {
         const void *ours;
-        void *for_kernel; /* which only reads it */
+        void *for_kernel; /* the kernel only reads it */
     } what = {.ours = bytes};
     room_for_descriptors room = {.header = {0}};
     struct iovec part = {.iov_base = what.for_kernel, .iov_len = size};

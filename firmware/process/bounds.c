@@ -1,4 +1,4 @@
-/* Bounds: see bounds.h. */
+/* Bounds of a process: see bounds.h. */
 #include "firmware/process/bounds.h"
 
 #include <dirent.h>
@@ -16,14 +16,15 @@ enum { LARGE = 500, LOOKS_APART = 5, STATUS_TEXT = 4096, BLOCK = 512, ENOUGH = 2
 
 /* ---- the folder ---- */
 
-/* A walk without following links, at most as far as the bounds: folders that are open, from the outermost on. */
+/* Walk through a folder, without following links, until a bound is exceeded. `open`: open folders,
+ * from the outermost on. */
 typedef struct walk {
     const tl_bounds *bounds;
     DIR *open[TL_BOUNDS_DEPTH];
     int depth;
     uint64_t files;
     uint64_t bytes;
-    const char *barred; /* why it could not go on */
+    const char *barred; /* why it cannot continue */
 } walk;
 
 static DIR *open_folder(int above, const char *name) {
@@ -43,7 +44,7 @@ static void enter(walk *at, const char *name) {
     DIR *folder = open_folder(dirfd(at->open[at->depth - 1]), name);
     if (folder != NULL) {
         at->open[at->depth++] = folder;
-    } else if (errno != ENOENT) { /* it may be gone again */
+    } else if (errno != ENOENT) { /* it may have been removed meanwhile */
         at->barred = "a folder cannot be looked into";
     }
 }
@@ -102,7 +103,7 @@ static bool folder_is_kept(tl_bounds *bounds, char text[TL_BOUNDS_TEXT]) {
 
 /* ---- the disk ---- */
 
-/* Each file once, as far as there is room to remember it. */
+/* Counts each file once, if there is room to remember it. */
 typedef struct removed_files {
     dev_t disk;
     ino_t seen[REMEMBERED];
@@ -122,7 +123,8 @@ static void add_removed(removed_files *files, const struct stat *what) {
     files->bytes += (uint64_t)what->st_blocks * BLOCK;
 }
 
-/* `name`: a folder of /proc/PID whose entries lead to files. Nothing, if it cannot be read. */
+/* Counts removed files in `name`, a folder of links in /proc/PID. Does nothing if it cannot be
+ * read. */
 static void count_removed(removed_files *files, pid_t process, const char *name) {
     char path[64];
     (void)snprintf(path, sizeof path, "/proc/%ld/%s", (long)process, name);
@@ -140,7 +142,7 @@ static void count_removed(removed_files *files, pid_t process, const char *name)
     }
 }
 
-/* Bytes in files that the process has removed on that disk, and still uses. */
+/* Returns the bytes of removed files on that disk that the process still has open or mapped. */
 static uint64_t removed_bytes(const char *folder, pid_t process) {
     struct stat what;
     removed_files files = {.count = 0};
@@ -152,7 +154,8 @@ static uint64_t removed_bytes(const char *folder, pid_t process) {
     return files.bytes;
 }
 
-/* Also what a process has written to files that are in no folder any more. They are counted again if a quarter of the bound has gone since. */
+/* Includes what a process has written to removed files. They are counted again only if a quarter of
+ * the bound was used since the last count. */
 static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     struct statvfs disk;
     if (bounds->bytes == 0 || statvfs(bounds->folder, &disk) != 0) {
@@ -187,14 +190,15 @@ static bool disk_is_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_T
 
 /* ---- the process ---- */
 
-/* A number in the text, behind a name that begins a line. A newline in the process's own name is shown in another way. 0 if there is none. */
+/* Returns the number after `name`, which starts with a newline; 0 if there is none. The kernel
+ * escapes newlines in the process's own name. */
 static uint64_t number_behind(const char *text, const char *name) {
     const char *found = strstr(text, name);
     return found != NULL ? strtoull(found + strlen(name), NULL, 10) : 0;
 }
 
-/* By /proc/PID/status, which everybody may read. Memory is what lies in memory, was moved out of it to the disk, and the tables by which the kernel finds
- * both. */
+/* Reads /proc/PID/status, which any user may read. Memory: resident memory, swapped memory, and
+ * page tables. */
 static bool process_is_kept(const tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]) {
     enum { KILOBYTE = 1024 };
     char path[64];

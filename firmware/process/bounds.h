@@ -1,10 +1,14 @@
-/* What a process with FMUs may take of the machine, looked at from the process that started it.
+/* Bounds: checks how much of the machine an FMU process uses, from the process that started it.
  *
- * Purpose: what limits of the kernel do not hold: the size of a folder, its number of files, threads; and memory a second time.
- * Cost:    some 20 us a look, and 2 us for each file in the folder: a large one is walked only at each fifth look.
- * Removed: files that were removed and are still open, or mapped, are in no folder. They are counted if more than `bytes` of the disk went since the
- *          first look, whoever took them. Only root can count those of a confined process. For all others the bounds are broken if less than a
- *          twentieth of the disk is left by then.
+ * Purpose: checks what kernel limits do not cover: the size of a folder, its number of files, and
+ *          threads. Memory is checked in addition to its kernel limit.
+ * Cost:    about 20 us per check, plus 2 us for each file in the folder. A large folder is counted
+ *          in every fifth check only.
+ * Removed: files that were removed but are still open or mapped are in no folder. They are counted
+ *          if the free disk space has shrunk by more than `bytes` since the first check, whatever
+ *          the cause. Only root can count those of a confined process. Without root the bounds are
+ *          broken if less than a twentieth of the disk is free then.
+ * Memory:  of the caller. Text pointers must stay valid.
  * Thread:  one.
  */
 #ifndef TL_FIRMWARE_PROCESS_BOUNDS_H
@@ -17,20 +21,21 @@
 
 enum { TL_BOUNDS_TEXT = 256, TL_BOUNDS_DEPTH = 32 };
 
-/* 0: no bound. The text lives as long as this. */
+/* Bounds of one process; 0: no bound. The folder's text must live as long as this struct. */
 typedef struct tl_bounds {
-    const char *folder; /* NULL: none */
-    uint64_t bytes;     /* that all below it take on the disk */
-    uint64_t files;     /* and folders below it, TL_BOUNDS_DEPTH deep at most */
+    const char *folder; /* folder of the FMUs; NULL: none */
+    uint64_t bytes;     /* disk usage of all below the folder */
+    uint64_t files;     /* number of files and folders below it, at most TL_BOUNDS_DEPTH levels */
     uint64_t threads;
-    uint64_t memory;      /* bytes in use, shared ones and the kernel's tables of them included */
-    uint64_t free_before; /* private: bytes that the disk had free at the first look; 0: not looked yet */
-    uint64_t gone_before; /* private: bytes that had gone when removed files were counted last */
-    unsigned looks_left;  /* private; 0 at first: the folder is walked when there is none left */
+    uint64_t memory;      /* resident and swapped bytes, including shared ones and page tables */
+    uint64_t free_before; /* private: free bytes of the disk at the first check; 0: none yet */
+    uint64_t gone_before; /* private: bytes lost when removed files were last counted */
+    unsigned looks_left;  /* private: checks until the folder is counted again; 0 at first */
 } tl_bounds;
 
-/* False: not, and `text` says which, what was found and what was allowed. A process or a folder that is gone keeps everything. A folder
- * below `folder` that cannot be looked into breaks them. */
+/* Returns true if the process is within all bounds, or if process or folder do not exist any more.
+ * Else returns false, and `text` names the broken bound with the allowed value. A subfolder that
+ * cannot be opened breaks the bounds. */
 bool tl_bounds_are_kept(tl_bounds *bounds, pid_t process, char text[TL_BOUNDS_TEXT]);
 
 #endif

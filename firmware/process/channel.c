@@ -1,4 +1,4 @@
-/* A channel between two of our processes: calls and answers of fixed sizes in shared memory, and the protocol of the process with FMUs: see channel.h. */
+/* Channel between two of our processes, and the protocol of the FMU process: see channel.h. */
 #include "firmware/process/channel.h"
 
 #include <assert.h>
@@ -25,8 +25,8 @@ enum {
 static const struct rule {
     const char *name;
     tl_side sender;
-    unsigned phases; /* of the sender, in which it is allowed */
-    tl_phase next;   /* the sender's phase after it */
+    unsigned phases; /* phases of the sender in which it is allowed */
+    tl_phase next;   /* phase of the sender afterwards */
 } rules[TL_MESSAGES] = {
     [TL_MESSAGE_TICK] = {"tick", TL_PARENT, STEPPING, TL_STEPPING},
     [TL_MESSAGE_FINISH] = {"finish", TL_PARENT, STEPPING, TL_ENDING},
@@ -61,7 +61,7 @@ tl_status tl_protocol_check(const tl_protocol_sizes *sizes, const tl_protocol_ph
 void tl_protocol_go_on(tl_protocol_phases *phases, tl_message type) {
     const struct rule *rule = &rules[type];
     phases->of[rule->sender] = rule->next;
-    /* What the child has reached the parent may use, unless it is ending. */
+    /* The parent follows the child's phase, unless the child is ending. */
     if (rule->sender == TL_CHILD && rule->next > phases->of[TL_PARENT] && rule->next != TL_ENDING) {
         phases->of[TL_PARENT] = rule->next;
     }
@@ -77,25 +77,29 @@ uint32_t tl_protocol_longest(const tl_protocol_sizes *sizes, tl_side sender) {
     return longest;
 }
 
-/* ---- Rings in shared memory:
+/* ---- Rings in shared memory.
  *
- * Counters count messages for ever and wrap around; their differences count. A side that goes to sleep
- *   1. reads the other's bell, 2. says that it sleeps and what it wants, 3. looks whether that is there, 4. waits for the bell to change,
- * and one that has something to show
- *   1. shows it, 2. looks whether the other sleeps, 3. changes its own bell and wakes.
- * Sleep, counters and what is looked at are sequentially consistent, so at least one of two that do this at once sees the other. No fences:
- * ThreadSanitizer does not know them. */
+ * Counters count all messages and wrap around; only their differences are used. A side that goes to
+ * sleep
+ *   1. reads the other side's bell, 2. publishes that it sleeps and what it waits for, 3. checks
+ *   whether that is there, 4. waits until the bell changes.
+ * A side that has something to publish
+ *   1. publishes it, 2. checks whether the other side sleeps, 3. changes its own bell and wakes the
+ *   other side.
+ * All these accesses are sequentially consistent. So if both sides do this at once, at least one
+ * sees the change of the other. There are no fences, because ThreadSanitizer does not support them.
+ */
 
 enum { LINE = 64, PAGE = 4096, MASK = TL_CHANNEL_DEPTH - 1, WANT_BITS = 16, NUDGE_AGAIN_NS = 50000 };
 
-/* A side's counters, each on a line of its own: at the beginning of its block. */
+/* Counters of a side, at the start of its block; separate cache lines avoid false sharing. */
 typedef struct tl_channel_control {
-    uint32_t pushed __attribute__((aligned(LINE))); /* its messages that can be taken */
-    uint32_t urgent;                                /* those up to this one are not kept for a batch */
-    uint32_t taken __attribute__((aligned(LINE)));  /* of the other's */
-    uint32_t sleep __attribute__((aligned(LINE)));  /* odd: it sleeps; each sleep has its number */
-    uint32_t wants;                                 /* when it sleeps: messages, and from bit WANT_BITS on room */
-    uint32_t bell __attribute__((aligned(LINE)));   /* what the other waits for to change */
+    uint32_t pushed __attribute__((aligned(LINE))); /* messages that can be received */
+    uint32_t urgent;                                /* messages up to this number wake the other side at once */
+    uint32_t taken __attribute__((aligned(LINE)));  /* messages received from the other side */
+    uint32_t sleep __attribute__((aligned(LINE)));  /* odd: it sleeps; each sleep has its own number */
+    uint32_t wants;                               /* while it sleeps: messages, and from bit WANT_BITS on free slots */
+    uint32_t bell __attribute__((aligned(LINE))); /* futex of the other side */
 } tl_channel_control;
 
 typedef struct slot {
@@ -140,7 +144,7 @@ void tl_channel_open(const tl_channel_settings *settings, tl_side side, void *co
                             .other_stride = stride_of(settings, other)};
 }
 
-/* ---- What the other says ---- */
+/* ---- Reading the other side's counters ---- */
 
 static tl_side other_side(const tl_channel *channel) {
     return channel->side == TL_PARENT ? TL_CHILD : TL_PARENT;
@@ -150,7 +154,7 @@ static bool is_broken(const tl_channel *channel) {
     return channel->fault.status != TL_OK;
 }
 
-/* More than a ring holds, of what the other counts. */
+/* A count above the ring size is a fault of the other side. */
 static uint32_t check_count(tl_channel *channel, uint32_t count) {
     if (count > TL_CHANNEL_DEPTH && !is_broken(channel)) {
         (void)tl_fail(&channel->fault, TL_FMU_FAILED, "%s counts %u messages in a ring of %d",
@@ -159,13 +163,14 @@ static uint32_t check_count(tl_channel *channel, uint32_t count) {
     return count <= TL_CHANNEL_DEPTH ? count : 0;
 }
 
-/* Messages that can be taken; 0 if the channel is broken. */
+/* Returns the number of messages to receive; 0 if the channel is broken. */
 static uint32_t look_for_messages(tl_channel *channel) {
     channel->other_pushed = __atomic_load_n(&channel->other->pushed, __ATOMIC_SEQ_CST);
     return check_count(channel, channel->other_pushed - channel->taken);
 }
 
-/* Messages of ours that the other has not taken; 0 if the channel is broken. */
+/* Returns the number of our messages that the other side has not received; 0 if the channel is
+ * broken. */
 static uint32_t look_for_backlog(tl_channel *channel) {
     channel->other_taken = __atomic_load_n(&channel->other->taken, __ATOMIC_SEQ_CST);
     return check_count(channel, channel->offered - channel->other_taken);
@@ -173,7 +178,7 @@ static uint32_t look_for_backlog(tl_channel *channel) {
 
 /* ---- Sending ---- */
 
-/* Whether one of them is not taken. */
+/* Returns whether an urgent message was not yet received. */
 static bool is_urgent(uint32_t urgent, uint32_t taken) {
     return (int32_t)(urgent - taken) > 0;
 }
@@ -201,12 +206,13 @@ bool tl_channel_offer(tl_channel *channel, tl_message type, const void *payload)
     return true;
 }
 
-/* Everybody who waits for a bell: the one who should, and whom a hostile other may have put there. */
+/* Wakes all waiters, because a hostile other side may wait on this bell with several threads. */
 static void wake_all(const uint32_t *bell) {
     (void)syscall(SYS_futex, bell, FUTEX_WAKE, INT_MAX, NULL, NULL, 0);
 }
 
-/* Wakes the other if it sleeps, and there is what it wants; if `anything`, a part of that is enough. */
+/* Wakes the other side if it sleeps and its condition is met; with `anything`, if it is partly met.
+ */
 static void wake_other(tl_channel *channel, bool anything) {
     uint32_t sleep = __atomic_load_n(&channel->other->sleep, __ATOMIC_SEQ_CST);
     if ((sleep & 1) == 0 || sleep == channel->woken) {
@@ -229,14 +235,14 @@ static void wake_other(tl_channel *channel, bool anything) {
 
 static void show(tl_channel *channel) {
     if (!is_urgent(channel->urgent, channel->other_taken)) {
-        channel->urgent = channel->other_taken; /* moves on, so that it never looks new when counters wrap around */
+        channel->urgent = channel->other_taken; /* keeps up, so that wrap-around does not make it look new */
     }
     __atomic_store_n(&channel->own->urgent, channel->urgent, __ATOMIC_RELAXED);
     __atomic_store_n(&channel->own->pushed, channel->offered, __ATOMIC_SEQ_CST);
     __atomic_store_n(&channel->own->taken, channel->taken, __ATOMIC_SEQ_CST);
 }
 
-/* Whoever sleeps is woken by a push only, so the order with that is not needed here. */
+/* Only a push wakes a sleeping side, so this store needs no order with the sleep flag. */
 void tl_channel_show(tl_channel *channel) {
     __atomic_store_n(&channel->own->pushed, channel->offered, __ATOMIC_RELEASE);
 }
@@ -246,9 +252,9 @@ void tl_channel_push(tl_channel *channel) {
     wake_other(channel, false);
 }
 
-/* ---- Taking ---- */
+/* ---- Receiving ---- */
 
-/* So that it is here when it is taken. */
+/* Loads the next message into the cache. */
 static void fetch_ahead(const tl_channel *channel) {
     if (channel->other_pushed != channel->taken) {
         const uint8_t *next = channel->other_slots + (channel->taken & MASK) * channel->other_stride;
@@ -291,7 +297,8 @@ static bool is_nudged(tl_channel *channel) {
     return is_new;
 }
 
-/* Whether there is what is wanted, or a part of it while the other sleeps, whom nobody has woken. */
+/* Returns whether the condition is met, or partly met while the other side sleeps and was not
+ * woken. */
 static bool is_served(tl_channel *channel, uint32_t messages, uint32_t room) {
     uint32_t sleep = __atomic_load_n(&channel->other->sleep, __ATOMIC_SEQ_CST);
     bool sleeps = (sleep & 1) != 0 && sleep != channel->woken;
@@ -302,7 +309,7 @@ static bool is_served(tl_channel *channel, uint32_t messages, uint32_t room) {
            (room > 0 && room_there >= (sleeps ? 1 : room));
 }
 
-/* 0, or errno: the time is over, a signal came. */
+/* Returns 0, or an errno: the time is over, or a signal arrived. */
 static int wait_for_bell(const tl_channel *channel, uint32_t bell, tl_time until) {
     struct timespec instant = {.tv_sec = (time_t)(until / TL_SECOND), .tv_nsec = (long)(until % TL_SECOND)};
     long result =
@@ -342,7 +349,7 @@ tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t
     tl_channel_news news = TL_CHANNEL_NOTHING;
     assert(messages + room > 0 && messages <= TL_CHANNEL_DEPTH && room <= TL_CHANNEL_DEPTH);
     show(channel);
-    while (news == TL_CHANNEL_NOTHING && !is_over) { /* whoever changes the bell without a reason gets nothing by it */
+    while (news == TL_CHANNEL_NOTHING && !is_over) { /* a change of the bell without a reason has no effect */
         news = look_once(channel, messages, room, until, &is_over);
     }
     return news;
@@ -351,7 +358,8 @@ tl_channel_news tl_channel_wait(tl_channel *channel, uint32_t messages, uint32_t
 void tl_channel_nudge(tl_channel *channel) {
     const struct timespec pause = {.tv_nsec = NUDGE_AGAIN_NS};
     uint32_t mine = __atomic_add_fetch(&channel->nudges, 1, __ATOMIC_SEQ_CST);
-    /* The bell is not ours to change. So who is between looking and waiting is woken again, until it has noticed. */
+    /* We cannot write the other side's bell. So wake our waiting thread again and again until it
+     * has noticed. */
     while (__atomic_load_n(&channel->sleeps, __ATOMIC_SEQ_CST) &&
            (int32_t)(__atomic_load_n(&channel->heeded, __ATOMIC_SEQ_CST) - mine) < 0) {
         wake_all(&channel->other->bell);

@@ -1,4 +1,4 @@
-/* Confinement, in its order: see confine.h. */
+/* Confinement, in the necessary order: see confine.h. */
 #include "firmware/process/confine.h"
 
 #include <dirent.h>
@@ -46,7 +46,8 @@ static bool may_change_user(void) {
     return has(CAP_SETUID) && has(CAP_SETGID);
 }
 
-/* What could come back by starting a program: not without CAP_SETPCAP, and then there is none to lose but for what we have. */
+/* Drops capabilities that exec could give back. Without CAP_SETPCAP this is not possible. The
+ * process then has only its present capabilities to drop. */
 static bool drop_to_come(void) {
     if (!has(CAP_SETPCAP)) {
         return true;
@@ -59,7 +60,7 @@ static bool drop_to_come(void) {
     return prctl(PR_SET_SECUREBITS, NO_ROOT) == 0;
 }
 
-/* Who has none needs none to be dropped: a service's filter refuses that to start with. */
+/* Does nothing without capabilities, because a service's filter may refuse capset(). */
 static bool drop_present(void) {
     if (has_none()) {
         return true;
@@ -67,7 +68,7 @@ static bool drop_present(void) {
     struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3};
     struct __user_cap_data_struct none[_LINUX_CAPABILITY_U32S_3];
     memset(none, 0, sizeof none);
-    (void)prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* before Linux 4.3 there are none */
+    (void)prctl(PR_CAP_AMBIENT, PR_CAP_AMBIENT_CLEAR_ALL, 0, 0, 0); /* fails before Linux 4.3, which has none */
     return syscall(SYS_capset, &header, none) == 0;
 }
 
@@ -77,8 +78,8 @@ static tl_status drop_privileges(tl_error *error) {
                : tl_fail(error, TL_TRY_AGAIN, "capabilities could not be given up: %s", strerror(errno));
 }
 
-/* Becomes user and group `user` (> 0), without other groups and without any capability. Sets PR_SET_PDEATHSIG again, which the kernel forgets
- * when the user changes. */
+/* Changes to user and group `user` (> 0), without other groups and capabilities. Sets
+ * PR_SET_PDEATHSIG again, because the kernel resets it when the user changes. */
 static tl_status become_user(uint32_t user, tl_error *error) {
     int signal = 0;
     const pid_t parent = getppid();
@@ -95,13 +96,14 @@ static tl_status become_user(uint32_t user, tl_error *error) {
 
 /* ---- limits ---- */
 
-/* Where there is no limit: more than any main thread needs. The stack does not count as data, and the main thread's grows by itself. */
+/* Stack limit if there is none yet; more than a main thread needs. Stacks do not count as data, and
+ * that of the main thread grows automatically. */
 #define LARGEST_STACK ((rlim_t)64 * 1024 * 1024)
 
-/* Not with a sanitizer, whose own memory is larger. */
+/* No memory limit with a sanitizer, whose own memory is larger. */
 static const bool HOLDS_MEMORY = TL_HAS_SANITIZER == 0;
 
-/* Never more than there is: what somebody else has limited stays so. */
+/* Lowers a limit; never raises one that was set from outside. */
 static bool limit(int resource, rlim_t most) {
     struct rlimit now;
     if (getrlimit((__rlimit_resource_t)resource, &now) != 0) {
@@ -114,7 +116,8 @@ static bool limit(int resource, rlim_t most) {
     return setrlimit((__rlimit_resource_t)resource, &now) == 0;
 }
 
-/* All numbers of open descriptors are below this; where nobody can tell (no /proc), the limit as it is. */
+/* Returns a number above all open descriptors. Without /proc it is unknown; then the limit does not
+ * change. */
 static rlim_t open_descriptors(void) {
     rlim_t most = 0;
     DIR *folder = opendir("/proc/self/fd");
@@ -153,7 +156,7 @@ void tl_process_limits_permit(int resource, rlim_t least) {
     }
 }
 
-/* ---- what there is ---- */
+/* ---- kernel support ---- */
 
 void tl_confine_probe(tl_confine_facts *facts) {
     *facts = (tl_confine_facts){
@@ -175,7 +178,8 @@ uint64_t tl_confine_fair_memory(void) {
 
 /* ---- confine ---- */
 
-/* Devices, and files of another user, may be open to capabilities only. */
+/* Keeps capabilities with a plant or keeps_files, because devices and files of other users may need
+ * them. */
 static tl_status give_up_privileges(const tl_confine_settings *settings, tl_error *error) {
     if (settings->user != 0) {
         return become_user(settings->user, error);
@@ -185,7 +189,7 @@ static tl_status give_up_privileges(const tl_confine_settings *settings, tl_erro
 
 static tl_status restrict_calls(const tl_confine_settings *settings, tl_confine_facts *facts, int *listener,
                                 tl_error *error) {
-    const bool filters = tl_filter_is_offered(); /* afterwards asking is refused */
+    const bool filters = tl_filter_is_offered(); /* later the filter refuses this query */
     tl_status status = filters ? tl_filter_load(settings, listener, error) : TL_OK;
     if (status == TL_OK) {
         *facts = (tl_confine_facts){.filter = filters,

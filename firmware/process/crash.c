@@ -1,4 +1,4 @@
-/* Telling of a crash: see crash.h. What runs in the handler calls nothing that is not safe there. */
+/* Crash report: see crash.h. The handler calls only async-signal-safe functions. */
 #include "firmware/process/crash.h"
 
 #include <errno.h>
@@ -20,12 +20,12 @@ enum { ALTERNATE_STACK = 64 * 1024, LINE = 512 };
 typedef struct crash_signal {
     int number;
     const char *name;
-    struct sigaction before;  /* who had it when we came */
-    struct sigaction foreign; /* an FMU's */
+    struct sigaction before;  /* handler before ours */
+    struct sigaction foreign; /* handler of an FMU */
     bool has_foreign;
 } crash_signal;
 
-/* All of it is the process's, as signals are. */
+/* Signal handlers belong to the process, so this is static. */
 static crash_signal signals[] = {
     {.number = SIGSEGV, .name = "Segmentation fault"},
     {.number = SIGBUS, .name = "Bus error"},
@@ -38,15 +38,15 @@ enum { SIGNALS = sizeof signals / sizeof signals[0] };
 
 static pid_t process;
 static char prefix[TL_LOG_PREFIX];
-static pid_t teller; /* the thread that tells; 0: none does */
+static pid_t teller; /* thread that reports; 0: none */
 
-/* Of the main thread and of the one that calls FMUs. */
+/* Alternate stacks of the main thread and of the FMU thread. */
 static unsigned char alternate[2][ALTERNATE_STACK] __attribute__((aligned(64)));
 
 static __thread tl_crash_thread kind;
-static __thread uintptr_t stack_end; /* the lowest address of its stack, */
+static __thread uintptr_t stack_end; /* lowest address of the thread's stack */
 static __thread uintptr_t stack_guard;
-static __thread uintptr_t in_foreign; /* the frame from which an FMU's handler is called; 0: none is */
+static __thread uintptr_t in_foreign; /* frame that calls an FMU's handler; 0: none */
 
 static crash_signal *find(int number) {
     for (size_t i = 0; i < SIGNALS; i++) {
@@ -70,7 +70,7 @@ static void add(told *line, const char *text) {
     }
 }
 
-/* A guard page, or what a large frame has reached beyond it. */
+/* The address is in the guard page, or so close to it that a large frame has skipped it. */
 static bool is_overflow(int number, const siginfo_t *info) {
     uintptr_t address = (uintptr_t)info->si_addr;
     return number == SIGSEGV && info->si_code > 0 && stack_end != 0 && address >= stack_end - stack_guard &&
@@ -108,7 +108,7 @@ static void tell(const crash_signal *signal, const siginfo_t *info) {
     add_blame(&line, signal->name, is_overflow(signal->number, info));
     add(&line, "\n");
     ssize_t written = write(STDERR_FILENO, line.text, line.length);
-    (void)written; /* there is nowhere to say that there is nowhere to say it */
+    (void)written; /* if stderr fails, there is no other output */
 }
 
 /* ---- the handler ---- */
@@ -125,8 +125,9 @@ static bool is_handler(const struct sigaction *action) {
     return (action->sa_flags & SA_SIGINFO) != 0 || (action->sa_handler != SIG_DFL && action->sa_handler != SIG_IGN);
 }
 
-/* True: an FMU's handler has dealt with it. False: there is none, or it has passed the signal on: raised it within itself, or left it to
- * be delivered once this returns. A frame that it has jumped away from was at least as high as this one. */
+/* Returns true if an FMU's handler has handled the signal. Returns false if there is none, or if it
+ * has forwarded the signal: raised it in the handler, or left it pending until this returns. If
+ * that handler has jumped away, in_foreign is still set, but then this frame is not below it. */
 static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *context) {
     uintptr_t frame = (uintptr_t)__builtin_frame_address(0);
     sigset_t set;
@@ -145,7 +146,7 @@ static bool is_dealt_with(const crash_signal *signal, siginfo_t *info, void *con
     return sigpending(&set) != 0 || sigismember(&set, signal->number) != 1;
 }
 
-/* One thread tells; others that crash wait until the process is gone. */
+/* Only one thread reports. Other crashing threads wait for the end of the process. */
 static bool may_tell(void) {
     pid_t nobody = 0;
     pid_t self = gettid();
@@ -172,8 +173,10 @@ static void on_crash(int number, siginfo_t *info, void *context) {
             call(&signal->before, number, info, context);
         }
     }
-    /* It comes as soon as this returns. Not every signal would come back by itself, as a fault does: one that was sent, with whatever code, and one that
-     * the kernel sends for a call (uretprobe on x86-64 outside of a probe) do not, and what was told as a crash would go on. */
+    /* Raises the signal again with the default action; it is delivered when this returns. A fault
+     * would recur without this. Other signals would not, and the process would continue after its
+     * crash report: a signal that was sent, or one of the kernel for a call (uretprobe on x86-64
+     * outside of a probe). */
     const struct sigaction standard = {.sa_handler = SIG_DFL};
     (void)sigaction(number, &standard, NULL);
     (void)raise(number);
@@ -185,8 +188,8 @@ static bool is_own(const struct sigaction *action) {
     return (action->sa_flags & SA_SIGINFO) != 0 && action->sa_sigaction == on_crash;
 }
 
-/* An FMU has installed `foreign`, and ours has been put back: ours calls it first from now on. SIG_DFL, SIG_IGN and our own handler are
- * no foreign ones: there is none to call then. */
+/* An FMU has installed `foreign`, and ours was restored. From now on ours calls it first. SIG_DFL,
+ * SIG_IGN and our own handler cannot be called. */
 static void chain(int number, const struct sigaction *foreign) {
     crash_signal *signal = find(number);
     if (signal == NULL) {
@@ -202,12 +205,12 @@ static void chain(int number, const struct sigaction *foreign) {
 static void use_alternate_stack(unsigned char *stack) {
     stack_t now;
     const stack_t own = {.ss_sp = stack, .ss_size = ALTERNATE_STACK};
-    if (sigaltstack(NULL, &now) == 0 && (now.ss_flags & SS_DISABLE) != 0) { /* a sanitizer gives its own */
+    if (sigaltstack(NULL, &now) == 0 && (now.ss_flags & SS_DISABLE) != 0) { /* a sanitizer sets its own */
         (void)sigaltstack(&own, NULL);
     }
 }
 
-/* Where this thread's stack ends. */
+/* Finds the end of this thread's stack. */
 static void find_stack(void) {
     pthread_attr_t attributes;
     void *lowest = NULL;

@@ -1,29 +1,35 @@
-/* A crash is told: which FMU, and in which of its functions.
+/* Crash report: logs which FMU crashed, and in which of its functions.
  *
- * Purpose: SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT write one line to the log's place before they do what they always do: the
- *          process ends by that signal, with a core where cores are wanted. Who supervises sees what it would have seen.
- * Blame:   a crash in the thread that calls FMUs, during a call, is that FMU's; one in a thread that is not ours was begun by an FMU;
- *          any other is a bug of twinlock, or comes of memory that an FMU has destroyed before.
- * Stack:   the handler has a stack of its own in the main thread and in that of the FMUs, so that it can tell of an overflow too.
- * Others:  a handler that was there before (a sanitizer's) is called after the line is written. One that an FMU has installed is called
- *          first, once host_state.h has put ours back. If it returns or jumps away, the signal is handled: a virtual machine's null
- *          pointers are no crash. If it gives the signal to its predecessor, as Python's faulthandler does, that is us.
- * Thread:  install from one thread; enter from each thread for itself.
+ * Purpose: on SIGSEGV, SIGBUS, SIGFPE, SIGILL and SIGABRT the handler writes one line to standard
+ *          error. Then the process ends by that signal as usual, with a core dump if those are
+ *          enabled. So a supervisor sees the same exit status as without the handler.
+ * Blame:   a crash during a call in the thread that calls FMUs is attributed to that FMU. A crash
+ *          in a thread that is not ours is attributed to an FMU. Any other is a bug of twinlock, or
+ *          an FMU has overwritten memory.
+ * Stack:   the main thread and the FMU thread have an alternate signal stack, so that stack
+ *          overflows are reported too.
+ * Others:  a handler that was installed before ours (a sanitizer's) is called after the line is
+ *          written. A handler that an FMU has installed is called first, once host_state.h has
+ *          restored ours. If it returns or jumps away, the signal counts as handled, because
+ *          virtual machines handle null pointers this way. If it forwards the signal to the
+ *          previous handler, as Python's faulthandler does, ours reports it.
+ * Thread:  install from one thread; each thread calls tl_crash_enter() for itself.
  */
 #ifndef TL_FIRMWARE_PROCESS_CRASH_H
 #define TL_FIRMWARE_PROCESS_CRASH_H
 
 typedef enum tl_crash_thread {
-    TL_CRASH_FOREIGN, /* what a thread is that has not entered */
+    TL_CRASH_FOREIGN, /* every thread that has not called tl_crash_enter() */
     TL_CRASH_OURS,
     TL_CRASH_CALLS_FMUS
 } tl_crash_thread;
 
-/* Once at the start of the process, and again in one that was forked from it: a process that did not is silent, so that what an FMU
- * forks does not speak for us. The caller's thread is ours. Nothing is done about a signal that is ignored. */
+/* Installs the handlers. Call it at the start of the process and again after a fork: other forked
+ * processes report nothing, so that a process that an FMU forks does not report for us. Marks the
+ * calling thread as ours. Ignored signals stay ignored. */
 void tl_crash_install(void);
 
-/* The calling thread is ours from now on. At most one at a time calls FMUs. */
+/* Marks the calling thread as ours. At most one thread at a time may call FMUs. */
 void tl_crash_enter(tl_crash_thread entered);
 
 #endif

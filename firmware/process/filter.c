@@ -1,8 +1,10 @@
-/* The list of system calls, loaded: see confine.h.
+/* System call filter: builds the list of allowed calls and loads it, see confine.h.
  *
- * Each part adds rules to a filter that refuses by default. After the first failure nothing more is added.
- * The kernel takes most arguments as 32 bits, but a filter sees 64 bits, of which the upper ones may be anything. So an
- * allowed value is compared by its lower half (IS), and a number of our own by all of it.
+ * Each function adds rules to a filter that refuses all other calls. After the first failure no
+ * more rules are added.
+ * The kernel uses only the lower 32 bits of most arguments, but a filter sees 64 bits, of which the
+ * upper ones can have any value. So allowed values are compared in the lower half (IS), and our own
+ * process ID in all bits.
  */
 #include "firmware/process/confine.h"
 
@@ -30,13 +32,13 @@
 
 #define COUNT(array) (sizeof(array) / sizeof(array)[0])
 
-/* The lower half of argument `n`, under a mask, is `value`. */
+/* The lower half of argument `n`, masked, is `value`. */
 #define MASKED(n, mask, value) ((struct scmp_arg_cmp){(n), SCMP_CMP_MASKED_EQ, (mask), (value)})
 #define IS(n, value) MASKED(n, UINT32_MAX, (uint32_t)(value))
 
 enum { NAME = 40 };
 
-/* ---- what the kernel has ---- */
+/* ---- kernel support ---- */
 
 static bool has_action(uint32_t action) {
     return syscall(SYS_seccomp, SECCOMP_GET_ACTION_AVAIL, 0, &action) == 0;
@@ -46,7 +48,8 @@ bool tl_filter_is_offered(void) {
     return has_action(SECCOMP_RET_KILL_PROCESS) && has_action(SECCOMP_RET_ERRNO);
 }
 
-/* Version 5 of the interface, as libseccomp counts: notifications; 6: also for all threads. */
+/* seccomp_api_get() returns libseccomp's interface level: 5 adds notifications, 6 adds them
+ * together with SCMP_FLTATR_CTL_TSYNC (all threads). */
 bool tl_filter_can_notify(void) {
     return tl_filter_is_offered() && has_action(SECCOMP_RET_USER_NOTIF) && seccomp_api_get() >= 6;
 }
@@ -55,10 +58,11 @@ bool tl_filter_can_notify(void) {
 
 typedef struct rules {
     scmp_filter_ctx context;
-    int failure; /* what libseccomp returned first that was not 0: negative, as errno */
+    int failure; /* first error of libseccomp: negative errno */
 } rules;
 
-/* A name that this machine or this libseccomp does not know is skipped: there is no such call to allow. */
+/* Skips a name that this machine or this libseccomp does not know, because then the call does not
+ * exist. */
 static void add_rule(rules *list, uint32_t action, const char *call, const struct scmp_arg_cmp *conditions,
                      unsigned count) {
     int number = seccomp_syscall_resolve_name(call);
@@ -67,7 +71,7 @@ static void add_rule(rules *list, uint32_t action, const char *call, const struc
     }
 }
 
-/* Allows the calls with these names, with blanks between them, whatever their arguments. */
+/* Allows calls with any arguments; `calls`: names separated by blanks. */
 static void allow_all(rules *list, const char *calls) {
     while (*calls != '\0') {
         char name[NAME] = "";
@@ -89,44 +93,46 @@ static void allow_values(rules *list, const char *call, unsigned argument, const
     }
 }
 
-/* ---- calls that are allowed whatever their arguments ---- */
+/* ---- calls that are allowed with any arguments ---- */
 
-/* Calls of all three machines; each takes those that it has. */
+/* Calls of all three machines; names that a machine lacks are skipped. */
 /* clang-format off */
 static const char *const allowed[] = {
-    /* what it holds open */ "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close dup dup2 dup3",
-    /* copies between descriptors */ "copy_file_range sendfile sendfile64 splice tee vmsplice",
-    /* making files, where Landlock lets it */ "mkdir mkdirat",
-    /* files that it has open for writing */ "ftruncate ftruncate64 fallocate fsync fdatasync msync sync_file_range arm_sync_file_range",
-    /* advice on reading */ "fadvise64 arm_fadvise64_64 readahead",
-    /* looking at files */ "stat lstat fstat newfstatat stat64 lstat64 fstat64 fstatat64 statx access faccessat faccessat2 readlink readlinkat",
-    /* looking at attributes */ "getxattr lgetxattr fgetxattr listxattr llistxattr flistxattr",
-    /* looking at file systems and folders */ "statfs fstatfs statfs64 fstatfs64 getdents getdents64 getcwd chdir fchdir",
-    /* what the process keeps for itself */ "umask flock",
-    /* pipes and events within the process */ "pipe pipe2 eventfd eventfd2 signalfd signalfd4 timerfd_create timerfd_settime timerfd_settime64 timerfd_gettime timerfd_gettime64",
+    /* open descriptors */ "read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek close dup dup2 dup3",
+    /* copying between descriptors */ "copy_file_range sendfile sendfile64 splice tee vmsplice",
+    /* making files, as Landlock allows */ "mkdir mkdirat",
+    /* files that are open for writing */ "ftruncate ftruncate64 fallocate fsync fdatasync msync sync_file_range arm_sync_file_range",
+    /* read-ahead hints */ "fadvise64 arm_fadvise64_64 readahead",
+    /* status of files */ "stat lstat fstat newfstatat stat64 lstat64 fstat64 fstatat64 statx access faccessat faccessat2 readlink readlinkat",
+    /* attributes */ "getxattr lgetxattr fgetxattr listxattr llistxattr flistxattr",
+    /* status of file systems, listing of folders */ "statfs fstatfs statfs64 fstatfs64 getdents getdents64 getcwd chdir fchdir",
+    /* state of the process */ "umask flock",
+    /* pipes and events inside the process */ "pipe pipe2 eventfd eventfd2 signalfd signalfd4 timerfd_create timerfd_settime timerfd_settime64 timerfd_gettime timerfd_gettime64",
     /* waiting for descriptors */ "poll ppoll ppoll_time64 select _newselect pselect6 pselect6_time64 epoll_create epoll_create1 epoll_ctl epoll_wait epoll_pwait epoll_pwait2",
-    /* memory of its own */ "brk munmap mremap madvise mincore mlock mlock2 munlock mlockall munlockall pkey_alloc pkey_free",
-    /* memory on several nodes */ "get_mempolicy set_mempolicy mbind getcpu",
+    /* own memory */ "brk munmap mremap madvise mincore mlock mlock2 munlock mlockall munlockall pkey_alloc pkey_free",
+    /* NUMA memory */ "get_mempolicy set_mempolicy mbind getcpu",
     /* threads */ "futex futex_time64 futex_waitv set_robust_list get_robust_list set_tid_address gettid rseq membarrier exit sched_yield",
-    /* the thread's pointer */ "arch_prctl set_tls get_tls",
-    /* caches of new code, where a program must say so */ "cacheflush breakpoint",
-    /* its own signals */ "rt_sigaction rt_sigprocmask rt_sigreturn sigreturn rt_sigpending rt_sigsuspend rt_sigtimedwait rt_sigtimedwait_time64 sigaltstack pause restart_syscall",
-    /* its own timers */ "alarm setitimer getitimer timer_create timer_settime timer_settime64 timer_gettime timer_gettime64 timer_getoverrun timer_delete",
-    /* the time */ "time gettimeofday clock_gettime clock_gettime64 clock_getres clock_getres_time64 nanosleep clock_nanosleep clock_nanosleep_time64 times",
-    /* who it is */ "getpid getppid getuid geteuid getgid getegid getresuid getresgid getgroups getuid32 geteuid32 getgid32 getegid32 getresuid32 getresgid32 getgroups32 getpgrp getpgid getsid capget",
-    /* what it has used and may use */ "getrusage getrlimit ugetrlimit setrlimit",
-    /* what the machine is */ "uname sysinfo getrandom",
-    /* how anybody is scheduled */ "sched_getaffinity sched_getscheduler sched_getparam sched_getattr sched_get_priority_max sched_get_priority_min sched_rr_get_interval sched_rr_get_interval_time64 getpriority",
-    /* children, of which there are none */ "wait4 waitid",
-    /* the end */ "exit_group",
+    /* thread pointer */ "arch_prctl set_tls get_tls",
+    /* cache flush for new code, on some machines */ "cacheflush breakpoint",
+    /* own signals */ "rt_sigaction rt_sigprocmask rt_sigreturn sigreturn rt_sigpending rt_sigsuspend rt_sigtimedwait rt_sigtimedwait_time64 sigaltstack pause restart_syscall",
+    /* own timers */ "alarm setitimer getitimer timer_create timer_settime timer_settime64 timer_gettime timer_gettime64 timer_getoverrun timer_delete",
+    /* time */ "time gettimeofday clock_gettime clock_gettime64 clock_getres clock_getres_time64 nanosleep clock_nanosleep clock_nanosleep_time64 times",
+    /* identity */ "getpid getppid getuid geteuid getgid getegid getresuid getresgid getgroups getuid32 geteuid32 getgid32 getegid32 getresuid32 getresgid32 getgroups32 getpgrp getpgid getsid capget",
+    /* own usage and limits */ "getrusage getrlimit ugetrlimit setrlimit",
+    /* system information */ "uname sysinfo getrandom",
+    /* scheduling of any process (read only) */ "sched_getaffinity sched_getscheduler sched_getparam sched_getattr sched_get_priority_max sched_get_priority_min sched_rr_get_interval sched_rr_get_interval_time64 getpriority",
+    /* waiting for children, of which there are none */ "wait4 waitid",
+    /* exit */ "exit_group",
 };
 /* clang-format on */
 
-/* Newer ways that the C library tries first, whose arguments lie in memory where a filter cannot see them: as if the kernel were older. */
+/* The C library tries these newer calls first. A filter cannot check their arguments, which are in
+ * memory. So they fail as on an older kernel. */
 static const char *const absent[] = {"clone3", "openat2"};
 
-/* The first call that this program has not thought of (of Linux 6.5), and one that is long to come: the numbers are those of all machines. A
- * runtime that tries a newer one expects ENOSYS of a kernel that has it not. */
+/* From the first call that this program does not know (Linux 6.5) to one far in the future; the
+ * numbers are the same on all machines. Runtimes that try a newer call expect ENOSYS from a kernel
+ * that lacks it. */
 enum { FIRST_UNKNOWN = 451, LAST_UNKNOWN = 511 };
 
 static void add_absent(rules *list) {
@@ -147,7 +153,7 @@ static void add_calls(rules *list, const tl_confine_settings *settings) {
     if (settings->landlock > 0 || settings->keeps_files) {
         allow_all(list, "rmdir unlink unlinkat rename renameat renameat2");
     }
-    if (settings->keeps_files) { /* SQLite gives the files beside a database the mode and owner of that */
+    if (settings->keeps_files) { /* SQLite gives auxiliary files the mode and owner of the database */
         allow_all(list, "fchmod fchown fchown32");
     }
     if (settings->landlock >= TL_LANDLOCK_TRUNCATION) {
@@ -155,9 +161,9 @@ static void add_calls(rules *list, const tl_confine_settings *settings) {
     }
 }
 
-/* ---- calls of which the arguments decide ---- */
+/* ---- calls that are allowed with certain arguments ---- */
 
-/* What older headers do not have. */
+/* Constants that older headers lack. */
 enum {
     CLONE_NEW_CGROUP = 0x02000000,
     CLOSE_APART = 1U << 1, /* CLOSE_RANGE_UNSHARE */
@@ -168,14 +174,15 @@ enum {
     NO_NAME = O_TMPFILE & ~O_DIRECTORY
 };
 
-/* Commands as the kernel numbers them: 12 to 14 are those of locks on files of more than 2 GiB, for 32 bits. */
+/* Command numbers of the kernel: 12 to 14 are locks of files above 2 GiB on 32-bit machines. */
 static const uint32_t file_commands[] = {
     F_DUPFD, F_DUPFD_CLOEXEC, F_GETFD,     F_SETFD,      F_GETFL,      F_SETFL,      5,          6, 7, 12, 13,
     14,      F_OFD_GETLK,     F_OFD_SETLK, F_OFD_SETLKW, F_GETPIPE_SZ, F_SETPIPE_SZ, F_GET_SEALS};
 static const uint32_t device_commands[] = {FIONREAD, FIONBIO, FIOCLEX, FIONCLEX, TCGETS, TIOCGWINSZ};
 
-/* Which pages of its own memory a process has written, by descriptors from before (fmu_pages.h): PAGEMAP_SCAN, whose order has 96 bytes, and UFFDIO_REGISTER.
- * Neither leads to memory of another process. */
+/* Finding written pages of our own memory through descriptors that are already open (fmu_pages.h):
+ * PAGEMAP_SCAN, whose argument has 96 bytes, and UFFDIO_REGISTER. Neither gives access to memory of
+ * another process. */
 static const uint32_t page_commands[] = {0xc0606610, 0xc020aa00};
 static const uint32_t process_commands[] = {
     PR_SET_NAME,        PR_GET_NAME,         PR_GET_DUMPABLE,     PR_GET_PDEATHSIG,
@@ -193,8 +200,9 @@ static void allow_commands(rules *list) {
     allow_one(list, "personality", IS(0, QUERY));
 }
 
-/* A thread, and nothing else: no process, no namespace. It shares descriptors with all others, as those of every C library do: with a table of its
- * own it would have the limit of descriptors once more, and as much memory of the kernel's in pipes. */
+/* Allows new threads, but neither processes nor namespaces. Threads must share descriptors, as
+ * those of all C libraries do. With its own descriptor table a thread would get another full limit
+ * of descriptors, and as much kernel memory in pipes. */
 static void allow_threads(rules *list) {
     const uint32_t apart =
         CLONE_NEWNS | CLONE_NEW_CGROUP | CLONE_NEWUTS | CLONE_NEWIPC | CLONE_NEWUSER | CLONE_NEWPID | CLONE_NEWNET;
@@ -203,8 +211,10 @@ static void allow_threads(rules *list) {
     allow_one(list, "close_range", MASKED(2, CLOSE_APART, 0));
 }
 
-/* Memory that is shared and has no file, or grows by itself, does not count as data: it would be a way around the limit.
- * The C library from 2.41 on tries droppable memory for getrandom(). Like an older kernel, the filter refuses it silently. */
+/* Shared anonymous memory and memory that grows automatically do not count as data, so they would
+ * bypass the limit.
+ * The C library from 2.41 on tries droppable memory for getrandom(). The filter refuses it
+ * silently, as an older kernel does. */
 static void allow_memory(rules *list) {
     const struct scmp_arg_cmp droppable = MASKED(3, MAP_ANONYMOUS | MAP_KINDS, MAP_ANONYMOUS | MAP_DROPPABLE_KIND);
     static const char *const calls[] = {"mmap", "mmap2"};
@@ -216,8 +226,10 @@ static void allow_memory(rules *list) {
     allow_all(list, "mprotect pkey_mprotect");
 }
 
-/* Opening a file by a call whose flags are the argument `flags`. Before ABI 3 Landlock does not look when a file is emptied that is opened for
- * reading, or (access mode 3) for neither. A file without a name counts in no folder: as on a file system that has none. */
+/* Rules for a call that opens a file; `flags`: number of its flags argument. Before ABI 3 Landlock
+ * does not check a truncation by an open for reading, or by access mode 3 (neither reading nor
+ * writing). A file without a name is in no folder, so it would not be counted. It fails as on a
+ * file system without such files. */
 static void add_opening(rules *list, const char *call, unsigned flags, const tl_confine_settings *settings) {
     const uint32_t nameless = settings->keeps_files ? 0 : NO_NAME;
     const struct scmp_arg_cmp named = MASKED(flags, nameless, 0);
@@ -245,11 +257,12 @@ static void add_files(rules *list, const tl_confine_settings *settings) {
     }
 }
 
-/* Signals to its own process; an attempt on another one ends it, but for `lives_on`. Whether another one is there may be asked, in vain. */
+/* Allows signals to our own process. A signal to another one kills this process, unless `lives_on`.
+ * kill(pid, 0) to another process only fails. */
 static void add_signals(rules *list, bool lives_on) {
     static const struct {
         const char *call;
-        unsigned signal; /* which argument */
+        unsigned signal; /* index of its argument */
     } calls[] = {{"kill", 1}, {"tkill", 1}, {"tgkill", 2}, {"rt_sigqueueinfo", 1}, {"rt_tgsigqueueinfo", 2}};
     const uint64_t own = (uint64_t)getpid();
     for (size_t i = 0; i < COUNT(calls); i++) {
@@ -261,7 +274,7 @@ static void add_signals(rules *list, bool lives_on) {
     }
 }
 
-/* Of the thread that calls, or of this process: 0. */
+/* First argument 0: the calling thread, or this process. */
 static void allow_own(rules *list) {
     static const char *const calls[] = {"sched_setscheduler", "sched_setparam", "sched_setattr", "sched_setaffinity",
                                         "prlimit64"};
@@ -271,7 +284,7 @@ static void allow_own(rules *list) {
 }
 
 #if TL_HAS_SANITIZER
-/* The search for leaks stops all threads from a process that shares our memory, which traces us, and dies with us. */
+/* The leak check runs in a process that shares our memory, traces all threads, and ends with us. */
 static void add_tracing(rules *list, bool lives_on) {
     static const uint32_t commands[] = {PR_SET_DUMPABLE, PR_SET_PTRACER, PR_SET_PDEATHSIG};
     (void)lives_on;
@@ -301,13 +314,14 @@ static void add_arguments(rules *list, const tl_confine_settings *settings) {
     }
 }
 
-/* ---- what a driver of a plant needs besides, to connect again ---- */
+/* ---- additional calls of a plant driver that reconnects ---- */
 
-/* A filter sees numbers, not memory: addresses and the flags of a GPIO request are unseen. So each kind of source allows only its own
- * sockets and device commands. Landlock binds TCP to ports. It checks connect() only, and plain TCP only. So two ways around it are refused here:
- * other protocols of the same socket type (MPTCP, SCTP), and connecting by sending (MSG_FASTOPEN). */
+/* A filter cannot see memory, so addresses and the flags of a GPIO request are not checked. So each
+ * kind of source allows only its own sockets and device commands. Landlock limits TCP to the given
+ * ports, but it checks only connect() and only plain TCP. So two bypasses are refused here: other
+ * protocols of the same socket type (MPTCP, SCTP), and connecting while sending (MSG_FASTOPEN). */
 
-enum { SOCKET_KINDS = 0x0f }; /* of sockets: the rest are flags */
+enum { SOCKET_KINDS = 0x0f }; /* type of a socket; the other bits are flags */
 
 static const char tcp_calls[] = "connect shutdown getsockname getpeername getsockopt setsockopt recv recvfrom";
 
@@ -318,7 +332,7 @@ static const tl_plant_socket tcp_sockets[] = {
     {AF_INET6, SOCK_STREAM, IPPROTO_TCP},
 };
 
-/* The look-up of names also needs what TCP does. Netlink tells which addresses this machine has itself. */
+/* Name resolution also needs the TCP calls. Netlink lists the addresses of this machine. */
 static const tl_plant_socket name_sockets[] = {
     {AF_INET, SOCK_DGRAM, 0},
     {AF_INET, SOCK_DGRAM, IPPROTO_UDP},
@@ -338,7 +352,8 @@ static const tl_plant_access names_access = {
 static const tl_plant_access tcp_access = {
     .calls = tcp_calls, .sockets = tcp_sockets, .socket_count = COUNT(tcp_sockets)};
 
-/* Sending on a connection has no address; looking names up gives one, but for TCP. */
+/* Sending on a connection needs no address. Name resolution passes an address, so the address is
+ * not checked then. */
 static void add_sending(rules *list, bool names) {
     const struct scmp_arg_cmp connected[] = {MASKED(3, MSG_FASTOPEN, 0), {4, SCMP_CMP_EQ, 0, 0}};
     allow_one(list, "send", MASKED(3, MSG_FASTOPEN, 0));
@@ -349,7 +364,8 @@ static void add_sending(rules *list, bool names) {
     }
 }
 
-/* All of `access` but TCP. Nobody can listen, so bind() to an address of that length does no harm elsewhere. */
+/* Allows all of `access` except TCP. No process can listen, so bind() to an address of that length
+ * is harmless. */
 static void add_access(rules *list, const tl_plant_access *access) {
     if (access->calls != NULL) {
         allow_all(list, access->calls);
@@ -367,8 +383,7 @@ static void add_access(rules *list, const tl_plant_access *access) {
 }
 
 static void add_driver(rules *list, const tl_plant_access *plant, bool names) {
-    allow_one(list, "sched_setscheduler",
-              IS(1, SCHED_OTHER)); /* a source's thread is ordinary, whoever starts it (os.h) */
+    allow_one(list, "sched_setscheduler", IS(1, SCHED_OTHER)); /* side threads have ordinary scheduling (os.h) */
     add_access(list, plant);
     if (plant->tcp || names) {
         add_access(list, &tcp_access);
@@ -379,9 +394,10 @@ static void add_driver(rules *list, const tl_plant_access *plant, bool names) {
     }
 }
 
-/* ---- what a server on the network needs besides, which listens already ---- */
+/* ---- additional calls of a network server that already listens ---- */
 
-/* It accepts, and connects to local sockets: a new socket is a local one, so that it reaches nobody else. It makes memory that it hands over. */
+/* The server accepts connections and connects to local sockets. New sockets are local ones, so no
+ * other host can be reached. It also makes memory to hand over. */
 static void add_server(rules *list) {
     allow_all(list, "accept accept4 connect shutdown getsockname getpeername getsockopt "
                     "setsockopt send sendto sendmsg recv recvfrom recvmsg memfd_create");
@@ -400,16 +416,16 @@ static void set_attributes(rules *list, const tl_confine_settings *settings) {
         {SCMP_FLTATR_ACT_BADARCH, SCMP_ACT_KILL_PROCESS},
         {SCMP_FLTATR_CTL_NNP, 1},
         {SCMP_FLTATR_CTL_TSYNC, settings->whole_process ? 1 : 0},
-        {SCMP_FLTATR_CTL_SSB, 1}, /* FMUs run as fast as without: they do not defend themselves against each other */
-        {SCMP_FLTATR_CTL_OPTIMIZE, 2}, /* a binary tree by the numbers of calls */
-        {SCMP_FLTATR_API_SYSRAWRC, 1}, /* what the kernel says, not "it failed" */
+        {SCMP_FLTATR_CTL_SSB, 1},      /* FMUs run faster without this mitigation */
+        {SCMP_FLTATR_CTL_OPTIMIZE, 2}, /* binary tree of call numbers */
+        {SCMP_FLTATR_API_SYSRAWRC, 1}, /* return the kernel's error codes */
     };
     for (size_t i = 0; i < COUNT(attributes) && list->failure == 0; i++) {
         list->failure = seccomp_attr_set(list->context, attributes[i].attribute, attributes[i].value);
     }
 }
 
-/* 0, or a negative number as errno. */
+/* Returns 0 or a negative errno. */
 static int load(const tl_confine_settings *settings, uint32_t refuse, int *listener) {
     rules list = {.context = seccomp_init(refuse)};
     if (list.context == NULL) {
@@ -433,7 +449,7 @@ static int load(const tl_confine_settings *settings, uint32_t refuse, int *liste
 }
 
 tl_status tl_filter_load(const tl_confine_settings *settings, int *listener, tl_error *error) {
-    int failure = -EBUSY; /* the kernel's word for a second listener, as one of a container's may be there */
+    int failure = -EBUSY; /* the kernel's error for a second listener, for example a container's */
     if (listener != NULL) {
         *listener = -1;
         failure = tl_filter_can_notify() ? load(settings, SCMP_ACT_NOTIFY, listener) : failure;

@@ -1,4 +1,4 @@
-/* The FMU call that is under way: see fmu_call.h. */
+/* Current FMU call: see fmu_call.h. */
 #include "firmware/process/fmu_call.h"
 
 #include <stddef.h>
@@ -36,7 +36,7 @@ static const char *const FUNCTIONS[TL_FMU_FUNCTIONS] = {
     [TL_FMU_DO_STEP] = "fmi2DoStep",
 };
 
-/* The state of a process, so there is one of it. */
+/* Static, because this is the state of the process. */
 static tl_fmu_calls own;
 tl_fmu_calls *tl_fmu_calls_block = &own;
 
@@ -82,7 +82,7 @@ bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call) {
         return false;
     }
     call->function = FUNCTIONS[function];
-    char name[TL_FMU_CALL_NAME]; /* a copy, which nobody changes */
+    char name[TL_FMU_CALL_NAME]; /* a copy, which the FMU process cannot change */
     memcpy(name, block->names[fmu % TL_FMU_CALL_FMUS], sizeof name);
     (void)tl_clean_text(name, strnlen(name, sizeof name - 1), call->fmu, sizeof call->fmu);
     return true;

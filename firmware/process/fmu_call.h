@@ -1,12 +1,14 @@
-/* The FMU call that is under way: which FMU, and which function of it.
+/* Current FMU call: which FMU is being called, and which function of it.
  *
- * Purpose: a crash, a hang and an exit inside an FMU are told with the FMU's name and the function, by whoever notices: a signal
- *          handler, the thread that waits, or the supervisor in its own process.
- * Memory:  one block per process. It is private until tl_fmu_calls_use() names one that another process sees as well.
- * Thread:  the thread that calls FMUs writes, and it is the only one. Any thread, any signal handler and any process that maps the
- *          block may look. Wait-free.
- * Trust:   a process with FMUs may write anything into the block, so tl_fmu_calls_look() believes no index, and cleans a name
- *          (text.h).
+ * Purpose: reports of a crash, a hang or an exit inside an FMU contain the FMU's name and the
+ *          function. The reporter is a signal handler, the waiting thread, or the supervisor in its
+ *          own process.
+ * Memory:  one block per process. It is private until tl_fmu_calls_use() sets one that another
+ *          process maps too.
+ * Thread:  only the thread that calls FMUs writes. Any thread, signal handler, or process that maps
+ *          the block may read. Wait-free.
+ * Trust:   an FMU process may write anything into the block, so tl_fmu_calls_look() checks the
+ *          index and cleans the name (text.h).
  */
 #ifndef TL_FIRMWARE_PROCESS_FMU_CALL_H
 #define TL_FIRMWARE_PROCESS_FMU_CALL_H
@@ -15,13 +17,13 @@
 #include <stdint.h>
 
 enum {
-    TL_FMU_CALL_FMUS = 128, /* names that are kept; further FMUs share the last one */
+    TL_FMU_CALL_FMUS = 128, /* most names; further FMUs share the last one */
     TL_FMU_CALL_NAME = 64
 };
 
 typedef enum tl_fmu_function {
     TL_FMU_NO_CALL,
-    TL_FMU_LOADING, /* its library is opened: its constructors run */
+    TL_FMU_LOADING, /* opening its library, which runs its constructors */
     TL_FMU_GET_TYPES_PLATFORM,
     TL_FMU_GET_VERSION,
     TL_FMU_INSTANTIATE,
@@ -46,57 +48,61 @@ typedef enum tl_fmu_function {
     TL_FMU_SERIALIZE,
     TL_FMU_DESERIALIZE,
     TL_FMU_DO_STEP,
-    TL_FMU_FUNCTIONS /* how many there are */
+    TL_FMU_FUNCTIONS /* number of values */
 } tl_fmu_function;
 
-/* Fields are private. A zeroed block is one without calls. */
+/* Fields are private. Zeroed: no calls. */
 typedef struct tl_fmu_calls {
-    uint32_t begun; /* calls so far, those of a step together; wraps around */
+    uint32_t begun; /* number of calls so far, those of a step count as one; wraps around */
     uint32_t now;   /* FMU · 256 + function; 0: none */
     uint32_t fmus;  /* names in use */
-    uint32_t asked; /* 1: the process has received the signal that asks it to end */
+    uint32_t asked; /* 1: the process has received the signal to end */
     char names[TL_FMU_CALL_FMUS][TL_FMU_CALL_NAME];
 } tl_fmu_calls;
 
-/* A call as somebody saw it. */
+/* A call, as read from the block. */
 typedef struct tl_fmu_call {
-    uint32_t begun;       /* two looks that find the same number have found the same call */
-    const char *function; /* "fmi2DoStep" */
+    uint32_t begun;       /* if two reads find the same number, it is the same call */
+    const char *function; /* for example "fmi2DoStep" */
     char fmu[TL_FMU_CALL_NAME];
 } tl_fmu_call;
 
-/* ---- the process that calls ---- */
+/* ---- in the process that calls FMUs ---- */
 
-/* From now on calls are noted there; NULL: in private memory. Before an FMU is loaded. The block must stay. */
+/* Sets the block that calls are written to; NULL: private memory. Call it before an FMU is loaded.
+ * The block must stay mapped. */
 void tl_fmu_calls_use(tl_fmu_calls *block);
 
-/* Where calls are noted now. */
+/* Returns the block in use. */
 const tl_fmu_calls *tl_fmu_calls_here(void);
 
-/* The number that stands for an FMU of this name, a component's name for example; the same for the same name. */
+/* Returns the number of an FMU of this name, for example a component's name. The same name gives
+ * the same number. */
 uint32_t tl_fmu_calls_name(const char *name);
 
-/* The process has received the signal that asks it to end. */
+/* Notes that the process has received the signal to end. */
 void tl_fmu_calls_note_asked(void);
 
-/* Between these two the FMU may do what it likes. A call that begins before the one before it has ended takes its place. Inline,
- * since an FMU's step may take no longer than a function call. */
+/* Mark the begin and the end of an FMU call. If a call begins before the previous one has ended, it
+ * replaces that one. Inline, so that an FMU call costs hardly more. */
 static inline void tl_fmu_call_begin(uint32_t fmu, tl_fmu_function function);
-/* Goes on with another function, under the number of the call that began: to count costs more than to note. */
+/* Continues the present call with another function under the same number, because counting costs
+ * more than storing the function. */
 static inline void tl_fmu_call_go_on(uint32_t fmu, tl_fmu_function function);
 static inline void tl_fmu_call_end(void);
 
-/* ---- who looks ---- */
+/* ---- readers ---- */
 
-/* False: no FMU is being called. Safe in a signal handler. */
+/* Reads the current call. Returns false if no FMU is being called. Safe in a signal handler. */
 bool tl_fmu_calls_look(const tl_fmu_calls *block, tl_fmu_call *call);
 
-/* False: an FMU may have ignored or taken the signal, so it has to be sent again. */
+/* Returns false if the process has not yet noted the signal to end. An FMU may have ignored or
+ * caught it: send it again. */
 bool tl_fmu_calls_is_asked(const tl_fmu_calls *block);
 
 /* ---- inline ---- */
 
-extern tl_fmu_calls *tl_fmu_calls_block; /* private: tl_fmu_calls_here() */
+extern tl_fmu_calls *tl_fmu_calls_block; /* private: use tl_fmu_calls_here() */
 
 enum { TL_FMU_CALL_FUNCTION_BITS = 8 };
 

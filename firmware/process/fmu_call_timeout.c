@@ -1,4 +1,4 @@
-/* Patience with FMUs: see fmu_call_timeout.h. */
+/* Call timeout: see fmu_call_timeout.h. */
 #include "firmware/process/fmu_call_timeout.h"
 
 #include <stdio.h>
@@ -7,7 +7,8 @@
 #include "firmware/process/interrupt.h"
 #include "firmware/process/process_end.h"
 
-/* Signals that come within this time, from a terminal and a supervisor, ask once. */
+/* Signals within this time count as one request, because a terminal and a supervisor may both send
+ * one. */
 static const tl_time AGAIN = TL_SECOND;
 
 static void note_time(tl_fmu_call_timeout *patience, const tl_fmu_call_timeout_view *view) {

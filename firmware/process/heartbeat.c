@@ -5,7 +5,7 @@
 
 enum { FAREWELL_BITS = 8 };
 
-/* ---- in the process that beats ---- */
+/* ---- in the monitored process ---- */
 
 tl_thread_heartbeat *tl_thread_heartbeat_start(tl_heartbeats *beats, const char *name, tl_time patience) {
     if (beats == NULL) {
@@ -70,7 +70,7 @@ const char *tl_heartbeats_look(const tl_heartbeats *beats, tl_heartbeats_seen *s
         const tl_thread_heartbeat *heartbeat = &beats->hearts[i];
         tl_time patience = __atomic_load_n(&heartbeat->patience, __ATOMIC_ACQUIRE);
         uint64_t count = __atomic_load_n(&heartbeat->beats, __ATOMIC_RELAXED);
-        bool lives = patience > 0; /* one that has not begun, or has ended, is not silent */
+        bool lives = patience > 0; /* a heartbeat that was not started, or was stopped, is not silent */
         seen->silence[i] = lives && count == seen->beats[i] ? seen->silence[i] + passed : 0;
         seen->beats[i] = count;
         has = has || lives;

@@ -1,4 +1,4 @@
-/* State of the process that an FMU may change: rounding, locale, directory, signals: see host_state.h. */
+/* State of the process that an FMU may change: see host_state.h. */
 #include "firmware/process/host_state.h"
 
 #include <fcntl.h>
@@ -12,19 +12,20 @@
 
 enum { HANDLED = 16, LOCALE_NAME = 64 };
 
-/* Of the process's locale: all but the type of characters, which an interpreter sets for itself, and which changes no number. */
+/* Categories of the process's locale that are restored. LC_CTYPE is not: interpreters set it, and
+ * it changes no number. */
 static const int categories[] = {LC_NUMERIC, LC_TIME, LC_COLLATE, LC_MONETARY, LC_MESSAGES};
 
 enum { CATEGORIES = sizeof categories / sizeof categories[0] };
 
-/* A handler of ours. */
+/* A handler of the program. */
 typedef struct handled {
     int signal;
     struct sigaction action;
     tl_host_state_displaced *displaced;
 } handled;
 
-/* As the kernel has it for a thread: struct sched_attr, up to what was there from its beginning (Linux 3.14). */
+/* struct sched_attr of the kernel, in its first version (Linux 3.14). */
 typedef struct scheduling {
     uint32_t size;
     uint32_t policy;
@@ -34,7 +35,7 @@ typedef struct scheduling {
     uint64_t deadline[3];
 } scheduling;
 
-/* The state of a process, so there is one of it. */
+/* Static, because this is the state of the process. */
 static struct {
     bool kept;
     uint32_t rounding;
@@ -45,14 +46,14 @@ static struct {
     mode_t umask;
     int folder; /* O_PATH; -1: none */
     dev_t device;
-    ino_t inode; /* of the folder */
+    ino_t inode; /* inode of the folder */
     handled handlers[HANDLED];
     size_t handler_count;
 } host = {.folder = -1};
 
-/* ---- keep ---- */
+/* ---- save ---- */
 
-/* The C library has no function for it. A kernel that has none either answers zeros. */
+/* The C library has no function for this. If the kernel has none either, returns zeros. */
 static scheduling read_scheduling(void) {
     scheduling now = {0};
     (void)syscall(SYS_sched_getattr, 0, &now, (unsigned)sizeof now, 0);
@@ -77,7 +78,7 @@ void tl_host_state_keep(void) {
     (void)pthread_sigmask(SIG_SETMASK, NULL, &host.mask);
     host.scheduling = read_scheduling();
     if (!host.kept) {
-        host.umask = umask(S_IRWXG | S_IRWXO); /* there is no way but setting it to read it */
+        host.umask = umask(S_IRWXG | S_IRWXO); /* the umask can only be read by setting it */
         (void)umask(host.umask);
         keep_folder();
     }
@@ -99,7 +100,7 @@ int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_sta
     return 0;
 }
 
-/* ---- put back ---- */
+/* ---- restore ---- */
 
 static unsigned put_back_rounding(void) {
     if (tl_fp_control_get() == host.rounding) {
@@ -109,7 +110,8 @@ static unsigned put_back_rounding(void) {
     return TL_HOST_ROUNDING;
 }
 
-/* The thread's is what we and FMUs called by us go by, the process's is what threads of an FMU do. */
+/* Our code and the FMUs that we call use the thread's locale. Threads of an FMU use the process's.
+ */
 static unsigned put_back_locale(void) {
     unsigned changed = 0;
     if (uselocale((locale_t)0) != host.locale) {

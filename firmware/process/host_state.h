@@ -12,17 +12,19 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* ---- How the processor rounds in this thread: the control bits of its floating-point units.
+/* ---- Floating-point control of this thread: rounding mode, denormals, traps.
  *
- * Purpose: an FMU that changes the rounding mode, flushes denormal numbers or enables floating-point traps changes what everybody
- *          computes after it. It is looked at after each call of an FMU, so it is inline and needs no system call.
- * Thread:  each thread has control bits of its own; a new thread begins with those of its creator.
+ * Purpose: an FMU that changes the rounding mode, flushes denormals or enables floating-point traps
+ *          affects all later computations. The control bits are checked after each FMU call, so
+ *          this is inline and needs no system call.
+ * Thread:  each thread has its own control bits; a new thread starts with those of its creator.
  * Source:  Intel SDM volume 1, 8.1.5 and 10.2.3; Arm ARM, FPCR and FPSCR.
  */
 
 #if defined(__x86_64__)
 
-/* SSE in the lower half, the x87 unit in the upper one. Status bits are left out: every computation changes those. */
+/* SSE bits in the lower half, x87 bits in the upper half. Status bits are masked out, because every
+ * computation changes them. */
 static inline uint32_t tl_fp_control_get(void) {
     uint32_t sse = 0;
     uint16_t x87 = 0;
@@ -32,15 +34,16 @@ static inline uint32_t tl_fp_control_get(void) {
 }
 
 static inline void tl_fp_control_set(uint32_t control) {
-    uint32_t sse = control & 0xFFC0U; /* with all status bits cleared: a pending one must not trap now */
+    uint32_t sse = control & 0xFFC0U; /* clears all status bits, so that a pending exception does not trap now */
     uint16_t x87 = (uint16_t)(control >> 16 | 0x0040U);
     __asm__ volatile("ldmxcsr %0" : : "m"(sse));
     __asm__ volatile("fnclex\n\tfldcw %0" : : "m"(x87));
 }
 
-/* The same is in force, found without reading the SSE bits, which on some processors takes longer than a small FMU's step. They are judged
- * by what they do to three additions, and written, which takes a tenth: traps that were enabled there are put back unseen. False:
- * something differs, and nothing was put back. */
+/* Returns whether the control bits are unchanged, without reading the SSE bits: on some processors
+ * that takes longer than a step of a small FMU. Three additions detect changed rounding and flushed
+ * denormals. Then the SSE bits are written, which takes a tenth of the time and also disables
+ * traps. Returns false, without restoring anything, if a difference is found. */
 static inline bool tl_fp_control_holds(uint32_t control) {
     static const volatile double one = 1.0;
     static const volatile double tiny = 1e-30;
@@ -70,7 +73,7 @@ static inline void tl_fp_control_set(uint32_t control) {
 
 #elif defined(__arm__) && defined(__ARM_FP)
 
-/* Status and condition bits are in the same register. */
+/* The same register contains status and condition bits. */
 static inline uint32_t tl_fp_control_get(void) {
     uint32_t control = 0;
     __asm__ volatile("vmrs %0, fpscr" : "=r"(control));
@@ -101,18 +104,19 @@ static inline bool tl_fp_control_holds(uint32_t control) {
 
 #endif
 
-/* ---- The state of this process that an FMU can change behind our back, kept and put back.
+/* ---- Process state that an FMU can change without notice: saved and restored.
  *
- * Purpose: an FMU shares the process with us and with other FMUs. One that sets another rounding mode changes bits in silence, one
- *          that takes SIGTERM cannot be ended, one that changes the folder makes relative file names wrong. What was so before the
- *          FMU was loaded is put back.
- * Covers:  the floating-point control bits, the locale, the signal mask and the scheduling of the thread; the locale, the handlers of the signals
- *          that the program itself handles, the current folder and the umask of the process.
+ * Purpose: an FMU shares the process with us and with other FMUs. If it changes the rounding mode,
+ *          results differ. If it catches SIGTERM, the process cannot be ended. If it changes the
+ *          current folder, relative file names are wrong. This module restores the state before the
+ *          FMU was loaded.
+ * Covers:  of the thread: floating-point control bits, locale, signal mask and scheduling. Of the
+ *          process: locale, the signal handlers of the program, current folder and umask.
  * Left alone: handlers of all other signals, timers, limits, environment, open files.
- * Thread:  that of the FMUs, but for tl_host_state_handle(), which is for a time when no FMU is being called.
+ * Thread:  the FMU thread. tl_host_state_handle() may only be called while no FMU is being called.
  */
 
-/* What can be found changed: bits. */
+/* Kinds of change, as bits. */
 typedef enum tl_host_change {
     TL_HOST_ROUNDING = 1,
     TL_HOST_LOCALE = 2,
@@ -125,19 +129,23 @@ typedef enum tl_host_change {
 
 enum { TL_HOST_CHANGES = 7, TL_HOST_CHANGE_TEXT = 192 };
 
-/* What is in force now is right: for the thread that calls, before FMUs are called in it. Folder and umask are those of the first time. */
+/* Saves the present state as the correct one, for the calling thread, before it calls FMUs. Folder
+ * and umask are saved by the first call only. */
 void tl_host_state_keep(void);
 
-/* Puts back what differs from what was kept; the bits of what did. Nothing was ever kept: does nothing. Costs some 14 system calls. */
+/* Restores what differs from the saved state and returns its bits. Does nothing if no state was
+ * saved. Costs about 14 system calls. */
 unsigned tl_host_state_put_back(void);
 
-/* Told, after a handler of ours was put back, which one of an FMU's had been in its place. */
+/* Called after a handler of ours was restored. `foreign`: the FMU's handler that had replaced it.
+ */
 typedef void tl_host_state_displaced(int signal, const struct sigaction *foreign);
 
-/* sigaction(), for a handler of the program itself: it is kept from now on. `displaced` may be NULL. 0, or -1 with errno. */
+/* As sigaction(), for a handler of the program: it is restored from now on. `displaced` may be
+ * NULL. Returns 0, or -1 with errno. */
 int tl_host_state_handle(int signal, const struct sigaction *action, tl_host_state_displaced *displaced);
 
-/* "the rounding mode and the locale" */
+/* Lists the changes in words, for example "the locale and the umask". */
 void tl_host_state_describe(unsigned changes, char text[TL_HOST_CHANGE_TEXT]);
 
 #endif

@@ -1,4 +1,4 @@
-/* SIGINT, SIGTERM and SIGHUP as a flag: see interrupt.h. */
+/* Interrupt flag: see interrupt.h. */
 #include "firmware/process/interrupt.h"
 
 #include <signal.h>
@@ -6,7 +6,7 @@
 
 #include "firmware/process/host_state.h"
 
-static int received; /* global state: a signal handler can have no other */
+static int received; /* global, because a signal handler cannot access other state */
 static unsigned times;
 static bool hears_hangup;
 
@@ -20,7 +20,8 @@ bool tl_interrupt_ignores_hangup(void) {
     return sigaction(SIGHUP, NULL, &now) == 0 && now.sa_handler == SIG_IGN;
 }
 
-/* Our handlers: kept as those of the program, or only where they are not in place. */
+/* Installs our handlers and registers them with host_state.h. `again`: only reinstalls those that
+ * were replaced. */
 static void set_handlers(bool again) {
     static const int numbers[] = {SIGINT, SIGTERM, SIGHUP};
     struct sigaction own = {.sa_handler = note};

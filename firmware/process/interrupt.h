@@ -1,31 +1,34 @@
-/* SIGINT, SIGTERM and SIGHUP as a flag: whoever works long looks at it and ends in good order.
+/* Interrupt flag: SIGINT, SIGTERM and SIGHUP set a flag that long operations poll, so that they end
+ * properly.
  *
- * Thread: install once, before threads are started; requested() and times() from any thread; reclaim() from the main thread, which
- *         takes the signals before all others as long as it does not block them.
+ * Thread: install once, before threads are started. tl_interrupt_reclaim() from the main thread,
+ *         which receives these signals first while it does not block them. All others from any
+ *         thread.
  */
 #ifndef TL_FIRMWARE_PROCESS_INTERRUPT_H
 #define TL_FIRMWARE_PROCESS_INTERRUPT_H
 
 #include <stdbool.h>
 
-/* From now on the first SIGINT, SIGTERM or SIGHUP sets the flag (and lets sleeping calls return with EINTR); SIGPIPE is
- * ignored, so that writing into a closed pipe is an ordinary error. SIGHUP stays ignored where it is. */
+/* Installs the handlers: the first SIGINT, SIGTERM or SIGHUP sets the flag, and each interrupts
+ * sleeping calls with EINTR. Ignores SIGPIPE, so that writing to a closed pipe is an ordinary
+ * error. An ignored SIGHUP stays ignored. */
 void tl_interrupt_install(void);
 
-/* Does who started us (nohup) want to outlive the terminal? */
+/* Returns whether SIGHUP is ignored, as with nohup: then the program outlives its terminal. */
 bool tl_interrupt_ignores_hangup(void);
 
-/* The signal that came ("SIGTERM", "SIGINT", "SIGHUP"), or NULL. */
+/* Returns the name of the last signal received ("SIGTERM", "SIGINT", "SIGHUP"), or NULL. */
 const char *tl_interrupt_requested(void);
 
-/* Its number; 0: none came. */
+/* Returns its number; 0: none was received. */
 int tl_interrupt_signal(void);
 
-/* How many of them came. */
+/* Returns how many were received. */
 unsigned tl_interrupt_times(void);
 
-/* Puts our handlers back where others have taken their place since they were installed, or ignore the signals: an FMU whose call lasts
- * shall not keep the program from being ended. */
+/* Reinstalls our handlers if an FMU has replaced them or ignores the signals, so that the program
+ * can be ended during a long FMU call. */
 void tl_interrupt_reclaim(void);
 
 #endif

@@ -1,4 +1,5 @@
-/* Landlock, by its system calls, for which the C library has no functions: see confine.h. */
+/* Landlock through its system calls, because the C library has no functions for it: see confine.h.
+ */
 #include "firmware/process/confine.h"
 
 #include <dirent.h>
@@ -14,9 +15,9 @@
 
 #include "firmware/process/sanitizer.h"
 
-enum { PLACE = 4096, WITH_PORTS = 4 }; /* the version that knows TCP ports */
+enum { PLACE = 4096, WITH_PORTS = 4 }; /* first version with TCP ports */
 
-/* ---- the kernel's words, beyond the headers of Debian 12 (version 2) ---- */
+/* ---- kernel constants that the headers of Debian 12 (version 2) lack ---- */
 
 #define EMPTY_FILE (UINT64_C(1) << 14)
 #define COMMAND_DEVICE (UINT64_C(1) << 15)
@@ -44,26 +45,27 @@ enum { FILES_ONLY = sizeof(uint64_t), WITH_NETWORK = 2 * sizeof(uint64_t) };
 /* ---- rights ---- */
 
 #define LOOK (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR)
-/* No devices, sockets, pipes and links. */
+/* Without devices, sockets, pipes and links. */
 #define CHANGE                                                                                                         \
     (LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_DIR |                       \
      LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR | LANDLOCK_ACCESS_FS_REFER | EMPTY_FILE)
 #define NEVER                                                                                                          \
     (LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_MAKE_CHAR | LANDLOCK_ACCESS_FS_MAKE_BLOCK |                       \
      LANDLOCK_ACCESS_FS_MAKE_SOCK | LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_SYM)
-/* What can be said of a file that is no folder. */
+/* Rights that apply to a file that is no folder. */
 #define OF_FILES (LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_WRITE_FILE | EMPTY_FILE | COMMAND_DEVICE)
 
-/* What this version knows of all that. */
+/* Rights that this version knows. */
 static uint64_t known(int version) {
-    enum { FIRST = 13 }; /* rights of version 1; each of the versions 2, 3 and 5 brought one more */
+    enum { FIRST = 13 }; /* number of rights in version 1; versions 2, 3 and 5 added one each */
     int count = FIRST + (version >= 2 ? 1 : 0) + (version >= TL_LANDLOCK_TRUNCATION ? 1 : 0) + (version >= 5 ? 1 : 0);
     return (UINT64_C(1) << count) - 1;
 }
 
-/* ---- what programs are made of ---- */
+/* ---- readable files of programs ---- */
 
-/* Not /etc/passwd: who has an account here is no FMU's affair, and programs do without (HOME says the same). */
+/* /etc/passwd is missing on purpose: FMUs must not see the accounts, and programs work without it
+ * (HOME contains the home folder). */
 static const char *const readable[] = {
     "/usr",
     "/lib",
@@ -92,22 +94,25 @@ static const char *const readable[] = {
     "/proc/sys/kernel/cap_last_cap",
     "/sys/devices/system/cpu",
     "/sys/devices/system/node",
-    "/sys/kernel/mm", /* how runtimes measure a machine */
-    "/sys/fs/cgroup", /* and what they may have of it */
+    "/sys/kernel/mm", /* runtimes read the properties of the machine */
+    "/sys/fs/cgroup", /* and their limits */
 };
 
-/* What a process may know of itself: not its environment, its network (the plant's addresses), its threads' copies of both, its memory. The kernel makes
- * such a file anew when nobody has it open and memory is short, and a rule is of the file that it was made for: so each stays open. */
+/* What a process may read about itself: not its environment, its network (addresses of the plant),
+ * its threads' copies of both, and its memory. The kernel recreates such a file when it is closed
+ * and memory is short, and a rule applies only to the inode that it was made for. So each file
+ * stays open. */
 static const char *const own[] = {
     "/proc/self/auxv",   "/proc/self/cgroup", "/proc/self/cmdline",   "/proc/self/comm",         "/proc/self/fd",
     "/proc/self/limits", "/proc/self/maps",   "/proc/self/mountinfo", "/proc/self/mounts",       "/proc/self/smaps",
     "/proc/self/stat",   "/proc/self/statm",  "/proc/self/status",    "/proc/self/smaps_rollup",
 #if TL_HAS_SANITIZER
-    "/proc/self/task", /* the search for leaks stops all threads */
+    "/proc/self/task", /* the leak check stops all threads */
 #endif
 };
 
-/* Settings of the loader, of the C library's locales, and of interpreters and virtual machines: what begins so in /etc. */
+/* Prefixes of names in /etc: settings of the loader, of locales, and of interpreters and virtual
+ * machines. */
 static const char *const etc_names[] = {"ld.so.", "locale", "python", "java", "mono", "dotnet"};
 
 static const char *const writable[] = {"/dev/null"};
@@ -118,10 +123,11 @@ static const char *const writable[] = {"/dev/null"};
 
 typedef struct landlock_rules {
     int set;
-    bool failed; /* with errno; nothing is added any more */
+    bool failed; /* errno is the cause; no further rule is added */
 } landlock_rules;
 
-/* The place, which the caller closes. What is missing, or out of reach, needs no rule, and is -1. */
+/* Adds a rule and returns the open path, which the caller closes. A path that is missing or not
+ * accessible needs no rule: returns -1. */
 static int allow_open(landlock_rules *list, const char *path, uint64_t rights) {
     struct stat what = {.st_mode = 0};
     int place = open(path, O_PATH | O_CLOEXEC);
@@ -179,7 +185,7 @@ static void allow_places(landlock_rules *list, const tl_confine_settings *places
     const uint64_t change = all & (LOOK | CHANGE);
     allow_all(list, readable, COUNT(readable), look);
     for (size_t i = 0; i < COUNT(own) && !list->failed; i++) {
-        (void)allow_open(list, own[i], look); /* and stays open */
+        (void)allow_open(list, own[i], look); /* stays open */
     }
     allow_settings(list, look);
     allow_all(list, writable, COUNT(writable), change);
@@ -195,7 +201,7 @@ static void allow_ports(landlock_rules *list, const tl_confine_settings *places)
     }
 }
 
-/* ---- the whole ---- */
+/* ---- apply ---- */
 
 int tl_landlock_version(void) {
     long version = syscall(SYS_landlock_create_ruleset, NULL, 0, LANDLOCK_CREATE_RULESET_VERSION);

@@ -1,7 +1,9 @@
-/* Private folders, and how what an enemy has put into one is removed: see private_folder.h.
+/* Private folders, and the safe removal of hostile contents: see private_folder.h.
  *
- * A tree is removed flat: whatever is a folder in a folder is moved up to the root of the tree, under a new name, until the root has no folder
- * that is not empty. So two descriptors, with one more for a folder that forbids to be opened, are enough for any depth, and no path gets long. */
+ * A tree is removed without recursion: non-empty subfolders are moved to the root of the tree under
+ * a new name and emptied there. So two descriptors, plus one for a folder that cannot be opened
+ * directly, are enough for any depth, and no path gets long.
+ */
 #include "firmware/process/private_folder.h"
 
 #include <dirent.h>
@@ -24,14 +26,14 @@ enum { NAME_ROOM = 32, LETTERS = 6 };
 
 /* ---- Removing ------------------------------------------------------------------------------------------ */
 
-/* One tree that is being removed. */
+/* Removal of one tree. */
 typedef struct removal {
     int root;
-    unsigned long names; /* given to folders that were moved */
+    unsigned long names; /* number of the next new name */
     size_t changes;      /* entries removed or moved so far */
 } removal;
 
-/* Its entries can be changed. */
+/* Sets the mode so that entries can be removed. */
 static void make_ours(int folder) {
     struct stat about;
     if (folder >= 0 && fstat(folder, &about) == 0 && (about.st_mode & S_IRWXU) != S_IRWXU) {
@@ -39,7 +41,8 @@ static void make_ours(int folder) {
     }
 }
 
-/* Opens a folder in a folder whatever its mode, and so that its entries can be changed. Descriptor, or −1. Links are not followed. */
+/* Opens a subfolder whatever its mode, so that its entries can be removed. Returns a descriptor, or
+ * −1. Follows no links. */
 static int open_folder(int parent, const char *name) {
     char path[NAME_ROOM];
     int folder = openat(parent, name, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
@@ -54,11 +57,11 @@ static int open_folder(int parent, const char *name) {
     return folder;
 }
 
-/* Under a name that is not taken. */
+/* Moves a subfolder to the root under an unused name. */
 static void move_up(removal *work, int parent, const char *name) {
     char fresh[NAME_ROOM];
     int result = -1;
-    int folder = open_folder(parent, name); /* who may not write into it may not move it */
+    int folder = open_folder(parent, name); /* moving a folder needs write permission for it */
     if (folder < 0) {
         return;
     }
@@ -78,7 +81,8 @@ static void remove_entry(removal *work, int parent, const char *name) {
     }
 }
 
-/* Does something to each entry of a folder, until a whole pass changes nothing: entries may be left out while others vanish. Closes it. */
+/* Calls `act` for each entry, until a whole pass changes nothing: readdir() may skip entries while
+ * others are removed. Closes the folder. */
 static void for_each(removal *work, int folder, void (*act)(removal *work, int folder, const char *name)) {
     DIR *entries = fdopendir(folder);
     size_t before = 0;
@@ -98,7 +102,7 @@ static void for_each(removal *work, int folder, void (*act)(removal *work, int f
     (void)closedir(entries);
 }
 
-/* Of the root: what is a folder is emptied into the root first. */
+/* A subfolder of the root is emptied before it is removed. */
 static void remove_root_entry(removal *work, int root, const char *name) {
     if (unlinkat(root, name, 0) == 0 || unlinkat(root, name, AT_REMOVEDIR) == 0) {
         work->changes++;
@@ -111,7 +115,8 @@ static void remove_root_entry(removal *work, int root, const char *name) {
     }
 }
 
-/* The folder of this path, opened as `root`, which is closed, with all that is in it. What is mounted there, or immutable, stays. */
+/* Removes the folder `path`, which is open as `root`, with its contents. Closes `root`. Mount
+ * points and immutable files stay. */
 static void remove_tree(int root, const char *path) {
     removal work = {.root = root};
     if (root >= 0) {
@@ -123,7 +128,7 @@ static void remove_tree(int root, const char *path) {
     }
 }
 
-/* Another process removes what is made. */
+/* The parent removes the folders of this process. */
 static bool leaves;
 
 void tl_private_folder_leave(void) {
@@ -140,9 +145,10 @@ void tl_private_folder_remove(tl_private_folder *folder) {
     folder->descriptor = -1;
 }
 
-/* ---- What killed processes left ------------------------------------------------------------------------ */
+/* ---- Folders of killed processes
+ * ------------------------------------------------------------------------ */
 
-/* The process in twinlock-KIND-PID-XXXXXX, 0 where the name has another form. */
+/* Returns the process in twinlock-KIND-PID-XXXXXX; 0 if the name has another form. */
 static pid_t owner_of(const char *name, const char *kind) {
     size_t length = strlen(kind);
     if (strncmp(name, PREFIX, strlen(PREFIX)) != 0 || strncmp(name + strlen(PREFIX), kind, length) != 0 ||
@@ -157,7 +163,8 @@ static pid_t owner_of(const char *name, const char *kind) {
     return is_whole ? (pid_t)pid : 0;
 }
 
-/* A process of that number may be alive in another container that shares the folder: then it holds the lock. */
+/* Removes one folder if it is not locked. Its process may be alive in another container that shares
+ * the parent folder, and then holds the lock. Returns false if it is locked. */
 static bool sweep_one(int parent, const char *parent_path, const char *name) {
     struct stat status;
     if (fstatat(parent, name, &status, AT_SYMLINK_NOFOLLOW) != 0 || !S_ISDIR(status.st_mode) ||
@@ -179,10 +186,11 @@ static bool sweep_one(int parent, const char *parent_path, const char *name) {
     return true;
 }
 
-/* A child that the owner has just forked has the lock as well, and dies a moment later than its parent. */
+/* A child that the owner has just forked shares the lock and may end a moment later than its
+ * parent. */
 enum { SWEEPS = 50, SWEEP_PAUSE_US = 10000 };
 
-/* False: one is still locked. */
+/* Returns false if a folder is still locked. */
 static bool sweep(const char *parent_path, const char *kind) {
     DIR *parent = opendir(parent_path);
     bool is_clean = true;
@@ -191,7 +199,8 @@ static bool sweep(const char *parent_path, const char *kind) {
     }
     for (struct dirent *entry = readdir(parent); entry != NULL; entry = readdir(parent)) {
         pid_t pid = owner_of(entry->d_name, kind);
-        /* Our own number counts as gone: in a container it is always the same, and our own folders are locked. */
+        /* A folder with our own process ID is checked too: in a container a new process may have
+         * the same ID as before. Our own folders are locked. */
         if (pid > 0 && (pid == getpid() || (kill(pid, 0) != 0 && errno == ESRCH))) {
             is_clean = sweep_one(dirfd(parent), parent_path, entry->d_name) && is_clean;
         }
@@ -200,7 +209,8 @@ static bool sweep(const char *parent_path, const char *kind) {
     return is_clean;
 }
 
-/* The folder for temporary files, without links in it. False, with errno, where it cannot be used. */
+/* Finds the folder for temporary files and resolves its links. Returns false with errno if it
+ * cannot be used. */
 static bool find_parent(const char **name, char parent[PATH_MAX]) {
     const char *wanted = getenv("TMPDIR");
     *name = wanted != NULL && wanted[0] != '\0' ? wanted : "/tmp";
@@ -220,7 +230,8 @@ void tl_private_folder_sweep(const char *kind) {
 
 /* ---- Making -------------------------------------------------------------------------------------------- */
 
-/* Locks it, and shares it. It stays ours, so that our sweep knows it. */
+/* Locks and shares the folder. The owner does not change, because sweep_one() removes only our own
+ * folders. */
 static tl_status claim(uint32_t user, tl_private_folder *folder, tl_error *error) {
     folder->descriptor = open(folder->path, O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC);
     if (folder->descriptor < 0 || flock(folder->descriptor, LOCK_EX | LOCK_NB) != 0) {

@@ -1,13 +1,16 @@
-/* A private folder: for files of one process that nobody else may see, and that do not outlive it.
+/* Private folder: temporary files of one process, which other users cannot read and which are
+ * removed when the process has ended.
  *
- * Purpose: a fresh folder in $TMPDIR or /tmp, named twinlock-KIND-PID-XXXXXX, mode 0700, and locked as long as it is used. Making one first
- *          removes those of its kind whose process is gone and whose lock is free.
- * Trust:   what is in it may have been put there by an enemy: links are not followed, folders that forbid it are opened all the same,
- *          and neither their depth nor the number of files costs memory or descriptors.
- * Another: a process that may not remove files leaves that to the one that started it and has given it a folder: tl_private_folder_leave().
- * Owner:   the caller places a folder; it must stay where it is until it is removed.
- * Errors:  TL_TRY_AGAIN: space or descriptors are missing, or TMPDIR is no folder.
- * Thread:  one thread at a time for each folder.
+ * Purpose: makes a new folder twinlock-KIND-PID-XXXXXX in $TMPDIR or /tmp, mode 0700, and locks it
+ *          while it is in use. First removes unlocked folders of the same kind whose process has
+ *          ended.
+ * Trust:   the contents may be hostile. Removing follows no links, opens folders whatever their
+ *          mode, and needs constant memory and descriptors for any depth and number of files.
+ * Another: a process that may not remove files leaves this to its parent, which has given it a
+ *          folder: tl_private_folder_leave().
+ * Owner:   the caller owns the struct, which must not move until the folder is removed.
+ * Errors:  TL_TRY_AGAIN if space or descriptors are missing, or if TMPDIR is no folder.
+ * Thread:  one thread at a time per folder.
  */
 #ifndef TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
 #define TL_FIRMWARE_PROCESS_PRIVATE_FOLDER_H
@@ -17,25 +20,28 @@
 
 #include "master/base/status.h"
 
-enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes that a path has left below it */
+enum { TL_PRIVATE_FOLDER_ROOM = 1026 }; /* bytes that PATH_MAX leaves for names below it */
 
-/* A zeroed one is none. */
+/* Zeroed: no folder. */
 typedef struct tl_private_folder {
-    char path[PATH_MAX]; /* absolute, without links and without a slash at the end; "" where there is none */
+    char path[PATH_MAX]; /* absolute, no links, no slash at the end; "": no folder */
     int descriptor;      /* of the folder, which it locks */
 } tl_private_folder;
 
-/* `kind`: letters, "fmu". `user`: who shares it, as the group of that number, which takes root; 0: nobody. On failure nothing remains. */
+/* Makes a folder. `kind`: letters, for example "fmu". `user`: ID of the group that may use it as
+ * well, which needs root; 0: none. Removes all on failure. */
 tl_status tl_private_folder_make(const char *kind, uint32_t user, tl_private_folder *folder, tl_error *error);
 
-/* Removes it with all that is in it, unless it is left to another process: then it is only closed. None is allowed. */
+/* Removes the folder and its contents. After tl_private_folder_leave() it is only closed. A struct
+ * without a folder is allowed. */
 void tl_private_folder_remove(tl_private_folder *folder);
 
-/* Removes the folders of this kind whose process was killed, as making one does. Waits up to 0.5 s for one that a dying child still locks. */
+/* Removes the folders of this kind whose process was killed, as tl_private_folder_make() does.
+ * Waits up to 0.5 s for one that a dying child still locks. */
 void tl_private_folder_sweep(const char *kind);
 
-/* From now on folders are made in one that another process removes with all that is in it: making sweeps nothing, and removing only closes. Before
- * the first is made, while there is one thread. */
+/* From now on a parent process removes the folders of this process: making removes no old ones, and
+ * removing only closes. Call it before the first folder is made, while there is one thread. */
 void tl_private_folder_leave(void);
 
 #endif

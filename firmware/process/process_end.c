@@ -1,4 +1,4 @@
-/* The end of the process: see process_end.h. */
+/* Process end: see process_end.h. */
 #include "firmware/process/process_end.h"
 
 #include <signal.h>
@@ -25,8 +25,8 @@
 
 enum { FMU_FAILED = 70, FLUSH_S = 1 };
 
-/* Of the process, which ends but once. */
-static pid_t process; /* whose end is ours; what an FMU forks ends as it likes */
+/* State of the process, which ends only once. */
+static pid_t process; /* the process that this module ends; processes that an FMU forks are not affected */
 static volatile sig_atomic_t ending;
 static volatile sig_atomic_t end_code;
 static tl_process_keeper *kept_by;
@@ -38,7 +38,7 @@ static void end_late(int number) {
     _exit(end_code);
 }
 
-/* After so many seconds nobody is waited for any more. */
+/* After this time the process exits, even if a lock is not released. */
 static void limit(unsigned seconds) {
     struct sigaction action = {.sa_handler = end_late};
     sigset_t set;
@@ -50,7 +50,8 @@ static void limit(unsigned seconds) {
     (void)alarm(seconds);
 }
 
-/* A thread that an FMU has left behind may hold the lock of a stream for ever. */
+/* The time is limited, because a thread that an FMU has left may hold the lock of a stream for
+ * ever. */
 static void flush_and_end(void) __attribute__((noreturn));
 
 static void flush_and_end(void) {
@@ -67,7 +68,8 @@ static void set_ending(int code) {
     ending = 1;
 }
 
-/* exit() was called: by us, and what was registered after this has run, or by an FMU. */
+/* exit() was called: by us, after all handlers that were registered later have run, or by an FMU.
+ */
 static void on_exit_called(int code, void *unused) {
     char why[256];
     tl_fmu_call call;
@@ -100,7 +102,8 @@ void tl_process_begin(void) {
 
 void tl_process_end(int code) {
     set_ending(code);
-    if (__atomic_load_n(&runs_exit_handlers, __ATOMIC_RELAXED)) { /* an interpreter frees what it has there, if ever */
+    if (__atomic_load_n(&runs_exit_handlers,
+                        __ATOMIC_RELAXED)) { /* interpreters free their memory themselves, if at all */
         limit(TL_PROCESS_END_S);
         exit(code); // NOLINT(concurrency-mt-unsafe): nobody else of ours ends the process
     }

@@ -1,4 +1,4 @@
-/* System calls that a confined process was refused, and what an FMU was refused: see refusal.h. */
+/* Refused system calls: see refusal.h. */
 #include "firmware/process/refusal.h"
 
 #include <errno.h>
@@ -12,12 +12,12 @@
 
 /* ---- refusal ---- */
 
-/* Names by number, which libseccomp gives in memory of the heap. */
+/* Names by number. They are copied once, because libseccomp allocates them on the heap. */
 enum { NAMES = 512 };
 static char names[NAMES][TL_REFUSAL_NAME];
 static bool named;
 
-/* Whoever comes second meanwhile writes the same. */
+/* If two threads do this at once, both write the same. */
 static void prepare(void) {
     for (int number = 0; number < NAMES && !__atomic_load_n(&named, __ATOMIC_ACQUIRE); number++) {
         char *name = seccomp_syscall_resolve_num_arch(SCMP_ARCH_NATIVE, number);
@@ -39,7 +39,7 @@ static void describe(const struct seccomp_notif *asked, tl_refusal *refusal) {
     }
 }
 
-/* The kernel knows the size of what it fills by the number of the command. */
+/* The command number contains the size of the struct that the kernel fills. */
 bool tl_refusal_take(int listener, tl_refusal *refusal) {
     struct pollfd waiting = {.fd = listener, .events = POLLIN};
     struct seccomp_notif asked = {.id = 0};
@@ -52,8 +52,8 @@ bool tl_refusal_take(int listener, tl_refusal *refusal) {
     return true;
 }
 
-/* Nothing of the other process is read, so it does not matter whether it is still there (SECCOMP_IOCTL_NOTIF_ID_VALID): an answer that comes
- * too late goes nowhere. */
+/* No memory of the other process is read, so SECCOMP_IOCTL_NOTIF_ID_VALID is not needed. If the
+ * process has ended, the answer has no effect. */
 void tl_refusal_answer(int listener, const tl_refusal *refusal) {
     struct seccomp_notif_resp reply = {.id = refusal->id, .error = -EPERM};
     (void)ioctl(listener, SECCOMP_IOCTL_NOTIF_SEND, &reply);

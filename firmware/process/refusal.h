@@ -1,6 +1,6 @@
-/* System calls that a confined process was refused, and what an FMU was refused.
+/* Refused system calls of a confined process, and which FMU made them.
  *
- * Thread:  as each part says.
+ * Thread:  see each section.
  */
 #ifndef TL_FIRMWARE_PROCESS_REFUSAL_H
 #define TL_FIRMWARE_PROCESS_REFUSAL_H
@@ -11,40 +11,45 @@
 
 #include "firmware/process/fmu_call.h"
 
-/* ---- What a confined process was refused, for the process that keeps watch on it.
+/* ---- Refused system calls, for the process that monitors a confined one.
  *
- * Purpose: vendors' FMUs ask for a licence by a socket, start a tool, change a file's mode. Each such call waits until it is taken here and
- *          answered, with EPERM, always. In between the caller stands still, so that what it was about can be looked up.
- * Cost:    a refused call waits for the next look: take all that wait, often, and answer each at once.
- * Memory:  once prepared, none of the heap is asked for: a thread of the same process that forks holds its locks while it waits.
- * Thread:  any one.
+ * Purpose: vendors' FMUs open a socket for a licence, start a tool or change a file's mode. Such a
+ *          call waits until it is received here and answered, always with EPERM. The caller is
+ *          blocked meanwhile, so that the monitor can determine its cause.
+ * Cost:    a refused call waits for the next poll: poll often, receive all that wait, and answer
+ *          each at once.
+ * Memory:  after the first call no heap is used, because a forking thread of this process holds the
+ *          heap's locks while its call waits.
+ * Thread:  any, one at a time.
  */
 
 enum { TL_REFUSAL_NAME = 32 };
 
 typedef struct tl_refusal {
-    uint64_t id;                /* private: of what is to be answered */
-    char name[TL_REFUSAL_NAME]; /* "socket"; "call 999" where nobody has a name for it */
+    uint64_t id;                /* private: identifies the call to answer */
+    char name[TL_REFUSAL_NAME]; /* for example "socket"; "call 999" if its name is unknown */
 } tl_refusal;
 
-/* Takes one, which must be answered. False: none waits, or the process has ended. Never waits. `listener` is tl_confine()'s, or -1: never one. */
+/* Receives one refused call, which the caller must answer. Does not block. Returns false if none
+ * waits or the process has ended. `listener`: from tl_confine(); -1: always returns false. */
 bool tl_refusal_take(int listener, tl_refusal *refusal);
 
-/* Refuses it: the caller goes on. One that is gone meanwhile is no error. */
+/* Answers with EPERM, so that the calling thread continues. It is no error if the process has
+ * ended. */
 void tl_refusal_answer(int listener, const tl_refusal *refusal);
 
-/* ---- What FMUs were refused, in words: each system call of each FMU once.
+/* ---- Messages about refused calls: one for each system call of each FMU.
  *
- * Purpose: whoever answers refused calls (refusal.h) says which FMU asked for what, and in which function; an FMU that asks a thousand times
- *          is said once.
- * Bound:   TL_FMU_REFUSALS sentences; what comes then is answered, and not said.
- * Memory:  of its own (refusal.h).
- * Thread:  one at a time: who owns it has a lock, or is the only one.
+ * Purpose: the process that answers refused calls reports which FMU made which call, in which
+ *          function. Repeated calls are reported once.
+ * Bound:   TL_FMU_REFUSALS messages; further calls are answered but not reported.
+ * Memory:  none but the struct.
+ * Thread:  one at a time; the owner locks it if necessary.
  */
 
 enum { TL_FMU_REFUSALS = 64, TL_FMU_REFUSAL_TEXT = 320 };
 
-/* Told of what an FMU was refused. */
+/* Receives a message about a refused call of an FMU. */
 typedef void tl_fmu_refusals_listener(void *context, const char *text);
 
 typedef struct tl_fmu_refused {
@@ -53,17 +58,19 @@ typedef struct tl_fmu_refused {
     char said[TL_FMU_REFUSAL_TEXT];
 } tl_fmu_refused;
 
-/* Fields are private. A zeroed one is empty. */
+/* Fields are private. Zeroed: empty. */
 typedef struct tl_fmu_refusals {
     tl_fmu_refused entries[TL_FMU_REFUSALS];
     size_t count;
 } tl_fmu_refusals;
 
-/* One that was taken and is not answered yet: who asked stands still, so `calls`, of the process with the FMUs, still say in which function it is.
- * True: it is new, and there is a sentence about it. */
+/* Notes a refused call that was received but not yet answered. The caller of it is still blocked,
+ * so `calls` of the FMU process names the current function. Returns true if it is new and has a
+ * message. */
 bool tl_fmu_refusals_note(tl_fmu_refusals *refusals, const tl_refusal *refusal, const tl_fmu_calls *calls);
 
-/* The next sentence that is not told yet: *told, 0 at first, counts them. NULL: there is none. It stays where it is. */
+/* Returns the next message that was not yet reported, or NULL. *told counts reported messages; 0 at
+ * first. The text stays valid as long as `refusals`. */
 const char *tl_fmu_refusals_next(const tl_fmu_refusals *refusals, size_t *told);
 
 #endif

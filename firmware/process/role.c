@@ -1,4 +1,5 @@
-/* Fork, and exec of oneself: see role.h. Between the two only what POSIX allows after fork() in a process with threads. */
+/* Fork and exec of this program: see role.h. Between the two only functions that POSIX allows after
+ * fork() in a process with threads. */
 #include "firmware/process/role.h"
 
 #include <errno.h>
@@ -18,19 +19,20 @@
 
 #define PREFIX "twinlock: "
 
-/* Behind those of the child: the program, and the pipe that tells what became of exec. Higher ones are where all are gathered first. */
+/* Descriptors after those of the child: the program, and the pipe that reports the result of exec.
+ * All are first duplicated to GATHER and above. */
 enum { PROGRAM = TL_ROLE_DESCRIPTORS, NEWS, FIRST_TO_CLOSE, GATHER = FIRST_TO_CLOSE, NOT_EXECUTED = 127 };
 
-/* Of the process. */
+/* State of this process. */
 static int program = -1;
-static char **words;               /* of its command line, as it was; NULL: it has a role */
-static int program_fault = ENOSYS; /* why there is none */
-static pid_t parent;               /* of a process with a role, */
-static char *own_title;            /* in its argv */
+static char **words;               /* the original command line; NULL: this process has a role */
+static int program_fault = ENOSYS; /* errno of opening the program; 0: none */
+static pid_t parent;               /* parent process, if this process has a role */
+static char *own_title;            /* part of its argv[0] */
 
 /* ---- At the start ---- */
 
-/* Options are put into another order later. */
+/* Saves the order, because getopt_long() changes it later. */
 static void keep_words(char *const *argv) {
     size_t count = 0;
     while (argv[count] != NULL) {
@@ -49,7 +51,7 @@ const char *tl_role_begin(char *const *argv) {
     }
     keep_words(argv);
     tl_role_open_program();
-    while (waitpid(-1, NULL, WNOHANG) > 0) { /* those of the program that this process was before */
+    while (waitpid(-1, NULL, WNOHANG) > 0) { /* children from before tl_role_restart() */
     }
     return NULL;
 }
@@ -86,13 +88,13 @@ void tl_role_enter(void) {
 
 /* ---- Between fork and exec ---- */
 
-/* What a child needs, put together before it is forked. */
+/* Data for a child, prepared before the fork. */
 typedef struct launch {
     const tl_role_settings *settings;
     char *argv[2];
     char **environment;
     pid_t parent;
-    int news[2]; /* a pipe: errno of exec; nothing where it was executed */
+    int news[2]; /* pipe: errno of a failed exec; empty if exec succeeded */
 } launch;
 
 static void reset_signals(void) {
@@ -109,14 +111,14 @@ static void reset_signals(void) {
     (void)sigprocmask(SIG_SETMASK, &none, NULL);
 }
 
-/* A descriptor where none of the child's will be; −1 stays. */
+/* Duplicates a descriptor above all numbers of the child; −1 stays. */
 static int gather(int descriptor) {
     int gathered = descriptor < 0 ? -1 : fcntl(descriptor, F_DUPFD_CLOEXEC, GATHER);
     errno = gathered < 0 && errno == EINVAL ? EMFILE : errno; /* GATHER is above the limit */
     return gathered;
 }
 
-/* To its number, without closing it on exec; or that number is closed. */
+/* Duplicates it to its number, without close-on-exec. −1 closes that number. */
 static bool place(int descriptor, int number) {
     if (descriptor < 0) {
         (void)close(number);
@@ -125,7 +127,7 @@ static bool place(int descriptor, int number) {
     return dup2(descriptor, number) == number;
 }
 
-/* False, with errno, where descriptors are missing. */
+/* Returns false with errno if descriptors are missing. */
 static bool place_all(const launch *start) {
     int gathered[TL_ROLE_DESCRIPTORS];
     int own_program = gather(program);
@@ -148,7 +150,8 @@ static bool place_all(const launch *start) {
     return is_placed;
 }
 
-/* The kernel or the emulator cannot execute the program by a descriptor; anything else is a failure. */
+/* Returns whether the kernel or emulator cannot execute a descriptor. Any other code is a failure.
+ */
 static bool cannot_execute(int code) {
     return code == ENOEXEC || code == ENOSYS || (program < 0 && code == program_fault);
 }
@@ -216,7 +219,8 @@ static bool is_inherited(const tl_role_settings *settings, const char *variable)
     return found && !is_replaced(settings, variable);
 }
 
-/* What is inherited of ours, with the additions; freed by one free(). NULL where memory is out. */
+/* Returns the inherited variables and the additions; free it with one free(). Returns NULL if
+ * memory is out. */
 static char **make_environment(const tl_role_settings *settings) {
     size_t count = 0;
     size_t used = 0;
@@ -230,16 +234,16 @@ static char **make_environment(const tl_role_settings *settings) {
         }
     }
     for (size_t i = 0; made != NULL && i < settings->variable_count; i++) {
-        memcpy(&made[used++], &settings->variables[i], sizeof made[0]); /* which exec() does not change */
+        memcpy(&made[used++], &settings->variables[i], sizeof made[0]); /* removes const; exec() does not change it */
     }
     return made;
 }
 
-/* With all signals blocked, so that no handler of ours runs in the child. */
+/* Blocks all signals, so that no handler of ours runs in the child. */
 static pid_t fork_child(const launch *start) {
     sigset_t all;
     sigset_t before;
-    (void)fflush(NULL); /* a child that goes on in our image would write it a second time */
+    (void)fflush(NULL); /* so that a forked child does not write buffered output again */
     (void)sigfillset(&all);
     (void)pthread_sigmask(SIG_SETMASK, &all, &before);
     pid_t pid = fork();
@@ -252,7 +256,7 @@ static pid_t fork_child(const launch *start) {
     return pid;
 }
 
-/* What the child has told of its exec: 0: it was executed. */
+/* Waits for the child's exec and returns its errno; 0: it succeeded. */
 static int hear(int news) {
     int code = 0;
     return tl_file_bytes_read(news, (char *)&code, sizeof code) == (ssize_t)sizeof code ? code : 0;

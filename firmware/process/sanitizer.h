@@ -1,6 +1,5 @@
-/* Whether this program was built with AddressSanitizer or ThreadSanitizer, which need what nothing else needs: memory without a limit, and
- * for the search of leaks a process of their own that traces this one.
- */
+/* Detects whether this program was built with AddressSanitizer or ThreadSanitizer. They need memory
+ * without a limit and, for the leak check, a separate process that traces this one. */
 #ifndef TL_FIRMWARE_PROCESS_SANITIZER_H
 #define TL_FIRMWARE_PROCESS_SANITIZER_H
 

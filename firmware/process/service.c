@@ -1,4 +1,4 @@
-/* The service manager is systemd: see service.h. */
+/* Service manager: see service.h. The protocol is that of systemd. */
 #include <errno.h>
 #include <stddef.h>
 #include <stdlib.h>
@@ -9,7 +9,7 @@
 
 #include "firmware/process/service.h"
 
-/* A path, or a name in the kernel's own list after an @. False where it is neither. */
+/* NOTIFY_SOCKET is a path, or an abstract name after an @. Returns false if it is neither. */
 static bool find_address(struct sockaddr_un *address, socklen_t *size) {
     const char *name = getenv("NOTIFY_SOCKET");
     size_t length = name == NULL ? 0 : strlen(name);
@@ -25,7 +25,7 @@ static bool find_address(struct sockaddr_un *address, socklen_t *size) {
     return true;
 }
 
-/* As sd_notify(), which waits where the socket is full. */
+/* Replaces sd_notify(), which blocks if the socket is full. */
 bool tl_service_notify(const char *state) {
     struct sockaddr_un address;
     socklen_t size = 0;
@@ -42,9 +42,9 @@ bool tl_service_notify(const char *state) {
     return !full;
 }
 
-/* As sd_watchdog_enabled(). */
+/* Replaces sd_watchdog_enabled(). */
 tl_time tl_service_extend_timeout(void) {
-    const char *process = getenv("WATCHDOG_PID"); /* who is meant; others have it from its parent */
+    const char *process = getenv("WATCHDOG_PID"); /* the process that is meant; children inherit the variable */
     const char *microseconds = getenv("WATCHDOG_USEC");
     bool is_meant = process == NULL || strtol(process, NULL, 10) == getpid();
     return is_meant && microseconds != NULL ? (tl_time)strtoul(microseconds, NULL, 10) * 1000 : 0;

@@ -1,7 +1,9 @@
-/* The service manager that started us: systemd, or one that speaks its protocol (sd_notify(3)). If there is none, all of this does nothing.
+/* Service manager: notifies systemd, or another one with its protocol (sd_notify(3)). Without one,
+ * all functions do nothing.
  *
- * Purpose: tells it that the start is over, that we are alive, how we are, that we end.
- * Thread:  one thread, of the process that it started.
+ * Purpose: reports that the start is complete, that the program is alive, its status, and that it
+ *          ends.
+ * Thread:  one thread of the process that the service manager started.
  */
 #ifndef TL_FIRMWARE_PROCESS_SERVICE_H
 #define TL_FIRMWARE_PROCESS_SERVICE_H
@@ -10,11 +12,12 @@
 
 #include "master/base/simtime.h"
 
-/* Lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not wait: false where the service manager has not
- * heard the last ones yet, which it does not where it has no turn, and whoever must not wait for it is perhaps the one to give it one. */
+/* Sends lines of sd_notify(3): "READY=1", "WATCHDOG=1", "STATUS=…", "STOPPING=1". Does not block.
+ * Returns false if the socket is full because the service manager has not read earlier lines. It
+ * may get no processor time while a real-time process runs, so never wait for it. */
 bool tl_service_notify(const char *state);
 
-/* WatchdogSec: at least so often it wants to hear "WATCHDOG=1" (ns); 0: never. */
+/* Returns WatchdogSec, the longest time between two "WATCHDOG=1", ns; 0: no watchdog. */
 tl_time tl_service_extend_timeout(void);
 
 #endif
