@@ -35,8 +35,7 @@ int64_t tl_show_instant(const tl_history_run *run, int64_t step) {
     return after > 1e14 ? started : started + (int64_t)floor(after + 0.5);
 }
 
-/* ---- Texts of one line. Each is valid until TEXTS more have been created. `show` has one thread.
- */
+/* ---- Texts of one line. Each is valid until TEXTS more have been created; one thread. */
 
 static char *next_text(void) {
     static char texts[TEXTS][TEXT];
