@@ -7,7 +7,7 @@
 #include "firmware/cli/options.h"
 #include "firmware/report/show.h"
 
-/* ---- Since when -------------------------------------------------------------------------------------------------- */
+/* ---- Start of the output ----------------------------------------------------------------------------------------- */
 
 static int64_t step_at(double seconds, tl_time step) {
     double number = ceil(seconds * 1e9 / (double)step);

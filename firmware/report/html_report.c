@@ -593,7 +593,7 @@ static void put_figures(const filling *page) {
     (void)fputs("</div>\n</div>\n</section>\n", file);
 }
 
-/* ---- Course ------------------------------------------------------------------------------------------------------ */
+/* ---- Notes on the plots ------------------------------------------------------------------------------------------ */
 
 static void put_thinning(const filling *page) {
     const tl_html_report *report = page->report;

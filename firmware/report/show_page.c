@@ -228,7 +228,7 @@ static void print_run(const show_page *page) {
     print_recorded(page);
 }
 
-/* ---- How well it followed ---------------------------------------------------------------------------------------- */
+/* ---- Errors ------------------------------------------------------------------------------------------------------ */
 
 /* Adds the MSE at the plant's own readings, and the numbers of readings and of rejected ones. */
 static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
@@ -262,7 +262,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
     return tl_show_table_end(&table, page->file, error);
 }
 
-/* ---- What had to be corrected ------------------------------------------------------------------------------------ */
+/* ---- Corrections ------------------------------------------------------------------------------------------------- */
 
 static void add_numbers(tl_show_table *table, const tl_show_summary *summary, size_t adjust) {
     enum { NUMBERS = 6 };
@@ -321,7 +321,7 @@ static void print_curve(const show_page *page, size_t adjust) {
     }
 }
 
-/* ---- What has changed since when --------------------------------------------------------------------------------- */
+/* ---- Changes of the corrections ---------------------------------------------------------------------------------- */
 
 /* Returns the start of a step: UTC in a live run, else the time since the start of the run. */
 static const char *instant(const show_page *page, int64_t step) {
@@ -443,7 +443,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
                              &visitor, error);
 }
 
-/* ---- All of it --------------------------------------------------------------------------------------------------- */
+/* ---- The page ---------------------------------------------------------------------------------------------------- */
 
 static void print_title(const show_page *page) {
     char log_path[TEXT];
