@@ -64,8 +64,8 @@ tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char
 size_t tl_emulation_column_count(const tl_emulation *emulation);
 const char *tl_emulation_column(const tl_emulation *emulation, size_t column);
 
-/* Reads or simulates the next row. *end is true if there is none. Errors: those of the recording or of
- * the FMUs. */
+/* Reads or simulates the next row. *end is true if there is none. Errors: those of the recording or
+ * of the FMUs. */
 tl_status tl_emulation_next(tl_emulation *emulation, tl_emulation_row *row, bool *end, tl_error *error);
 
 /* Closes the emulation and its recording. NULL is allowed. */

@@ -98,8 +98,7 @@ typedef struct tl_options {
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option_table tl_verb_table;
 
-/* Parses the arguments after the verb; argv[1] is the first of them. See tl_program_options_read().
- */
+/* Parses the arguments after the verb; argv[1] is the first. See tl_program_options_read(). */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
 
 /* The verbs. Each one runs with parsed and checked options and returns the exit code of the

@@ -1,5 +1,5 @@
-/* Roles of the processes that this program starts (role.h): twin, states (a twin that only checks saved
- * states), io, recorder, config manager, worker.
+/* Roles of the processes that this program starts (role.h): twin, states (a twin that only checks
+ * saved states), io, recorder, config manager, worker.
  *
  * Thread:  the main thread.
  */

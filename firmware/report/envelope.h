@@ -17,12 +17,11 @@
 
 typedef struct tl_envelope {
     size_t channels;
-    size_t room;   /* buckets per channel */
-    size_t used;   /* buckets up to the last one with a value */
-    int64_t width; /* steps per bucket: a power of 2 */
-    int64_t steps; /* 1 + the largest position so far */
-    double *
-        values; /* minimum and maximum of each bucket, by channel, in the order in which they occurred; NaN: no value */
+    size_t room;    /* buckets per channel */
+    size_t used;    /* buckets up to the last one with a value */
+    int64_t width;  /* steps per bucket: a power of 2 */
+    int64_t steps;  /* 1 + the largest position so far */
+    double *values; /* minimum and maximum of each bucket, in order of time; NaN: no value */
     uint8_t *marks;
 } tl_envelope;
 

@@ -85,8 +85,8 @@ typedef struct tl_html_report tl_html_report;
 /* Returns the tolerance of a match; 0 if the match is only compared and has none. */
 double tl_html_tolerance(const tl_plan_match *match, bool synchronise);
 
-/* Creates an empty report; copies the settings but not their texts and arrays. Errors: TL_TRY_AGAIN if
- * memory is out. */
+/* Creates an empty report; copies the settings but not their texts and arrays. Errors: TL_TRY_AGAIN
+ * if memory is out. */
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error);
 
 /* Frees the report. NULL is allowed. */

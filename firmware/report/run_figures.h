@@ -69,8 +69,7 @@ uint64_t tl_run_figures_committed(const tl_run_figures *figures);
  * Returns false and prints nothing if there were none. */
 bool tl_run_figures_print_outcomes(const tl_run_figures *figures, const char *before, FILE *file);
 
-/* Return MSE and MAX. NaN if there are too few pairs: fewer than 2 for the MSE, none for the MAX.
- */
+/* Return MSE and MAX. NaN if there are too few pairs: below 2 for the MSE, 0 for the MAX. */
 double tl_run_figures_mse(const tl_run_figures *figures, size_t match);
 double tl_run_figures_mse_readings(const tl_run_figures *figures, size_t match);
 double tl_run_figures_maximum(const tl_run_figures *figures, size_t match);

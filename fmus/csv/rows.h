@@ -39,8 +39,7 @@ bool csv_rows_choose(csv_rows *all, const char *file, const char *time_column, c
  * stored with each new row, see csv_rows_since(). */
 bool csv_rows_read(csv_rows *all, double instant, const csv_rows_error *error);
 
-/* Returns the number of the next row to come. Rows are numbered from 0, the first one of the file.
- */
+/* Returns the number of the next row. Rows are numbered from 0, the first one of the file. */
 int64_t csv_rows_end(const csv_rows *all);
 
 /* Returns true if that row has been read and is still stored. */
