@@ -1,4 +1,4 @@
-/* What `check` says of a recording and of the costs: a forecast and advice: see advice.h. */
+/* Forecast and advice of `check`: see advice.h. */
 #include "firmware/cli/advice.h"
 
 #include <assert.h>
@@ -16,8 +16,9 @@
 
 /* ---- prognosis ---- */
 
-/* Steps of the dry run; less where they take more time than that. In a twin that saves nothing only every sixteenth one is looked at
- * component by component, and what the first ones took is to be forgotten. */
+/* Steps of the dry run; fewer if they take longer than LONGEST. A twin that saves nothing measures
+ * the cost of each component only in every sixteenth step. The first steps only warm up and are not
+ * counted. */
 enum { DRY_STEPS = 1600, WARMING_STEPS = 10 };
 static const tl_time LONGEST = TL_SECOND;
 
@@ -51,7 +52,8 @@ static tl_status take_step(const tl_assembly *assembly, tl_sample *sample, tl_er
     return status;
 }
 
-/* The twin keeps the longest time of late; the least of that is free of what the machine did besides. */
+/* The twin's cost is the longest recent time. The minimum of these is not disturbed by other load
+ * of the machine. */
 static void note_costs(const tl_assembly *assembly, tl_prognosis *prognosis) {
     size_t count = tl_twin_get_facts(assembly->twin).components;
     assert(count <= TL_RECORDER_COMPONENTS);
@@ -71,7 +73,7 @@ tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sa
     return status;
 }
 
-/* No signal has a reading: nothing is matched, and every step is a free one. */
+/* No signal has a reading, so nothing is matched and every step is a free one. */
 static void run_dry(const tl_assembly *assembly, tl_prognosis *prognosis) {
     tl_sample sample;
     int64_t before = (int64_t)tl_twin_get_facts(assembly->twin).lead + WARMING_STEPS;
@@ -123,8 +125,8 @@ void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis) {
 enum { INDENT = 4, TEXT = 512 };
 
 static const double LONG_LEAD_S = 60;
-static const double LEAST_STEP = 1e-150; /* its square is a number still, and one over it too */
-static const double LEAST_SHARE = 1e-12; /* of the nominal: some digits are left to move in */
+static const double LEAST_STEP = 1e-150; /* the square of it and its inverse are still valid numbers */
+static const double LEAST_SHARE = 1e-12; /* of the nominal: leaves some digits for the search */
 
 typedef struct advice {
     FILE *file;
@@ -161,7 +163,8 @@ static void check_step(advice *given, const tl_config *config, const tl_prognosi
     }
 }
 
-/* The guess, each unknown once, and nominal; of a lone Boolean, which is nominal or its negation, nothing is left after two. */
+/* The guess, each unknown once, and nominal. A single Boolean has only two values: nominal and its
+ * negation. */
 static size_t fewest_evaluations(const tl_twin *twin) {
     size_t unknowns = tl_twin_get_facts(twin).unknowns;
     return unknowns == 1 && !tl_twin_get_adjusted(twin, 0).is_real ? 2 : unknowns + 2;
@@ -197,7 +200,8 @@ static void check_budget(advice *given, const tl_config *config, const tl_progno
     }
 }
 
-/* J of a candidate that is wrong in all of the window. */
+/* Warns if even a stroke that is wrong in every sample of the window has J < 1, because then no
+ * stroke is searched. */
 static void check_stroke_tolerance(advice *given, const tl_config *config) {
     tl_time half = config->event.window / config->step / 2;
     double samples = 2.0 * (double)half + 1.0;
@@ -216,7 +220,8 @@ static void check_stroke_tolerance(advice *given, const tl_config *config) {
     }
 }
 
-/* An event horizon goes on from cycle to cycle; but it has to get on. */
+/* With an event horizon, the search continues from cycle to cycle. But each cycle needs time for at
+ * least one step of a candidate. */
 static void check_stroke_budget(advice *given, const tl_config *config, const tl_prognosis *prognosis) {
     if (prognosis->steps != 0 && 2 * prognosis->step_time > config->budget_time) {
         warn(
@@ -245,7 +250,8 @@ static void check_saving(advice *given, const tl_config *config) {
     }
 }
 
-/* What waits longer than that is no picture of the plant as it is. */
+/* Warns if the low-pass delays a step by more than LONG_LEAD_S (60 s), or beyond the end of the
+ * run. Such a step does not show the present state of the plant. */
 static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
     double seconds = tl_seconds(config->step) * lead;
     bool beyond_end = config->duration != 0 && seconds > tl_seconds(config->duration);
@@ -260,7 +266,7 @@ static void check_lead(advice *given, const tl_config *config, uint32_t lead) {
     }
 }
 
-/* Of the component that lacks most. */
+/* Warns only of the component with the largest need. */
 static void check_room(advice *given, const tl_config *config, const tl_twin *twin) {
     tl_twin_ledger nodes = {0};
     tl_twin_ledger states = {0};
@@ -337,7 +343,7 @@ static void check_sources(advice *given, const tl_config *config) {
     }
 }
 
-/* In the other modes a step waits until its measurement has come through. */
+/* Only in mode ahead: in the other modes a step waits for its filtered measurement. */
 static void check_conditions(advice *given, const tl_config *config) {
     for (size_t i = 0; config->measurements == TL_AHEAD && i < config->match_count; i++) {
         tl_time lag = tl_config_condition_lag(config, i);
@@ -356,7 +362,7 @@ static void warn_of_between(advice *given, const tl_config *config, const char *
          tl_pairing_names[config->measurements]);
 }
 
-/* Only in mode lag a step waits for a next reading. */
+/* Only in mode lag does a step wait for the next reading. */
 static void check_between(advice *given, const tl_config *config) {
     if (config->measurements == TL_LAG) {
         return;
@@ -368,15 +374,15 @@ static void check_between(advice *given, const tl_config *config) {
         }
     }
     for (size_t i = 0; i < config->match_count; i++) {
-        bool is_smoothed =
-            config->measurements != TL_AHEAD && config->conditions[i].low_pass > 0; /* on a line all the same */
+        bool is_smoothed = config->measurements != TL_AHEAD &&
+                           config->conditions[i].low_pass > 0; /* the low-pass interpolates in any case */
         if (config->matched_between[i] != TL_BETWEEN_LAST && !is_smoothed) {
             warn_of_between(given, config, config->match[i].where);
         }
     }
 }
 
-/* Of the look-ups of a signal; 0: none has one. */
+/* Returns the longest median of all look-ups of a signal; 0 if there is none. */
 static uint32_t median_of(const tl_config *config, size_t signal) {
     uint32_t median = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -386,7 +392,8 @@ static uint32_t median_of(const tl_config *config, size_t signal) {
     return median;
 }
 
-/* How old a value may be before the next one has come, and through a median, of which half of the readings come later. */
+/* Returns the maximum age of a value, ns, before the next one arrives. A median also needs half of
+ * its readings from later. */
 static tl_time oldest_of(const tl_config *config, const tl_config_signal *signal, uint32_t median) {
     tl_time readings = 1 + (median > 1 ? (tl_time)(median - 1) / 2 : 0);
     bool is_polled = tl_config_is_polled(config, signal);
@@ -394,7 +401,7 @@ static tl_time oldest_of(const tl_config *config, const tl_config_signal *signal
     return readings * signal->every + poll;
 }
 
-/* What every_s says of a signal, or does not. */
+/* Warns if every_s is missing where a median needs it, or if it contradicts stale_s. */
 static void check_every(advice *given, const tl_config *config) {
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
@@ -414,7 +421,7 @@ static void check_every(advice *given, const tl_config *config) {
     }
 }
 
-/* In mode ahead no step waits for what delays ask for. */
+/* In mode ahead no step waits for the readings that a delay requires. */
 static void check_delays(advice *given, const tl_config *config) {
     const tl_config_delays *delays = config->delays;
     if (delays != NULL && delays->measure && config->adjust_count != 0) {
@@ -437,7 +444,7 @@ static void check_delays(advice *given, const tl_config *config) {
     }
 }
 
-/* What is told begins with the component's name. */
+/* The text of the finding begins with the component's name. */
 static void check_rollback(advice *given, const tl_far_look *look) {
     char where[64];
     if (look->news.found) {
@@ -447,7 +454,8 @@ static void check_rollback(advice *given, const tl_far_look *look) {
     }
 }
 
-/* Of a state that is not read back exactly, if the FMU is exact by its states otherwise. */
+/* Warns if another process cannot load a saved state exactly. There is no warning if the FMU
+ * continues differently in the saving process, too: then the cause is not the saved state. */
 static void check_saved_states(advice *given, const tl_config *config, const tl_read_back_report *states) {
     for (size_t i = 0; i < states->count && states->is_tried; i++) {
         const tl_read_back_component *found = &states->of[i];

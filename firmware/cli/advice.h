@@ -1,6 +1,6 @@
-/* What `check` says of a recording and of the costs: a forecast and advice.
+/* Forecast of the costs and advice on a configuration, for `check`.
  *
- * Thread:  one.
+ * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_CLI_ADVICE_H
 #define TL_FIRMWARE_CLI_ADVICE_H
@@ -14,44 +14,50 @@
 #include "firmware/twin/read_back.h"
 #include "firmware/twin/twin_trial.h"
 
-/* ---- The prognosis: what a step will cost, before anything runs.
+/* ---- Forecast: the cost of a step, before anything runs.
  *
- * Purpose: executions by the graph (eq. 4.5, 4.13), and time from what an execution of each FMU takes here: measured by a
- *          dry run of free steps on the plant's initial values. What the solver itself needs is not in it, nor what
- *          "keep": "outputs" catches up.
- * Thread:  one thread; the twin must not have begun, and is of no other use afterwards.
+ * Purpose: predicts the executions from the graph (eq. 4.5, 4.13), and the time from the cost of
+ *          one execution of each FMU. A dry run measures that cost on this machine: free steps with
+ *          the plant's initial values. The time of the solver is not included, nor executions that
+ *          catch up with "keep": "outputs".
+ * Thread:  one thread. The twin must not have started, and cannot be used for a run afterwards.
  */
 
 typedef struct tl_prognosis {
-    /* executions, of all components together */
+    /* executions of all components together */
     uint64_t step;  /* of a free step */
     uint64_t plain; /* of an evaluation, if nothing were saved */
     uint64_t first; /* of a step's first evaluation, at most */
-    uint64_t next;  /* of each later one, at most */
-    uint64_t worst; /* of a step that uses all its evaluations, the committing step included */
+    uint64_t next;  /* of each later evaluation, at most */
+    uint64_t worst; /* of a step that uses all its evaluations, including the committing step */
 
-    /* ns here; 0: not known */
-    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values: */
-    tl_error error;                       /* why */
-    int64_t next_tick;                    /* the one after it */
+    /* times in ns on this machine; 0: not known */
+    size_t steps;                         /* of the dry run; 0: the FMUs cannot step with the plant's initial values */
+    tl_error error;                       /* the reason if `steps` is 0 */
+    int64_t next_tick;                    /* first tick after the dry run */
     tl_time step_time;                    /* of a free step */
-    tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, saving its state included */
-    tl_time worst_time;                   /* of `worst`; INT64_MAX stands for all that is more */
+    tl_time cost[TL_RECORDER_COMPONENTS]; /* of one execution of each component, including the save of its state */
+    tl_time worst_time;                   /* of `worst`; INT64_MAX: at least that much */
     uint32_t fitting;                     /* evaluations that fit into the time budget in the worst case */
 } tl_prognosis;
 
-/* The same dry run alone, of so many ticks; `sample` is the one behind them. */
+/* Executes only the dry run, for `ticks` ticks from tick 0. `sample` receives the sample of the
+ * next tick. Errors: those of tl_twin_step(). */
 tl_status tl_prognosis_run_dry(const tl_assembly *assembly, int64_t ticks, tl_sample *sample, tl_error *error);
 
+/* Counts the executions, and executes the dry run: 1600 steps, or fewer if they take 1 s. Reports a
+ * failure of the dry run in `prognosis`. */
 void tl_prognosis_make(const tl_assembly *assembly, tl_prognosis *prognosis);
 
-/* ---- Advice: what is right in a configuration, and perhaps not meant.
+/* ---- Advice: settings that are valid but may not be intended.
  *
- * Purpose: the warnings of `check`. None of them is an error: everything they warn of is defined and works.
+ * Purpose: the warnings of `check`. None of them is an error: each such setting is defined and
+ *          works.
  * Thread:  one thread.
  */
 
-/* A paragraph each, of 79 columns at most, with the JSON path in front; how many there are. */
+/* Prints each warning as a paragraph that begins with the JSON path, at most 79 columns wide.
+ * Returns the number of warnings. */
 size_t tl_advice_print(const tl_assembly *assembly, const tl_prognosis *prognosis, const tl_far_look *look,
                        const tl_read_back_report *states, FILE *file);
 

@@ -1,4 +1,4 @@
-/* The page of `twinlock check`: an assembled twin, its delays, its costs and a forecast: see check_page.h. */
+/* Page of `twinlock check`: see check_page.h. */
 #include "firmware/cli/check_page.h"
 
 #include <inttypes.h>
@@ -17,7 +17,8 @@
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_process.h"
 
-/* ---- Delays: chains, modes, and densities as a line of text. At most 79 columns, unless a participant's name alone is longer. */
+/* ---- Delays: chains, modes and densities as lines of text. At most 79 columns, unless the name of
+ * a participant alone is longer. */
 
 enum { WIDTH = 79, COLUMNS = 48, NAME = 80 };
 
@@ -27,7 +28,8 @@ static double milliseconds(tl_time time) {
 
 /* ---- chains ---- */
 
-/* Names with = between those on one time base, and → to the next one; broken between participants. */
+/* Prints the names, with = between names on the same time base and → otherwise. Lines break between
+ * names. */
 static void print_chain(const tl_config_delays *delays, const tl_config_chain *chain, const char *label, FILE *file) {
     int column = fprintf(file, "    %-11s", label);
     for (size_t i = 0; i < chain->length; i++) {
@@ -46,7 +48,7 @@ static void print_chain(const tl_config_delays *delays, const tl_config_chain *c
 
 /* ---- drawings ---- */
 
-/* Sampled in the middle of each column; what is constant stands in one column. */
+/* Samples the density in the middle of each column. A constant delay fills one column. */
 static void print_density(const tl_delay_density *density, tl_time cell, const char *label, FILE *file) {
     const tl_show_style style = {.unicode = true};
     double heights[COLUMNS];
@@ -59,7 +61,7 @@ static void print_density(const tl_delay_density *density, tl_time cell, const c
     (void)fprintf(file, "    %-11s|%s| to %.3g ms\n", label, curve, milliseconds(cell * COLUMNS));
 }
 
-/* Both on one axis, with some room behind the longer one. */
+/* Both densities share one time axis, a sixteenth longer than the longer one. */
 static void print_densities(const tl_config_pair *pair, FILE *file) {
     tl_time plant = tl_delay_longest(&pair->plant.density);
     tl_time simulation = tl_delay_longest(&pair->simulation.density);
@@ -88,7 +90,7 @@ static void print_pair(const tl_config_delays *delays, const tl_config_pair *pai
     print_chain(delays, &pair->simulation, "simulation", file);
 }
 
-/* "… seen at t", "… seen 0.5 ms after". */
+/* Writes for example "… seen at t" or "… seen 0.5 ms after". */
 static void print_shift(const char *what, tl_time shift, FILE *file) {
     if (shift == 0) {
         (void)fprintf(file, "%s at t", what);
@@ -107,7 +109,7 @@ static void print_measured(const tl_config_delays *delays, FILE *file) {
     }
 }
 
-/* Nothing where the configuration has none. */
+/* Prints nothing if the configuration has no delays. */
 static void tl_delay_page_print(const tl_config *config, FILE *file) {
     const tl_config_delays *delays = config->delays;
     if (delays == NULL) {
@@ -187,7 +189,7 @@ static const tl_fmu *find_fmu(const tl_assembly *assembly, const tl_plan_compone
     return NULL;
 }
 
-/* Also of a twin that rolls nothing back. */
+/* Also for a twin that never rolls back. */
 static const char *describe_rollback(const tl_fmu *fmu, const tl_plan_component *component) {
     tl_rollback way = fmu != NULL ? tl_fmu_rollback(fmu) : TL_ROLLBACK_NONE;
     if (way == TL_ROLLBACK_MEMORY) {
@@ -210,7 +212,7 @@ static void print_components(const tl_assembly *assembly, FILE *output) {
         (void)fprintf(output, "  %-12s %s, %zu variables, %s", component->name, assembly->config.components[i].fmu,
                       component->model->variable_count, describe_rollback(fmu, component));
         const tl_fmi2_times *times = fmu != NULL ? tl_fmu_choice(fmu) : NULL;
-        if (times != NULL) { /* it is faster than by its own states */
+        if (times != NULL) { /* the copy is faster than the FMU's own states */
             (void)fprintf(output,
                           ",\n               which takes %.3g \302\265s with a step, and by its state %.3g \302\265s",
                           (double)times->by_copy * 1e-3, (double)times->by_states * 1e-3);
@@ -233,7 +235,7 @@ static const char *edge_name(const tl_plan_edge *edge) {
     return edge->falls ? "not " : "";
 }
 
-/* An event horizon. */
+/* Prints the settings of a search with an event horizon. */
 static void print_event(const tl_config *config, const tl_twin_facts *facts, FILE *output) {
     const tl_plan_event *event = &config->event;
     int64_t half = (event->window + config->step / 2) / config->step / 2;
@@ -270,7 +272,7 @@ static void print_mode(const tl_assembly *assembly, FILE *output) {
                   tl_pairing_names[config->measurements], facts.lead);
 }
 
-/* What a step waits for the next reading of. */
+/* Prints whether a step waits for the next reading of these signals. */
 static void print_wait(const tl_config *config, const char *what, bool inputs, int32_t ticks, FILE *output) {
     bool any = false;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -320,7 +322,7 @@ static void print_synchronisation(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-/* A dash for what is not known. */
+/* Prints a dash if the value is not known. */
 static void print_cell(bool is_known, int width, int digits, double value, FILE *output) {
     if (is_known) {
         (void)fprintf(output, " %*.*f", width, digits, value);
@@ -339,7 +341,7 @@ static void print_need(const tl_twin_ledger *entry, uint32_t prediction, tl_time
     (void)fputc('\n', output);
 }
 
-/* The graph's part of the bill: eq. 4.5 and 4.13. */
+/* Prints the executions that the graph predicts: eq. 4.5 and 4.13. */
 static void print_needs(const tl_assembly *assembly, const tl_prognosis *prognosis, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     double plain = (double)prognosis->plain;
@@ -373,7 +375,7 @@ static void print_worst(const tl_config *config, const tl_prognosis *prognosis, 
     }
 }
 
-/* The search of a stroke takes the time that the cycles leave. */
+/* The search of a stroke uses the time that the steps of the cycles leave. */
 static void print_stroke(const tl_config *config, const tl_prognosis *prognosis, FILE *output) {
     tl_time each = config->budget_time - prognosis->step_time;
     (void)fprintf(output, "  evaluation   %" PRIu64 " executions at most\n", prognosis->plain);
@@ -386,14 +388,14 @@ static void print_stroke(const tl_config *config, const tl_prognosis *prognosis,
     }
 }
 
-/* Bytes for people: "10.6 KiB", "130.1 MiB". */
+/* Prints a size for people: "10.6 KiB", "130.1 MiB". */
 static void print_size(FILE *output, double bytes) {
     double kibibytes = bytes / 1024.0;
     bool large = kibibytes >= 10000.0;
     (void)fprintf(output, "%.1f %s", large ? kibibytes / 1024.0 : kibibytes, large ? "MiB" : "KiB");
 }
 
-/* They are the FMUs' own, beside `memory`. */
+/* Prints the memory of the FMUs' states, which is not part of `memory`. */
 static void print_states(const tl_assembly *assembly, FILE *output) {
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
     tl_twin_ledger largest = {0};
@@ -410,7 +412,9 @@ static void print_states(const tl_assembly *assembly, FILE *output) {
     }
 }
 
-/* A way back takes as long as the way was: until when there is one, and until when one fits into a step's budget. */
+/* Prints the limits of a rollback by replay. It repeats all steps since the beginning, so it takes
+ * longer and longer. Printed are the last instant with a rollback, and the instant after which it
+ * no longer fits into the budget of a step. */
 static void print_replay(const tl_config *config, const tl_twin_ledger *entry, tl_time each, FILE *output) {
     const tl_fmi2_replay *replay = &entry->replay;
     tl_time longest = replay->beginning + each * (tl_time)replay->most;
@@ -450,7 +454,8 @@ static void print_block(const char *name, size_t bytes, const char *purpose, FIL
     }
 }
 
-/* Bytes of the twin as it is saved, after the dry run; 0: it is not, or cannot be. */
+/* Returns the size in bytes of the saved twin after the dry run; 0 if the twin is not saved or
+ * cannot be. */
 static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *prognosis) {
     bool is_saved = assembly->config.record_resume != 0 && prognosis->steps != 0 && tl_twin_can_save(assembly->twin);
     size_t size = 0;
@@ -458,7 +463,7 @@ static size_t saved_size(const tl_assembly *assembly, const tl_prognosis *progno
     return is_saved && tl_twin_save(assembly->twin, NULL, 0, &size, &error) == TL_OK ? size : 0;
 }
 
-/* Of plants that are read live. */
+/* Prints the memory that `run` needs for a live plant. */
 static void print_blocks(const tl_live_blocks *blocks, FILE *output) {
     print_block("mail", blocks->sample_memory, "for the plant's newest readings, in `run`", output);
     print_block("outbox", blocks->queue, "for what waits for the recorder, in `run`", output);
@@ -505,7 +510,8 @@ static void print_costs(const tl_assembly *assembly, const tl_prognosis *prognos
     }
 }
 
-/* The limits, and the places besides what all programs are made of. */
+/* Prints the limits of the FMUs, and the paths that they may read in addition to those of all
+ * programs. */
 static void print_places(const tl_assembly *assembly, uint64_t memory, FILE *output) {
     tl_twin_places places = {.count = 0};
     (void)fprintf(output, "  FMUs may take %" PRIu64 " MiB (--memory-limit), %d MiB of files, %d threads\n",
@@ -523,7 +529,8 @@ static void print_places(const tl_assembly *assembly, uint64_t memory, FILE *out
     }
 }
 
-/* Of a twin that goes back; a trial is waited for, and looks no further. */
+/* Prints how the rollback was proved and verified. In a brief check (of a trial, whose caller
+ * waits) there is only the proof. */
 static void print_far_look(const tl_assembly *assembly, const tl_far_look *look, FILE *output) {
     tl_time step = assembly->config.step;
     tl_twin_facts facts = tl_twin_get_facts(assembly->twin);
@@ -557,7 +564,7 @@ static const char *describe_read_back(const tl_read_back_component *found) {
     return "not known: it could not be tried";
 }
 
-/* If their states can be saved. */
+/* Prints whether saved states can be loaded by another process, if that was tried. */
 static void print_read_back(const tl_assembly *assembly, const tl_read_back_report *report, FILE *output) {
     if (report->is_tried) {
         (void)fputs("saved states, loaded by another process\n", output);
@@ -604,10 +611,11 @@ static tl_status print_page(const tl_assembly *assembly, const tl_twin_job *job,
     return TL_OK;
 }
 
-/* Steps before a state is saved to be tried, besides those of the proof. */
+/* Steps before the state is saved for the test, in addition to the twin's lead. */
 enum { TRIED_AFTER = 20 };
 
-/* Why saved states are of no use to another process; "": nothing speaks against them. What cannot be tried is believed, as it was before. */
+/* Writes to `why` why another process cannot use the saved states; leaves it unchanged if no reason
+ * was found. A state that cannot be tested is assumed to be good. */
 static void find_useless_states(const tl_assembly *assembly, const tl_read_back_host *host,
                                 char why[TL_TWIN_CHECK_WHY]) {
     tl_read_back_report report;

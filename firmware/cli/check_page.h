@@ -1,4 +1,4 @@
-/* The page of `twinlock check`: an assembled twin, its delays, its costs and a forecast.
+/* Page of `twinlock check`: the assembled twin, its delays, its costs, a forecast and advice.
  *
  * Thread:  the one that calls the FMUs.
  */
@@ -9,7 +9,9 @@
 
 #include "firmware/twin/twin_role.h"
 
-/* Prints to `page` what the job asks for. `status`: of assembling, which is returned if it is not TL_OK. `found`: with the number of warnings that were printed. */
+/* Prints to `page` what the job asks for. `status`: result of the assembly; if it is not TL_OK, no
+ * page is printed and it is returned. `found` receives the results, for example the number of
+ * warnings. */
 tl_status tl_check_page_print(const tl_assembly *assembly, const tl_twin_job *job, tl_status status,
                               const tl_read_back_host *host, FILE *page, tl_twin_check *found);
 

@@ -1,4 +1,4 @@
-/* The command line: see command_line.h. */
+/* Command line: see command_line.h. */
 #include "firmware/cli/command_line.h"
 
 #include <errno.h>
@@ -19,13 +19,13 @@ static int (*const RUN[TL_VERB_COUNT])(const tl_options *options) = {
     [TL_VERB_PLANT] = tl_verb_plant, [TL_VERB_SHOW] = tl_verb_show,     [TL_VERB_RELOAD] = tl_verb_reload,
 };
 
-/* ---- verbs that are a program of their own: this one loads FMUs, and so it links no TLS ---- */
+/* ---- Verbs of a separate program. This program loads FMUs and therefore does not link TLS. */
 
 #define PROGRAM "twinlock-serve"
 
 static const struct {
     const char *name;
-    const char *purpose; /* half a line */
+    const char *purpose; /* half a line of help */
 } PROGRAMS[] = {
     {"serve", "take changed configurations by HTTPS"},
     {"token", "manage access tokens"},
@@ -41,7 +41,7 @@ static bool is_program(const char *name) {
     return i < PROGRAM_COUNT;
 }
 
-/* Beside this program, wherever that is. False: nobody knows where. */
+/* Finds the program in the folder of this one. Returns false if that folder is not known. */
 static bool find_beside(const char *program, char path[PATH_MAX]) {
     char own[PATH_MAX];
     ssize_t length = readlink("/proc/self/exe", own, sizeof own - 1);
@@ -52,7 +52,8 @@ static bool find_beside(const char *program, char path[PATH_MAX]) {
     return snprintf(path, PATH_MAX, "%s/%s", dirname(own), program) < PATH_MAX;
 }
 
-/* Executes the program with the words of the command line: argv[1] is the verb. If that fails, logs why and returns the exit code. */
+/* Executes the program with the same arguments; argv[1] is the verb. If that fails, logs the reason
+ * and returns the exit code. */
 static int run_program(char **argv) {
     char path[PATH_MAX];
     char name[] = PROGRAM;
@@ -71,7 +72,7 @@ static int run_program(char **argv) {
 
 enum { EXITS_OF_A_LINE = 4 };
 
-/* What is said of each status that a process can end with. */
+/* Text for each exit status of the process. */
 static const struct {
     tl_status status;
     const char *meaning;
@@ -107,7 +108,7 @@ static void print_usage(FILE *file) {
 
 /* ---- the verbs of this program ---- */
 
-/* TL_VERB_COUNT if there is none. */
+/* Returns TL_VERB_COUNT if there is no such verb. */
 static tl_verb find_verb(const char *name) {
     tl_verb verb = 0;
     while (verb < TL_VERB_COUNT && strcmp(name, tl_verb_rows[verb].name) != 0) {
@@ -135,7 +136,7 @@ static int refuse_verb(const char *name) {
     return tl_exit_code(TL_BAD_USAGE);
 }
 
-/* `twinlock help VERB`: argv[2] is the verb. */
+/* Handles `twinlock help VERB`; argv[2] is the verb. */
 static int help(char **argv) {
     tl_verb verb = find_verb(argv[2]);
     if (is_program(argv[2])) {

@@ -1,4 +1,4 @@
-/* A plant from a simulation: the twin's outputs with noise: see emulation.h. */
+/* Emulated plant: see emulation.h. */
 #include "firmware/cli/emulation.h"
 
 #include <math.h>
@@ -46,8 +46,8 @@ struct tl_emulation {
     const tl_config *config;
     tl_recording *driving;
     tl_twin_feed *feed;
-    tl_recording_tick tick;         /* the newest that was stepped, */
-    double outputs[TL_MAX_SIGNALS]; /* and what came of it */
+    tl_recording_tick tick;         /* newest tick that was stepped */
+    double outputs[TL_MAX_SIGNALS]; /* and its outputs */
     tl_noise noise;
     tl_time next_message;
 };
@@ -128,7 +128,7 @@ tl_status tl_emulation_open_model(const tl_twin_feed_settings *model, const char
     return TL_OK;
 }
 
-/* Steps the plant until the newest tick at or before `time`. */
+/* Steps the plant up to the newest tick at or before `time`. */
 static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_error *error) {
     const tl_config *config = emulation->config;
     int64_t wanted = time / config->step;
@@ -147,7 +147,8 @@ static tl_status advance(tl_emulation *emulation, tl_time time, bool *end, tl_er
     return TL_OK;
 }
 
-/* The plan's outputs are the emulated variables in order, but those that are signals of the plant. */
+/* The plan's outputs are the emulated variables in their order, without those that are signals of
+ * the plant. */
 static double read_column(const tl_emulation *emulation, size_t column, size_t *output) {
     const tl_config *config = emulation->config;
     const char *from = config->emulated[column].from;
@@ -173,7 +174,7 @@ static tl_status next_modelled(tl_emulation *emulation, tl_emulation_row *row, b
     double interval = tl_seconds(config->step);
     if (config->message_max_s > 0.0) {
         double spread = config->message_max_s - config->message_min_s;
-        /* Whole microseconds: what a recording shows of a time is all of it. */
+        /* Whole microseconds, so that a recording stores the time exactly. */
         interval = floor((config->message_min_s + spread * tl_noise_uniform(&emulation->noise)) * 1e6) / 1e6;
     }
     emulation->next_message += tl_time_of_seconds(interval);

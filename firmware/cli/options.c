@@ -1,4 +1,4 @@
-/* Options of the command line: their table, reading and help: see options.h. */
+/* Options of the command line: see options.h. */
 #include "firmware/cli/options.h"
 
 #include <ctype.h>
@@ -20,13 +20,13 @@ static const double MOST_WHOLE_SECONDS = 3600;
 static const double MOST_PERCENT = 100;
 enum { LEAST_MEBIBYTES = 64, MOST_MEBIBYTES = 1 << 20 };
 
-/* The tables that `show --csv` prints, by tl_show_csv_table. */
+/* Names of the tables of `show --csv`, by tl_show_csv_table. */
 static const char *const TABLES[] = {
     [TL_SHOW_OUTPUTS] = "outputs", [TL_SHOW_ADJUSTMENTS] = "adjustments", [TL_SHOW_STEPS] = "steps",
     [TL_SHOW_SAMPLES] = "samples", [TL_SHOW_EVENTS] = "events",
 };
 
-/* False if the text is no number, or one that no double holds. */
+/* Returns false if the text is not a number, or out of the range of a double. */
 static bool read_double(const char *text, double *number) {
     char *end = NULL;
     errno = 0;
@@ -72,7 +72,7 @@ static bool read_run_or_last(const char *text, void *target) {
     return strcmp(text, "last") == 0 || read_run(text, target);
 }
 
-/* "90s", "15m", "8h", "2d". */
+/* Parses for example "90s", "15m", "8h", "2d". */
 static bool read_back(const char *text, double *seconds) {
     static const char letters[] = "smhd";
     static const double factors[] = {1.0, 60.0, 3600.0, 86400.0};
@@ -103,7 +103,8 @@ static bool read_table(const char *text, void *target) {
     return i < count;
 }
 
-/* Given twice, the lesser one counts: words behind those of a command line that limits its caller raise nothing. */
+/* If the option is given twice, the lower right counts. So a caller that can only append arguments
+ * to a limited command line cannot raise its right. */
 static bool read_right(const char *text, void *target) {
     uint32_t *least = target;
     tl_change_right right = TL_RIGHT_READ;
@@ -284,7 +285,7 @@ static const tl_option OPTIONS[] = {
     {EVERY, "help", .help = "this text"},
 };
 
-/* The names of shorter options stand beside their help. */
+/* Option names up to this width have their help on the same line. */
 const tl_option_table tl_verb_table = {.verbs = tl_verb_rows,
                                        .verb_count = TL_VERB_COUNT,
                                        .options = OPTIONS,

@@ -1,4 +1,4 @@
-/* Options of the command line: their table, reading and help.
+/* Options of the command line: their table, their parser and the help text.
  *
  * Thread:  the main thread.
  */
@@ -12,10 +12,10 @@
 #include "firmware/base/program_options.h"
 #include "firmware/config/config.h"
 
-/* ---- The types of the command line: verbs, and what their options can say.
+/* ---- Types of the command line: verbs and the values of their options.
  *
- * Purpose: the table of options knows what a row sets, and who reads the command line knows the table.
- * Owner:   texts are those of the command line, and live as long as it does.
+ * Purpose: the table of options fills this struct; the verbs read it and do not need the table.
+ * Owner:   the texts belong to the command line and are valid as long as it is.
  * Thread:  plain data.
  */
 
@@ -29,40 +29,40 @@ typedef enum tl_verb {
     TL_VERB_COUNT
 } tl_verb;
 
-/* The value of --since. */
+/* Value of --since. */
 typedef struct tl_options_since {
     const char *text; /* as given; NULL: not given */
     bool is_date;
-    int64_t at;    /* a date: ms since 1970, UTC */
-    double back_s; /* else: so far back from the run's end, ≥ 0 */
+    int64_t at;    /* if it is a date: ms since 1970, UTC */
+    double back_s; /* else: s before the end of the run, ≥ 0 */
 } tl_options_since;
 
 enum { TL_OPTIONS_NO_TABLE = -1 };
 
-/* What was not given is NULL, 0 or false, or the default that is said. */
+/* Options that were not given are NULL, 0 or false, or have the default stated here. */
 typedef struct tl_options {
-    const char *subject; /* the one word that is no option: a configuration; of `show` a database */
+    const char *subject; /* the only argument that is no option: a configuration; for `show` a database */
     bool variables;
-    double call_limit_s;       /* default 60 */
-    uint64_t memory_limit_mib; /* 0: as much as is usual */
+    double call_limit_s;       /* s; default 60 */
+    uint64_t memory_limit_mib; /* 0: the usual limit */
     bool unconfined;
     const char *recording;
-    uint64_t run; /* 0: the last one */
+    uint64_t run; /* 0: the last run */
     bool json;
     const char *database;
     const char *trajectory; /* --csv FILE */
     const char *report;
     bool realtime;
     bool plain;
-    double duration_s;   /* 0: as configured */
-    double require_lock; /* percent; 0: at all */
+    double duration_s;   /* s; 0: as configured */
+    double require_lock; /* percent; 0: any lock at all */
     bool status;
     bool supervise;
     const char *state;
-    const char *control; /* a socket */
-    const char *allowed; /* a list of names; NULL: where it is usually */
+    const char *control; /* path of a socket */
+    const char *allowed; /* path of a list of names; NULL: the usual path */
     const char *watchdog;
-    double watchdog_s;    /* whole; default 30 */
+    double watchdog_s;    /* s, a whole number; default 30 */
     const char *listener; /* --for */
     const char *fifo;
     const char *record;
@@ -77,30 +77,32 @@ typedef struct tl_options {
     bool wait;
     bool confirm;
     bool rollback;
-    uint64_t version; /* --version; 0: the one before */
+    uint64_t version; /* --version; 0: the version before the active one */
     bool versions;
     bool show;
     const char *why;
-    uint32_t right;     /* --right: a tl_change_right; TL_RIGHT_BOX: not given, the rights of the box */
-    double shadow_s;    /* whole; 0: as usual */
-    double probation_s; /* whole; 0: as usual */
-    double keep_lock;   /* --require-lock of reload: percent; below 0: as usual */
+    uint32_t right;     /* --right: a tl_change_right; TL_RIGHT_BOX: not given, so the rights of the box */
+    double shadow_s;    /* s, a whole number; 0: the usual time */
+    double probation_s; /* s, a whole number; 0: the usual time */
+    double keep_lock;   /* --require-lock of reload: percent; below 0: the usual value */
     int table;          /* --csv TABLE: a tl_show_csv_table; TL_OPTIONS_NO_TABLE: not given */
 } tl_options;
 
-/* ---- The table of verbs, options and exit codes, and what was given.
+/* ---- Table of verbs, options and exit codes, and the parsed options.
  *
- * Purpose: one place that says what the command line may hold, and a verb is run with values, not with words.
+ * Purpose: defines in one table all that the command line accepts. A verb receives parsed and
+ *          checked values, not texts.
  * Thread:  one thread, at the start of the process.
  */
 
 extern const tl_verb_row tl_verb_rows[TL_VERB_COUNT];
 extern const tl_option_table tl_verb_table;
 
-/* Reads what is behind the verb: argv[1] is the first word of it. See tl_program_options_read(). */
+/* Parses the arguments after the verb; argv[1] is the first. See tl_program_options_read(). */
 tl_options_outcome tl_options_read(tl_verb verb, int argc, char **argv, tl_options *options);
 
-/* The verbs: each runs with options that were read and checked, and returns the exit code of the process. */
+/* The verbs. Each one runs with parsed and checked options and returns the exit code of the
+ * process. */
 int tl_verb_check(const tl_options *options);
 int tl_verb_plant(const tl_options *options);
 int tl_verb_reload(const tl_options *options);
@@ -108,8 +110,10 @@ int tl_verb_replay(const tl_options *options);
 int tl_verb_run(const tl_options *options);
 int tl_verb_show(const tl_options *options);
 
-/* The path of the recording: the one given, else the one configured. TL_BAD_USAGE if there is neither, TL_BAD_DATA
- * if the file is only there with other letters' case; else who opens it says what is wrong with it. */
+/* Returns in `path` the path of the recording: the one given as an option, else the configured one.
+ * Does not check that the file can be opened; the caller that opens it reports that. Errors:
+ * TL_BAD_USAGE if there is neither; TL_BAD_DATA if a file exists whose name differs only in upper
+ * and lower case. */
 tl_status tl_options_find_recording(const tl_options *options, const tl_config *config, char path[PATH_MAX],
                                     tl_error *error);
 

@@ -1,4 +1,4 @@
-/* The plant's side of a CAN bus: see plant_bus.h. */
+/* Emulated plant on a CAN bus: see plant_bus.h. */
 #include "firmware/cli/plant_bus.h"
 
 #include <errno.h>
@@ -17,7 +17,7 @@ struct tl_plant_bus {
     char interface[IFNAMSIZ];
     int socket; /* −1: the interface is gone */
     tl_can_channel channels[TL_MAX_SIGNALS];
-    bool known[TL_MAX_SIGNALS]; /* had a value */
+    bool known[TL_MAX_SIGNALS]; /* has had a value */
     size_t channel_count;
     tl_plant_bus_frame frames[TL_MAX_SIGNALS];
     size_t frame_count;
@@ -26,7 +26,7 @@ struct tl_plant_bus {
 
 /* ---- the frames ---- */
 
-/* The state of the multiplexors that a channel asks for. */
+/* Sets the multiplexors to the state that a channel requires. */
 static void put_multiplexors(const tl_can_channel *channel, uint8_t *data) {
     memset(data, 0, TL_CAN_BYTES);
     for (size_t i = 0; i < channel->condition_count; i++) {
@@ -34,7 +34,8 @@ static void put_multiplexors(const tl_can_channel *channel, uint8_t *data) {
     }
 }
 
-/* Is this channel in a frame that another one needs anyway? */
+/* Returns true if the channel is in the frame of another channel with more conditions, so that it
+ * needs no frame of its own. */
 static bool is_carried(const tl_can_channel *channels, size_t count, size_t index) {
     uint8_t data[TL_CAN_BYTES];
     for (size_t i = 0; i < count; i++) {
@@ -90,7 +91,7 @@ size_t tl_plant_bus_plan(const tl_can_channel *channels, size_t count, tl_plant_
 
 /* ---- sending ---- */
 
-/* A socket at the interface that hears nothing; −1, and errno. */
+/* Opens a socket that receives nothing. Returns −1 and sets errno on failure. */
 static int open_socket(const tl_plant_bus *bus) {
     int one = 1;
     int made = tl_can_interface_open();
@@ -120,12 +121,13 @@ static void send_frame(tl_plant_bus *bus, const tl_plant_bus_frame *frame) {
     bus->counts.sent += sent ? 1 : 0;
     bus->counts.dropped += sent ? 0 : 1;
     if (!sent && bus->socket >= 0 && errno != ENETDOWN && errno != ENOBUFS && errno != EAGAIN) {
-        (void)close(bus->socket); /* it was bound to an interface that is no more */
+        (void)close(bus->socket); /* the interface that it was bound to is gone */
         bus->socket = -1;
     }
 }
 
-/* Puts the row into one frame. Is there anything new in it, and nothing missing? */
+/* Encodes a row into one frame. Returns true if the frame has a new value and all its channels have
+ * had one. */
 static bool update(tl_plant_bus *bus, tl_plant_bus_frame *frame, const double *values, const bool *present) {
     bool changed = false;
     bool whole = true;
@@ -159,7 +161,7 @@ tl_plant_bus_counts tl_plant_bus_count(const tl_plant_bus *bus) {
 static tl_status check_interface(tl_plant_bus *bus, bool real, tl_error *error) {
     tl_can_state state;
     bool needs_fd = false;
-    char path[64 + IFNAMSIZ]; /* interfaces without hardware are there */
+    char path[64 + IFNAMSIZ]; /* of an interface without hardware: it exists only there */
     for (size_t i = 0; i < bus->frame_count; i++) {
         needs_fd = needs_fd || bus->frames[i].fd;
     }

@@ -1,7 +1,7 @@
-/* The emulated Modbus device: one thread, poll(2), a buffer per client.
+/* Emulated Modbus device: one thread, poll(2), a buffer per client.
  *
- * Nothing here waits for a single client: sockets do not block, a request is answered once all of it is there, and
- * who does not take the answer is disconnected.
+ * The thread never waits for a single client. The sockets are non-blocking; a request is answered
+ * once it is complete. A client that does not accept its answer is disconnected.
  */
 #include "firmware/cli/plant_server.h"
 
@@ -23,8 +23,8 @@
 
 enum {
     PREFIX = 6,               /* transaction, protocol, length */
-    HEADER = 7,               /* and the unit id; the length counts from there */
-    FRAME = HEADER + 253,     /* the longest */
+    HEADER = 7,               /* and the unit id; the length field counts from there */
+    FRAME = HEADER + 253,     /* the longest frame */
     READ_REQUEST = HEADER + 5 /* function, address, count */
 };
 
@@ -35,7 +35,7 @@ enum { MAX_BITS = 2000, MAX_REGISTERS = 125, ADDRESSES = 65536 };
 typedef struct region {
     uint8_t unit_id;
     tl_modbus_table table;
-    size_t first, end; /* addresses of channels */
+    size_t first, end; /* range of the channels' addresses */
     uint16_t *words;   /* registers, or bits as 0 and 1, by address */
 } region;
 
@@ -47,16 +47,16 @@ typedef struct client {
 
 struct tl_plant_server {
     int listener;
-    tl_wake wake; /* called: stop */
+    tl_wake wake; /* wakes up the thread to stop it */
     uint16_t port;
     pthread_t thread;
     tl_modbus_channel *channels;
     size_t channel_count;
     region *regions;
     size_t region_count;
-    client clients[TL_PLANT_SERVER_CLIENTS]; /* of the thread; the first client_count are connected */
+    client clients[TL_PLANT_SERVER_CLIENTS]; /* used only by the thread; the first client_count are connected */
     size_t client_count;
-    pthread_mutex_t lock; /* of the counts and the words */
+    pthread_mutex_t lock; /* protects the counts and the words */
     tl_plant_server_counts counts;
 };
 
@@ -73,7 +73,7 @@ static region *find_region(const tl_plant_server *server, uint8_t unit_id, int t
     return NULL;
 }
 
-/* The table of a channel, made if there is none. False: memory is out. */
+/* Returns false if memory is out. */
 static bool add_channel(tl_plant_server *server, const tl_modbus_channel *channel) {
     size_t end = channel->address + tl_modbus_registers(channel->type);
     region *own = find_region(server, channel->unit_id, (int)channel->table);
@@ -126,7 +126,7 @@ static bool is_write(uint8_t function) {
     return function == 5 || function == 6 || function == 15 || function == 16 || function == 22 || function == 23;
 }
 
-/* The data of a read reply, from its byte count on. Returns its size. */
+/* Writes the data of a read reply, starting with its byte count. Returns its size in bytes. */
 static size_t put_values(const region *own, size_t first, size_t count, uint8_t *data) {
     const uint16_t *words = own->words + first;
     size_t bytes = tl_modbus_is_bit_table(own->table) ? (count + 7) / 8 : 2 * count;
@@ -142,7 +142,7 @@ static size_t put_values(const region *own, size_t first, size_t count, uint8_t 
     return bytes + 1;
 }
 
-/* What a request may not be: an exception code, or 0. */
+/* Returns the exception code that rejects the request, or 0 if it is valid. */
 static uint8_t objection(const tl_plant_server *server, const uint8_t *request, size_t size) {
     uint8_t unit_id = request[HEADER - 1];
     uint8_t function = request[HEADER];
@@ -167,7 +167,7 @@ static uint8_t objection(const tl_plant_server *server, const uint8_t *request, 
     return 0;
 }
 
-/* Answers a whole request; returns the size of the reply. */
+/* Answers a complete request; returns the size of the reply in bytes. */
 static size_t answer(tl_plant_server *server, const uint8_t *request, size_t size, uint8_t *reply) {
     uint8_t function = request[HEADER];
     size_t end = HEADER + 1;
@@ -189,7 +189,8 @@ static size_t answer(tl_plant_server *server, const uint8_t *request, size_t siz
     return end;
 }
 
-/* The size of the request that a frame begins with, 0 where more of it must come first. *sound: can it be one? */
+/* Returns the size of the first request in the frame, 0 if it is not complete. *sound is false if
+ * the bytes cannot be a request. */
 static size_t measure(const client *from, bool *sound) {
     *sound = true;
     if (from->used < PREFIX) {
@@ -200,7 +201,7 @@ static size_t measure(const client *from, bool *sound) {
     return *sound && from->used >= size ? size : 0;
 }
 
-/* Reads what has come and answers what is whole. false: this client is done with. */
+/* Receives bytes and answers complete requests. Returns false to disconnect the client. */
 static bool serve(tl_plant_server *server, client *from) {
     ssize_t count = recv(from->socket, from->frame + from->used, FRAME - from->used, 0);
     if (count <= 0) {
@@ -226,7 +227,7 @@ static void welcome(tl_plant_server *server) {
     int one = 1;
     int guest = accept4(server->listener, NULL, NULL, SOCK_NONBLOCK | SOCK_CLOEXEC);
     if (guest < 0) {
-        (void)poll(NULL, 0, 10); /* perhaps out of descriptors: it stays readable, and we would spin */
+        (void)poll(NULL, 0, 10); /* no descriptors left, perhaps: avoids a busy loop */
         return;
     }
     if (server->client_count == TL_PLANT_SERVER_CLIENTS) {
@@ -251,12 +252,13 @@ static void *run(void *context) {
             ready[2 + i].events = POLLIN;
         }
         if (poll(ready, (nfds_t)(2 + server->client_count), -1) < 0) {
-            continue; /* EINTR, or memory that will be there again */
+            continue; /* EINTR, or a temporary lack of memory */
         }
         if (ready[0].revents != 0) {
             return NULL;
         }
-        /* From the last on: whoever leaves is replaced by one that has been seen to already. */
+        /* From the last client to the first: a removed client is replaced by one that was already
+         * served. */
         for (size_t i = server->client_count; i-- > 0;) {
             if (ready[2 + i].revents != 0 && !serve(server, &server->clients[i])) {
                 (void)close(server->clients[i].socket);

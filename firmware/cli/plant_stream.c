@@ -1,6 +1,7 @@
-/* Writes CSV rows without ever waiting long.
+/* Writes CSV rows with a bounded delay.
  *
- * A row is shorter than PIPE_BUF, and so a FIFO takes all of it or nothing: the reader sees whole rows or none.
+ * A row is shorter than PIPE_BUF, so a FIFO accepts all of it or nothing, and the reader gets only
+ * whole rows.
  */
 #include "firmware/cli/plant_stream.h"
 
@@ -22,24 +23,24 @@
 
 #define PATIENCE (TL_SECOND / 20)
 
-enum { NUMBER = 32, ROW = NUMBER * (TL_MAX_SIGNALS + 2) }; /* bytes of a cell and its comma, and of a row */
+enum { NUMBER = 32, ROW = NUMBER * (TL_MAX_SIGNALS + 2) }; /* bytes of a cell with its comma, and of a row */
 
 _Static_assert(ROW <= PIPE_BUF, "a FIFO takes a row as a whole");
 
 struct tl_plant_stream {
     char *path;
     bool is_fifo;
-    int file; /* −1: nobody reads */
+    int file; /* −1: there is no reader */
     size_t column_count;
     char *header;
     size_t header_size;
-    int failure; /* errno of a file that cannot be written; 0: none */
+    int failure; /* errno of a failed write to a file; 0: none */
     tl_plant_stream_counts counts;
 };
 
 /* ---- texts ---- */
 
-/* Writes a cell of the header, quoted where its name needs it. */
+/* Writes a cell of the header, in quotes if its name needs them. */
 static void put_name(FILE *file, const char *name) {
     const char *quote = name[strcspn(name, "\",; \t")] != '\0' ? "\"" : "";
     (void)fputs(quote, file);
@@ -64,7 +65,7 @@ static bool make_header(tl_plant_stream *stream, const tl_plant_stream_settings 
     return fclose(file) == 0;
 }
 
-/* Numbers come back as the same bits; the time is exact to the nanosecond. */
+/* The 17 digits are read back to the same bits; the time is exact to 1 ns. */
 static size_t format_row(const tl_plant_stream *stream, tl_time time, const double *values, const bool *present,
                          char text[ROW]) {
     uint64_t size = time < 0 ? 0 - (uint64_t)time : (uint64_t)time;
@@ -88,14 +89,15 @@ static void lose_reader(tl_plant_stream *stream) {
     stream->file = -1;
 }
 
-/* Waits until more can be written. false where it is too late for that. */
+/* Waits until more can be written. Returns false if the deadline is reached. */
 static bool wait_for_room(const tl_plant_stream *stream, tl_time deadline) {
     tl_time left = deadline - tl_clock_now(NULL);
     struct pollfd room = {.fd = stream->file, .events = POLLOUT};
     return left > 0 && poll(&room, 1, (int)(left / 1000000) + 1) != 0;
 }
 
-/* False where not all of it is gone by then: a FIFO loses its reader and may get another one; a file stays as it is. */
+/* Returns false if not everything could be written before the deadline. If the write fails, a FIFO
+ * is closed until there is a new reader; a file stays open. */
 static bool write_text(tl_plant_stream *stream, const char *text, size_t size, tl_time deadline) {
     for (size_t sent = 0; sent < size;) {
         ssize_t count = write(stream->file, text + sent, size - sent);
@@ -116,7 +118,7 @@ static bool write_text(tl_plant_stream *stream, const char *text, size_t size, t
     return true;
 }
 
-/* A new reader gets the header first. */
+/* Each new reader first gets the header. */
 static bool has_reader(tl_plant_stream *stream, tl_time deadline) {
     if (stream->file < 0 && stream->is_fifo) {
         stream->file = open(stream->path, O_WRONLY | O_NONBLOCK | O_CLOEXEC);
@@ -158,7 +160,7 @@ static tl_status open_path(tl_plant_stream *stream, const tl_plant_stream_settin
     bool is_there = stat(settings->path, &what) == 0;
     stream->is_fifo = is_there && S_ISFIFO(what.st_mode);
     if (stream->is_fifo) {
-        return TL_OK; /* opened when a row is there and somebody reads */
+        return TL_OK; /* opened with the first row for which there is a reader */
     }
     stream->file = open(settings->path, O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (stream->file < 0) {

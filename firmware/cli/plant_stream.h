@@ -1,11 +1,13 @@
-/* An emulated plant stream: CSV rows into a file or a FIFO.
+/* Emulated plant stream: writes CSV rows into a file or a FIFO.
  *
- * Purpose: what `twinlock plant` lets a live CSV source read.
- * FIFO:    rows are dropped while nobody reads. Each reader is sent the header first; one that takes the place of
- *          another between two rows cannot be told from it, and is not.
- * File:    must not exist yet: a recording is never overwritten.
- * Bound:   a row costs at most 50 ms: one that cannot be written by then is dropped, as a whole, and counted.
- * Thread:  one at a time. open() makes the process ignore SIGPIPE.
+ * Purpose: the file or FIFO from which a live CSV source reads what `twinlock plant` writes.
+ * FIFO:    rows are dropped while there is no reader. Each new reader first gets the header. Limit:
+ *          if another reader replaces the first one between two rows, that is not detected, and it
+ *          gets no header.
+ * File:    must not exist yet, so that no recording is overwritten.
+ * Bound:   a row takes at most 50 ms. If it cannot be written by then, the whole row is dropped and
+ *          counted.
+ * Thread:  one thread at a time. open() makes the process ignore SIGPIPE.
  */
 #ifndef TL_FIRMWARE_CLI_PLANT_STREAM_H
 #define TL_FIRMWARE_CLI_PLANT_STREAM_H
@@ -19,10 +21,10 @@
 
 typedef struct tl_plant_stream_settings {
     const char *path;
-    bool make_fifo; /* where the path does not exist: a FIFO, else a file */
+    bool make_fifo; /* if the path does not exist: create a FIFO, else a file */
     const char *time_column;
     const char *const *columns;
-    size_t column_count; /* TL_MAX_SIGNALS at most */
+    size_t column_count; /* at most TL_MAX_SIGNALS */
 } tl_plant_stream_settings;
 
 typedef struct tl_plant_stream_counts {
@@ -32,21 +34,23 @@ typedef struct tl_plant_stream_counts {
 
 typedef struct tl_plant_stream tl_plant_stream;
 
-/* Copies what it needs; does not wait for a reader. Errors: TL_BAD_DATA where the path cannot be written, or is a
- * file that exists; TL_TRY_AGAIN where memory is out, or the disk is full. */
+/* Opens the stream; copies the settings and does not wait for a reader. Errors: TL_BAD_DATA if the
+ * path cannot be written, or is an existing file; TL_TRY_AGAIN if memory is out or the disk is
+ * full. */
 tl_status tl_plant_stream_open(const tl_plant_stream_settings *settings, tl_plant_stream **stream, tl_error *error);
 
-/* One row: a value per column, empty where `present` (which may be NULL: all are) is false or the value is not
- * finite. false where it was dropped. */
+/* Writes one row: a value per column. A cell is empty if `present` is false for it or its value is
+ * not finite; `present` may be NULL: all are present. Returns false if the row was dropped. */
 bool tl_plant_stream_row(tl_plant_stream *stream, tl_time time, const double *values, const bool *present);
 
-/* TL_TRY_AGAIN where a file could not be written, for example on a full disk. A FIFO that nobody reads is no failure:
- * its rows are dropped. */
+/* Reports a failed write. Errors: TL_TRY_AGAIN if a file could not be written, for example because
+ * the disk is full. Dropped rows of a FIFO without a reader are not an error. */
 tl_status tl_plant_stream_check(const tl_plant_stream *stream, tl_error *error);
 
+/* Returns the counts of rows since open(). */
 tl_plant_stream_counts tl_plant_stream_count(const tl_plant_stream *stream);
 
-/* Removes nothing. */
+/* Closes the stream. Does not remove the file or FIFO. */
 void tl_plant_stream_close(tl_plant_stream *stream);
 
 #endif

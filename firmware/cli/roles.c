@@ -1,4 +1,4 @@
-/* The roles of processes: see roles.h. */
+/* Roles of processes: see roles.h. */
 #include "firmware/cli/roles.h"
 
 #include <stdio.h>
@@ -11,10 +11,10 @@
 
 const tl_twin_role_tasks tl_roles_twin_tasks = {.print_page = tl_check_page_print, .live = tl_live_twin};
 
-/* A title that begins with another one's stands before it. */
+/* Compared as prefixes. A title that begins with another title must precede it. */
 static const struct {
     const char *title;
-    int (*run)(void); /* or, if it calls FMUs: */
+    int (*run)(void); /* NULL: the role calls FMUs and has run_tasks */
     int (*run_tasks)(const tl_twin_role_tasks *tasks);
 } ROLES[] = {
     {"twin", NULL, tl_twin_role_run},

@@ -1,16 +1,17 @@
-/* What a process does that this program has started with a role (role.h): twin, io, recorder, activator, validator or trial.
+/* Roles of the processes that this program starts (role.h): twin, states (a twin that only checks
+ * saved states), io, recorder, config manager, worker.
  *
- * Thread: the main thread.
+ * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_CLI_ROLES_H
 #define TL_FIRMWARE_CLI_ROLES_H
 
 #include "firmware/twin/twin_role.h"
 
-/* Tasks of the process with the FMUs that belong to folders above firmware/twin. */
+/* Tasks of the FMU process that are implemented in folders above firmware/twin. */
 extern const tl_twin_role_tasks tl_roles_twin_tasks;
 
-/* Runs the role that the process's title names. The exit code of the process. */
+/* Runs the role that the process's title names. Returns the exit code of the process. */
 int tl_roles_run(const char *title);
 
 #endif

@@ -1,4 +1,4 @@
-/* twinlock check: validates everything without running. */
+/* twinlock check: validates a configuration and its FMUs without a run. */
 #include <inttypes.h>
 #include <limits.h>
 #include <stdio.h>
@@ -14,7 +14,7 @@
 
 /* ---- two instances ---- */
 
-/* What was found counts as one warning more. */
+/* A finding counts as one more warning. */
 static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *output) {
     enum { INDENT = 2, LONGEST = sizeof pair->text + 400 };
     char text[LONGEST];
@@ -48,7 +48,8 @@ static void print_pair(const tl_pair_verdict *pair, uint32_t *warnings, FILE *ou
 
 /* ---- other rollback methods ---- */
 
-/* For a check that has failed because a component does not come back: logs which other method is exact. Errors: TL_INTERRUPTED. */
+/* If a check failed because a component cannot be rolled back exactly: logs which other rollback
+ * method is exact. Errors: TL_INTERRUPTED. */
 static tl_status log_other_ways(const tl_verb_job *job, const tl_twin_ways *checked, tl_error *error) {
     tl_other_way found[TL_RECORDER_COMPONENTS];
     char text[TL_OTHER_WAY_TEXT];
@@ -76,7 +77,7 @@ static tl_status check(tl_verb_job *job) {
         tl_twin_child_ways(job->child, &ways);
     }
     if (status != TL_OK && status != TL_INTERRUPTED && ways.cannot_return != 0) {
-        tl_error interrupted; /* else the error of the check stays */
+        tl_error interrupted; /* only used if interrupted; otherwise the error of the check stays */
         if (log_other_ways(job, &ways, &interrupted) != TL_OK) {
             status = TL_INTERRUPTED;
             job->error = interrupted;
@@ -104,7 +105,7 @@ static tl_status check(tl_verb_job *job) {
 
 /* ---- a recording ---- */
 
-/* Of what is matched the noise has to be known, or nothing can be said. */
+/* The proposal needs the noise of each matched signal. */
 static tl_status check_readings(const tl_config *config, const char *path, const tl_survey *survey,
                                 const tl_proposal *proposal, tl_error *error) {
     for (size_t i = 0; i < proposal->match_count; i++) {

@@ -1,4 +1,4 @@
-/* A verb that needs FMUs: see verb_job.h. */
+/* Verb that needs FMUs: see verb_job.h. */
 #include "firmware/cli/verb_job.h"
 
 #include "firmware/base/log.h"
@@ -16,7 +16,7 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         tl_log(TL_LOG_ERROR, "%zu problems", problems.report.count);
     }
     if (status == TL_OK) {
-        if (job->order.tells == TL_TELLS_OUTPUTS) { /* a plant has no delays */
+        if (job->order.tells == TL_TELLS_OUTPUTS) { /* an emulated plant has no delays */
             tl_config_forget_delays(&job->config);
         }
         tl_config_use_lookups(&job->config);
@@ -43,7 +43,7 @@ tl_status tl_verb_job_start(tl_verb_job *job, FILE *page) {
     return tl_twin_child_start(&settings, &job->child, &job->error);
 }
 
-/* A failure that comes of FMUs, as they are or as they were let. */
+/* Returns true if the FMUs, or a restriction on them, can have caused the failure. */
 static bool is_of_fmus(tl_status status) {
     return status == TL_FMU_FAILED || status == TL_FMU_FATAL || status == TL_BAD_DATA;
 }

@@ -1,6 +1,7 @@
-/* A verb that needs FMUs: its configuration, and the process that holds them (twin_child.h).
+/* Verb that needs FMUs: its configuration, and the FMU process (twin_child.h).
  *
- * Purpose: what check, replay and plant do alike. They hold files, sockets and the terminal; FMUs run in the other process.
+ * Purpose: the common part of check, replay and plant. These verbs own files, sockets and the
+ *          terminal; the FMUs run in another process.
  * Thread:  the main thread.
  */
 #ifndef TL_FIRMWARE_CLI_VERB_JOB_H
@@ -15,24 +16,27 @@
 
 typedef struct tl_verb_job {
     const tl_options *options;
-    FILE *output;         /* what tl_output_claim() gave; NULL: the verb prints no result */
-    bool counts_problems; /* says how many a configuration has */
+    FILE *output;         /* result of tl_output_claim(); NULL: the verb prints no result */
+    bool counts_problems; /* logs the number of problems in the configuration */
     tl_config config;     /* of the subject */
-    tl_twin_job order;    /* for the process; path, text and what options say are filled in by read */
+    tl_twin_job order;    /* for the FMU process; tl_verb_job_read() fills in path, text and options */
     tl_twin_child *child;
-    tl_error error; /* why the verb fails; "": the log has it already */
+    tl_error error; /* why the verb fails; "": already logged */
 } tl_verb_job;
 
-/* Installs the signal handlers and reads the configuration. Problems are reported on the log. */
+/* Installs the signal handlers and reads the configuration. Problems are logged. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
-/* Starts the process. `page`: where a check prints to; else NULL. Errors: TL_TRY_AGAIN, in job->error. */
+/* Starts the FMU process. `page`: stream for the page of a check, else NULL. Errors: TL_TRY_AGAIN,
+ * with the reason in job->error. */
 tl_status tl_verb_job_start(tl_verb_job *job, FILE *page);
 
-/* Settings of a process with these FMUs. */
+/* Returns the settings of an FMU process for this configuration. `page`: as for
+ * tl_verb_job_start(). */
 tl_twin_child_settings tl_verb_job_settings(const tl_verb_job *job, FILE *page);
 
-/* Ends the process, if there is one, and frees all. Logs job->error, and a failure of the process at its end. Returns the exit code. */
+/* Ends the FMU process, if there is one, and frees everything. Logs job->error, and an error if the
+ * process failed at its end. Returns the exit code for `status`. */
 int tl_verb_job_end(tl_verb_job *job, tl_status status);
 
 #endif

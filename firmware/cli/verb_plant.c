@@ -1,4 +1,4 @@
-/* twinlock plant: a recording or a plant model, played as a real plant. */
+/* twinlock plant: serves a recording or a plant model as an emulated plant. */
 #include <inttypes.h>
 #include <limits.h>
 #include <stdint.h>
@@ -16,9 +16,9 @@
 #include "firmware/config/drivers.h"
 #include "firmware/process/interrupt.h"
 
-/* One Modbus server or CAN bus, and which row column feeds each of its channels. */
+/* One Modbus server or CAN bus, and the columns of a row that supply its channels. */
 typedef struct served_source {
-    tl_plant_server *server; /* NULL: a bus */
+    tl_plant_server *server; /* NULL: it is a CAN bus */
     tl_plant_bus *bus;
     size_t columns[TL_MAX_SIGNALS];
     size_t channel_count;
@@ -26,7 +26,7 @@ typedef struct served_source {
 
 typedef struct player {
     tl_verb_job *job;
-    tl_config listener; /* whose signals are served, with --for */
+    tl_config listener; /* with --for: the configuration whose signals are served */
     tl_account account;
     tl_emulation *emulation;
     tl_plant_stream *stream;
@@ -34,7 +34,7 @@ typedef struct player {
     size_t served_count;
 } player;
 
-/* The rows: from FMUs if the configuration has `emulate`, else from its recording. */
+/* Opens the rows: from FMUs if the configuration has `emulate`, else from its recording. */
 static tl_status open_emulation(player *self, const tl_config *config, tl_error *error) {
     char path[PATH_MAX];
     tl_verb_job *job = self->job;
@@ -63,7 +63,7 @@ static size_t find_column(const tl_emulation *emulation, const char *name) {
     return SIZE_MAX;
 }
 
-/* The signals of one source, and the columns that feed them. */
+/* Finds the signals of one source and the columns that supply them. */
 static tl_status find_signals(const player *self, const tl_config *listener, size_t index, served_source *served,
                               size_t *signals, tl_error *error) {
     served->channel_count = 0;
@@ -111,7 +111,7 @@ static tl_status open_source(const player *self, const tl_config_source *source,
     return status;
 }
 
-/* Signals of a CSV source are written by --fifo. */
+/* --fifo writes the signals of a CSV source. */
 static bool is_served(const tl_config_source *source) {
     if (source->driver->not_played != NULL) {
         tl_log(TL_LOG_NOTICE, "%s: signals %s are not played", source->name, source->driver->not_played);
@@ -119,7 +119,7 @@ static bool is_served(const tl_config_source *source) {
     return is_modbus(source) || strcmp(source->driver->name, "can") == 0;
 }
 
-/* Serves one source of the listener; one without signals is left out. */
+/* Serves one source of the listener. A source without signals is skipped. */
 static tl_status serve_source(player *self, const tl_config *listener, size_t index, tl_error *error) {
     const tl_config_source *source = &listener->sources[index];
     served_source *served = &self->served[self->served_count];
@@ -191,7 +191,8 @@ static tl_status show_row(player *self, const tl_emulation_row *row, tl_error *e
     return tl_plant_stream_check(self->stream, error);
 }
 
-/* Until someone listens, the first row stands. Nobody can be heard listening on a bus. */
+/* The first row stays until a client sends a request. On a CAN bus a listener cannot be detected,
+ * so there is no wait. */
 static void wait_for_listener(player *self) {
     while (self->served_count != 0 && tl_interrupt_requested() == NULL) {
         for (size_t i = 0; i < self->served_count; i++) {
@@ -213,7 +214,7 @@ static tl_status play(player *self, tl_error *error) {
     tl_time started = tl_clock_now(NULL);
     tl_progress_begin(&progress, "row", 0);
     while (status == TL_OK && !end && tl_interrupt_requested() == NULL) {
-        if (self->job->options->record == NULL && rows != 0) { /* a file is written as fast as it can be */
+        if (self->job->options->record == NULL && rows != 0) { /* --record writes the file at full speed */
             tl_clock_sleep_until(started + row.time);
         }
         if (tl_interrupt_requested() != NULL) {
@@ -274,7 +275,7 @@ static tl_status run(player *self, const tl_config *config, const tl_config *lis
     return status == TL_OK ? play(self, error) : status;
 }
 
-/* Reads the listener's configuration where it is another one, then plays. */
+/* Reads the configuration of the listener if --for names another one, then plays. */
 static tl_status run_for_listener(player *self, const tl_config *config, tl_error *error) {
     if (self->job->options->listener == NULL) {
         return run(self, config, config, error);

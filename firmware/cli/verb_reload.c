@@ -1,4 +1,4 @@
-/* twinlock reload: a changed configuration for a running plant's twin, by its control socket. */
+/* twinlock reload: sends a changed configuration to a running twin through its control socket. */
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -17,13 +17,13 @@ typedef struct reload {
     const tl_options *options;
     bool is_input; /* the configuration is read from standard input */
     tl_control_client_settings talk;
-    char path[PATH_MAX]; /* of the socket */
+    char path[PATH_MAX]; /* of the control socket */
     char text[TL_CONTROL_MOST + 1];
     size_t size;
     tl_control_request request;
 } reload;
 
-/* ---- what is asked ---- */
+/* ---- the request ---- */
 
 static tl_status read_subject(reload *self, tl_error *error) {
     if (self->is_input && isatty(STDIN_FILENO) == 1) {
@@ -60,7 +60,7 @@ static void fill_request(reload *self) {
     tl_control_request *request = &self->request;
     memset(request, 0, sizeof *request);
     request->verb = (uint32_t)verb_of(options);
-    /* A right that is claimed, whichever it is, is less than that of the box: see TL_RIGHT_BOX. */
+    /* Any right that is given is lower than the right of the box: see TL_RIGHT_BOX. */
     bool is_limited = options->right < TL_RIGHT_BOX;
     request->right = is_limited ? options->right : TL_RIGHT_COMMISSION;
     request->origin = is_limited ? TL_ORIGIN_LIMITED : TL_ORIGIN_RELOAD;
@@ -79,7 +79,7 @@ static void fill_request(reload *self) {
 }
 
 int tl_verb_reload(const tl_options *options) {
-    static reload self; /* it is large */
+    static reload self; /* static, because it is too large for the stack */
     tl_control_result result = TL_CONTROL_FAILED;
     tl_error error;
     self = (reload){.options = options, .is_input = strcmp(options->subject, TL_CONTROL_CLIENT_INPUT) == 0};

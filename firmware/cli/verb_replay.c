@@ -1,4 +1,4 @@
-/* twinlock replay: a recording through the twin. */
+/* twinlock replay: runs a recording through the twin. */
 #include <limits.h>
 #include <string.h>
 
@@ -16,13 +16,13 @@
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/watch.h"
 
-/* A replay with what it needs. */
+/* A replay and its outputs. */
 typedef struct replayer {
     tl_verb_job *job;
     tl_replay replay;
-    tl_account account; /* as it is at the end in place of that at the beginning */
+    tl_account account; /* from the start of the run; replaced at its end */
     tl_recording *recording;
-    tl_journal journal; /* events on their way to the database and the report */
+    tl_journal journal; /* passes events to the database and the report */
     tl_watch watch;
     tl_lock_monitor judge;
     tl_twin_record record;
@@ -31,7 +31,8 @@ typedef struct replayer {
     char path[PATH_MAX]; /* of the recording */
 } replayer;
 
-/* What begins its file anew must not be given one that this run reads or writes. */
+/* Rejects an output file that is also read or written by this run, because opening it would
+ * overwrite it. */
 static tl_status check_output(const char *option, const char *path, const char *const *taken, size_t count,
                               tl_error *error) {
     for (size_t i = 0; path != NULL && i < count; i++) {
@@ -60,7 +61,8 @@ static tl_status print_summary(const replayer *self, tl_error *error) {
     return TL_OK;
 }
 
-/* The recorder and the report, and the watch whose events they get. These are not logged: who replays has the table. */
+/* Opens the recorder, the report and the watch that reports events to them. These events are not
+ * logged, because the table shows the result of a replay. */
 static tl_status open_outputs(replayer *self, tl_error *error) {
     const tl_options *options = self->job->options;
     const tl_config *config = &self->job->config;
@@ -91,7 +93,7 @@ static tl_status open_outputs(replayer *self, tl_error *error) {
     return status;
 }
 
-/* The first failure counts. */
+/* Returns the first failure, with its error. */
 static tl_status first_of(tl_status status, tl_status later_status, const tl_error *later, tl_error *error) {
     if (status == TL_OK && later_status != TL_OK) {
         *error = *later;
@@ -127,7 +129,7 @@ static void warn(void *context, const char *text) {
     }
 }
 
-/* Of a run that came to its end, or was interrupted. */
+/* Prints and records the result of a run that was completed or interrupted. */
 static tl_status tell(replayer *self, tl_status status, tl_error *error) {
     tl_recorder *recorder = self->replay.recorder;
     tl_twin_look_news news;
@@ -135,7 +137,7 @@ static tl_status tell(replayer *self, tl_status status, tl_error *error) {
     tl_status printed = print_summary(self, &later);
     status = first_of(status, printed, &later, error);
     tl_twin_recorder_check(&self->account, warn, recorder);
-    if (tl_twin_look_at_account(&self->account, &news) && recorder != NULL) { /* on the log it is already */
+    if (tl_twin_look_at_account(&self->account, &news) && recorder != NULL) { /* already logged */
         tl_recorder_event(recorder, -1, news.mended ? TL_EVENT_WARNING : TL_EVENT_ERROR, "twin", news.text);
     }
     if (self->report.page != NULL) {
@@ -153,7 +155,8 @@ static void hear_refusal(void *context, const char *text) {
     tl_journal_event(&self->journal, -1, TL_EVENT_WARNING, "twin", "%s", text);
 }
 
-/* Records refused calls, and the failure of a process that has ended. A process may also have ended after a run without one. */
+/* Records rejected calls, and the failure of an FMU process that has ended. The process may also
+ * have ended without an error, after the run. */
 static void note_child(replayer *self, tl_status status, const tl_error *error) {
     tl_twin_child_tell(self->job->child, hear_refusal, self);
     bool failed = status != TL_OK && status != TL_INTERRUPTED && tl_twin_child_is_gone(self->job->child);
@@ -162,7 +165,7 @@ static void note_child(replayer *self, tl_status status, const tl_error *error) 
     }
 }
 
-/* Runs, then closes what the run wrote. */
+/* Runs the replay, then closes its outputs. */
 static tl_status run(replayer *self, tl_error *error) {
     const tl_verb_job *job = self->job;
     tl_error later;
@@ -187,7 +190,7 @@ static tl_status run(replayer *self, tl_error *error) {
                : status;
 }
 
-/* What the process is told of where the recorded run began. */
+/* Passes the FMU process the beginning of the recorded run: its tick and checkpoint. */
 static tl_status order_beginning(tl_verb_job *job, tl_recording *recording) {
     const tl_recording_beginning *beginning = tl_recording_get_beginning(recording);
     if (beginning == NULL) {
@@ -217,7 +220,8 @@ static tl_status open_recording(replayer *self) {
     return order_beginning(job, self->recording);
 }
 
-/* Starts the process also if the recording could not be opened: an error of the FMUs is told before that. */
+/* Starts the FMU process even if the recording cannot be opened, so that an error of the FMUs is
+ * reported first. */
 static tl_status replay(replayer *self) {
     tl_verb_job *job = self->job;
     tl_status opened = open_recording(self);

@@ -1,4 +1,4 @@
-/* twinlock run: the tree of processes that keep a twin locked to the live plant. */
+/* twinlock run: the process tree that keeps a twin locked to the live plant. */
 
 #include <stdlib.h>
 
@@ -9,13 +9,13 @@
 #include "firmware/process/role.h"
 #include "firmware/retune/version_start.h"
 
-/* What main() does in a process of the run that cannot be executed anew. */
+/* Runs the role in a forked process that cannot execute the program again. */
 static int be(const char *title, void *context) {
     (void)context;
     return tl_roles_run(title);
 }
 
-/* The file, or the version of it that is active. */
+/* Reads the configuration file; with --control, the active version of it. */
 static tl_status read_config(const tl_options *options, const tl_version_start *start, tl_config *config) {
     tl_problems problems;
     tl_error error;

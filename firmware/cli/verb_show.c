@@ -1,4 +1,4 @@
-/* twinlock show: what was corrected, when and why. */
+/* twinlock show: shows the corrections in a database. */
 #include <errno.h>
 #include <math.h>
 #include <string.h>
@@ -7,14 +7,14 @@
 #include "firmware/cli/options.h"
 #include "firmware/report/show.h"
 
-/* ---- Since when -------------------------------------------------------------------------------------------------- */
+/* ---- Start of the output ----------------------------------------------------------------------------------------- */
 
 static int64_t step_at(double seconds, tl_time step) {
     double number = ceil(seconds * 1e9 / (double)step);
     return number < 0.0 ? 0 : number > 4e18 ? INT64_MAX / 4 : (int64_t)number;
 }
 
-/* So far back from the run's last tick, and from its last commit. */
+/* Selects a time before the end: steps before the last tick, events before the last commit. */
 static tl_status go_back(tl_show_request *request, double seconds, tl_error *error) {
     int64_t last = -1;
     int64_t committed = 0;

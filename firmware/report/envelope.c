@@ -1,4 +1,4 @@
-/* The envelope of long curves: see envelope.h. */
+/* Envelope of long curves: see envelope.h. */
 #include "firmware/report/envelope.h"
 
 #include <math.h>
@@ -32,7 +32,7 @@ void tl_envelope_free(tl_envelope *envelope) {
     *envelope = (tl_envelope){0};
 }
 
-/* One more value of a bucket, later than those that it has. */
+/* Adds a value to a bucket; it is later than all values in it. */
 static void widen_pair(double pair[2], double value) {
     double least = fmin(pair[0], pair[1]);
     double largest = fmax(pair[0], pair[1]);
@@ -48,7 +48,7 @@ static void widen_pair(double pair[2], double value) {
     }
 }
 
-/* Bucket `to` becomes what `first` and `second` were together. */
+/* Stores the union of buckets `first` and `second` in bucket `to`. */
 static void merge(tl_envelope *envelope, size_t to, size_t first, size_t second) {
     const double *later = &envelope->values[2 * second];
     double pair[2] = {envelope->values[2 * first], envelope->values[2 * first + 1]};
@@ -71,7 +71,7 @@ static void widen(tl_envelope *envelope) {
     envelope->width *= 2;
 }
 
-/* The index of the bucket of a channel's step. */
+/* Returns the index of the bucket for a step of a channel; widens the buckets if necessary. */
 static size_t bucket_of(tl_envelope *envelope, size_t channel, int64_t position) {
     while (position / envelope->width >= (int64_t)envelope->room) {
         widen(envelope);

@@ -1,4 +1,4 @@
-/* The HTML page of a run: see html_report.h. */
+/* HTML page of a run: see html_report.h. */
 #include "firmware/report/html_report.h"
 
 #include <inttypes.h>
@@ -13,7 +13,8 @@
 
 /* ---- the data of a page ---- */
 
-/* Channels of the envelope; behind them y, ŷ and Δy of each match, then u, û and Δu of each adjusted variable. */
+/* Channels of the envelope. They are followed by y, ŷ and Δy of each match, then u, û and Δu of
+ * each adjusted variable. */
 enum { TL_HTML_EXECUTIONS, TL_HTML_EVALUATIONS, TL_HTML_USED, TL_HTML_STEP_CHANNELS };
 
 typedef struct tl_html_entry {
@@ -28,11 +29,11 @@ struct tl_html_report {
     tl_html_settings settings;
     tl_envelope curves;
     uint64_t recorded;    /* steps */
-    uint64_t event_count; /* all that there were */
+    uint64_t event_count; /* all events, including those no longer stored */
     tl_html_entry events[TL_HTML_EVENTS];
 };
 
-/* What is written of a page. */
+/* Data for writing a page. */
 typedef struct filling {
     const tl_html_report *report;
     const tl_run_figures *figures;
@@ -40,7 +41,7 @@ typedef struct filling {
     FILE *file;
 } filling;
 
-/* The first of the three channels. */
+/* Returns the first of the three channels of a match. */
 static size_t match_channel(size_t match) {
     return TL_HTML_STEP_CHANNELS + 3 * match;
 }
@@ -53,7 +54,8 @@ static size_t adjust_channel(const tl_html_report *report, size_t adjust) {
 
 enum { SHOWN = 16, LONGEST = 4 };
 
-/* The next character as it may be shown (text.h), white space as it is. Returns the text behind it. */
+/* Copies the next character in the form in which it may be shown (text.h); line ends stay. Returns
+ * the text after it. */
 static const char *take(const char *text, char shown[SHOWN]) {
     uint32_t code = 0;
     size_t length = tl_utf8_read(text, strnlen(text, LONGEST), &code);
@@ -120,22 +122,22 @@ void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]) {
     static const char letters[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     char digits[TL_SHA256_TEXT + 2];
     tl_sha256(data, size, digits);
-    digits[64] = '0'; /* 32 bytes are 43 letters, the last of them with two bits to spare */
+    digits[64] = '0'; /* 32 bytes are 43 letters; the last letter has two unused bits */
     digits[65] = '0';
     char *end = text + sprintf(text, "sha256-");
-    for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits are two letters */
+    for (size_t i = 0; i < 66; i += 3) { /* three hexadecimal digits make two letters */
         const char three[] = {digits[i], digits[i + 1], digits[i + 2], '\0'};
         unsigned long bits = strtoul(three, NULL, 16);
         *end++ = letters[bits >> 6];
         *end++ = letters[bits & 63];
     }
-    end[-1] = '='; /* the 44th letter stands for no bits at all */
+    end[-1] = '='; /* the 44th letter carries no data */
     *end = '\0';
 }
 
-/* ---- The curves of a report as the JSON that page.js draws. */
+/* ---- The curves of a report as JSON, which page.js draws. */
 
-/* One value per bucket while nothing is thinned, else two. */
+/* Writes one value per bucket if each bucket is one step, else two. */
 static void put_channel(const tl_html_report *report, const char *key, size_t channel, FILE *file) {
     const tl_envelope *curves = &report->curves;
     (void)fprintf(file, "\"%s\":[", key);
@@ -152,7 +154,7 @@ static void put_channel(const tl_html_report *report, const char *key, size_t ch
     (void)fputc(']', file);
 }
 
-/* Three that follow one another, each after what was put before. */
+/* Writes three consecutive channels, each with a leading comma. */
 static void put_channels(const tl_html_report *report, const char *const keys[3], size_t first, FILE *file) {
     for (size_t i = 0; i < 3; i++) {
         (void)fputs(",\n", file);
@@ -160,7 +162,7 @@ static void put_channels(const tl_html_report *report, const char *const keys[3]
     }
 }
 
-/* Stretches of buckets in which ŷ was not always good: [first, last, qualities]. */
+/* Writes ranges of buckets in which ŷ was not always good: [first, last, qualities]. */
 static void put_bad(const tl_html_report *report, size_t channel, FILE *file) {
     const tl_envelope *curves = &report->curves;
     const char *separator = "";
@@ -241,8 +243,8 @@ static void put_data(const filling *page) {
     (void)fputs("}\n", file);
 }
 
-/* ---- The facts, the key figures and the events of a report, readable without its scripts. A figure carries its exact value and
- * a key, for programs: <data data-key="match.0.mse" value="0.028">. */
+/* ---- Facts, key figures and events of a report, readable without its scripts. A figure has its
+ * exact value and a key, for programs: <data data-key="match.0.mse" value="0.028">. */
 
 enum { TEXT = 64 };
 
@@ -281,7 +283,7 @@ static void put_count_cell(FILE *file, const char *key, size_t index, const char
     (void)fputs("</td>", file);
 }
 
-/* Text within markup of ours. */
+/* Writes escaped text within trusted markup. */
 static void put_within(FILE *file, const char *before, const char *text, const char *after) {
     (void)fputs(before, file);
     tl_html_put_text(file, text);
@@ -296,7 +298,7 @@ static void put_unit_cell(FILE *file, const char *unit) {
     put_within(file, "<td class=\"unit\">", unit, "</td>");
 }
 
-/* "(rad/s)²"; a dimension of its own is not squared. */
+/* Writes for example "(rad/s)²"; nothing is squared if there is no unit. */
 static void put_square(FILE *file, const char *unit) {
     if (unit[0] == '\0') {
         put_unit_cell(file, unit);
@@ -318,7 +320,7 @@ static void put_fact(FILE *file, const char *name, const char *text) {
     put_within(file, "", text, FACT_END);
 }
 
-/* "2026-11-21 10:02:03 UTC" of "2026-11-21T10:02:03.456Z". */
+/* Writes "2026-11-21 10:02:03 UTC" for "2026-11-21T10:02:03.456Z". */
 static void put_utc(const char *at, FILE *file) {
     char text[TEXT];
     (void)snprintf(text, sizeof text, "%.10s %.8s UTC", at, strlen(at) > 11 ? at + 11 : "");
@@ -334,7 +336,7 @@ static void put_solver(const tl_html_settings *settings, FILE *file) {
     (void)fputs(FACT_END, file);
 }
 
-/* Parts of the page; each writes what page.html has a place for. */
+/* Each of these functions writes one part of the page, for which page.html has a placeholder. */
 static void put_facts(const filling *page) {
     const tl_html_report *report = page->report;
     FILE *file = page->file;
@@ -369,7 +371,8 @@ static void end_tile(FILE *file) {
     (void)fputs("</p></div>\n", file);
 }
 
-/* The match that is furthest out of its tolerance, or the first that has a pair. */
+/* Returns the match with the largest error relative to its tolerance. Without tolerances it is the
+ * first one with a pair. */
 static size_t worst_match(const tl_html_report *report, const tl_run_figures *figures) {
     size_t worst = 0;
     double most = -1.0;
@@ -401,7 +404,8 @@ static void put_deviation_tile(const tl_html_report *report, const tl_run_figure
     end_tile(file);
 }
 
-/* Of an event horizon, which holds u in between, it is the searches of strokes that count. */
+/* With an event horizon, u is constant between searches. So the searches of strokes are counted,
+ * not the steps. */
 static void put_lock_tile(const tl_html_report *report, const tl_run_figures *figures, FILE *file) {
     const uint64_t *outcomes = figures->outcomes;
     uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
@@ -420,7 +424,8 @@ static void put_lock_tile(const tl_html_report *report, const tl_run_figures *fi
     end_tile(file);
 }
 
-/* Per cent of the executions without saving; less than 0 where catching up cost more than was saved. */
+/* Returns the saved executions in percent of those without saving; negative if catching up cost
+ * more than was saved. */
 static double saved_share(const tl_recorder_component *entry) {
     return entry->plain == 0 ? 0.0 : 100.0 * tl_run_component_saved(entry) / (double)entry->plain;
 }
@@ -588,7 +593,7 @@ static void put_figures(const filling *page) {
     (void)fputs("</div>\n</div>\n</section>\n", file);
 }
 
-/* ---- Course ------------------------------------------------------------------------------------------------------ */
+/* ---- Notes on the plots ------------------------------------------------------------------------------------------ */
 
 static void put_thinning(const filling *page) {
     const tl_html_report *report = page->report;
@@ -608,7 +613,8 @@ static void put_thinning(const filling *page) {
 
 /* ---- Events ------------------------------------------------------------------------------------------------------ */
 
-/* On the axis of the plots: s, or ms of UTC in a live run; NaN: nowhere. */
+/* Returns the position on the time axis of the plots: s, or ms since 1970 (UTC) in a live run; NaN
+ * if it is unknown. */
 static double axis_time(const tl_html_settings *settings, const tl_html_entry *entry) {
     int64_t at = 0;
     if (entry->tick >= 0) {
@@ -658,7 +664,7 @@ static void put_events(const filling *page) {
     (void)fputs("</section>\n", file);
 }
 
-/* ---- The page of a report: page.html, with its places filled. */
+/* ---- The page: page.html with its placeholders replaced. */
 
 static void put_name(const filling *page) {
     tl_html_put_text(page->file, page->report->settings.name);
@@ -668,7 +674,7 @@ static void put_version(const filling *page) {
     tl_html_put_text(page->file, TL_VERSION);
 }
 
-/* The two scripts, and no other, may run. */
+/* Permits the two embedded scripts only. */
 static void put_policy(const filling *page) {
     char library[TL_HTML_DIGEST];
     char script[TL_HTML_DIGEST];
@@ -679,7 +685,7 @@ static void put_policy(const filling *page) {
 
 static const struct {
     const char *name;
-    const tl_html_resource *resource; /* what stands there, or NULL: */
+    const tl_html_resource *resource; /* the text for the placeholder, or NULL: `put` writes it */
     void (*put)(const filling *page);
 } places[] = {
     {"name", NULL, put_name},          {"version", NULL, put_version},
@@ -691,7 +697,8 @@ static const struct {
     {"data", NULL, put_data},
 };
 
-/* `name` has `length` characters. One that is not listed stays as it is, for a test to find. */
+/* Replaces the placeholder `name` of `length` characters. An unknown one stays as it is, so that a
+ * test finds it. */
 static void fill(const filling *page, const char *name, size_t length) {
     for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
         if (strlen(places[i].name) != length || memcmp(places[i].name, name, length) != 0) {
@@ -725,8 +732,8 @@ void tl_html_report_write(const tl_html_report *report, const tl_run_figures *fi
 
 /* ---- html report ---- */
 
-/* Points of all curves together: a page of some 7 MB at most. One curve has no more than a wide screen can tell apart, and
- * then as many again to zoom into. */
+/* Points of all curves together, for a page of at most about 7 MB. MOST_BUCKETS is twice what a
+ * wide screen can show, for zooming. */
 enum { POINTS = 1 << 18, MOST_BUCKETS = 1 << 13, LEAST_BUCKETS = 1 << 10 };
 
 double tl_html_tolerance(const tl_plan_match *match, bool synchronise) {
@@ -770,7 +777,7 @@ static void add_step(void *context, const tl_history_step *step) {
     report->recorded++;
 }
 
-/* A quality of a newer program is not good, and no more is known of it. */
+/* A quality that only a newer program knows is treated as "not a number". */
 static void add_output(void *context, const tl_history_output *output) {
     tl_html_report *report = context;
     int64_t position = output->step - report->settings.first;

@@ -1,6 +1,6 @@
-/* The HTML page of a run.
+/* HTML page of a run.
  *
- * Thread:  one.
+ * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_REPORT_HTML_REPORT_H
 #define TL_FIRMWARE_REPORT_HTML_REPORT_H
@@ -16,37 +16,43 @@
 #include "master/plan/plan.h"
 #include "master/twin/twin.h"
 
-/* ---- Text on an HTML page: names and numbers that came from outside, written so that they can be nothing but text.
+/* ---- Text on an HTML page: escapes untrusted names and numbers so that they are always shown as
+ * text.
  *
- * Purpose: names of configurations, signals and units, and whatever a database holds, may have any character.
- * Source:  HTML Living Standard, "Parsing" and "Restrictions for contents of script elements"; RFC 8259 for JSON.
- * Thread:  the stream belongs to one thread.
+ * Purpose: names of configurations, signals and units, and all texts in a database, may contain any
+ *          character.
+ * Source:  HTML Living Standard, "Parsing" and "Restrictions for contents of script elements"; RFC
+ *          8259 for JSON.
+ * Thread:  that of the stream.
  */
 
-/* As content of an element, or of an attribute in double quotes. White space becomes blanks, and what cannot be shown what text.h says; so it
- * does in a string. */
+/* Writes a text as content of an element, or of an attribute in double quotes. White space becomes
+ * blanks. Characters that cannot be shown are replaced as text.h defines; also in
+ * tl_html_put_string(). */
 void tl_html_put_text(FILE *file, const char *text);
 
-/* As a JSON string, quotes included, that may stand in a script element: no "<", ">" or "&" is left in it. */
+/* Writes a JSON string with its quotes, safe within a script element: it contains no "<", ">" or
+ * "&". */
 void tl_html_put_string(FILE *file, const char *text);
 
-/* As a JSON number with nine digits, enough for a plot; null where it is not finite. */
+/* Writes a JSON number with nine digits, which is enough for a plot; null if it is not finite. */
 void tl_html_put_number(FILE *file, double value);
 
-/* A count with its digits in groups of three: "1 234 567", by narrow spaces that do not break. */
+/* Writes a count with its digits in groups of three, for example "1 234 567", separated by narrow
+ * no-break spaces. */
 void tl_html_put_count(FILE *file, uint64_t count);
 
-/* The digest of a script as a Content-Security-Policy names it: "sha256-" and base64. */
+/* Writes the digest of a script in the form of a Content-Security-Policy: "sha256-" and base64. */
 enum { TL_HTML_DIGEST = 52 };
 void tl_html_digest(const void *data, size_t size, char text[TL_HTML_DIGEST]);
 
-/* ---- The report of a run: one HTML page with its key figures, its curves and its events, which needs nothing else.
+/* ---- Report of a run: one self-contained HTML page with key figures, curves and events.
  *
- * Purpose: what a person looks at, mails and prints; the same for a replay and for a recorded run.
- * Bound:   memory and page do not grow with the run: curves are thinned to envelopes (envelope.h), of the events the
- *          newest TL_HTML_EVENTS are listed.
- * Safety:  what comes from outside is written by html_report.h; the page's policy runs only the two scripts that the build
- *          put into it, and lets nothing be loaded.
+ * Purpose: a page to read, send and print; the same for a replay and for a recorded run.
+ * Bound:   memory and page size do not grow with the run. Curves are thinned to envelopes
+ *          (envelope.h), and only the newest TL_HTML_EVENTS events are listed.
+ * Safety:  untrusted texts are escaped by the functions above. The policy of the page permits only
+ *          the two scripts that the build has embedded, and forbids loading anything.
  * Format:  config/SPEC.md, "The report".
  * Owner:   texts and arrays of the settings must outlive the report.
  * Thread:  one thread.
@@ -56,19 +62,19 @@ enum { TL_HTML_EVENTS = 1000 };
 
 typedef struct tl_html_settings {
     const char *name;    /* of the configuration */
-    const char *source;  /* what was run: the recording's file, or database and run */
-    const char *begun;   /* UTC */
+    const char *source;  /* of the data: the recording's file, or database and run */
+    const char *begun;   /* start of the run, UTC */
     const char *version; /* of the program that stepped */
     const char *solver;  /* "": nothing is adjusted */
     const char *fallback;
     const char *measurements;
-    tl_time step;        /* T_S */
-    uint32_t prediction; /* T_P */
-    bool live;           /* steps were at a time of the world: step 0 began at `origin` */
+    tl_time step;        /* T_S, ns */
+    uint32_t prediction; /* T_P, in steps */
+    bool live;           /* steps have calendar times: step 0 began at `origin` */
     int64_t origin;      /* UTC, ms */
-    bool clock;          /* a clock limited the searches, and `used` means something */
+    bool clock;          /* a clock limited the searches, so `used` is valid */
     tl_time budget;      /* ns for a search; 0: not known */
-    int64_t first;       /* the first step that there may be */
+    int64_t first;       /* first step that can exist */
     const tl_recorder_signal *match, *adjust;
     size_t match_count, adjust_count;
     const double *tolerance; /* of each match; 0: none */
@@ -76,25 +82,29 @@ typedef struct tl_html_settings {
 
 typedef struct tl_html_report tl_html_report;
 
-/* The tolerance of a match; 0 where it is only compared, and so has none. */
+/* Returns the tolerance of a match; 0 if the match is only compared and has none. */
 double tl_html_tolerance(const tl_plan_match *match, bool synchronise);
 
+/* Creates an empty report; copies the settings but not their texts and arrays. Errors: TL_TRY_AGAIN
+ * if memory is out. */
 tl_status tl_html_report_create(const tl_html_settings *settings, tl_html_report **report, tl_error *error);
 
-/* NULL is allowed. */
+/* Frees the report. NULL is allowed. */
 void tl_html_report_destroy(tl_html_report *report);
 
-/* Adds rows of a database: each kind in the order of the steps; the kinds may follow each other. */
+/* Returns a visitor that adds the rows of a database. Rows of each kind must be in the order of the
+ * steps; the kinds may follow one another. */
 tl_history_visitor tl_html_report_visitor(tl_html_report *report);
 
 /* Adds a step of a run that is not read from a database. */
 void tl_html_report_add_record(tl_html_report *report, const tl_record *record);
 
-/* In the order in which they were. Texts are copied, and cut to what an entry holds; `at` is "" in a replay. */
+/* Adds an event; events must be in order of time. Texts are copied and cut to the size of an entry.
+ * `at` is "" in a replay. */
 void tl_html_report_add_event(tl_html_report *report, const tl_history_event *event);
 
-/* The page. Of the figures, those of the signals are in the order of the settings. `ended` says why the run ended, in words. What could not
- * be written is seen on the stream. */
+/* Writes the page. Signals in `figures` must be in the order of the settings. `ended`: why the run
+ * ended, in words. The caller checks the stream for write errors. */
 void tl_html_report_write(const tl_html_report *report, const tl_run_figures *figures, const char *ended, FILE *file);
 
 #endif

@@ -1,6 +1,6 @@
-/* What a report page is made of, as the build found it: files of firmware/report/ and the plotting library.
+/* Parts of a report page that the build embeds: files of firmware/report/ and the plotting library.
  *
- * Purpose: no file is needed at run time. The definitions are made by firmware/report/embed.cmake.
+ * Purpose: no file is needed at run time. firmware/report/embed.cmake generates the definitions.
  * Thread:  constants.
  */
 #ifndef TL_FIRMWARE_REPORT_HTML_RESOURCES_H
@@ -13,7 +13,7 @@ typedef struct tl_html_resource {
     size_t size;
 } tl_html_resource;
 
-extern const tl_html_resource tl_html_frame;         /* report/page.html: {{name}} stands for a part of the page */
+extern const tl_html_resource tl_html_frame;         /* report/page.html: {{name}} is replaced by a part of the page */
 extern const tl_html_resource tl_html_style;         /* report/page.css */
 extern const tl_html_resource tl_html_script;        /* report/page.js */
 extern const tl_html_resource tl_html_library;       /* dygraphs */

@@ -1,4 +1,4 @@
-/* Figures of a run: counted, and as JSON: see run_figures.h. */
+/* Key figures of a run: see run_figures.h. */
 #include "firmware/report/run_figures.h"
 
 #include <inttypes.h>

@@ -1,7 +1,10 @@
-/* Tables as CSV (quoted as RFC 4180 says), one line per step or tick, so that a spreadsheet or a plot can take them as they are.
+/* Tables as CSV (quoted as RFC 4180 requires), one line per step or tick, for spreadsheets and
+ * plots.
  *
- * A line of samples has the signals' names (without "plant.") as columns, and "time" in front: `replay --recording` takes it. A value that was
- * missing or old at its tick is left empty there; its quality is in a column beside it. Control characters become "?". */
+ * A line of samples has the columns "time" and the names of the signals, without "plant.", so
+ * `replay --recording` can read it. A value that was missing or stale at its tick is empty; its
+ * quality has its own column. Control characters become "?".
+ */
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -14,7 +17,7 @@ enum { MOST_FIELDS = 4 * TL_MAX_SIGNALS, NUMBER = 40 };
 
 typedef char csv_field[NUMBER];
 
-/* A column of a signal: its own name, or that of what it is matched with, and what of it. */
+/* Column of a signal: its own name or that of its matched signal, and a suffix. */
 typedef struct csv_column {
     bool is_to;
     const char *what;
@@ -23,24 +26,26 @@ typedef struct csv_column {
 typedef struct csv_table {
     tl_history_table rows;
     tl_history_kind kind; /* of the signals */
-    const char *head;     /* behind the time */
+    const char *head;     /* columns after the time */
     size_t per_signal;
     csv_column columns[4];
     tl_history_visitor visitor;
 } csv_table;
 
-/* One line while its rows come. Fields are in the order of the header, `per_signal` for each signal. */
+/* One line while its rows are read. Fields are in the order of the header, `per_signal` for each
+ * signal. */
 typedef struct csv_line {
     const tl_show_request *request;
     FILE *file;
     const csv_table *table;
-    const tl_recorder_signal *signal; /* of the table's kind; of steps those that may be held */
+    const tl_recorder_signal *signal; /* signals of the table's kind; for steps those that can be held */
     size_t signals;
-    int64_t number; /* of the step or tick; −1: none begun */
+    int64_t number; /* of the step or tick; −1: no line is open */
     csv_field fields[MOST_FIELDS];
 } csv_line;
 
-/* Texts come from FMUs and devices too: none breaks a line, or commands the terminal. */
+/* FMUs and devices supply some texts, so control characters are replaced: a text must not break a
+ * line or control the terminal. */
 static void put_characters(FILE *file, const char *text) {
     while (*text != '\0') {
         bool is_control = false;
@@ -55,7 +60,7 @@ static void put_characters(FILE *file, const char *text) {
     }
 }
 
-/* `what` follows `text` in the same field. */
+/* Writes `text` and `what` into one field. */
 static void put_field(FILE *file, const char *text, const char *what) {
     bool quoted = strpbrk(text, ",\"") != NULL;
     (void)fputs(quoted ? "\"" : "", file);
@@ -68,13 +73,13 @@ static void put_text(FILE *file, const char *text) {
     put_field(file, text, "");
 }
 
-/* A comma and a cell of a header: a name, and what of it. */
+/* Writes a comma and a header cell: a name and a suffix. */
 static void put_name(FILE *file, const char *name, const char *what) {
     (void)fputc(',', file);
     put_field(file, name, what);
 }
 
-/* Empty for NaN: what was not finite. */
+/* Leaves the text empty for NaN, which stands for any value that was not finite. */
 static void format_number(double value, csv_field text) {
     text[0] = '\0';
     if (!isnan(value)) {
@@ -82,7 +87,7 @@ static void format_number(double value, csv_field text) {
     }
 }
 
-/* "time", and for a live run when that was in the world. */
+/* Writes "time"; for a live run also the date and time. */
 static void put_instant(const csv_line *line, int64_t step) {
     char text[NUMBER];
     const tl_history_run *run = line->request->run;
@@ -101,7 +106,7 @@ static void flush_line(csv_line *line) {
     if (line->number < 0) {
         return;
     }
-    /* y belongs to the end of its step, u and a sample to the beginning. */
+    /* y belongs to the end of its step; u and samples belong to the beginning. */
     put_instant(line, line->table->rows == TL_HISTORY_OUTPUTS ? line->number + 1 : line->number);
     (void)fprintf(line->file, ",%lld", (long long)line->number);
     for (size_t i = 0; i < line->signals * line->table->per_signal; i++) {
@@ -116,7 +121,7 @@ static const char *quality_text(int64_t quality) {
     return quality < TL_GOOD || quality > TL_OUTLIER ? "unknown" : tl_quality_name((tl_quality)quality);
 }
 
-/* The fields of one signal in the line of this tick or step. */
+/* Returns the fields of one signal in the line of this tick or step. */
 static csv_field *fields_of(csv_line *line, int64_t number, size_t signal) {
     if (number != line->number) {
         flush_line(line);
@@ -147,7 +152,7 @@ static void take_adjustment(void *context, const tl_history_adjustment *adjustme
     format_number(adjustment->u - adjustment->nominal, fields[2]);
 }
 
-/* As a recording's columns are named where nothing else is configured: "plant.torque" is in the column "torque". */
+/* Removes "plant.": the default column of the signal "plant.torque" in a recording is "torque". */
 static const char *column_of(const char *name) {
     static const char prefix[] = "plant.";
     return strncmp(name, prefix, sizeof prefix - 1) == 0 ? name + sizeof prefix - 1 : name;
@@ -163,13 +168,13 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
 
 /* ---- Lines of one row -------------------------------------------------------------------------------------------- */
 
-/* A name more in a list. */
+/* Appends a name to a list. */
 static void append(char *text, size_t size, const char *name) {
     size_t length = strlen(text);
     (void)snprintf(text + length, size - length, "%s%s", length > 0 ? ", " : "", name);
 }
 
-/* The names of the set bits. */
+/* Writes the names of the set bits. */
 static void put_flags(FILE *file, uint32_t flags) {
     char text[128] = "";
     for (unsigned bit = TL_FLAG_FALLBACK; bit <= TL_LAST_FLAG; bit <<= 1) {
@@ -262,7 +267,7 @@ static tl_status print_rows(csv_line *line, tl_error *error) {
 }
 
 tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, FILE *file, tl_error *error) {
-    static csv_line line; /* too large for a small stack; `show` has one thread */
+    static csv_line line; /* static because it is too large for a small stack; `show` has one thread */
     static const csv_table tables[] = {
         [TL_SHOW_OUTPUTS] = {TL_HISTORY_OUTPUTS,
                              TL_HISTORY_MATCH,
@@ -337,7 +342,7 @@ void tl_trajectory_add(FILE *file, const tl_config *config, const tl_record *rec
 
 tl_status tl_trajectory_close(FILE *file, FILE *output, const char *path, tl_error *error) {
     bool failed = ferror(file) != 0;
-    errno = EIO; /* what an earlier failure is called where closing finds nothing left to fail */
+    errno = EIO; /* the cause that is reported if only an earlier write failed */
     if (file == output) {
         failed = fflush(file) != 0 || failed;
     } else {

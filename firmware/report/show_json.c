@@ -1,4 +1,4 @@
-/* The same numbers as the page, for programs: one JSON object. */
+/* Prints the figures of the page as one JSON object, for programs. */
 #include <math.h>
 
 #include "firmware/base/json.h"

@@ -1,5 +1,6 @@
-/* The page of `show`: for somebody who looks after the plant. First the runs, then what was recorded of the chosen one,
- * how well the twin followed, what had to be corrected and since when, and what happened. */
+/* Page of `show`, for the person who maintains the plant. It first lists the runs. For the selected
+ * run it then shows what was recorded, how well the twin followed, the corrections and their
+ * changes, and the events. */
 #include <math.h>
 #include <stdarg.h>
 #include <string.h>
@@ -12,7 +13,7 @@
 
 enum { RUNS_SHOWN = 10, EVENTS_SHOWN = 10, HASH_SHOWN = 12, TEXTS = 16, TEXT = 512 };
 
-/* The page while it is printed. */
+/* State while the page is printed. */
 typedef struct show_page {
     const tl_show_request *request;
     FILE *file;
@@ -34,7 +35,7 @@ int64_t tl_show_instant(const tl_history_run *run, int64_t step) {
     return after > 1e14 ? started : started + (int64_t)floor(after + 0.5);
 }
 
-/* ---- Texts of one line: each stays valid until TEXTS more of them were made. `show` has one thread. */
+/* ---- Texts of one line. Each is valid until TEXTS more have been created; one thread. */
 
 static char *next_text(void) {
     static char texts[TEXTS][TEXT];
@@ -60,7 +61,7 @@ static const char *duration(double seconds) {
     return made;
 }
 
-/* "2026-11-21 10:02:03" of "2026-11-21T10:02:03.456Z". */
+/* Returns "2026-11-21 10:02:03" for "2026-11-21T10:02:03.456Z". */
 static const char *short_time(const char *utc) {
     char *made = next_text();
     (void)snprintf(made, TEXT, "%.10s %.8s", utc, strlen(utc) > 11 ? utc + 11 : "");
@@ -94,7 +95,8 @@ static double seconds_between(const char *from, const char *until) {
     return tl_utc_parse(from, &first) && tl_utc_parse(until, &last) ? (double)(last - first) / 1e3 : (double)NAN;
 }
 
-/* UTC of its beginning: t_start may be that of a run that it goes on with. */
+/* Returns the start of the run itself, UTC. `started` may be that of the earlier run which this one
+ * resumes. */
 static const char *own_start(const tl_history_run *run) {
     static char made[TL_UTC_TEXT];
     if (run->resumption.from == TL_RESUMED_NOT) {
@@ -175,7 +177,7 @@ static void print_steps(const show_page *page) {
     }
 }
 
-/* Of the whole run, whatever part of it is shown. */
+/* The ledger is always that of the whole run. */
 static void print_ledger(const show_page *page) {
     tl_recorder_component total = tl_run_figures_total(&page->summary.figures);
     if (total.plain == 0) {
@@ -226,9 +228,9 @@ static void print_run(const show_page *page) {
     print_recorded(page);
 }
 
-/* ---- How well it followed ---------------------------------------------------------------------------------------- */
+/* ---- Errors ------------------------------------------------------------------------------------------------------ */
 
-/* MSE at the plant's own readings, and how many these were. */
+/* Adds the MSE at the plant's own readings, and the numbers of readings and of rejected ones. */
 static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
     const tl_metrics *readings = &figures->readings[match];
     tl_show_table_add(table, "%s", number(tl_run_figures_mse_readings(figures, match), false));
@@ -260,7 +262,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
     return tl_show_table_end(&table, page->file, error);
 }
 
-/* ---- What had to be corrected ------------------------------------------------------------------------------------ */
+/* ---- Corrections ------------------------------------------------------------------------------------------------- */
 
 static void add_numbers(tl_show_table *table, const tl_show_summary *summary, size_t adjust) {
     enum { NUMBERS = 6 };
@@ -268,15 +270,18 @@ static void add_numbers(tl_show_table *table, const tl_show_summary *summary, si
     const tl_show_adjust *detail = &summary->detail[adjust];
     double delta = tl_run_figures_delta_mean(&summary->figures, adjust);
     double scale = fmax(fabs(detail->least), fabs(detail->largest));
-    const double values[NUMBERS] = {
-        adjusted->first, adjusted->last,  tl_run_figures_mean(&summary->figures, adjust),
-        detail->least,   detail->largest, fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* not its rounding */
+    const double values[NUMBERS] = {adjusted->first,
+                                    adjusted->last,
+                                    tl_run_figures_mean(&summary->figures, adjust),
+                                    detail->least,
+                                    detail->largest,
+                                    fabs(delta) < 1e-12 * scale ? 0.0 : delta}; /* a smaller value is only rounding */
     for (size_t i = 0; i < NUMBERS; i++) {
         tl_show_table_add(table, "%s", number(adjusted->count == 0 ? (double)NAN : values[i], i + 1 == NUMBERS));
     }
 }
 
-/* A Boolean has none; its numbers are told instead. */
+/* A Boolean has no unit; its values are explained instead. */
 static const char *unit_of(const tl_recorder_signal *signal) {
     return signal->type == TL_BOOLEAN ? "0 off, 1 on" : signal->unit;
 }
@@ -316,9 +321,9 @@ static void print_curve(const show_page *page, size_t adjust) {
     }
 }
 
-/* ---- What has changed since when --------------------------------------------------------------------------------- */
+/* ---- Changes of the corrections ---------------------------------------------------------------------------------- */
 
-/* When a step began: in the world where the run was live, else in the run. */
+/* Returns the start of a step: UTC in a live run, else the time since the start of the run. */
 static const char *instant(const show_page *page, int64_t step) {
     const tl_history_run *run = page->request->run;
     if (tl_show_is_live(run)) {
@@ -396,7 +401,7 @@ static void print_tuning(const show_page *page, const tl_history_tuning *tuning)
                   tuning->why[0] != '\0' ? ": " : "", clean(page, tuning->why));
 }
 
-/* None in most runs. */
+/* Most runs have no tunings. */
 static tl_status print_tunings(show_page *page, tl_error *error) {
     const tl_history_tuning *tunings = NULL;
     size_t count = 0;
@@ -438,7 +443,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
                              &visitor, error);
 }
 
-/* ---- All of it --------------------------------------------------------------------------------------------------- */
+/* ---- The page ---------------------------------------------------------------------------------------------------- */
 
 static void print_title(const show_page *page) {
     char log_path[TEXT];

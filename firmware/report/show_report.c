@@ -1,4 +1,4 @@
-/* The report of a recorded run: what is in the database, on the page that html_report.h makes. */
+/* Report of a recorded run: reads the database and fills the page of html_report.h. */
 #include <stdlib.h>
 #include <string.h>
 
@@ -14,15 +14,15 @@ typedef struct recorded_run {
     tl_show_summary summary;
     tl_html_settings settings;
     tl_html_report *report;
-    tl_config config; /* as the run had it; empty where this program does not understand it */
+    tl_config config; /* of the run; empty if this program cannot parse it */
     char source[512];
     double tolerance[TL_MAX_MATCH];
 } recorded_run;
 
 /* ---- Settings ---------------------------------------------------------------------------------------------------- */
 
-/* Tolerances, solver and budget are in the configuration alone. A text that this program refuses, of a newer one perhaps,
- * leaves them unknown. */
+/* Tolerances, solver and budget are only in the configuration. They stay unknown if this program
+ * rejects it, for example because a newer program wrote it. */
 static tl_status read_configuration(recorded_run *run, tl_error *error) {
     tl_report report = {.add = NULL};
     const char *text = NULL;
@@ -87,7 +87,7 @@ static void describe(recorded_run *run) {
 
 /* ---- The page ---------------------------------------------------------------------------------------------------- */
 
-/* The file is begun when all is known: a reader that is interrupted leaves none behind. */
+/* The file is created after all data was read, so that an interrupted `show` leaves no file. */
 static tl_status write_page(const recorded_run *run, const char *path, tl_error *error) {
     tl_new_file file;
     tl_status status = tl_new_file_open(path, &file, error);

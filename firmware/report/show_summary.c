@@ -1,4 +1,4 @@
-/* The summary of a recorded run, with its lock: see show_summary.h. */
+/* Summary of a recorded run: see show_summary.h. */
 #include "firmware/report/show_summary.h"
 
 #include <math.h>
@@ -8,11 +8,13 @@
 #include "firmware/monitor/lock_tally.h"
 #include "firmware/store/history.h"
 
-/* ---- How much of a run was in which state of the lock, by the events that told its changes.
+/* ---- Number of steps in each lock state, computed from the events of its changes.
  *
- * Purpose: the database has no state for each step, but each change of it, with its tick. What is before the first one counts as that, as it does for the judge
- *          (lock_monitor.h), unless the run's first steps are gone.
- * Strokes: with an event horizon the judge counts strokes; here are the steps that they took.
+ * Purpose: the database has no state for each step, but an event with its tick for each change.
+ *          Steps before the first event count as its state, as in the lock monitor
+ *          (lock_monitor.h), unless the first steps of the run were removed.
+ * Strokes: with an event horizon the lock monitor counts strokes; here the steps of these strokes
+ *          are counted.
  * Thread:  one thread.
  */
 
@@ -20,13 +22,13 @@
 
 typedef struct lock_course {
     const int64_t *range;
-    int64_t lead;  /* of ticks before steps */
-    int64_t since; /* the step from which on the state is this one */
+    int64_t lead;  /* ticks before the first step */
+    int64_t since; /* first step with this state */
     bool is_known;
     tl_lock_tally *tally;
 } lock_course;
 
-/* "locked: …". Other events of that source tell no state. */
+/* Parses for example "locked: …". Other events of this source contain no state. */
 static bool find_state(const char *text, tl_lock_state *state) {
     for (int i = 0; i < TL_LOCK_STATES; i++) {
         const char *name = tl_lock_state_name((tl_lock_state)i);
@@ -39,7 +41,7 @@ static bool find_state(const char *text, tl_lock_state *state) {
     return false;
 }
 
-/* What lies within the range of the steps since the last change, before `until`. */
+/* Counts the steps since the last change and before `until` that are within the range. */
 static void count_until(const lock_course *course, int64_t until) {
     int64_t first = course->since > course->range[0] ? course->since : course->range[0];
     int64_t end = until <= course->range[1] ? until : course->range[1] + 1;
@@ -68,7 +70,8 @@ static void take_event(void *context, const tl_history_event *event) {
     course->is_known = true;
 }
 
-/* Of the steps range[0] … range[1]. A tally without a step: no event tells of it. Errors: as of tl_history_events(). */
+/* Counts the steps range[0] … range[1]. The tally stays empty if no event reports a state. Errors:
+ * those of tl_history_events(). */
 static tl_status tl_show_lock(tl_history *history, const tl_history_run *run, const int64_t range[2],
                               tl_lock_tally *tally, tl_error *error) {
     lock_course course = {.range = range, .lead = run->lead, .since = 0, .tally = tally};
@@ -81,13 +84,13 @@ static tl_status tl_show_lock(tl_history *history, const tl_history_run *run, co
     return status;
 }
 
-/* ---- Adding up: one pass over each table. */
+/* ---- Sums: one pass over each table. */
 
 static int64_t steps_between(const tl_show_summary *summary) {
     return summary->range[1] - summary->range[0] + 1;
 }
 
-/* The part of the steps, of `parts` equal ones, in which a step is. */
+/* Returns the index of the part that contains a step, of `parts` equal parts. */
 static size_t part_of(const tl_show_summary *summary, int64_t step, size_t parts) {
     double position = (double)(step - summary->range[0]) / (double)steps_between(summary);
     size_t part = (size_t)(position * (double)parts);
@@ -103,7 +106,7 @@ double tl_show_part_mean(const tl_show_part *part) {
     return part->count == 0 ? (double)NAN : part->delta_sum / (double)part->count;
 }
 
-/* Variance of Δu within the windows. */
+/* Returns the variance of Δu within the windows. */
 static double variance_within(const tl_show_summary *summary, size_t adjust) {
     const tl_show_adjust *detail = &summary->detail[adjust];
     double squares = detail->delta_squares;
@@ -114,7 +117,7 @@ static double variance_within(const tl_show_summary *summary, size_t adjust) {
             freedom -= 1.0;
         }
     }
-    /* What is left of the squares may be no more than their rounding. */
+    /* The difference of the squares may be rounding only. */
     return freedom < 1.0 || squares < 1e-12 * detail->delta_squares ? 0.0 : squares / freedom;
 }
 

@@ -1,4 +1,4 @@
-/* The summary of a run and why it ended: see summary.h. */
+/* Summary of a run: see summary.h. */
 #include "firmware/report/summary.h"
 
 #include <inttypes.h>
@@ -15,7 +15,8 @@ bool tl_run_end_is_sound(const tl_summary *summary, const tl_account *account, c
                 account->adjusts == config->adjust_count;
     bool goes_on = (unsigned)summary->resumption.from <= (unsigned)TL_RESUMED_INPUTS;
     bool judged = (unsigned)summary->lock.state < (unsigned)TL_LOCK_STATES;
-    return fits && judged && goes_on && summary->figures.ledger_count == 0 /* its names are pointers */ &&
+    return fits && judged && goes_on &&
+           summary->figures.ledger_count == 0 /* its names are pointers, which the FMU process could forge */ &&
            tl_account_is_sound(account);
 }
 
@@ -38,13 +39,13 @@ void tl_summary_add(tl_summary *summary, const tl_config *config, const tl_recor
 void tl_summary_sample(tl_summary *summary, const tl_config *config, const tl_sample *sample) {
     summary->samples++;
     for (size_t i = 0; i < config->signal_count; i++) {
-        bool is_one = !config->signals[i].is_reading; /* a look-up of it is matched */
+        bool is_one = !config->signals[i].is_reading; /* its look-up is matched and counted instead */
         summary->not_good[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
     }
 }
 
 tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *config, double percent, tl_error *error) {
-    bool goes_on = summary->resumption.from != TL_RESUMED_NOT; /* what came before is not in here */
+    bool goes_on = summary->resumption.from != TL_RESUMED_NOT; /* the tally does not include the earlier run */
     bool is_asked = percent > 0.0 || (config->adjust_count != 0 && !goes_on);
     if (!is_asked || (config->adjust_count != 0 && tl_lock_tally_is_enough(&summary->lock, percent))) {
         return TL_OK;
@@ -69,12 +70,12 @@ tl_status tl_summary_require_lock(const tl_summary *summary, const tl_config *co
                    "tolerance, the bounds of what is adjusted, and the model");
 }
 
-/* A summary while it is printed. */
+/* State while a summary is printed. */
 typedef struct printing {
     const tl_summary *summary;
     const tl_config *config;
     const tl_account *account;
-    tl_run_figures figures; /* all of them */
+    tl_run_figures figures; /* including what the twin itself counts */
 } printing;
 
 static void begin_printing(printing *page, const tl_summary *summary, const tl_config *config,
@@ -83,7 +84,7 @@ static void begin_printing(printing *page, const tl_summary *summary, const tl_c
     tl_run_figures_take_account(&page->figures, account);
 }
 
-/* Without a step nothing was corrected. */
+/* Without a step there was no correction, so the means are 0. */
 static double or_zero(const tl_run_adjusted *adjusted, double value) {
     return adjusted->count == 0 ? 0.0 : value;
 }
@@ -97,7 +98,7 @@ static void add_executions(tl_json_writer *json, const tl_account *account) {
     tl_json_close(json);
 }
 
-/* Beside the others: what was executed again to see whether the FMUs come back to where they were. */
+/* Executions to verify the rollback of FMUs; no other count includes them. */
 static void add_verified(tl_json_writer *json, const tl_account *account) {
     tl_json_open_object(json, "verified");
     tl_json_add_count(json, "times", account->verified);
@@ -106,7 +107,8 @@ static void add_verified(tl_json_writer *json, const tl_account *account) {
     tl_json_close(json);
 }
 
-/* Of a free twin, only if there is one. Its own counts are the twin's; that may have been a shadow before, whose steps are not this run's. */
+/* Written only if there is a free-running twin. The counts in `free_twin` are those of the twin
+ * process, which may include steps as a shadow before this run's figures. */
 static void add_free_twin(tl_json_writer *json, const tl_run_figures *figures, const tl_account *account) {
     if (account->has_free_twin != 0) {
         tl_json_open_object(json, "free_twin");
@@ -144,12 +146,12 @@ static void add_adjusted(tl_json_writer *json, const printing *page) {
     tl_json_close(json);
 }
 
-/* Δo as measured: what the twin has found is left to be shifted, and Δi. */
+/* Returns the measured Δo in s: the delay that the twin found, plus Δi. */
 static double measured_delay(const tl_config *config, const tl_twin_delay *found) {
     return tl_seconds(found->delay + (config->delays->has_input ? config->delays->input.delay : 0));
 }
 
-/* What cannot be told is null: no data must not look like a perfect fit. */
+/* An unknown value becomes null, so that missing data does not look like a perfect fit. */
 static void add_seconds(tl_json_writer *json, const char *key, double seconds, bool known) {
     tl_json_add_number(json, key, known ? seconds : (double)NAN);
 }
@@ -197,7 +199,7 @@ tl_status tl_summary_print_json(const tl_summary *summary, const tl_config *conf
     if (config->adjust_count != 0) {
         tl_json_open_object(&json, "lock");
         tl_figures_json_add_lock(&json, &summary->lock);
-        tl_json_add_count(&json, "ran_away", summary->lock.ran_away); /* no event tells it */
+        tl_json_add_count(&json, "ran_away", summary->lock.ran_away); /* no event reports this */
         tl_json_close(&json);
     }
     add_executions(&json, account);
@@ -260,7 +262,7 @@ static void print_ledger(const tl_run_figures *figures, const tl_account *accoun
     }
 }
 
-/* A dash where JSON has null: the square of a large difference may be more than a number can be. */
+/* Writes a dash where JSON has null. Even the MSE of finite values may be infinite. */
 static void write_measure(double value, int digits, char *text, size_t size) {
     if (isfinite(value)) {
         (void)snprintf(text, size, "%.*g", digits, value);
@@ -269,7 +271,7 @@ static void write_measure(double value, int digits, char *text, size_t size) {
     }
 }
 
-/* " mm²", " (rad/s)²", nothing for no unit. */
+/* Writes for example " mm²" or " (rad/s)²"; nothing if there is no unit. */
 static void write_square(const char *unit, char *text, size_t size) {
     bool compound = strpbrk(unit, "./*^ 0123456789") != NULL;
     (void)snprintf(text, size, "%s%s%s%s", unit[0] == '\0' ? "" : " ", compound ? "(" : "", unit,
@@ -282,7 +284,7 @@ static const char *space_before(const char *unit) {
     return unit[0] == '\0' ? "" : " ";
 }
 
-/* The twin between its steps, against what came. */
+/* Prints the errors at the times of the readings, between the steps of the twin. */
 static void print_readings(const printing *page, size_t match, FILE *file) {
     const tl_metrics *readings = &page->figures.readings[match];
     char mse[32];
@@ -334,7 +336,7 @@ static bool is_matched(const tl_config *config, size_t signal) {
     return false;
 }
 
-/* Of those that are matched it was told above. */
+/* Matched signals are skipped, because print_matches() has printed them. */
 static void print_inputs(const tl_summary *summary, const tl_config *config, FILE *file) {
     for (size_t i = 0; i < config->signal_count; i++) {
         if (summary->not_good[i] != 0 && !is_matched(config, i)) {
@@ -346,7 +348,7 @@ static void print_inputs(const tl_summary *summary, const tl_config *config, FIL
     }
 }
 
-/* Of a Boolean: how often it was on, and how often it would have been. */
+/* Prints for a Boolean the share of steps in which u and û were on. */
 static void print_boolean(const tl_run_adjusted *adjusted, const char *name, FILE *file) {
     double steps = (double)adjusted->count;
     double on = or_zero(adjusted, adjusted->sum / steps);

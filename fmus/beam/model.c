@@ -1,13 +1,14 @@
 /* Beam: a beam hinged at O with a mass that slides on it, lifted by a cylinder.
  *
- * The cylinder stands at the height h below O and meets the beam at the radius r from O; it has the length
- * l = l_0 + pos. Gravity's torque about O is g·(m_beam·s_beam + m_mass·s_mass)·cos φ, φ the beam's angle to the
- * horizontal, and the lever of the cylinder h·r·cos φ/l. So the angle cancels out, and the static force along the
- * cylinder is
+ * The lower end of the cylinder is at the height h below O. The cylinder acts on the beam at the
+ * radius r from O; its length is l = l_0 + pos. Gravity's torque about O is g·(m_beam·s_beam +
+ * m_mass·s_mass)·cos φ, with φ the beam's angle to the horizontal. The lever arm of the cylinder is
+ * h·r·cos φ/l. So the angle cancels out, and the static force along the cylinder is
  *
  *   F = g·(m_beam·s_beam + m_mass·s_mass)·l/(h·r)
  *
- * Its inertia is part of the cylinder's mass. There is nothing to integrate: a step takes the position as it is.
+ * The inertia of the beam is part of the cylinder's mass. There is nothing to integrate: a step
+ * uses the present position.
  */
 #include "fmus/common/model.h"
 #include "description.h"

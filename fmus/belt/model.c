@@ -1,8 +1,9 @@
-/* Belt: a conveyor, a rectangle in the plane, and the velocity that it gives to a product on it.
+/* Belt: a conveyor, modelled as a rectangle in the plane. It outputs the velocity that it gives to
+ *       a product on it.
  *
- *   p_v = (v_x, v_y) while enabled and the product's square overlaps the rectangle, else 0
+ *   p_v = (v_x, v_y) if enabled and the product's square overlaps the rectangle, else 0
  *
- * x and y are the rectangle's lower corner; p_x and p_y are the middle of the product's square.
+ * x and y are the rectangle's lower corner; p_x and p_y are the centre of the product's square.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -14,7 +15,7 @@ typedef struct belt {
     fmi2Real p_v_x, p_v_y;                 /* outputs */
 } belt;
 
-/* True where two spans have more than a point in common. */
+/* Returns true if two intervals have more than one point in common. */
 static int overlap(double from, double length, double middle, double half) {
     return middle + half > from && middle - half < from + length;
 }

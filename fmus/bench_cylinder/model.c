@@ -1,14 +1,15 @@
-/* Bench cylinder: a pneumatic cylinder that a test bench pushes in and out at a set speed, against air of a set pressure.
+/* Bench cylinder: a test bench moves a pneumatic cylinder out and in at a set speed, against air of
+ * a set pressure.
  *
- *   dx/dt = v_out when it goes out, else −v_in          tau·dp/dt = p_set + R·A·dx/dt − p
- *   F = p·A + friction_out when it goes out, else p·A − friction_in
+ *   dx/dt = v_out when it moves out, else −v_in        tau·dp/dt = p_set + R·A·dx/dt − p
+ *   F = p·A + friction_out when it moves out, else p·A − friction_in
  *
- * x is the stroke by which the bench has pressed the air, p above the pressure of the surroundings, F what the bench must
- * push with. R is the resistance of the line to the pressure regulator: what goes out is pressed through it, so that the
- * pressure is above p_set on the way out and below on the way in. Friction resists each way: it is what a seal is known by,
- * and it differs by direction.
+ * x is the stroke by which the bench has pressed the air, p the pressure above ambient, F the force
+ * of the bench. R is the resistance of the line to the pressure regulator. The cylinder presses air
+ * out through it, so p is above p_set on the way out and below on the way in. Friction acts against
+ * the motion. It shows the condition of the seal and differs by direction.
  *
- * Integrated by explicit Euler. There are no ends: the bench decides where to turn round.
+ * Integrated by explicit Euler. There are no end stops: the bench decides where to reverse.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -20,7 +21,7 @@ typedef struct bench_cylinder {
     fmi2Real friction_out, friction_in;              /* tunable */
     fmi2Real v_out, v_in, p_set;                     /* tunable */
     fmi2Real bore, R, tau, x_start, p_start, t_step; /* fixed */
-    fmi2Real x, p, F;                                /* states, and a result of them */
+    fmi2Real x, p, F;                                /* states x, p; result F */
 } bench_cylinder;
 
 static double area(const bench_cylinder *c) {

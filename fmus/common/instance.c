@@ -1,4 +1,4 @@
-/* Memory, logging and the check of the state machine: what every FMI function of the glue needs. */
+/* Memory, logging and the check of the mode, for all FMI functions. */
 #include "fmus/common/instance.h"
 
 #include <ctype.h>
@@ -25,8 +25,9 @@ static const char *mode_name(int64_t mode) {
     }
 }
 
-/* The message goes as the logger's format string, because many importers ignore further arguments. Our own texts hold
- * neither '%' nor '#', which mean something there; names of files and their contents may. */
+/* The message is passed as the logger's format string, because many importers ignore further
+ * arguments. So '%' and '#', which have a meaning there, are replaced; names and contents of files
+ * may contain them. */
 static void disarm(char *message) {
     for (char *c = message; *c; c++) {
         if (*c == '%' || *c == '#' || iscntrl((unsigned char)*c)) {

@@ -1,9 +1,10 @@
-/* One FMU instance as the glue's own files see it: where it is in its life, and what a saved state holds.
+/* One FMU instance, as the common FMI code sees it: its mode and the content of a saved state.
  *
- * Purpose: shared by life.c, values.c, state.c and instance.c; a model never includes this.
- * Errors:  a call that FMI forbids here, or with wrong arguments, is refused: it changes nothing, is told to
- *          the logger and returns fmi2Error. Only a step whose result is not finite, or that does not find
- *          outside what it needs, ends in TL_FMU_FAILED.
+ * Purpose: shared by life.c, values.c, state.c and instance.c; a model never includes this file.
+ * Errors:  a call that FMI forbids in this mode, or one with wrong arguments, is rejected: it
+ *          changes nothing, logs the reason and returns fmi2Error. Only two errors lead to
+ *          TL_FMU_FAILED: a step with a result that is not finite, and a step whose external data
+ *          is missing.
  * Thread:  one thread at a time for each instance.
  */
 #ifndef TL_FMUS_COMMON_INSTANCE_H
@@ -16,12 +17,13 @@
 
 #include "fmus/common/model.h"
 
-/* Where an instance is in the state machine of FMI 2.0 (4.2.4); bits, so that a call can name several. */
+/* Modes of an instance in the state machine of FMI 2.0 (4.2.4); bits, so that a call can allow
+ * several. */
 typedef enum tl_fmu_mode {
     TL_FMU_INSTANTIATED = 1,
     TL_FMU_INITIALISING = 2,
     TL_FMU_STEPPING = 4, /* "stepComplete" */
-    TL_FMU_FAILED = 8,   /* "error": left by fmi2Reset, fmi2SetFMUstate or fmi2FreeInstance */
+    TL_FMU_FAILED = 8,   /* "error": only fmi2Reset, fmi2SetFMUstate or fmi2FreeInstance leave it */
     TL_FMU_TERMINATED = 16
 } tl_fmu_mode;
 
@@ -31,49 +33,55 @@ enum {
     TL_FMU_GETTABLE = TL_FMU_INITIALISING | TL_FMU_STEPPING | TL_FMU_FAILED | TL_FMU_TERMINATED
 };
 
-/* All that fmi2GetFMUstate saves. No pointers, so that serialising is copying. The model's struct follows. */
+/* All data that fmi2GetFMUstate saves. It has no pointers, so a copy of the bytes serialises it.
+ * The model's struct follows. */
 typedef struct tl_fmu_state {
-    char guid[TL_FMU_GUID_SIZE]; /* whose state this is */
+    char guid[TL_FMU_GUID_SIZE]; /* of the FMU that saved it */
     int64_t mode;                /* tl_fmu_mode */
-    double time;                 /* s, where the last step ended */
-    double stop_time;            /* s, HUGE_VAL where none is defined */
-    double model[];              /* as double for its alignment */
+    double time;                 /* s, end of the last step */
+    double stop_time;            /* s; HUGE_VAL if it is not defined */
+    double model[];              /* type double for the alignment */
 } tl_fmu_state;
 
 typedef struct tl_fmu_instance {
-    char *name;                /* own copy */
+    char *name;                /* a copy owned by the instance */
     fmi2CallbackLogger logger; /* may be NULL */
     fmi2ComponentEnvironment environment;
     bool log_events;
     tl_fmu_state *state;
-    tl_fmu_outside *outside; /* NULL for a model that has none */
+    tl_fmu_outside *outside; /* NULL if the model has none */
 } tl_fmu_instance;
 
-/* The instance behind `component` if `function` is legal in its present mode (one of `modes`); else NULL. */
+/* Returns the instance of `component` if its present mode is one of `modes`. Otherwise logs that
+ * `function` is not allowed and returns NULL; also if `component` is NULL. */
 tl_fmu_instance *tl_fmu_enter(fmi2Component component, const char *function, int modes);
 
-/* Tells the logger why a call is refused. Always fmi2Error. `format` as for printf. */
+/* Logs why a call is rejected. `format`: as for printf. Returns fmi2Error in all cases. */
 fmi2Status tl_fmu_refuse(const tl_fmu_instance *instance, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
-/* Tells the logger about a life-cycle event, where the category logEvents is on. */
+/* Logs a life-cycle event, if the category logEvents is on. */
 void tl_fmu_log_event(const tl_fmu_instance *instance, const char *text);
 
-/* A zeroed instance with the model's defaults, or NULL when memory is out. Released by tl_fmu_release(). */
+/* Creates an instance with the model's defaults. Returns NULL if memory is out. Free it with
+ * tl_fmu_release(). */
 tl_fmu_instance *tl_fmu_create(fmi2String name, const fmi2CallbackFunctions *functions);
+
+/* Frees an instance with its external data. */
 void tl_fmu_release(tl_fmu_instance *instance);
 
-/* Back to the model's defaults and to TL_FMU_INSTANTIATED. What the model has outside is as it was. */
+/* Resets the state to the model's defaults and to TL_FMU_INSTANTIATED. The model's external data is
+ * not changed. */
 void tl_fmu_set_defaults(tl_fmu_instance *instance);
 
-/* Lets the model look outside, where it does such things, for its results at the instance's time plus `ahead`
- * seconds. fmi2Error, told to the logger, where it cannot. */
+/* If the model uses external data, updates its results for the instance's time plus `ahead`
+ * seconds. `may_forget`: see tl_fmu_look. Returns fmi2Error, and logs the reason, if that fails. */
 fmi2Status tl_fmu_look_outside(const tl_fmu_instance *instance, const char *function, double ahead, bool may_forget);
 
-/* Bytes of a whole saved state, model included. */
+/* Returns the size of a saved state in bytes, including the model. */
 size_t tl_fmu_state_size(void);
 
-/* True if all real results are finite. */
+/* Returns true if all Real results are finite. */
 bool tl_fmu_results_finite(const tl_fmu_instance *instance);
 
 #endif

@@ -1,8 +1,9 @@
-/* The life of an instance: instantiate, initialise, step, terminate, reset, free.
+/* Life cycle of an instance: instantiate, initialise, step, terminate, reset, free.
  *
- * A macro step is taken in equal inner steps: as many as t_step fits into it, to the nearest integer. An inner
- * step is t_step itself where that fits within a millionth, so that rounding in the importer's clock cannot
- * change a result. A model of whole steps takes the macro step as its one inner step.
+ * A macro step consists of equal inner steps. Their number is the macro step divided by t_step,
+ * rounded to the nearest integer. If the result fits within a millionth, an inner step is exactly
+ * t_step, so that rounding of the importer's clock does not change a result. A model of whole steps
+ * has one inner step: the macro step.
  */
 #include "fmus/common/instance.h"
 
@@ -12,8 +13,8 @@
 
 #define MODEL tl_fmu_model_of_this_fmu
 
-static const double FIT = 1e-6;            /* of a step: how well times have to agree */
-static const double MAX_INNER_STEPS = 1e6; /* more in one macro step can only be a mistake */
+static const double FIT = 1e-6;            /* of a step: tolerance for comparing times */
+static const double MAX_INNER_STEPS = 1e6; /* in one macro step; more can only be a mistake */
 
 const char *fmi2GetTypesPlatform(void) {
     return fmi2TypesPlatform;
@@ -105,7 +106,7 @@ fmi2Status fmi2EnterInitializationMode(fmi2Component component) {
     return fmi2OK;
 }
 
-/* s; HUGE_VAL where the model takes whole steps. */
+/* Returns the inner step in s; HUGE_VAL if the model takes whole steps. */
 static double inner_step_of(const tl_fmu_state *state) {
     double t_step = HUGE_VAL;
     if (MODEL.t_step == TL_FMU_WHOLE_STEPS) {
@@ -136,7 +137,7 @@ fmi2Status fmi2ExitInitializationMode(fmi2Component component) {
     return fmi2OK;
 }
 
-/* fmi2OK if a step from `point` over `size` may be taken. */
+/* Returns fmi2OK if a step from `point` over `size` seconds is allowed. */
 static fmi2Status check_step(const tl_fmu_instance *instance, double point, double size) {
     const tl_fmu_state *state = instance->state;
     if (!(size >= 0) || !isfinite(size)) {

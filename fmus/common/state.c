@@ -1,7 +1,8 @@
-/* Saving, restoring and serialising an instance: copies of one block of memory without pointers.
+/* Saves, restores and serialises an instance by copying one block of memory without pointers.
  *
- * A handle that is not NULL is written into, not allocated anew, so that a pool of handles made before the first
- * cycle is all the memory an importer ever needs. Serialised bytes are for the same FMU binary only.
+ * An existing handle is overwritten and not allocated again. So an importer that creates its
+ * handles before the first cycle needs no further memory. Serialised bytes are valid for the same
+ * FMU binary only.
  */
 #include "fmus/common/instance.h"
 
@@ -26,7 +27,7 @@ fmi2Status fmi2GetFMUstate(fmi2Component component, fmi2FMUstate *handle) {
     return fmi2OK;
 }
 
-/* True if `state` can be one of this FMU: its GUID, and a mode that exists. */
+/* Returns true if `state` can belong to this FMU: right GUID, valid mode. */
 static bool is_ours(const tl_fmu_state *state) {
     const int64_t mode = state->mode;
     const bool one_mode = mode > 0 && (mode & (mode - 1)) == 0 && (mode & TL_FMU_ANY_MODE) != 0;

@@ -1,6 +1,7 @@
-/* Getting and setting variables, and what a slave can tell about its last step.
+/* Reads and sets variables, and reports the status of the last step.
  *
- * A call with one wrong reference or value is refused as a whole: all are checked before any is written.
+ * A set call with one wrong reference or value is rejected as a whole: all are checked before any
+ * is written.
  */
 #include "fmus/common/instance.h"
 
@@ -29,7 +30,8 @@ static size_t size_of(tl_fmu_type type) {
     }
 }
 
-/* While initialising, results are made as late as they are asked for: parameters may come in any order. */
+/* During initialisation, results that need external data are computed only when they are read,
+ * because parameters may be set in any order. */
 static fmi2Status make_results(const tl_fmu_instance *instance, const char *function, tl_fmu_role role) {
     if (instance->state->mode != TL_FMU_INITIALISING || role != TL_FMU_RESULT || !instance->outside) {
         return fmi2OK;
@@ -59,7 +61,7 @@ static fmi2Status get(fmi2Component component, const char *function, tl_fmu_type
     return fmi2OK;
 }
 
-/* fmi2OK if every variable exists and may be set now. */
+/* Returns fmi2OK if every variable exists and may be set now. */
 static fmi2Status check_set(const tl_fmu_instance *instance, const char *function, tl_fmu_type type,
                             const fmi2ValueReference references[], size_t count) {
     for (size_t i = 0; i < count; i++) {
@@ -81,7 +83,7 @@ static fmi2Status check_set(const tl_fmu_instance *instance, const char *functio
     return fmi2OK;
 }
 
-/* Any number but 0 is true, and one number is true in a model: so that values can be compared. */
+/* Any number except 0 means true. It is stored as fmi2True so that values can be compared. */
 static void normalise_boolean(void *member) {
     fmi2Boolean value;
     memcpy(&value, member, sizeof value);
@@ -178,7 +180,7 @@ fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference refer
     }
     for (size_t i = 0; i < count; i++) {
         char *text = (char *)instance->state->model + find(TL_FMU_STRING, references[i])->offset;
-        memset(text, 0, sizeof(tl_fmu_text)); /* so that a serialised state says no more than it must */
+        memset(text, 0, sizeof(tl_fmu_text)); /* so that a serialised state has no remains of earlier texts */
         memcpy(text, values[i], strlen(values[i]));
     }
     if (instance->state->mode == TL_FMU_INITIALISING) {
@@ -187,7 +189,7 @@ fmi2Status fmi2SetString(fmi2Component component, const fmi2ValueReference refer
     return fmi2OK;
 }
 
-/* Refuses what modelDescription.xml says this FMU cannot do. */
+/* Rejects functions that modelDescription.xml does not declare. */
 static fmi2Status refuse_missing(fmi2Component component, const char *function) {
     tl_fmu_instance *instance = tl_fmu_enter(component, function, TL_FMU_ANY_MODE);
     return instance ? tl_fmu_refuse(instance, "%s: not provided by this FMU", function) : fmi2Error;
@@ -223,7 +225,8 @@ fmi2Status fmi2GetRealOutputDerivatives(fmi2Component component, const fmi2Value
     return refuse_missing(component, "fmi2GetRealOutputDerivatives");
 }
 
-/* A status that is not kept is discarded, as FMI 2.0 (4.2.3) asks; steps are never pending. */
+/* Returns fmi2Discard for a status that is not stored, as FMI 2.0 (4.2.3) requires; steps are never
+ * pending. */
 static fmi2Status not_kept(fmi2Component component, const char *function) {
     const int modes = TL_FMU_STEPPING | TL_FMU_FAILED | TL_FMU_TERMINATED;
     return tl_fmu_enter(component, function, modes) ? fmi2Discard : fmi2Error;
@@ -253,7 +256,7 @@ fmi2Status fmi2GetIntegerStatus(fmi2Component component, const fmi2StatusKind ki
 fmi2Status fmi2GetBooleanStatus(fmi2Component component, const fmi2StatusKind kind, fmi2Boolean *value) {
     const fmi2Status status = not_kept(component, "fmi2GetBooleanStatus");
     if (status == fmi2Discard && kind == fmi2Terminated) {
-        *value = fmi2False; /* no model ends by itself */
+        *value = fmi2False; /* no model terminates on its own */
         return fmi2OK;
     }
     return status;

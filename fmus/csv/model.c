@@ -1,13 +1,15 @@
-/* CSV: the columns of a CSV file or FIFO as outputs: the plant, in a master that has none (section 5.4.2).
+/* CSV: outputs the columns of a CSV file or FIFO. It replaces the plant in a master that has none
+ *      (section 5.4.2).
  *
- * A step that ends at t gives each output the newest value of its column at or before t (zero-order hold); until there
- * is one, its initial value. Times are compared to the nanosecond, since a master's clock is rounded. An empty cell is no
- * new value. Nothing waits: what has not come is not there yet.
+ * A step that ends at t sets each output to the newest value of its column at or before t
+ * (zero-order hold). Before the first value, an output has its initial value. Times are compared
+ * with a tolerance of 1 ns, because a master's clock is rounded. An empty cell is no new value. The
+ * FMU never waits for rows that have not arrived.
  *
- * A state holds the outputs and the number of the next row, and rows stay where they are, so a step can be taken again.
- * It gives the same values again though rows have come meanwhile: those count only in steps that end later than all that
- * were taken before they came. Rows of a FIFO that cannot be wanted again are dropped, where the master says so
- * (noSetFMUStatePriorToCurrentPoint).
+ * A state contains the outputs and the number of the next row. Stored rows do not change, so a step
+ * can be repeated. It gives the same values even if new rows have arrived since, because a row
+ * counts only in steps that end later than all steps before its arrival. Rows of a FIFO are dropped
+ * if the master declares that it restores no earlier state (noSetFMUStatePriorToCurrentPoint).
  */
 #include <float.h>
 #include <math.h>
@@ -27,17 +29,17 @@ typedef struct csv {
     fmi2Boolean from_first;                         /* fixed */
     fmi2Real initial[COLUMNS];                      /* fixed */
     fmi2Real y[COLUMNS];                            /* results */
-    fmi2Real t_start, offset;                       /* s; the row's times less the master's; NaN: not known yet */
-    fmi2Real t_step;                                /* one inner step is all of a macro step */
-    int64_t next;                                   /* number of the first row not used yet */
+    fmi2Real t_start, offset;                       /* s; offset: master's time minus the row's; NaN: not known yet */
+    fmi2Real t_step;                                /* larger than any macro step, so that each has one inner step */
+    int64_t next;                                   /* number of the first row that was not used yet */
 } csv;
 
 struct tl_fmu_outside {
     csv_rows *rows;
-    double latest; /* s: the latest end of a step so far */
+    double latest; /* s: latest end of a step so far */
 };
 
-/* By hand, since a variable such as y1 is an element of an array here. */
+/* Written by hand, because variables such as y1 are elements of arrays here. */
 static const csv defaults = {.time_column = "time", .t_step = 1e9};
 
 #define COLUMN(i)                                                                                                      \
@@ -103,7 +105,7 @@ static bool check_columns(const csv *c, const csv_rows *rows, const csv_rows_err
     return true;
 }
 
-/* Times are the master's, or count from the first row. */
+/* Times are the master's, or are counted from the first row if from_first is set. */
 static void set_offset(csv *c, const csv_rows *rows, double time) {
     if (isnan(c->t_start)) {
         c->t_start = time;
@@ -113,7 +115,7 @@ static void set_offset(csv *c, const csv_rows *rows, double time) {
     }
 }
 
-/* True where row c->next counts at `time`. */
+/* Returns true if row c->next must be used at `time`. */
 static bool is_due(const csv *c, const csv_rows *rows, double time) {
     const double fit = NANOSECOND + 4 * DBL_EPSILON * fabs(time);
     return csv_rows_has(rows, c->next) && csv_rows_time(rows, c->next) + c->offset <= time + fit &&
@@ -130,7 +132,8 @@ static bool use_row(csv *c, const csv_rows *rows, const csv_rows_error *error) {
     return true;
 }
 
-/* The row after a state's may have been dropped; or the state may be another instance's, which has read other rows. */
+/* Fails if the next row is not stored: it was dropped, or the state comes from another instance
+ * that has read other rows. */
 static bool check_next(const csv *c, const csv_rows *rows, const csv_rows_error *error) {
     if (c->next == csv_rows_end(rows) || csv_rows_has(rows, c->next)) {
         return true;

@@ -1,5 +1,5 @@
-/* All bytes read are kept in one block; a row is where its line begins in it, and its time. Cells are looked for in the
- * line each time, since a row is taken once or twice. */
+/* All bytes read are stored in one block. A row has the position of its line in it, and its time.
+ * Cells are searched in the line each time, because a row is used only once or twice. */
 #include "fmus/csv/rows.h"
 
 #include <errno.h>
@@ -15,7 +15,7 @@
 
 enum { LONGEST_LINE = 64 * 1024, READ_AT_ONCE = 64 * 1024, READS_OF_A_FIFO = 16, SHOWN = 40 };
 
-/* A piece of a line. */
+/* Part of a line. */
 typedef struct cell {
     const char *text;
     size_t length;
@@ -28,18 +28,18 @@ typedef struct row {
 } row;
 
 struct csv_rows {
-    char *file, *time_column; /* NULL: none was chosen */
+    char *file, *time_column; /* NULL: no file is selected */
     int descriptor;           /* -1: none */
-    bool is_file;             /* a regular one: rows are kept, and a header must be there */
+    bool is_file;             /* a regular file: its rows are kept, and it must have a header */
     locale_t c_locale;
-    char *header; /* NULL: has not come */
+    char *header; /* NULL: not read yet */
     char *bytes;
     size_t size, room;    /* of bytes[] */
-    size_t cut;           /* where the next line begins */
-    int64_t line;         /* that was cut last */
-    row *row;             /* of those that are there */
+    size_t cut;           /* start of the next line */
+    int64_t line;         /* number of the last complete line */
+    row *row;             /* the stored rows */
     size_t count, places; /* of row[] */
-    int64_t first;        /* the number of row[0] */
+    int64_t first;        /* number of row[0] */
 };
 
 static bool fail(const csv_rows_error *error, const char *format, ...) __attribute__((format(printf, 2, 3)));
@@ -56,7 +56,7 @@ static bool fail_memory(const csv_rows_error *error) {
     return fail(error, "out of memory");
 }
 
-/* ---- life ---- */
+/* ---- open and close ---- */
 
 csv_rows *csv_rows_new(void) {
     csv_rows *all = calloc(1, sizeof *all);
@@ -72,7 +72,7 @@ csv_rows *csv_rows_new(void) {
     return all;
 }
 
-/* Drops what was read, not the file. */
+/* Drops all data that was read; the file stays open. */
 static void drop(csv_rows *all) {
     free(all->header);
     all->header = NULL;
@@ -118,7 +118,7 @@ static bool open_file(csv_rows *all, const char *file, const csv_rows_error *err
     return true;
 }
 
-/* Whatever another time column makes of the file, is made of it from its beginning. */
+/* If the time column changes, the file is read again from its beginning. */
 bool csv_rows_choose(csv_rows *all, const char *file, const char *time_column, const csv_rows_error *error) {
     if (all->file && strcmp(all->file, file) == 0 && strcmp(all->time_column, time_column) == 0) {
         return true;
@@ -161,7 +161,7 @@ static cell trimmed(cell part) {
     return part;
 }
 
-/* Cuts the next cell off *rest, whose text becomes NULL after the last one. */
+/* Cuts the next cell off *rest. After the last cell, rest->text is NULL. */
 static cell next_cell(cell *rest) {
     bool quoted = false;
     size_t length = 0;
@@ -220,7 +220,7 @@ static bool parse(const csv_rows *all, cell text, double *number) {
     memcpy(copy, text.text, text.length);
     copy[text.length] = '\0';
     if (strspn(copy, "+-.0123456789eE") != text.length) {
-        return false; /* nor words or hexadecimal numbers, which strtod() would take */
+        return false; /* also rejects words and hexadecimal numbers, which strtod() would accept */
     }
     char *end;
     const locale_t before = uselocale(all->c_locale);
@@ -312,7 +312,7 @@ static bool is_blank(cell line) {
     return line.length == 0 || trimmed(line).length == 0;
 }
 
-/* Takes the whole lines of what is there. After an error the line that is at fault is the next one again. */
+/* Cuts all complete lines. After an error, the next call starts again with the faulty line. */
 static bool cut_lines(csv_rows *all, double instant, const csv_rows_error *error) {
     while (all->cut < all->size) {
         const char *begin = all->bytes + all->cut;
@@ -333,7 +333,7 @@ static bool cut_lines(csv_rows *all, double instant, const csv_rows_error *error
     return true;
 }
 
-/* The number of bytes that came, 0 where there are none now, -1 where they cannot be read or kept. */
+/* Returns the number of bytes read, 0 if there are none now, −1 on an error. */
 static ssize_t take_bytes(csv_rows *all, const csv_rows_error *error) {
     if (all->room - all->size < READ_AT_ONCE) {
         const size_t room = 2 * all->room + READ_AT_ONCE;
@@ -360,7 +360,8 @@ static ssize_t take_bytes(csv_rows *all, const csv_rows_error *error) {
     return got;
 }
 
-/* A FIFO could be written faster than it is read here, for ever; what is too much now is read at the next call. */
+/* The number of reads of a FIFO is limited, because its writer may be faster than this reader. The
+ * next call reads on. */
 bool csv_rows_read(csv_rows *all, double instant, const csv_rows_error *error) {
     ssize_t got = 1;
     for (int i = 0; got > 0 && (all->is_file || i < READS_OF_A_FIFO); i++) {
@@ -420,7 +421,7 @@ bool csv_rows_check_column(const csv_rows *all, const char *column, const csv_ro
     return find_column(all, column, &index, error);
 }
 
-/* Bytes are moved only where that halves them, so that each is moved about once. */
+/* Moves the bytes only if that at least halves them, so that each byte is moved about once. */
 void csv_rows_forget(csv_rows *all, int64_t number) {
     const int64_t old = number - all->first;
     if (all->is_file || old <= 0) {

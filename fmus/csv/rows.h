@@ -1,12 +1,14 @@
-/* The rows of a CSV file or FIFO, as they come.
+/* Rows of a CSV file or FIFO, read as they arrive.
  *
- * Purpose: reads what is there without waiting, keeps it, and finds cells in it by row number.
- * Format:  comma separated, LF or CRLF, in UTF-8 with or without a byte order mark; the first line names the columns;
- *          a cell may be quoted, but a quoted one has no quotes and no line ends in it. A line counts once its line end
- *          is there; blank ones are passed over. Times rise from row to row. Numbers have a decimal point whatever the
- *          locale.
- * Owner:   from rows_open() to csv_rows_close(). Thread: one at a time.
- * Errors:  false, with a sentence in `why` that names the file, the line, what was found and what was expected.
+ * Purpose: reads the available data without waiting, stores it, and finds cells by row number.
+ * Format:  comma separated, LF or CRLF, UTF-8 with or without a byte order mark. The first line
+ *          names the columns. A cell may be quoted, but must not contain quotes or line ends. A
+ *          line counts only after its line end has arrived; blank lines are skipped. Times rise
+ *          from row to row. The decimal separator is a point in any locale.
+ * Owner:   csv_rows_new() to csv_rows_close().
+ * Thread:  one thread at a time.
+ * Errors:  functions return false and write a sentence to `why` with the file, the line, the value
+ *          found and the value expected.
  */
 #ifndef TL_FMUS_CSV_ROWS_H
 #define TL_FMUS_CSV_ROWS_H
@@ -17,41 +19,47 @@
 
 typedef struct csv_rows csv_rows;
 
-/* A text that an error is told in. */
+/* Buffer for the text of an error. */
 typedef struct csv_rows_error {
     char *why;
-    size_t size; /* bytes, with the terminating NUL */
+    size_t size; /* bytes, including the terminating NUL */
 } csv_rows_error;
 
-/* Without a file yet. NULL when memory is out. */
+/* Allocates a reader without a file. Returns NULL if memory is out. */
 csv_rows *csv_rows_new(void);
+
+/* Closes the file and frees the reader. NULL is not allowed. */
 void csv_rows_close(csv_rows *all);
 
-/* Makes `file` the one that is read; where it is that already, nothing. */
+/* Selects the file to read. Does nothing if file and time column are already selected; otherwise
+ * all stored rows are dropped. */
 bool csv_rows_choose(csv_rows *all, const char *file, const char *time_column, const csv_rows_error *error);
 
-/* Takes in what has come and is whole. `instant` is remembered for each new row, see csv_rows_since(). */
+/* Reads all complete lines that have arrived; of a FIFO a limited amount per call. `instant` is
+ * stored with each new row, see csv_rows_since(). */
 bool csv_rows_read(csv_rows *all, double instant, const csv_rows_error *error);
 
-/* Rows are numbered from 0 at the file's first one; csv_rows_end() is the number of the next one to come. */
+/* Returns the number of the next row. Rows are numbered from 0, the first one of the file. */
 int64_t csv_rows_end(const csv_rows *all);
 
-/* True where that row is there: read, and not forgotten. */
+/* Returns true if that row has been read and is still stored. */
 bool csv_rows_has(const csv_rows *all, int64_t number);
 
-/* Of a row that is there: its time, s, and the `instant` at which it was read. */
+/* Return, of a stored row, its time in s and the `instant` at which it was read. */
 double csv_rows_time(const csv_rows *all, int64_t number);
 double csv_rows_since(const csv_rows *all, int64_t number);
 
-/* The cell's number into *value; an empty cell leaves it as it is. The row must be there. */
+/* Parses a cell into *value; an empty cell leaves *value unchanged. The row must be stored. */
 bool csv_rows_number(const csv_rows *all, int64_t number, const char *column, double *value,
                      const csv_rows_error *error);
 
-/* True where the columns are known and `column` is one of them. */
+/* The first function returns true once the header has been read. The second one then checks that
+ * `column` occurs exactly once. */
 bool csv_rows_has_header(const csv_rows *all);
 bool csv_rows_check_column(const csv_rows *all, const char *column, const csv_rows_error *error);
 
-/* Rows before that number are not needed any more: those of a FIFO are dropped now and then; a file's are kept. */
+/* Declares that rows before `number` are no longer needed. Rows of a FIFO are dropped from time to
+ * time; those of a file are kept. */
 void csv_rows_forget(csv_rows *all, int64_t number);
 
 #endif

@@ -1,24 +1,27 @@
-/* Cylinder: a double-acting pneumatic cylinder with meter-out throttles, its valve and its end switches.
+/* Cylinder: a double-acting pneumatic cylinder with meter-out throttles, its valve and its end
+ *           switches.
  *
  *   dp1/dt = (q1·p0 − p1·A1·v)/(V01 + A1·x)       dp2/dt = (q2·p0 + p2·A2·v)/(V02 + A2·(L − x))
  *   m·dv/dt = F_pneu − F_ext − visc·v − fc·tanh(v/v_fc)    F_pneu = p1·A1 − p2·A2 − p0·(A1 − A2)
  *
- * q is a flow of air at p0, m³/s, through a nozzle after ISO 6358: sonic conductance C, critical pressure ratio b.
- * The chambers are isothermal. The valve feeds one chamber through C_s and empties the other one through that stroke's
- * throttle: `move_out` extends; else `move_in` retracts; with neither, both chambers are closed. So a valve that
- * returns by a spring is one whose `move_in` is left true.
+ * q is a flow of air at p0, m³/s, through a nozzle according to ISO 6358: sonic conductance C,
+ * critical pressure ratio b. The chambers are isothermal. The valve supplies one chamber through
+ * C_s and vents the other one through the throttle of that stroke. `move_out` extends; else
+ * `move_in` retracts; with neither, both chambers are closed. For a valve with spring return, set
+ * `move_in` to true always.
  *
- * Integrated by semi-implicit Euler: the pressures from the old states, then v, then x. Both ends are hard stops. It
- * starts retracted and at rest, held there: chamber 1 empty, chamber 2 at the supply.
+ * Integrated by semi-implicit Euler: the pressures from the old states, then v, then x. Both ends
+ * are hard stops. The cylinder starts retracted and at rest, and the pressure keeps it there:
+ * chamber 1 is vented, chamber 2 is at supply pressure.
  */
 #include <math.h>
 
 #include "description.h"
 #include "fmus/common/model.h"
 
-static const double P0 = 1e5;      /* Pa: of the surroundings, and of the air that flows are measured in */
+static const double P0 = 1e5;      /* Pa: ambient pressure, and reference pressure of the flows */
 static const double BAR = 1e5;     /* Pa */
-static const double LITRES = 1000; /* in a cubic metre */
+static const double LITRES = 1000; /* in one cubic metre */
 
 typedef struct cylinder {
     fmi2Real F_ext;                                 /* input */
@@ -29,15 +32,16 @@ typedef struct cylinder {
     fmi2Real visc, fc, v_fc, end_width, t_step;     /* fixed */
     fmi2Real pos, v, F_pneu, airflow;               /* results */
     fmi2Boolean extend_signal, retract_signal;      /* results */
-    fmi2Real p1, p2;                                /* states, not told to anybody */
+    fmi2Real p1, p2;                                /* states; no FMI variables */
 } cylinder;
 
-/* What flows into the chambers, m³/s, and out through the throttle. */
+/* Flows into the chambers, and out through the throttle, m³/s. */
 typedef struct flows {
     double q1, q2, exhaust;
 } flows;
 
-/* Through a nozzle from the side at `p_from` to that at `p_to`; negative where that is the lower pressure. */
+/* Returns the flow through a nozzle from the side at `p_from` to that at `p_to`, m³/s; negative if
+ * `p_to` is higher. */
 static double flow(double conductance, double b, double p_from, double p_to) {
     const double sign = p_from >= p_to ? 1 : -1;
     const double p_up = p_from >= p_to ? p_from : p_to;

@@ -1,11 +1,13 @@
-/* Drive: speed controller of the motor, a parallel PI(D) with a reference ramp and slip compensation.
+/* Drive: speed controller of the motor, a parallel PI(D) with a reference ramp and slip
+ *        compensation.
  *
  *   f    ramps to ref, at `rise` at most
  *   e    = 2π·(f + Wgh·u_R)/Z_p − y              with the previous u_R
- *   u_R  = 10⁻³·(P·e + ∫I·e dt + D·de/dt)        the integral updated first; gains in mA
+ *   u_R  = 10⁻³·(P·e + ∫I·e dt + D·de/dt)        the integral is updated first; gains in mA
  *
- * y and ref are held over a macro step; all inner steps use them. I stands inside the integral, so that tuning
- * it causes no jump. It starts running: f at ref, and the integral carries u_R_start.
+ * y and ref are constant over a macro step; all inner steps use them. I is inside the integral, so
+ * that a change of I causes no jump. The drive starts in operation: f equals ref, and the integral
+ * supplies u_R_start.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -34,7 +36,7 @@ static void start(void *model) {
     c->e = error_of(c);
 }
 
-/* `from`, moved towards `to` by `reach` at most. */
+/* Returns `from`, moved towards `to` by at most `reach`. */
 static double towards(double from, double to, double reach) {
     if (to > from + reach) {
         return from + reach;

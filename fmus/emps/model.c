@@ -1,15 +1,17 @@
-/* EMPS: the carriage of an electro-mechanical positioning system, a mass on a screw with Coulomb friction.
+/* EMPS: the carriage of an electro-mechanical positioning system, a mass on a screw with Coulomb
+ *       friction.
  *
  *   M·dv/dt = F − Fv·v − Fc·sgn(v) − offset       dq/dt = v
  *
- * Integrated by implicit Euler, with sgn taken at the end of the step and set-valued at zero: there it is
- * whatever within ±1 stops the carriage. One inner step then has a closed solution: with the momentum that the
- * carriage would have without friction, Coulomb friction takes up to Fc·h of it; what is left moves, and if
- * nothing is left, v is exactly 0. Explicit Euler would chatter about zero by ±Fc·h/M instead of sticking, and
- * a smoothed sgn would creep, and is stiff. It is first order, and stable for any t_step.
+ * Integrated by implicit Euler. sgn is evaluated at the end of the step. At zero it may have any
+ * value within ±1, namely the one that stops the carriage. So an inner step has a closed solution.
+ * Compute the momentum that the carriage would have without friction. Coulomb friction removes up
+ * to Fc·h of it. The carriage moves with the remaining momentum; if there is none, v is exactly 0.
+ * Explicit Euler would chatter about zero by ±Fc·h/M instead of sticking. A smoothed sgn would
+ * creep and is stiff. The method is of first order and stable for any t_step.
  *
- * Start values of parameters were fitted to a record of the real plant by simulation error; the carriage starts
- * as it does there.
+ * Start values of parameters were fitted to a record of the real plant by simulation error. The
+ * carriage starts as in that record.
  */
 #include <math.h>
 

@@ -1,7 +1,8 @@
-/* Event to cyclic: holds what messages have told, so that cyclic components can read it in every step.
+/* Event to cyclic: stores the newest messages, so that cyclic components can read their values in
+ * every step.
  *
  *   enabled = value of the newest message about the belt; enabled_start before the first one
- *   missed  = messages that the sender counts, less those that came
+ *   missed  = messages that the sender has counted, minus those received
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -11,11 +12,12 @@ typedef struct event_to_cyclic {
     fmi2Integer messages;                       /* input */
     fmi2Boolean enabled1_start, enabled2_start; /* fixed */
     fmi2Integer received;                       /* state */
-    fmi2Boolean enabled1, enabled2;             /* outputs; states too */
+    fmi2Boolean enabled1, enabled2;             /* outputs, which are also states */
     fmi2Integer missed;                         /* output */
 } event_to_cyclic;
 
-/* What is told at the start itself comes in the first step, as every message does in the step after it. */
+/* A message that is present at the start is processed by the first step, like any message by the
+ * step after it. */
 static void start(void *model) {
     event_to_cyclic *c = model;
     c->enabled1 = c->enabled1_start;

@@ -1,11 +1,12 @@
-/* Motor: rotor-flux oriented induction machine behind a converter, with inertia and viscous friction.
+/* Motor: induction machine with rotor-flux orientation, supplied by a converter, with inertia and
+ *        viscous friction.
  *
  *   Tr·dψ/dt    = L_h·i_sd − ψ           Tr = L_r/R_r
  *   Ts·di_sd/dt = Ψ_ref/L_h − i_sd       Ts·di_sq/dt = I_in − i_sq
  *   J·dω/dt     = M_m − M_w − d·ω        M_m = 1.5·Z_p·(L_h/L_r)·ψ·i_sq
  *
- * Integrated by explicit Euler: all derivatives from the old states, then all states. It starts running at
- * omega_start in balance without load, so that i_sq carries just the friction.
+ * Integrated by explicit Euler: all derivatives from the old states, then all states. The motor
+ * starts at omega_start, in balance without load, so that i_sq only overcomes the friction.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -19,7 +20,7 @@ typedef struct motor {
     fmi2Real M_m;
 } motor;
 
-/* Torque for one ampere of i_sq, N.m/A. */
+/* Returns the torque per ampere of i_sq, N.m/A. */
 static double torque_constant(const motor *m) {
     return 1.5 * m->Z_p * (m->L_h / m->L_r) * m->psi;
 }

@@ -1,18 +1,18 @@
-/* Process: the way from the control to the twin, which is message based: what is told is what has changed.
+/* Process: the message-based connection from the control to the twin; a message reports a change.
  *
- *   valid = (enabled ≠ enabled of the step before)      value = enabled where valid, else off
+ *   valid = (enabled ≠ enabled of the step before)      value = enabled if valid, else off
  *
- * A message stands for one macro step, however long that is. At the start nothing has been told yet, and every belt counts as
- * off: one that is on is told at once.
+ * A message is present for one macro step, whatever its length. At the start no message has been
+ * sent and every belt counts as off, so a belt that is on is reported at once.
  */
 #include "fmus/common/model.h"
 #include "description.h"
 
 typedef struct process {
     fmi2Boolean enabled1, enabled2;             /* inputs */
-    fmi2Boolean before1, before2;               /* states: as in the step before */
+    fmi2Boolean before1, before2;               /* states: values of the step before */
     fmi2Boolean valid1, value1, valid2, value2; /* outputs */
-    fmi2Integer messages;                       /* output: told so far */
+    fmi2Integer messages;                       /* output: messages sent so far */
 } process;
 
 static void tell(process *p) {

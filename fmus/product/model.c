@@ -1,8 +1,9 @@
-/* Product: a position in the plane that the velocities of two belts move.
+/* Product: a position in the plane, moved by the velocities of two belts.
  *
  *   dx/dt = p_v_x1 + p_v_x2      dy/dt = p_v_y1 + p_v_y2
  *
- * Integrated by explicit Euler. The velocities are held over a macro step, so that it is exact.
+ * Integrated by explicit Euler, which is exact here because the velocities are constant over a
+ * macro step.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -10,7 +11,7 @@
 typedef struct product {
     fmi2Real p_v_x1, p_v_y1, p_v_x2, p_v_y2; /* inputs */
     fmi2Real x_start, y_start, t_step;       /* fixed */
-    fmi2Real x, y;                           /* outputs; states too */
+    fmi2Real x, y;                           /* outputs, which are also states */
 } product;
 
 static void start(void *model) {

@@ -1,6 +1,7 @@
 /* Second-order system: T²·x'' + 2·d·T·x' + x = K·u, y = x (eq. 5.6 of the dissertation).
  *
- * Integrated by semi-implicit Euler, the speed first: at a weak damping explicit Euler would add energy in every step.
+ * Integrated by semi-implicit Euler, the speed first. With weak damping, explicit Euler would add
+ * energy in every step.
  */
 #include "fmus/common/model.h"
 #include "description.h"

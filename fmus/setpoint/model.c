@@ -1,6 +1,5 @@
-/* Set point: what a start bit makes of a drive's reference: ref = f while enabled, else 0. A controller between them, so the
- * reference follows the bit one macro step later.
- */
+/* Set point: a controller that derives a drive's reference from a start bit: ref = f while enabled,
+ *            else 0. The reference follows the bit one macro step later. */
 #include "fmus/common/model.h"
 #include "description.h"
 

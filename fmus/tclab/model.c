@@ -1,13 +1,16 @@
-/* TCLab: two heaters on a board, close to each other, each with a sensor on it; a balance of heat.
+/* TCLab: two heaters close to each other on a board, each with a sensor; a heat balance.
  *
- *   mCp·dH1/dt = U·A·(Ta − H1) + ε·σ·A·(Ta⁴ − H1⁴) + U_s·A_s·(H2 − H1) + ε·σ·A_s·(H2⁴ − H1⁴) + alpha1·Q1
+ *   mCp·dH1/dt = U·A·(Ta − H1) + ε·σ·A·(Ta⁴ − H1⁴)
+ *                + U_s·A_s·(H2 − H1) + ε·σ·A_s·(H2⁴ − H1⁴) + alpha1·Q1
  *   tau·dT1/dt = H1 − T1
  *
- * and the same for the other one. H is a heater's own temperature, T what its sensor shows. Integrated by explicit
- * Euler: all derivatives from the old states, then all states.
+ * The equations of the other heater are the same. H is the temperature of a heater, T the one that
+ * its sensor shows. Integrated by explicit Euler: all derivatives from the old states, then all
+ * states.
  *
- * Start values of parameters were fitted to a record of a real board by simulation error. It starts as long after it was
- * switched off that heaters and sensors agree.
+ * Start values of parameters were fitted to a record of a real board by simulation error. The model
+ * starts long after the board was switched off, so that heaters and sensors have the same
+ * temperature.
  */
 #include "fmus/common/model.h"
 #include "description.h"
@@ -27,7 +30,8 @@ static void start(void *model) {
     b->H2 = b->T2 = b->T2_start;
 }
 
-/* Heat that flows between two surfaces by convection and radiation, W: positive from `from` to `to`. */
+/* Returns the heat flow between two surfaces by convection and radiation, W; positive from `from`
+ * to `to`. */
 static double exchanged(const tclab *b, double coefficient, double area, double from, double to) {
     const double radiation = b->epsilon * STEFAN_BOLTZMANN * (from * from * from * from - to * to * to * to);
     return area * (coefficient * (from - to) + radiation);
