@@ -12,8 +12,10 @@
 /* ---- CAN signals: bits of a frame to values and back, as a DBC file describes them.
  *
  * Purpose: pure arithmetic, for the driver, for the emulated plant and for tests.
- * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8. Intel: `start` is the least significant
- *          bit of the value, the others follow upwards. Motorola: `start` is its most significant bit, the others follow
+ * Bits:    bit b of a frame is bit b % 8 (0: least significant) of byte b / 8. Intel: `start` is
+ *          the least significant
+ *          bit of the value, the others follow upwards. Motorola: `start` is its most significant
+ *          bit, the others follow
  *          downwards within a byte, then from bit 7 of the next byte on.
  * Values:  value = raw·scale + offset; raw is carried through 64 bits.
  * Source:  DBC file format (start bits, byte order, multiplexing); ISO 11898-1 (lengths of frames).

@@ -33,7 +33,7 @@ static reading begin(const tl_option_table *table, size_t verb) {
     return self;
 }
 
-/* ---- values ------------------------------------------------------------------------------------------------------ */
+/* ---- values ---------------------------------------------------------------------------------- */
 
 bool tl_option_switch(const char *text, void *target) {
     (void)text;
@@ -55,7 +55,7 @@ bool tl_option_listed(const char *text, void *target) {
     return fits;
 }
 
-/* ---- help -------------------------------------------------------------------------------------------------------- */
+/* ---- help ------------------------------------------------------------------------------------ */
 
 /* Prints lines; all but the first are indented. */
 static void print_lines(const char *lines, int indent) {
@@ -178,7 +178,7 @@ static tl_options_outcome refuse_option(const reading *self, int result) {
     return refuse_word(self, self->argv[optind - 1]);
 }
 
-/* ---- rules between options --------------------------------------------------------------------------------------- */
+/* ---- rules between options ------------------------------------------------------------------- */
 
 static tl_options_outcome check_words(const reading *self, size_t count, char *const *words) {
     const char *noun = self->verb->noun;

@@ -122,7 +122,7 @@ typedef struct date {
     int day;   /* 1 … 31 */
 } date;
 
-/* ---- Calendar ------------------------------------------------------------------------------------------- */
+/* ---- Calendar -------------------------------------------------------------------------------- */
 
 /* Days from 0000-01-01 to the first day of a year; the year 0 is a leap year. */
 static int64_t days_before_year(int year) {
@@ -151,7 +151,7 @@ static void set_date(date *utc, int64_t day) {
     utc->day = within - days_before_month(utc->year, utc->month) + 1;
 }
 
-/* ---- Texts ---------------------------------------------------------------------------------------------- */
+/* ---- Texts ----------------------------------------------------------------------------------- */
 
 int64_t tl_utc_now(void) {
     struct timespec now = {.tv_sec = 0}; /* remains if time_t has 4 bytes and 2038 is over */
@@ -248,7 +248,7 @@ tl_show_style tl_show_style_of(FILE *file) {
     return style;
 }
 
-/* ---- Characters -------------------------------------------------------------------------------------------------- */
+/* ---- Characters ------------------------------------------------------------------------------ */
 
 size_t tl_show_character(const char *text, bool *is_control) {
     uint32_t code = 0;
@@ -277,7 +277,7 @@ void tl_show_clean(tl_show_style style, const char *text, char *clean, size_t si
     clean[end] = '\0';
 }
 
-/* ---- Numbers ----------------------------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 void tl_show_number(double value, bool sign, char *text, size_t size) {
     if (!isfinite(value)) {
@@ -358,7 +358,7 @@ void tl_show_curve(tl_show_style style, const double *values, size_t count, char
     }
 }
 
-/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+/* ---- Tables ---------------------------------------------------------------------------------- */
 
 void tl_show_table_begin(tl_show_table *table, tl_show_style style, const char *alignment) {
     *table = (tl_show_table){.style = style, .alignment = alignment, .columns = strlen(alignment)};

@@ -7,7 +7,7 @@
 #include "firmware/cli/options.h"
 #include "firmware/report/show.h"
 
-/* ---- Start of the output ----------------------------------------------------------------------------------------- */
+/* ---- Start of the output --------------------------------------------------------------------- */
 
 static int64_t step_at(double seconds, tl_time step) {
     double number = ceil(seconds * 1e9 / (double)step);
@@ -49,7 +49,7 @@ static tl_status choose_since(tl_show_request *request, const tl_options_since *
     return TL_OK;
 }
 
-/* ---- The verb ---------------------------------------------------------------------------------------------------- */
+/* ---- The verb -------------------------------------------------------------------------------- */
 
 static tl_status show(const tl_options *options, tl_error *error) {
     tl_show_request request = {

@@ -29,7 +29,7 @@ typedef struct unpacking {
     tl_error *error;
 } unpacking;
 
-/* ---- Paths --------------------------------------------------------------------------------------------- */
+/* ---- Paths ----------------------------------------------------------------------------------- */
 
 static tl_status refuse(const unpacking *work, const char *name, const char *why) {
     char shown[NAME_SHOWN + 1];
@@ -92,7 +92,7 @@ static tl_status safe_path(const unpacking *work, const char *name, char path[TL
     return TL_OK;
 }
 
-/* ---- One entry ----------------------------------------------------------------------------------------- */
+/* ---- One entry ------------------------------------------------------------------------------- */
 
 static tl_status fail_system(const unpacking *work, const char *path, const char *doing, int code) {
     if (code == EEXIST || code == ENOTDIR || code == ELOOP || code == EISDIR) {
@@ -253,7 +253,7 @@ static tl_status unpack_entry(unpacking *work, zip_uint64_t index) {
     return status == TL_OK ? write_entry(work, index, path, mode) : status;
 }
 
-/* ---- The archive --------------------------------------------------------------------------------------- */
+/* ---- The archive ----------------------------------------------------------------------------- */
 
 static tl_status unpack_all(unpacking *work) {
     zip_int64_t count = zip_get_num_entries(work->zip, 0);

@@ -20,7 +20,7 @@
 
 /* ---- library ---- */
 
-/* ---- Python -------------------------------------------------------------------------------------------- */
+/* ---- Python ---------------------------------------------------------------------------------- */
 
 typedef const char *version_function(void);
 
@@ -56,7 +56,7 @@ static tl_status check_python(const char *path, void *opened, tl_error *error) {
     return status;
 }
 
-/* ---- Opening ------------------------------------------------------------------------------------------- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
 /* The text of dlerror() begins with the name of the library. */
 static tl_status fail_open(const char *path, const char *reason, tl_error *error) {
@@ -91,7 +91,7 @@ tl_status tl_library_open(const char *path, tl_error *error) {
 
 /* ---- The shared object of an FMU: its folder, its machine and its functions. */
 
-/* ---- This machine -------------------------------------------------------------------------------------- */
+/* ---- This machine ---------------------------------------------------------------------------- */
 
 /* Names of folders in binaries/: first those of FMI 2.0 (linux64, linux32) or the tuples that FMI
  * 2.0.x recommends for other machines, then names that exporters use in practice. The first one
@@ -125,7 +125,7 @@ tl_status tl_library_open(const char *path, tl_error *error) {
 static const char *const folder_names[] = {FOLDERS};
 enum { FOLDER_COUNT = sizeof folder_names / sizeof folder_names[0] };
 
-/* ---- ELF ----------------------------------------------------------------------------------------------- */
+/* ---- ELF ------------------------------------------------------------------------------------- */
 
 static const char *machine_name(unsigned machine) {
     static const struct {
@@ -190,7 +190,7 @@ static tl_status check_elf(const char *path, const char *shown, const char *labe
     return TL_OK;
 }
 
-/* ---- The right binary ---------------------------------------------------------------------------------- */
+/* ---- The right binary ------------------------------------------------------------------------ */
 
 /* Lists the names in binaries/, separated by commas. */
 static void list_platforms(const char *folder, char *text, size_t size) {
@@ -243,7 +243,7 @@ static tl_status find_binary(const char *folder, const tl_model *model, const ch
                                  : fail_missing(folder, model, label, error);
 }
 
-/* ---- Functions ----------------------------------------------------------------------------------------- */
+/* ---- Functions ------------------------------------------------------------------------------- */
 
 typedef enum need { ALWAYS, FOR_STATE, FOR_SERIALIZING } need;
 
@@ -321,7 +321,7 @@ static tl_status check_version(tl_fmu_guard *guard, const tl_fmi2 *functions, co
     return TL_OK;
 }
 
-/* ---- Opening ------------------------------------------------------------------------------------------- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
 /* Returns true if dlerror() names a symbol of Python: "…/box.so: undefined symbol: Py_Initialize".
  */

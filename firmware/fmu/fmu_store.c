@@ -18,7 +18,7 @@
 /* Length of a path in errors; only its end is shown. */
 enum { LABEL = 120 };
 
-/* ---- Resources ----------------------------------------------------------------------------------------- */
+/* ---- Resources ------------------------------------------------------------------------------- */
 
 /* file:/// URI of an absolute path; all but unreserved characters (RFC 3986) and slashes are
  * percent-encoded. Returns NULL if memory is out. */
@@ -73,7 +73,7 @@ static tl_status read_module(tl_fmu *fmu, const char *label, tl_error *error) {
     return TL_OK;
 }
 
-/* ---- Loading ------------------------------------------------------------------------------------------- */
+/* ---- Loading --------------------------------------------------------------------------------- */
 
 /* Sets up the wanted rollback methods, as far as the description allows. FMUs in Python cannot be
  * copied, because all of them share one interpreter. The first possible method is used first: own

@@ -188,7 +188,7 @@ typedef struct description_parser {
     tl_draft_list variables; /* tl_draft_variable */
 } description_parser;
 
-/* ---- Failures ------------------------------------------------------------------------------------------ */
+/* ---- Failures -------------------------------------------------------------------------------- */
 
 static void fail_at(description_parser *parser, unsigned long line, const char *format, ...) TL_PRINTF(3, 4);
 
@@ -220,7 +220,7 @@ static void fail_memory(description_parser *parser) {
     }
 }
 
-/* ---- Lists --------------------------------------------------------------------------------------------- */
+/* ---- Lists ----------------------------------------------------------------------------------- */
 
 static void *item_at(const tl_draft_list *list, size_t index) {
     return (char *)list->items + index * list->size;
@@ -287,7 +287,7 @@ static void settle_names(description_parser *parser, tl_draft_list *list, const 
     list->count = kept;
 }
 
-/* ---- Attributes ---------------------------------------------------------------------------------------- */
+/* ---- Attributes ------------------------------------------------------------------------------ */
 
 /* Attributes from expat (names and values in turn), and their element. */
 typedef struct xml_tag {
@@ -398,7 +398,7 @@ static bool read_word(description_parser *parser, const xml_tag *tag, const char
     return false;
 }
 
-/* ---- The root, CoSimulation ---------------------------------------------------------------------------- */
+/* ---- The root, CoSimulation ------------------------------------------------------------------ */
 
 static void begin_description(description_parser *parser, const xml_tag *tag) {
     tl_model *model = parser->model;
@@ -445,7 +445,7 @@ static void begin_co_simulation(description_parser *parser, const xml_tag *tag) 
     read_boolean(parser, tag, "canSerializeFMUstate", &can->can_serialize_state);
 }
 
-/* ---- Units --------------------------------------------------------------------------------------------- */
+/* ---- Units ----------------------------------------------------------------------------------- */
 
 static void begin_unit(description_parser *parser, const xml_tag *tag) {
     tl_draft_unit *entry = append(parser, &parser->units, mandatory(parser, tag, "name"), current_line(parser));
@@ -475,7 +475,7 @@ static void begin_base_unit(description_parser *parser, const xml_tag *tag) {
     }
 }
 
-/* ---- Types and variables ------------------------------------------------------------------------------- */
+/* ---- Types and variables --------------------------------------------------------------------- */
 
 static void read_declaration(description_parser *parser, const xml_tag *tag, tl_draft_declaration *declaration) {
     static const tl_type types[] = {TL_REAL, TL_INTEGER, TL_BOOLEAN, TL_STRING};
@@ -621,7 +621,7 @@ static void end_variable(description_parser *parser) {
     }
 }
 
-/* ---- Tags ---------------------------------------------------------------------------------------------- */
+/* ---- Tags ------------------------------------------------------------------------------------ */
 
 typedef struct tag_rule {
     element parent;
@@ -711,7 +711,7 @@ static void XMLCALL on_doctype(void *context, const XML_Char *name, const XML_Ch
             "<!DOCTYPE %.60s> is refused: an FMU needs no DTD, and one can hide an attack", name);
 }
 
-/* ---- The whole document -------------------------------------------------------------------------------- */
+/* ---- The whole document ---------------------------------------------------------------------- */
 
 static double first_given(double own, double inherited, double otherwise) {
     double value = isnan(own) ? inherited : own;
@@ -865,7 +865,7 @@ tl_status tl_model_description_parse(const char *xml, size_t size, const char *l
     return status;
 }
 
-/* ---- Files --------------------------------------------------------------------------------------------- */
+/* ---- Files ----------------------------------------------------------------------------------- */
 
 tl_status tl_model_description_read(const char *path, const char *label, tl_arena *arena, tl_model *model,
                                     tl_error *error) {

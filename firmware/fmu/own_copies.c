@@ -21,7 +21,7 @@
 /* ---- A shared library in memory. Only read_at() copies structures from the file and only locate()
  * finds positions; both check the file's size. */
 
-/* ---- Numbers ------------------------------------------------------------------------------------------- */
+/* ---- Numbers --------------------------------------------------------------------------------- */
 
 /* Copies `size` bytes at `offset`; zeros if they are not all within the file. */
 static void read_at(const tl_elf_file *file, size_t offset, void *to, size_t size) {
@@ -37,7 +37,7 @@ static uint32_t word_at(const tl_elf_file *file, size_t offset) {
     return word;
 }
 
-/* ---- Positions ----------------------------------------------------------------------------------------- */
+/* ---- Positions ------------------------------------------------------------------------------- */
 
 /* Finds the file offset of memory `address`, and the number of bytes from there to the end of the
  * segment. Returns false if no segment contains it. If two segments overlap, the later one counts,
@@ -73,7 +73,7 @@ static bool read_segments(tl_elf_file *file, const ElfW(Ehdr) * head) {
     return true;
 }
 
-/* ---- The dynamic section ------------------------------------------------------------------------------- */
+/* ---- The dynamic section --------------------------------------------------------------------- */
 
 static ElfW(Dyn) entry_at(const tl_elf_file *file, size_t index) {
     ElfW(Dyn) entry;
@@ -120,7 +120,7 @@ static bool read_strings(tl_elf_file *file) {
     return file->strings_size > 0;
 }
 
-/* ---- Symbols ------------------------------------------------------------------------------------------- */
+/* ---- Symbols --------------------------------------------------------------------------------- */
 
 #define WORD sizeof(uint32_t) /* in both hash tables, on all supported machines */
 
@@ -204,7 +204,7 @@ static bool names_are_bounded(const tl_elf_file *file) {
     return true;
 }
 
-/* ---- Opening ------------------------------------------------------------------------------------------- */
+/* ---- Opening --------------------------------------------------------------------------------- */
 
 bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size) {
     enum { CLASS = sizeof(void *) == 8 ? ELFCLASS64 : ELFCLASS32 };
@@ -224,7 +224,7 @@ bool tl_elf_open(tl_elf_file *file, uint8_t *bytes, size_t size) {
     return names_are_bounded(file);
 }
 
-/* ---- References ---------------------------------------------------------------------------------------- */
+/* ---- References ------------------------------------------------------------------------------ */
 
 typedef struct visiting {
     const tl_elf_file *file;
@@ -337,7 +337,7 @@ const char *tl_elf_text(const tl_elf_file *file, size_t offset) {
 
 /* ---- elf names ---- */
 
-/* ---- Libraries ----------------------------------------------------------------------------------------- */
+/* ---- Libraries ------------------------------------------------------------------------------- */
 
 typedef struct change {
     tl_elf_file *file;
@@ -401,7 +401,7 @@ tl_elf_outcome tl_elf_rename_libraries(tl_elf_file *file, const tl_elf_rename *r
     return work.failed ? TL_ELF_CONFLICT : TL_ELF_DONE;
 }
 
-/* ---- Symbols ------------------------------------------------------------------------------------------- */
+/* ---- Symbols --------------------------------------------------------------------------------- */
 
 static bool begins_with(const char *text, const char *beginning) {
     return strncmp(text, beginning, strlen(beginning)) == 0;
@@ -500,7 +500,7 @@ static tl_status fail_memory(const making *work) {
     return tl_fail(work->error, TL_TRY_AGAIN, "%s: out of memory; free some and try again", work->label);
 }
 
-/* ---- Folders of FMUs ----------------------------------------------------------------------------------- */
+/* ---- Folders of FMUs ------------------------------------------------------------------------- */
 
 /* Folders of all FMUs that this process has loaded. */
 static fmu_folder *folders;
@@ -517,7 +517,7 @@ static bool remember(fmu_folder **list, const char *path) {
     return true;
 }
 
-/* ---- Libraries of this one ------------------------------------------------------------------------------ */
+/* ---- Libraries of this one ------------------------------------------------------------------- */
 
 static tl_status map_file(const making *work, own_library *library) {
     struct stat about;
@@ -627,7 +627,7 @@ static const own_library *library_called(const making *work, const char *name) {
     return library;
 }
 
-/* ---- Names ---------------------------------------------------------------------------------------------- */
+/* ---- Names ----------------------------------------------------------------------------------- */
 
 /* The loader's handle of this name; NULL: not loaded. Loads nothing. */
 static void *find_loaded(const char *name) {
@@ -745,7 +745,7 @@ static bool look_at(void *context, tl_elf_reference reference) {
     return look->status == TL_OK;
 }
 
-/* ---- Changing ------------------------------------------------------------------------------------------- */
+/* ---- Changing -------------------------------------------------------------------------------- */
 
 static tl_status change_library(const making *work, own_library *library) {
     switch (tl_elf_rename_libraries(&library->file, work->renames, work->rename_count)) {
@@ -825,7 +825,7 @@ static void warn_of_opening(const making *work) {
     }
 }
 
-/* ---- All of it ------------------------------------------------------------------------------------------ */
+/* ---- All of it ------------------------------------------------------------------------------- */
 
 static tl_status make_copies(making *work, const char *binary) {
     tl_status status = find_libraries(work, binary);

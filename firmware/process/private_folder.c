@@ -24,7 +24,7 @@
 
 enum { NAME_ROOM = 32, LETTERS = 6 };
 
-/* ---- Removing ------------------------------------------------------------------------------------------ */
+/* ---- Removing -------------------------------------------------------------------------------- */
 
 /* Removal of one tree. */
 typedef struct removal {
@@ -228,7 +228,7 @@ void tl_private_folder_sweep(const char *kind) {
     }
 }
 
-/* ---- Making -------------------------------------------------------------------------------------------- */
+/* ---- Making ---------------------------------------------------------------------------------- */
 
 /* Locks and shares the folder. The owner does not change, because sweep_one() removes only our own
  * folders. */

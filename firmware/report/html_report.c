@@ -248,7 +248,7 @@ static void put_data(const filling *page) {
 
 enum { TEXT = 64 };
 
-/* ---- Cells ------------------------------------------------------------------------------------------------------- */
+/* ---- Cells ----------------------------------------------------------------------------------- */
 
 static void put_value(FILE *file, const char *key, size_t index, const char *part, double value, bool sign) {
     char exact[TEXT];
@@ -307,7 +307,7 @@ static void put_square(FILE *file, const char *unit) {
     }
 }
 
-/* ---- Facts ------------------------------------------------------------------------------------------------------- */
+/* ---- Facts ----------------------------------------------------------------------------------- */
 
 static const char FACT_END[] = "</dd></div>\n";
 
@@ -361,7 +361,7 @@ static void put_facts(const filling *page) {
     put_fact(file, "End", page->ended);
 }
 
-/* ---- Key figures at a glance ------------------------------------------------------------------------------------- */
+/* ---- Key figures at a glance ----------------------------------------------------------------- */
 
 static void begin_tile(FILE *file, const char *label) {
     (void)fprintf(file, "<div class=\"tile\"><p class=\"label\">%s</p><p class=\"big\">", label);
@@ -457,7 +457,7 @@ static void put_time_tile(const tl_html_report *report, const tl_run_figures *fi
     end_tile(file);
 }
 
-/* ---- Tables ------------------------------------------------------------------------------------------------------ */
+/* ---- Tables ---------------------------------------------------------------------------------- */
 
 static void begin_table(FILE *file, const char *title, const char *heads) {
     (void)fprintf(file, "<div class=\"table\"><h3>%s</h3><table><thead><tr>%s</tr></thead>\n<tbody>\n", title, heads);
@@ -593,7 +593,7 @@ static void put_figures(const filling *page) {
     (void)fputs("</div>\n</div>\n</section>\n", file);
 }
 
-/* ---- Notes on the plots ------------------------------------------------------------------------------------------ */
+/* ---- Notes on the plots ---------------------------------------------------------------------- */
 
 static void put_thinning(const filling *page) {
     const tl_html_report *report = page->report;
@@ -611,7 +611,7 @@ static void put_thinning(const filling *page) {
     }
 }
 
-/* ---- Events ------------------------------------------------------------------------------------------------------ */
+/* ---- Events ---------------------------------------------------------------------------------- */
 
 /* Returns the position on the time axis of the plots: s, or ms since 1970 (UTC) in a live run; NaN
  * if it is unknown. */

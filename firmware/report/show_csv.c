@@ -100,7 +100,7 @@ static void put_instant(const csv_line *line, int64_t step) {
     }
 }
 
-/* ---- Lines of several rows --------------------------------------------------------------------------------------- */
+/* ---- Lines of several rows ------------------------------------------------------------------- */
 
 static void flush_line(csv_line *line) {
     if (line->number < 0) {
@@ -166,7 +166,7 @@ static void put_signal_header(const csv_line *line, const tl_recorder_signal *si
     }
 }
 
-/* ---- Lines of one row -------------------------------------------------------------------------------------------- */
+/* ---- Lines of one row ------------------------------------------------------------------------ */
 
 /* Appends a name to a list. */
 static void append(char *text, size_t size, const char *name) {
@@ -229,7 +229,7 @@ static void take_event(void *context, const tl_history_event *event) {
     (void)fputc('\n', line->file);
 }
 
-/* ---- The tables -------------------------------------------------------------------------------------------------- */
+/* ---- The tables ------------------------------------------------------------------------------ */
 
 static tl_status print_events(csv_line *line, tl_error *error) {
     const tl_show_request *request = line->request;
@@ -302,7 +302,7 @@ tl_status tl_show_csv(const tl_show_request *request, tl_show_csv_table table, F
     return print_rows(&line, error);
 }
 
-/* ---- The trajectory of a replay ------------------------------------------------------------------------------------ */
+/* ---- The trajectory of a replay -------------------------------------------------------------- */
 
 tl_status tl_trajectory_open(const char *path, FILE *output, const tl_config *config, FILE **file, tl_error *error) {
     *file = strcmp(path, "-") == 0 ? output : fopen(path, "w");

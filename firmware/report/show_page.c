@@ -87,7 +87,7 @@ static void begin_table(tl_show_table *table, const show_page *page, const char 
     }
 }
 
-/* ---- Runs -------------------------------------------------------------------------------------------------------- */
+/* ---- Runs ------------------------------------------------------------------------------------ */
 
 static double seconds_between(const char *from, const char *until) {
     int64_t first = 0;
@@ -141,7 +141,7 @@ static tl_status print_runs(const show_page *page, tl_error *error) {
     return tl_show_table_end(&table, page->file, error);
 }
 
-/* ---- The run ----------------------------------------------------------------------------------------------------- */
+/* ---- The run --------------------------------------------------------------------------------- */
 
 static void print_when(const show_page *page) {
     const tl_history_run *run = page->request->run;
@@ -228,7 +228,7 @@ static void print_run(const show_page *page) {
     print_recorded(page);
 }
 
-/* ---- Errors ------------------------------------------------------------------------------------------------------ */
+/* ---- Errors ---------------------------------------------------------------------------------- */
 
 /* Adds the MSE at the plant's own readings, and the numbers of readings and of rejected ones. */
 static void add_readings(tl_show_table *table, const tl_run_figures *figures, size_t match) {
@@ -262,7 +262,7 @@ static tl_status print_match(const show_page *page, tl_error *error) {
     return tl_show_table_end(&table, page->file, error);
 }
 
-/* ---- Corrections ------------------------------------------------------------------------------------------------- */
+/* ---- Corrections ----------------------------------------------------------------------------- */
 
 static void add_numbers(tl_show_table *table, const tl_show_summary *summary, size_t adjust) {
     enum { NUMBERS = 6 };
@@ -321,7 +321,7 @@ static void print_curve(const show_page *page, size_t adjust) {
     }
 }
 
-/* ---- Changes of the corrections ---------------------------------------------------------------------------------- */
+/* ---- Changes of the corrections -------------------------------------------------------------- */
 
 /* Returns the start of a step: UTC in a live run, else the time since the start of the run. */
 static const char *instant(const show_page *page, int64_t step) {
@@ -392,7 +392,7 @@ static tl_status print_corrections(const show_page *page, tl_error *error) {
     return status;
 }
 
-/* ---- Tunings ----------------------------------------------------------------------------------------------------- */
+/* ---- Tunings --------------------------------------------------------------------------------- */
 
 static void print_tuning(const show_page *page, const tl_history_tuning *tuning) {
     (void)fprintf(page->file, "  %s  tick %-10lld  configuration %.12s  %s%s%s%s%s\n", short_time(tuning->at),
@@ -415,7 +415,7 @@ static tl_status print_tunings(show_page *page, tl_error *error) {
     return status;
 }
 
-/* ---- Events ------------------------------------------------------------------------------------------------------ */
+/* ---- Events ---------------------------------------------------------------------------------- */
 
 static void take_event(void *context, const tl_history_event *event) {
     const show_page *page = context;
@@ -443,7 +443,7 @@ static tl_status print_events(show_page *page, tl_error *error) {
                              &visitor, error);
 }
 
-/* ---- The page ---------------------------------------------------------------------------------------------------- */
+/* ---- The page -------------------------------------------------------------------------------- */
 
 static void print_title(const show_page *page) {
     char log_path[TEXT];

@@ -19,7 +19,7 @@ typedef struct recorded_run {
     double tolerance[TL_MAX_MATCH];
 } recorded_run;
 
-/* ---- Settings ---------------------------------------------------------------------------------------------------- */
+/* ---- Settings -------------------------------------------------------------------------------- */
 
 /* Tolerances, solver and budget are only in the configuration. They stay unknown if this program
  * rejects it, for example because a newer program wrote it. */
@@ -85,7 +85,7 @@ static void describe(recorded_run *run) {
     };
 }
 
-/* ---- The page ---------------------------------------------------------------------------------------------------- */
+/* ---- The page -------------------------------------------------------------------------------- */
 
 /* The file is created after all data was read, so that an interrupted `show` leaves no file. */
 static tl_status write_page(const recorded_run *run, const char *path, tl_error *error) {

@@ -96,7 +96,8 @@ static bool make_piece(tl_page_slots *self) {
         self->pieces = grown;
     }
     void *piece = mmap(NULL, HEAD + PIECE * self->size, PROT_READ | PROT_WRITE,
-                       /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file, which is -1 */
+                       /* cppcheck-suppress invalidFunctionArg ; an anonymous mapping has no file,
+                        * which is -1 */
                        MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (piece == MAP_FAILED) {
         return false;

@@ -1,4 +1,5 @@
-/* Lag: T·dx/dt = u − x, y = x, by explicit Euler. The smallest FMU that has a state, an input and a parameter. */
+/* Lag: T·dx/dt = u − x, y = x, by explicit Euler. The smallest FMU that has a state, an input and a
+ *      parameter. */
 #include "fmus/common/model.h"
 #include "description.h"
 

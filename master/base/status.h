@@ -36,7 +36,8 @@ typedef struct tl_error {
     char text[TL_ERROR_TEXT];
 } tl_error;
 
-/* Sets `error` (which may be NULL) and returns `status`, so that a function can end with `return tl_fail(…)`. */
+/* Sets `error` (which may be NULL) and returns `status`, so that a function can end with `return
+ * tl_fail(…)`. */
 tl_status tl_fail(tl_error *error, tl_status status, const char *format, ...) TL_PRINTF(3, 4);
 
 /* Collects every problem of one configuration. `add` is called once per problem; `where` is the
@@ -51,7 +52,8 @@ typedef struct tl_report {
 /* `where` NULL: "". */
 void tl_report_add(tl_report *report, tl_status status, const char *where, const char *format, ...) TL_PRINTF(4, 5);
 
-/* The process exit code for a status: 0 done, 2 usage, 3 not in lock, 65 data, 69 plant I/O, 70 FMU, 75 try again. */
+/* The process exit code for a status: 0 done, 2 usage, 3 not in lock, 65 data, 69 plant I/O, 70
+ * FMU, 75 try again. */
 int tl_exit_code(tl_status status);
 
 #endif

@@ -1,7 +1,10 @@
-/* Estimates the brake torque that acts on a motor, by a twin of the motor that is locked to its speed.
+/* Estimates the brake torque that acts on a motor, by a twin of the motor that is locked to its
+ * speed.
  *
- * The plant is a second instance of the same FMU, with a brake that is known, so the true torque is printed beside the estimate.
- * Usage: lock MOTOR.SO, the library binaries/PLATFORM/motor.so of the unpacked motor.fmu. */
+ * The plant is a second instance of the same FMU, with a brake that is known, so the true torque is
+ * printed beside the estimate.
+ * Usage: lock MOTOR.SO, the library binaries/PLATFORM/motor.so of the unpacked motor.fmu.
+ */
 #include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
@@ -77,7 +80,7 @@ static double true_brake(int64_t i) {
     return i < 200 ? 0.0 : 0.12 - 1e-4 * (double)i;
 }
 
-/* Gives a twin the only value of its sample. True: a step is committed, and `record` is complete. */
+/* Gives a twin the only value of its sample. True: a step is committed, `record` is complete. */
 static bool tick(tl_twin *twin, int64_t number, double value, tl_record *record) {
     const tl_sample sample = {.tick = number, .instant = number * STEP, .values = {value}, .stamps = {number * STEP}};
     const tl_budget budget = tl_budget_defaults(STEP);
@@ -108,7 +111,8 @@ int main(int argc, char **argv) {
     plan.outputs = &output, plan.output_count = 1;
     tl_twin *plant = tl_twin_build(&plan, &report);
 
-    /* The twin: adjusts the torque, first by 0.01 N.m, until its speed is within 0.001 rad/s of the plant's. */
+    /* The twin adjusts the torque, first by 0.01 N.m, until its speed is within 0.001 rad/s of that
+     * of the plant. */
     const tl_plan_signal speed = {.name = "speed"};
     const tl_plan_adjust adjust = tl_plan_adjust_defaults("motor.M_w", 0.01);
     const tl_plan_match match = tl_plan_match_defaults("motor.omega", "plant.speed", 0.001);

@@ -130,7 +130,8 @@ static bool counts(const tl_optimiser *self, size_t i) {
 
 /* ---- the move ---- */
 
-/* GᵀG over the measured rows and the free unknowns into `normal`, −Gᵀr into `move`; the mean of its diagonal. */
+/* GᵀG over the measured rows and the free unknowns into `normal`, −Gᵀr into `move`; the mean of its
+ * diagonal. */
 static double form_normal(tl_optimiser *self, const double *r) {
     size_t n = self->unknowns;
     memset(self->normal, 0, n * n * sizeof *self->normal);

@@ -21,7 +21,8 @@
  * Purpose: some FMUs take far longer to save and restore their own state than a copy of their
  *          memory takes, for example because they rebuild a solver. A search does little else. So
  *          both are measured in repeated rounds of save, step and restore.
- * Choice:  a copy, if a round by states takes TL_ROLLBACK_TIMING_MARGIN times as long and the gain is
+ * Choice:  a copy, if a round by states takes TL_ROLLBACK_TIMING_MARGIN times as long and the gain
+ *          is
  *          not negligible. Otherwise the FMU's own states.
  * Exact:   the copy is not proved yet; the caller proves all components again. If the copy is not
  *          exact, the component returns to its own states (tl_component_restore_copy()).

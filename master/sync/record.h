@@ -87,7 +87,7 @@ typedef struct tl_record_readings {
 /* One committed step. Arrays are in the order of the plan's `match` and `adjust`; only that many
  * entries are filled, since records are copied often and never cleared. */
 typedef struct tl_record {
-    int64_t step; /* i; y and y_hat belong to the instant t_(i+1) */
+    int64_t step; /* i; y and `measured` belong to the instant t_(i+1) */
     tl_outcome outcome;
     tl_stop stop;
     double objective;         /* J of the committed u; NaN if not evaluated */
@@ -100,8 +100,8 @@ typedef struct tl_record {
     tl_time used;        /* ns by the budget's clock, 0 without one; set by tl_twin_step */
     double y[TL_MAX_MATCH];
     double measured[TL_MAX_MATCH];
-    uint8_t
-        measured_quality[TL_MAX_MATCH]; /* tl_quality; y_hat is never NaN: a bad one is replaced by the last good one */
+    uint8_t measured_quality
+        [TL_MAX_MATCH]; /* tl_quality; `measured` is never NaN: a bad one is replaced by the last good one */
     tl_record_readings readings[TL_MAX_MATCH];
     double u[TL_MAX_ADJUST];
     double nominal[TL_MAX_ADJUST]; /* nominal */
@@ -129,7 +129,7 @@ typedef enum tl_restore_cause {
     TL_CAUSE_EVENTS, /* values differ if steps with extreme inputs were executed in between: its states do not hold what an event changes */
     TL_CAUSE_LATE,    /* it was saved and restored once, and rejects it later */
     TL_CAUSE_REFUSES, /* after a restore it fails in a step that it had executed */
-    TL_CAUSE_FINAL    /* values differ if it is told that no earlier state will be restored */
+    TL_CAUSE_FINAL    /* values differ if the FMU learns that no earlier state will be restored */
 } tl_restore_cause;
 
 enum { TL_RESTORE_CAUSES = TL_CAUSE_FINAL + 1 };

@@ -267,7 +267,7 @@ static void keep_best(tl_step_search *search, const double *u, double value) {
 }
 
 /* J of u, counted. HUGE_VAL also if it is late, which is no evaluation: a repetition without a
- * clock does not make it either. Whoever asks for nominal, it is evaluated once. */
+ * clock does not make it either. Nominal is evaluated once, also if a solver asks for it. */
 static double evaluate(tl_step_search *search, const double *u) {
     bool nominal = isnan(search->nominal_value) && !search->nominal_follows;
     double value = search->budget->now == NULL ? simulate(search, u) : simulate_measured(search, u);

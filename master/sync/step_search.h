@@ -65,7 +65,8 @@ bool tl_step_search_may_evaluate(tl_step_search *search, const double *u);
 tl_status tl_step_search_go_back(tl_step_search *search);
 
 /* J of u. HUGE_VAL if an FMU fails at it or if time ran out. Leaves the residuals in the
- * synchroniser's memory and keeps the best candidate. Call only after tl_step_search_may_evaluate(). */
+ * synchroniser's memory and keeps the best candidate. Call only after
+ * tl_step_search_may_evaluate(). */
 double tl_step_search_evaluate(tl_step_search *search, const double *u);
 
 /* Evaluates a solver's candidate (see tl_search). The context is a tl_step_search. */

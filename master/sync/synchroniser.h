@@ -38,7 +38,8 @@ typedef struct tl_synchroniser_settings {
     const tl_optimiser_class *fallback; /* NULL: none */
 } tl_synchroniser_settings;
 
-/* Creates the solvers and allocates all memory. Returns false if memory is out; tl_synchroniser_end() must
+/* Creates the solvers and allocates all memory. Returns false if memory is out;
+ * tl_synchroniser_end() must
  * be called in any case. */
 bool tl_synchroniser_init(tl_synchroniser *synchroniser, tl_arena *arena, const tl_plan *plan,
                           const tl_synchroniser_settings *settings);
@@ -46,7 +47,7 @@ bool tl_synchroniser_init(tl_synchroniser *synchroniser, tl_arena *arena, const 
 /* Frees the solvers. A zeroed object is allowed. */
 void tl_synchroniser_end(tl_synchroniser *synchroniser);
 
-/* Finds and commits step i. Fills the record except y_hat and `used`. */
+/* Finds and commits step i. Fills the record except `measured` and `used`. */
 tl_status tl_synchroniser_step(tl_synchroniser *synchroniser, int64_t step, const tl_budget *budget, tl_record *record,
                                tl_error *error);
 

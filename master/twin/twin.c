@@ -428,7 +428,7 @@ static tl_status start(tl_twin *twin, const tl_budget *budget, tl_error *error) 
 
 /* ---- a measured delay ---- */
 
-/* A correction of less than a hundredth of a first step of the search is none. */
+/* A correction below a hundredth of a first step of the search is ignored. */
 static bool is_free(const tl_twin *twin, const tl_record *record) {
     static const double least = 0.01;
     bool free = true;
