@@ -37,8 +37,7 @@ typedef enum tl_change_named {
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right
-        right; /* for a value that names something: the right if the name is not allowed; for an allowed one TL_RIGHT_COMMISSION is enough */
+    tl_change_right right; /* of a value that names something: the right if the name is not allowed */
     tl_change_named names; /* in a rule: what the value names, if there is one */
 } tl_change_needs;
 
@@ -62,7 +61,8 @@ typedef struct tl_change_rule {
  * pattern ends each list. The first rule that matches a path applies. */
 extern const tl_change_rule tl_change_rules[];
 
-/* Returns the rule of a path. NULL: there is none; then the strictest requirements apply. */
+/* Returns the rule of a path. NULL: there is none; then a change needs a restart and the right to
+ * commission. */
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
 
 /* Returns the requirements of this difference alone, without those within it. The order of keys is
@@ -72,10 +72,10 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
 
 /* ---- Names of files and libraries that a configuration from the network may use.
  *
- * Purpose: a library is native code, and an FMU could read any file that the user can read. So a
+ * Purpose: a library is native code, and our processes may read more files than the sender. So a
  *          configuration from the network may use only names that were named on the box before: in
  *          the administrator's list, in the active configuration, or in the configuration file on
- *          the box.
+ *          the box. An allowed name needs only TL_RIGHT_COMMISSION.
  * Compare: names are compared byte for byte, as written. No path is resolved and no link followed;
  *          ".." has no special meaning.
  * Kinds: permission to read a file does not include permission to load it as a library. Otherwise a

@@ -28,8 +28,7 @@ typedef struct tl_json_difference {
     size_t depth;                /* and their number; 0: the root itself */
     const cJSON *before, *after; /* NULL: absent */
     bool within;                 /* part of the last difference that had `within` false */
-    bool
-        is_order; /* the keys that both objects have are in another order; all other differences in them are reported too */
+    bool is_order;               /* the common keys are in another order; all other differences are reported too */
 } tl_json_difference;
 
 /* A text; it need not be NUL-terminated. */
