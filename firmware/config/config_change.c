@@ -231,7 +231,7 @@ const tl_change_rule tl_change_rules[] = {
     /* the whole configuration */
     {"$schema", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
-    {"name", RESTART, NULL},                /* titles and systemd units use it */
+    {"name", RESTART, NULL},                /* summaries and the database contain it */
     {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock monitor counts steps */
     {"duration_s", RESTART_COMMISSIONED, NULL},
     /* FMUs */
