@@ -2,12 +2,12 @@
  *
  * Purpose: every user value is checked once, here. config/SPEC.md describes each key. The twin
  *          resolves names of variables later, against the FMUs.
- * Errors: reports all problems of a file at once, each with JSON path, line, value found, value
- *         expected and an example
- *          ("line 12: found "0.1" (text), expected a number > 0, for example 0.1").
- * Owner: tl_config owns all its memory, including `where` and all other texts. It is valid until
- *        tl_config_free() and may be moved by assignment.
- * Thread: one thread.
+ * Errors:  reports all problems of a file at once, each with JSON path, line, value found, value
+ *          expected and an example ("line 12: found "0.1" (text), expected a number > 0, for
+ *          example 0.1").
+ * Owner:   tl_config owns all its memory, including `where` and all other texts. It is valid until
+ *          tl_config_free() and may be moved by assignment.
+ * Thread:  one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_CONFIG_H
 #define TL_FIRMWARE_CONFIG_CONFIG_H
@@ -180,7 +180,7 @@ typedef struct tl_config {
     const char *recording_file;        /* NULL: none */
     const char *recording_time_column; /* default "time" */
 
-    const char *record_file; /* NULL: the verb's default */
+    const char *record_file; /* NULL: the default of the command */
     int64_t record_max_bytes;
     tl_time record_commit;
     tl_time record_resume; /* ns; a run resumes an earlier one that ended at most this long ago; 0: never */

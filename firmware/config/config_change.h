@@ -17,13 +17,13 @@
 
 /* ---- The table of rules: what a change of each key requires.
  *
- * Purpose: decides in one table whether a change is made in place, by a new twin or by a restart,
- *          and who may make it. A test compares the table with config/schema/twinlock-1.json, so
- *          that every new key gets a rule. A key without a rule requires a restart and the right to
- *          commission.
+ * Purpose:  decides in one table whether a change is made in place, by a new twin or by a restart,
+ *           and who may make it. A test compares the table with config/schema/twinlock-1.json, so
+ *           that every new key gets a rule. A key without a rule requires a restart and the right
+ *           to commission.
  * Patterns: keys from the root, separated by dots. "*" is any key of an object of named entries,
  *           "[]" any element of an array, "**" at the end the part itself and all below.
- * Thread: pure functions.
+ * Thread:   pure functions.
  */
 
 /* What a value names. A configuration from the network may use such a name only if it was named on
@@ -78,11 +78,11 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
  *          the box. An allowed name needs only TL_RIGHT_COMMISSION.
  * Compare: names are compared byte for byte, as written. No path is resolved and no link followed;
  *          ".." has no special meaning.
- * Kinds: permission to read a file does not include permission to load it as a library. Otherwise a
- *        person who can write the file could inject code.
- * Owner: the caller owns the struct; zeroed it is empty. tl_allowed_names_free() frees its
- *        contents.
- * Thread: one thread.
+ * Kinds:   permission to read a file does not include permission to load it as a library. Otherwise
+ *          a person who can write the file could inject code.
+ * Owner:   the caller owns the struct; zeroed it is empty. tl_allowed_names_free() frees its
+ *          contents.
+ * Thread:  one thread.
  */
 
 struct tl_allowed_name;
@@ -110,10 +110,10 @@ void tl_allowed_names_free(tl_allowed_names *allowed);
  *
  * Purpose: the strictest of all differences decides how the configuration is changed, and which
  *          right is needed.
- * Order: the order of keys is ignored, except in `match`, `adjust` and among signals (see
- *        tl_change_needs_of()).
+ * Order:   the order of keys is ignored, except in `match`, `adjust` and among signals (see
+ *          tl_change_needs_of()).
  * Default: a key with its default value and a key left out are different.
- * Thread: one thread; plain data.
+ * Thread:  one thread; plain data.
  */
 
 enum { TL_CONFIG_EDITS = 64, TL_CONFIG_BARRED = 8, TL_CONFIG_EDIT_SHOWN = 64 };

@@ -1,20 +1,20 @@
 /* Look-ups: computes the instant at which each signal of the plant is looked up, from `delays`,
  * `between` and `condition` (firmware/plant/plant_input.c does the look-up).
  *
- * Between: only in mode lag a step can wait for the next reading. In the other modes the last
- *          reading is used, whatever is configured (`check` reports this). Extrapolation from the
- *          last readings would amplify their noise several times.
- * Wait: it is fixed: `every_s` of the slowest such signal, for inputs and for outputs separately,
- *       plus one macro step for a mean. All inputs, and all outputs, are looked up with the same
- *       wait, so that one sample contains all values of an instant.
+ * Between:   only in mode lag a step can wait for the next reading. In the other modes the last
+ *            reading is used, whatever is configured (`check` reports this). Extrapolation from the
+ *            last readings would amplify their noise several times.
+ * Wait:      it is fixed: `every_s` of the slowest such signal, for inputs and for outputs
+ *            separately, plus one macro step for a mean. All inputs, and all outputs, are looked up
+ *            with the same wait, so that one sample contains all values of an instant.
  * Condition: conditioning (plant/conditioner.c) delays the readings of a matched signal: half of
  *            the median's readings, every_s each, and the time constant of a low-pass, which is its
  *            lag. A step waits for this too, except in mode ahead. The low-pass is evaluated
  *            between the readings' stamps, so it is always looked up on the line.
- * Names: a sample has one value per signal. If a signal feeds an input and is matched too, the
- *        sample contains it a second time, after all others, as NAME@match; a user cannot define
- *        such a name. A matched signal that is conditioned or on a line is included once more, as
- *        it came, if there is room: NAME@reading.
+ * Names:     a sample has one value per signal. If a signal feeds an input and is matched too, the
+ *            sample contains it a second time, after all others, as NAME@match; a user cannot
+ *            define such a name. A matched signal that is conditioned or on a line is included once
+ *            more, as it came, if there is room: NAME@reading.
  */
 #include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"

@@ -18,14 +18,15 @@
 
 /* ---- Reads typed values from a parsed configuration and reports invalid ones.
  *
- * Purpose: each key of config/SPEC.md is one call that names its type, range, default and example.
- * Problems: all have one form, "line 12: found "0.1" (text), expected a number > 0, for example
- *           0.1", reported at the JSON path of the value. Reading continues after a problem.
- * Defaults: a function that returns false does not change its target: set the default before the
- *           call.
+ * Purpose:      each key of config/SPEC.md is one call that names its type, range, default and
+ *               example.
+ * Problems:     all have one form, "line 12: found "0.1" (text), expected a number > 0, for example
+ *               0.1", reported at the JSON path of the value. Reading continues after a problem.
+ * Defaults:     a function that returns false does not change its target: set the default before
+ *               the call.
  * Unknown keys: an object remembers the keys that were requested; tl_config_done() reports the
  *               others.
- * Owner: texts point into the JSON tree, paths into the reader's arena.
+ * Owner:        texts point into the JSON tree, paths into the reader's arena.
  */
 
 /* The longest duration, in seconds. Any number > 0 is allowed; less than 1 ns counts as 1 ns. */
@@ -163,7 +164,7 @@ const char *tl_config_keep(tl_config_reader *reader, const char *path);
 
 /* ---- Names in a configuration: their form, and their targets.
  *
- * Names: of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
+ * Names:      of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
  * References: "component.variable" and "plant.signal". Whether the component or signal exists is
  *             checked here, so that it is reported with all other problems. Only the FMU shows
  *             later whether the variable exists (twin.h).
@@ -200,7 +201,7 @@ void tl_config_check_reference_of(const tl_config_object *object, const char *ke
  *
  * Purpose: config.c calls these functions. If a section needs another one, that one was read
  *          before, or is searched in the JSON tree.
- * Errors: reported; a value that cannot be read keeps its default.
+ * Errors:  reported; a value that cannot be read keeps its default.
  */
 
 /* components, connect */

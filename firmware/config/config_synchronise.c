@@ -128,7 +128,7 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
 typedef struct match_list {
     tl_config *config;
     const char *example; /* of an entry */
-    bool weighted;       /* synchronise.match; else `compare`, where every weight is 0 */
+    bool weighted;       /* synchronise.match; else `compare`, with all weights 0 */
     double tolerance;    /* as in read_tolerance() */
 } match_list;
 

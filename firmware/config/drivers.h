@@ -5,7 +5,7 @@
  *          the rows and names no driver.
  * New row: a driver has a folder in board/, a file config_DRIVER.c here with its row, and a line in
  *          drivers.c.
- * Owner: constants. Thread: any.
+ * Owner:   constants. Thread: any.
  */
 #ifndef TL_FIRMWARE_CONFIG_DRIVERS_H
 #define TL_FIRMWARE_CONFIG_DRIVERS_H

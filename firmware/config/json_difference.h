@@ -1,18 +1,18 @@
 /* Difference of two JSON documents, path by path.
  *
- * Purpose: two texts that json.h accepts are equal if they have equal values at equal paths. White
- *          space is ignored; 5, 5.0 and 5e0 are equal. A key that is left out differs from a key
- *          with any value. A different order of keys in an object is reported separately
- *          (`is_order`), for callers to which it matters.
- * Arrays: equal elements at the start and at the end are paired, those between by their order. So
- *         an inserted or removed element is one difference. The index of an element is its new one,
- *         or the old one if it was removed.
- * Order: keys of an object by their bytes, elements by their index.
+ * Purpose:     two texts that json.h accepts are equal if they have equal values at equal paths.
+ *              White space is ignored; 5, 5.0 and 5e0 are equal. A key that is left out differs
+ *              from a key with any value. A different order of keys in an object is reported
+ *              separately (`is_order`), for callers to which it matters.
+ * Arrays:      equal elements at the start and at the end are paired, those between by their order.
+ *              So an inserted or removed element is one difference. The index of an element is its
+ *              new one, or the old one if it was removed.
+ * Order:       keys of an object by their bytes, elements by their index.
  * Whole parts: an object or array without a counterpart of the same type is one difference. Its
  *              parts follow as further differences with `within`.
- * Bound: time O(n·log n) for each nesting level, no recursion.
- * Memory: allocated and freed during the call.
- * Thread: one thread.
+ * Bound:       time O(n·log n) for each nesting level, no recursion.
+ * Memory:      allocated and freed during the call.
+ * Thread:      one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_JSON_DIFFERENCE_H
 #define TL_FIRMWARE_CONFIG_JSON_DIFFERENCE_H

@@ -1,6 +1,6 @@
 /* JSON document: parses a text with line numbers, and builds and finds paths of values.
  *
- * Thread: one thread.
+ * Thread:        one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
 #define TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
@@ -15,7 +15,7 @@
 /* ---- Iterates over all items of a JSON document without recursion.
  *
  * Purpose: visits each value after the values that contain it, in the order of the children.
- * Thread: one thread.
+ * Thread:  one thread.
  */
 
 /* The containers of the current item, outermost first; zeroed at the root. The parser has limited
@@ -30,8 +30,8 @@ cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item);
 
 /* ---- Paths of values in a JSON document, for messages.
  *
- * Paths: "plant.omega.stale_s", "connect[2][0]"; "" is the root. A key may contain dots
- *        ("motor.d").
+ * Paths:  "plant.omega.stale_s", "connect[2][0]"; "" is the root. A key may contain dots
+ *         ("motor.d").
  * Thread: pure functions.
  */
 
@@ -56,15 +56,15 @@ void tl_json_way_path(char *path, const tl_json_step *way, size_t depth);
 /* ---- A JSON document: a text that json.h accepts, parsed by cJSON, with lines and paths.
  *
  * Purpose: finds the position of a value in the file.
- * Lines: the `valueint` of each item holds its line (from 1) instead of the truncated number.
- *        Numbers are read from `valuedouble`.
- * Owner: the caller frees the root with cJSON_Delete().
+ * Lines:   the `valueint` of each item holds its line (from 1) instead of the truncated number.
+ *          Numbers are read from `valuedouble`.
+ * Owner:   the caller frees the root with cJSON_Delete().
  */
 
 /* Parses the text. `scratch` is used only during the call.
  * Errors: reported. TL_BAD_DATA if json.h rejects the text, or TL_TRY_AGAIN: then *root is NULL. If
- *         an object has a key twice, all such keys are reported and TL_BAD_DATA is returned, but
- *         *root is set, so that the caller can report further problems. */
+ *         an object has a key twice, all such keys are reported and TL_BAD_DATA is returned. *root
+ *         is set then, so that the caller can report further problems. */
 tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root);
 
 /* Returns the members of an object, sorted by key, equal keys by `valueint`. The caller frees the

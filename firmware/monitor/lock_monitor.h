@@ -19,10 +19,10 @@
  * Purpose: a correction at its bound has no further effect. This may last for hours while the twin
  *          is within tolerance, or lost for another reason. So it is reported separately from the
  *          lock state.
- * Minute: of plant time, in ten blocks of 6 s. The share is computed at the end of each block, once
- *         ten have passed. It is reported if it exceeds half of the steps, and cleared if it is
- *         less than a quarter.
- * Thread: plain data; one thread at a time.
+ * Minute:  of plant time, in ten blocks of 6 s. The share is computed at the end of each block,
+ *          once ten have passed. It is reported if it exceeds half of the steps, and cleared if it
+ *          is less than a quarter.
+ * Thread:  plain data; one thread at a time.
  */
 
 enum { TL_BOUND_BLOCKS = 10 };
@@ -48,28 +48,29 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
 /* ---- Lock monitor: decides whether the twin follows the plant.
  *
- * Purpose: the only code that assesses a run, live or replayed. Inputs: the error of each committed
- *          step in tolerances, Δu, the bounds, the qualities of the plant's signals, and inexact
- *          rollbacks of FMUs. A replay gives the same states, because there are no other inputs.
- * Window: single steps prove nothing: a lost twin can be within tolerance at every second step. So
- *         the state depends on shares of a window and on the size of the error. The window has ten
- *         parts of 0.1 s, or of two steps if these are longer. The state is updated at the end of
- *         each part. With an event horizon, the unit is a stroke whose search has ended, and three
- *         strokes give the first state.
- * Runaway: a single step is enough if an output is 1e9 tolerances away from its measurement or not
- *          finite, or if the J of a search is not finite.
- * Astray: in at least a quarter of the window, and of its newest part, the twin is ten tolerances
- *         off, and in as many steps an output has moved that far in one step while the plant did
- *         not. An adequately sampled plant does not do that, and its model only if it is unstable.
- *         A twin with a large steady error is not astray: a reset would not improve the model and
- *         would lose its state.
- * Limits: each state has one limit to enter it and another to leave it, so that the state does not
- *         oscillate between two states.
- * Usual: the average |Δu| of a locked twin. It is learned over TL_LOCK_LEARNS parts before it is
- *        used, and is updated slowly afterwards.
+ * Purpose:    the only code that assesses a run, live or replayed. Inputs: the error of each
+ *             committed step in tolerances, Δu, the bounds, the qualities of the plant's signals,
+ *             and inexact rollbacks of FMUs. A replay gives the same states, because there are no
+ *             other inputs.
+ * Window:     single steps prove nothing: a lost twin can be within tolerance at every second step.
+ *             So the state depends on shares of a window and on the size of the error. The window
+ *             has ten parts of 0.1 s, or of two steps if these are longer. The state is updated at
+ *             the end of each part. With an event horizon, the unit is a stroke whose search has
+ *             ended, and three strokes give the first state.
+ * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement or not
+ *             finite, or the J of a search is not finite.
+ * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
+ *             First, the twin is ten tolerances off. Second, an output has moved that far in one
+ *             step while the plant did not. An adequately sampled plant does not do that, and its
+ *             model only if it is unstable. A twin with a large steady error is not astray: a reset
+ *             would not improve the model and would lose its state.
+ * Limits:     each state has one limit to enter it and another to leave it, so that the state does
+ *             not oscillate between two states.
+ * Usual:      the average |Δu| of a locked twin. It is learned over TL_LOCK_LEARNS parts before it
+ *             is used, and is updated slowly afterwards.
  * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
  *             of another one.
- * Thread: plain data; one thread at a time.
+ * Thread:     plain data; one thread at a time.
  */
 
 enum {
@@ -102,7 +103,7 @@ typedef struct tl_lock_part {
     uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */
     uint32_t cycling[TL_MAX_ADJUST]
                     [TL_LOCK_PERIODS +
-                     1]; /* steps where u repeats its value of that many steps ago, and differed in between */
+                     1]; /* steps at which u repeats its value of that many steps ago, and differed in between */
     double correction[TL_MAX_ADJUST]; /* sum of |Δu| */
     tl_lock_range u[TL_MAX_ADJUST];
 } tl_lock_part;
@@ -171,8 +172,8 @@ void tl_lock_monitor_get(const tl_lock_monitor *judge, tl_lock_tally *tally);
  *          start values (tl_twin_reset()). This requires that the monitor reports it as astray. The
  *          pause until the next reset doubles after each one, until the twin has been in lock for
  *          TL_LOCK_LEARNS parts in a row.
- * Same: it depends only on records and samples, so that a replay resets at the same steps.
- * Thread: plain data; the thread of the twin.
+ * Same:    it depends only on records and samples, so that a replay resets at the same steps.
+ * Thread:  plain data; the thread of the twin.
  */
 
 /* Shortest and longest pause, in parts of the window. */

@@ -2,7 +2,7 @@
  *
  * Purpose: the result of the lock monitor (lock_monitor.h), for the summary, `--require-lock` and
  *          displays.
- * Thread: plain data, pure functions.
+ * Thread:  plain data, pure functions.
  */
 #ifndef TL_FIRMWARE_MONITOR_LOCK_TALLY_H
 #define TL_FIRMWARE_MONITOR_LOCK_TALLY_H

@@ -16,25 +16,26 @@
 
 /* ---- Noise estimate of a signal from its readings alone, without a model.
  *
- * Method: each reading is compared with the polynomial through its 2, 4 and 6 neighbours, at their
- *         own uneven stamps. Divided by √(1 + Σ weights²), the difference has the standard
- *         deviation of white noise, for every order. The share of the plant's motion decreases with
- *         the order. So the estimate is that with 2 neighbours, or the larger one with 4 and 6 if
- *         that is smaller. If those with 4 and 6 differ, the plant moves too fast between two
- *         readings, and the estimate is an upper limit.
- * Robust: each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
- *         the plant or bad readings have no effect.
- * Outlier: a reading that is more than TL_NOISE_OUTLIER σ (with 2 neighbours, so including the
- *          plant's motion) from the median of the five readings around it, and also more than
- *          TL_NOISE_OUTLIER times their median deviation (Hampel's rule). It is not used for the
- *          estimate. A step of the plant is not an outlier because the median follows it. A sharp
- *          turn is not one because all five readings are far from their median.
- * Unit: that of the signal; stamps in ns of any clock. Errors of the stamps count as noise: a
- *       signal that grows by 1 a second, with stamps that are 10 ms wrong, has an error of 0.01.
- * Bound: constant time: about 150 floating-point operations, three logarithms and, for each 32nd
- *        reading, a search in a histogram; less than 1 µs on a PC.
- * Memory: 6 KiB in the struct.
- * Thread: plain data; one thread at a time.
+ * Method:  each reading is compared with the polynomial through its 2, 4 and 6 neighbours, at their
+ *          own uneven stamps. Divided by √(1 + Σ weights²), the difference has the standard
+ *          deviation of white noise, for every order. The share of the plant's motion decreases
+ *          with the order. So the estimate is that with 2 neighbours, or the larger one with 4 and
+ *          6 if that is smaller. If those with 4 and 6 differ, the plant moves too fast between two
+ *          readings, and the estimate is an upper limit.
+ * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
+ *          the plant or bad readings have no effect.
+ * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
+ *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER σ
+ *          (with 2 neighbours, so including the plant's motion), the other TL_NOISE_OUTLIER times
+ *          the median distance of the five. It is not used for the estimate. A step of the plant is
+ *          not an outlier because the median follows it. A sharp turn is not one because all five
+ *          readings are far from their median.
+ * Unit:    that of the signal; stamps in ns of any clock. Errors of the stamps count as noise: a
+ *          signal that grows by 1 a second, with stamps that are 10 ms wrong, has an error of 0.01.
+ * Bound:   constant time: about 150 floating-point operations, three logarithms and, for each 32nd
+ *          reading, a search in a histogram; less than 1 µs on a PC.
+ * Memory:  6 KiB in the struct.
+ * Thread:  plain data; one thread at a time.
  */
 
 enum {
@@ -101,16 +102,16 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
 
 /* ---- Noise of matched signals during a run: warns if a tolerance is below three times the noise.
  *
- * Purpose: if the tolerance is below the noise, the twin follows the noise, and states that its
- *          outputs do not show may drift for hours. `check --recording` reports this for a
- *          recording. This code reports it for the running plant with the same estimate; live and
- *          in replay from the same samples.
+ * Purpose:  if the tolerance is below the noise, the twin follows the noise, and states that its
+ *           outputs do not show may drift for hours. `check --recording` reports this for a
+ *           recording. This code reports it for the running plant with the same estimate; live and
+ *           in replay from the same samples.
  * Readings: one a tick, as it came (NAME@reading if the signal is conditioned or on a line),
  *           without rejected ones.
- * Period: checked at each 256th reading, with the last 2048 to 4096. Reported if a tolerance is
- *         certainly too small, cleared if it is at least three times the noise.
- * Memory: 6 KiB for each match, in the struct.
- * Thread: plain data; one thread at a time.
+ * Period:   checked at each 256th reading, with the last 2048 to 4096. Reported if a tolerance is
+ *           certainly too small, cleared if it is at least three times the noise.
+ * Memory:   6 KiB for each match, in the struct.
+ * Thread:   plain data; one thread at a time.
  */
 
 enum { TL_NOISE_WATCH_EACH = 256, TL_NOISE_WATCH_MOST = 4096 };

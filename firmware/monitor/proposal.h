@@ -16,19 +16,19 @@
 /* ---- Proposes `between`, `condition` and `tolerance` of each match and `between` of each input,
  * each with its reason.
  *
- * Line: if a step would otherwise be matched with a reading older than itself.
- * Low-pass: if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
- * shortest one that is nearly as good as the best is used, because a longer one makes a step wait
- * longer.
- * Gate: if there are outliers, and nearly all of them are further off than the plant moves between
- *       two readings. The gate is the geometric mean of both. Otherwise a median of 5.
+ * Line:      if a step would otherwise be matched with a reading older than itself.
+ * Low-pass:  if it reduces the mean square error of the readings (survey.h) to less than 60 %. The
+ *            shortest one that is nearly as good as the best is used, because a longer one makes a
+ *            step wait longer.
+ * Gate:      if there are outliers, and nearly all of them are further off than the plant moves
+ *            between two readings. The gate is the geometric mean of both. Otherwise a median of 5.
  * Tolerance: 3 σ; the configured one if that is 3 to 6 σ. Both limits are doubled if the plant is
  *            at rest in the whole recording.
- * Input: the mean over a step, if the input moves by more than twice its noise between two
- *        readings.
- * Modes: a step waits for a next reading only in mode lag, and for a filter only in lag and hold. A
- *        setting that would have no effect, or be late, is not proposed.
- * Thread: pure functions.
+ * Input:     the mean over a step, if the input moves by more than twice its noise between two
+ *            readings.
+ * Modes:     a step waits for a next reading only in mode lag, and for a filter only in lag and
+ *            hold. A setting that would have no effect, or be late, is not proposed.
+ * Thread:    pure functions.
  */
 
 enum { TL_PROPOSAL_REASON = 240 };
@@ -67,7 +67,7 @@ void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_propo
  * Purpose: the page of `check --recording`, and its JSON (config/SPEC.md). Both end with the
  *          proposal in the form of the configuration. The page omits keys that are to be removed.
  *          The JSON is a merge patch (RFC 7396), in which null removes a key.
- * Thread: the caller's.
+ * Thread:  the caller's.
  */
 
 /* `recording`: the path as given. Errors: TL_TRY_AGAIN if memory is out. */

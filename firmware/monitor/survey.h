@@ -17,11 +17,11 @@
 
 /* ---- Error of readings after a low-pass, estimated from the readings alone.
  *
- * Source: Stein's unbiased risk estimate. Let d be the difference between the low-pass and the
- *         reading of the same instant, w the weight of that reading in the result, and σ the
- *         standard deviation of white noise. The mean square error is E d² − σ² + 2 σ² w. It
- *         includes both the remaining noise and the flattened motion, without knowledge of the
- *         motion.
+ * Source: Stein's unbiased risk estimate. The mean square error is E d² − σ² + 2 σ² w. d is the
+ *         difference between the low-pass and the reading of the same instant, and w the weight of
+ *         that reading in the result. σ is the standard deviation of the noise, which must be
+ *         white. The error includes both the remaining noise and the flattened motion, without
+ *         knowledge of the motion.
  * Method: uses the low-pass of the plant input (plant/conditioner.h), looked up τ later, as for a
  *         matched signal.
  * Thread: pure functions.
@@ -36,11 +36,11 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
  * Purpose: input of a proposal (proposal.h). Each reading is used once, as it came
  *          (tl_recording_listen()). A reading is good if it is finite and within the signal's `min`
  *          and `max`.
- * Noise: estimated twice with monitor/noise.h: the first estimate gives the outlier limit of the
- *        second one.
- * Bound: the first TL_SURVEY_MOST readings of a signal.
- * Owner: the survey owns its readings; tl_survey_free() frees them.
- * Thread: one thread.
+ * Noise:   estimated twice with monitor/noise.h: the first estimate gives the outlier limit of the
+ *          second one.
+ * Bound:   the first TL_SURVEY_MOST readings of a signal.
+ * Owner:   the survey owns its readings; tl_survey_free() frees them.
+ * Thread:  one thread.
  */
 
 enum {

@@ -1,28 +1,28 @@
 /* Conditioner: filters the readings of one signal: outlier gate, median, low-pass.
  *
- * Purpose: the twin is matched with the plant, not with a bad message or sensor noise. The
- *          conditioner counts readings, not ticks: each reading enters once, as it comes. Its
- *          outputs are readings again, each with the stamp of the instant that it describes. So an
- *          output has no lag; it is only available later (config_lookups.c). The caller
- *          interpolates between two outputs.
- * Order: gate, then median, then low-pass.
- * Gate: a good reading further than `gate` from the last accepted one is rejected: there is no
- *       output. If three rejected readings in a row agree with each other within the gate, they are
- *       a new level: they are accepted, and the filters restart with them alone. Readings that are
- *       not good are ignored in this count. The first good reading is always accepted.
- * Median: of `median` readings in a row, with the stamp of the middle one. At the start, of as many
- *         as there are, if that number is odd.
+ * Purpose:  the twin is matched with the plant, not with a bad message or sensor noise. The
+ *           conditioner counts readings, not ticks: each reading enters once, as it comes. Its
+ *           outputs are readings again, each with the stamp of the instant that it describes. So an
+ *           output has no lag; it is only available later (config_lookups.c). The caller
+ *           interpolates between two outputs.
+ * Order:    gate, then median, then low-pass.
+ * Gate:     a good reading further than `gate` from the last accepted one is rejected: there is no
+ *           output. If three rejected readings in a row agree with each other within the gate, they
+ *           are a new level: they are accepted, and the filters restart with them alone. Readings
+ *           that are not good are ignored in this count. The first good reading is always accepted.
+ * Median:   of `median` readings in a row, with the stamp of the middle one. At the start, of as
+ *           many as there are, if that number is odd.
  * Low-pass: first order, τ dy/dt = x − y, where x is the line through the readings. It is solved
- * exactly for any instant, also with uneven intervals (tl_conditioner_between()). It starts at its
- * first reading. It lags a ramp by τ; the caller compensates for that.
- * Quality: a reading that is not good is output at once, unchanged; the filters ignore it. Later
- *          outputs have later stamps than it.
- * Gap: if more than TL_CONDITIONER_GAP readings in a row were not accepted, or none for longer than
- *      the stale time, the filters restart at the next good reading, which is accepted with any
- *      value.
- * Units: those of the plant's signal.
- * Memory: plain data of the caller. Errors: none.
- * Thread: plain data; one thread at a time.
+ *           exactly for any instant, also with uneven intervals (tl_conditioner_between()). It
+ *           starts at its first reading. It lags a ramp by τ; the caller compensates for that.
+ * Quality:  a reading that is not good is output at once, unchanged; the filters ignore it. Later
+ *           outputs have later stamps than it.
+ * Gap:      if more than TL_CONDITIONER_GAP readings in a row were not accepted, or none for longer
+ *           than the stale time, the filters restart at the next good reading, which is accepted
+ *           with any value.
+ * Units:    those of the plant's signal.
+ * Memory:   plain data of the caller. Errors: none.
+ * Thread:   plain data; one thread at a time.
  */
 #ifndef TL_FIRMWARE_PLANT_CONDITIONER_H
 #define TL_FIRMWARE_PLANT_CONDITIONER_H

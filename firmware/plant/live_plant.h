@@ -1,12 +1,12 @@
 /* Live plant: opens and polls the configured sources, and posts into the sample buffers of their
- *             signals.
+ * signals.
  *
  * Purpose: creates running plant readers from a tl_config: the writing side of the sample memory
  *          (sample_buffer.h). The reading side is a tl_plant_input on the same memory.
- * Death: sample buffers of an earlier writer that died are repaired and continued.
- * Owner: tl_live_plant_close() frees all that tl_live_plant_open() allocates; the caller owns the
- *        sample memory.
- * Thread: open and close from one thread.
+ * Death:   sample buffers of an earlier writer that died are repaired and continued.
+ * Owner:   tl_live_plant_close() frees all that tl_live_plant_open() allocates; the caller owns the
+ *          sample memory.
+ * Thread:  open and close from one thread.
  */
 #ifndef TL_FIRMWARE_PLANT_LIVE_PLANT_H
 #define TL_FIRMWARE_PLANT_LIVE_PLANT_H

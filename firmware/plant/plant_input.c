@@ -1,22 +1,24 @@
 /* Plant input: looks up the signals at an instant and determines their qualities.
  *
- * Alike: a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled in
- *        step with the twin, a stamp that is a few nanoseconds late would otherwise delay a value
- *        by a whole sample: half of the error of a fast signal. This does not apply at tick 0,
- *        which starts at a reading.
- * Between: the plant moves between two messages, and the last one is half an interval old on
- *          average. So a signal can be looked up on the line between the readings before and after
- *          the instant, by their own stamps. To have the reading after it, the sample of t looks
- *          back by `back`, which is at least the longest message interval. The twin computes its
- *          steps later by the same number of ticks (config_lookups.c). The interpolated value is
- *          recorded, so a replay uses the same one.
- *          The last reading is used instead, with its own age, if the next one has not come by t,
- *          if one of both is not good, or if they are further apart than the stale time.
+ * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled
+ *              in step with the twin, a stamp that is a few nanoseconds late would otherwise delay
+ *              a value by a whole sample: half of the error of a fast signal. This does not apply
+ *              at tick 0, which starts at a reading.
+ * Between:     the plant moves between two messages, and the last one is half an interval old on
+ *              average. So a signal can be looked up on the line between the readings before and
+ *              after the instant, by their own stamps. To have the reading after it, the sample of
+ *              t looks back by `back`, which is at least the longest message interval. The twin
+ *              computes its steps later by the same number of ticks (config_lookups.c). The
+ *              interpolated value is recorded, so a replay uses the same one.
+ * Last:        the last reading is used instead, with its own age, in three cases: the next one has
+ *              not come by t; one of both is not good; or they are further apart than the stale
+ *              time.
  * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. A
  *              rejected reading does not exist for the line.
- * Mean: an input is held for a macro step. Its value is the mean of the line over that step, from t
- *       − back, by trapezoids between the readings. The value of an instant, held, would be late by
- *       half a step; a mean is not, and averages the noise of all readings in the step.
+ * Mean:        an input is constant during a macro step. Its value is the mean of the line over
+ *              that step, from t − back, by trapezoids between the readings. The value of an
+ *              instant would be late by half a step; a mean is not, and averages the noise of all
+ *              readings in the step.
  */
 #include "firmware/plant/plant_input.h"
 
@@ -33,9 +35,9 @@
  * Purpose: between the sample buffer of a source and the look-up of a sample. What is available at
  *          an instant does not depend on the time of the call, so a run that missed ticks sees the
  *          same values.
- * Again: a reading with a stamp not later than the newest one taken is a repetition and skipped. A
- *        reading with a stamp later than the instant stays in the buffer.
- * Trust: the sample buffer is untrusted; at most its depth of readings are taken in one call.
+ * Again:   a reading with a stamp not later than the newest one taken is a repetition and skipped.
+ *          A reading with a stamp later than the instant stays in the buffer.
+ * Trust:   the sample buffer is untrusted; at most its depth of readings are taken in one call.
  */
 
 struct tl_reading_stream {
@@ -229,7 +231,7 @@ static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading 
     return true;
 }
 
-/* Limits the time if a source floods the buffer; the rest of the span counts as one line. */
+/* Limits the time if a source floods the buffer; the remaining span counts as one line. */
 enum { MOST_OF_A_SPAN = 256 };
 
 /* Integral from the good reading `from` to `end`. */

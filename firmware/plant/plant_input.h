@@ -1,15 +1,15 @@
 /* Plant input: makes one sample with qualities per tick from the posted readings.
  *
- * Purpose: the only code that checks a value of the plant: finite, in range, fresh. Live sources
- *          (plant_reader.h) and recordings (recording.h) both post into its sample buffers, so that
- *          a replay checks as a live run does.
+ * Purpose:     the only code that checks a value of the plant: finite, in range, fresh. Live
+ *              sources (plant_reader.h) and recordings (recording.h) both post into its sample
+ *              buffers, so that a replay checks as a live run does.
  * Conditioned: a signal with a condition is conditioned before the look-up, each reading once as it
  *              comes.
- * Between: tl_plant_look decides the value between two readings (plant_input.c).
- * Memory: the caller owns that of the sample buffers (sample_buffer.h). Trust: another process may
- *         write it; it is untrusted.
- * Thread: one, that of the cycle; readings are posted by one thread per signal (sample_buffer.h).
- *         Wait-free.
+ * Between:     tl_plant_look decides the value between two readings (plant_input.c).
+ * Memory:      the caller owns that of the sample buffers (sample_buffer.h). Trust: another process
+ *              may write it; it is untrusted.
+ * Thread:      one, that of the cycle; readings are posted by one thread per signal
+ *              (sample_buffer.h). Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H
@@ -21,9 +21,9 @@
 #include "master/base/signal.h"
 
 /* How a signal is looked up in a sample of the instant t.
- * Next: used if there is no reading at t − back. If true, the next reading is taken if it has come
- *       by t, else the newest before. If false, the newest before is taken, or the next if there is
- *       none yet.
+ * Next:  used if there is no reading at t − back. If true, the next reading is taken if it has come
+ *        by t, else the newest before. If false, the newest before is taken, or the next if there
+ *        is none yet.
  * Shows: if true, the newest reading of signal `shown` is taken instead, as it came. If readings
  *        were rejected since the last tick, the last rejected one is taken, as TL_OUTLIER. */
 typedef struct tl_plant_look {

@@ -1,6 +1,6 @@
 /* Plant readers: threads that poll the sources, and the detection of repeated readings.
  *
- * Thread: as each part says.
+ * Thread:        as each part says.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_READER_H
 #define TL_FIRMWARE_PLANT_PLANT_READER_H
@@ -18,11 +18,11 @@
  * Purpose: a register is often polled more often than its device writes it. Conditions, lines and
  *          statistics count readings, so repeated ones must not count: a median of three would
  *          contain the same reading three times.
- * Rule: a good reading with the value of the one before is a repetition if it comes so soon that no
- *       new one was due. If a device really writes the same value twice, the second one is dropped
- *       too, because they cannot be distinguished. A line to the next different value then starts
- *       at the first of them.
- * Thread: plain data; the thread of the source.
+ * Rule:    a good reading with the value of the one before is a repetition if it comes so soon that
+ *          no new one was due. If a device really writes the same value twice, the second one is
+ *          dropped too, because they cannot be distinguished. A line to the next different value
+ *          then starts at the first of them.
+ * Thread:  plain data; the thread of the source.
  */
 
 /* State of one channel. Private; zeroed: nothing was read. */
@@ -39,15 +39,15 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
  * of its signals.
  *
  * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
- * Events: `on_link` reports link changes, from the thread of the source, with the driver's text. If
- *         a driver fails for good, the link is reported as down, its signals are posted once as
- *         TL_NO_LINK, and its thread ends.
- * Clock: a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
- *        poll are skipped.
- * Owner: the readers own the `io` of each source from the start.
- * Thread: start and stop from one thread. Stop returns within 0.2 s because drivers are
- *         interrupted, unless a driver is resolving a host name. The threads block all signals and
- *         use ordinary scheduling, independent of the caller.
+ * Events:  `on_link` reports link changes, from the thread of the source, with the driver's text.
+ *          If a driver fails for good, the link is reported as down, its signals are posted once as
+ *          TL_NO_LINK, and its thread ends.
+ * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
+ *          poll are skipped.
+ * Owner:   the readers own the `io` of each source from the start.
+ * Thread:  start and stop from one thread. Stop returns within 0.2 s because drivers are
+ *          interrupted, unless a driver is resolving a host name. The threads block all signals and
+ *          use ordinary scheduling, independent of the caller.
  */
 
 typedef struct tl_plant_source {

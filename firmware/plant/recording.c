@@ -62,14 +62,14 @@ static void post_reading(tl_recording *recording, size_t signal, const tl_readin
 
 /* ---- Ticks of a run that was recorded in a database
  *
- * Purpose: delivers a run as it was. If the configuration is that of the run, a replay repeats the
- *          missed ticks, the time-outs of searches and the tunings at their ticks, so that it
- *          computes the same u.
- * Delays: if another configuration looks signals up differently, they are looked up again, by the
- *         stamps of the readings that the run saw: at most one per tick and signal. So a run that
- *         was recorded without delays can be replayed with delays.
- * Errors: TL_BAD_DATA if the signals or the step are not those of the configuration, if the start
- *         of the run was removed, or if a tuning of the run cannot be followed.
+ * Purpose: delivers a run as it was. If the configuration is that of the run, a replay computes the
+ *          same u. It repeats the missed ticks, the time-outs of searches, and the tunings at their
+ *          ticks.
+ * Delays:  if another configuration looks signals up differently, they are looked up again, by the
+ *          stamps of the readings that the run saw: at most one per tick and signal. So a run that
+ *          was recorded without delays can be replayed with delays.
+ * Errors:  TL_BAD_DATA in three cases: the signals or the step are not those of the configuration;
+ *          the start of the run was removed; or a tuning of the run cannot be followed.
  */
 
 /* Returns true if the recorded signal is "plant.NAME" with this suffix. */

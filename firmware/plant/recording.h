@@ -17,7 +17,7 @@
 /* ---- A tick of a recording, and the start of a recording.
  *
  * Purpose: shared by recordings and by the code that reads them from a database.
- * Thread: plain data.
+ * Thread:  plain data.
  */
 
 /* One tick of a recording. */
@@ -55,7 +55,7 @@ enum { TL_RECORDING_TUNINGS = 4096 };
 typedef struct tl_recording_beginning {
     int64_t run;              /* number in the database */
     int64_t tick;             /* its first tick */
-    bool follows;             /* false: another configuration is used; its steps are computed anew from this tick */
+    bool follows;             /* false: another configuration is used; its steps are computed again from this tick */
     tl_resumption resumption; /* how the run resumed an earlier one, */
     const char *fmus;         /* with which FMUs (tl_twin_recorder_identify()), */
     const tl_history_checkpoint *checkpoint; /* and from which checkpoint; NULL: from start values */
@@ -68,8 +68,8 @@ typedef struct tl_recording_beginning {
  *          a plant input at its own time, and a sample is taken at each tick, as in a live run;
  *          tick 0 is at the first row. From a database: the samples that the run saw, with
  *          qualities, and the effort of each search, so that a replay computes the same u.
- * Owner: the recording owns all that it returns pointers to, until tl_recording_close().
- * Thread: one thread.
+ * Owner:   the recording owns all that it returns pointers to, until tl_recording_close().
+ * Thread:  one thread.
  */
 
 typedef struct tl_recording tl_recording;

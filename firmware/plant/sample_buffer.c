@@ -15,12 +15,12 @@
  *           are acquire loads, so they stay before its second load of the sequence. A reader that
  *           saw one new field therefore sees the odd sequence, or a later one.
  *
- * Death: a writer that dies leaves a slot with an odd sequence, or a complete post that is not
- *        counted. Readers look for neither.
+ * Death:    a writer that dies leaves a slot with an odd sequence, or a complete post that is not
+ *           counted. Readers look for neither.
  *
- * Trust: a hostile writer can change anything at any time. So a reader loads each value once and
- *        masks the number of a post to find its slot. It searches between its own limits, which get
- *        closer with each look, whatever it reads.
+ * Trust:    a hostile writer can change anything at any time. So a reader loads each value once and
+ *           masks the number of a post to find its slot. It searches between its own limits, which
+ *           get closer with each look, whatever it reads.
  */
 
 /* Posts that are checked one by one from the newest, before the search takes longer steps. The

@@ -19,16 +19,16 @@
  * Purpose: plant I/O posts and the cycle looks up, and neither waits for the other. The newest
  *          `depth` readings are kept, so that a sample can be looked up at its own instant after a
  *          missed tick, or by a restarted twin.
- * Memory: the caller's, zeroed initially: of this process, or a block (block.h) that only the
- *         writer's process can write. It contains no pointers; each side has its own handle. A
- *         reader may map it read-only.
- * Death: the memory may outlive its writer. The next writer repairs it and continues; readers are
- *        not affected.
- * Thread: one writer at a time; any number of readers.
- * Trust: the memory is untrusted for readers. Whatever it contains, and if it changes during a
- *        look-up, the look-up terminates, reads nothing outside, and returns a valid quality. Value
- *        and stamp may be any.
- * Bound: post O(1); look-up O(log depth) for new and old readings.
+ * Memory:  the caller's, zeroed initially: of this process, or a block (block.h) that only the
+ *          writer's process can write. It contains no pointers; each side has its own handle. A
+ *          reader may map it read-only.
+ * Death:   the memory may outlive its writer. The next writer repairs it and continues; readers are
+ *          not affected.
+ * Thread:  one writer at a time; any number of readers.
+ * Trust:   the memory is untrusted for readers. Whatever it contains, and if it changes during a
+ *          look-up, the look-up terminates, reads nothing outside, and returns a valid quality.
+ *          Value and stamp may be any.
+ * Bound:   post O(1); look-up O(log depth) for new and old readings.
  */
 
 /* Fields are private. */
@@ -66,10 +66,9 @@ bool tl_sample_buffer_from(const tl_sample_buffer *buffer, tl_time from, tl_time
 bool tl_sample_buffer_around(const tl_sample_buffer *buffer, tl_time at, tl_time until, tl_reading *before,
                              tl_reading *after);
 
-/* Reader of all readings in order: returns post *next. If that one is overwritten or has a stamp >
- * until, returns the first of the few posts behind it that is kept and has a stamp ≤ until. Sets
- * *next to the post after it; start with 0. Returns false if there is none; *reading is then
- * unchanged. */
+/* Reader of all readings in order: returns post *next, if it is kept and has a stamp ≤ until.
+ * Otherwise returns the first such post of the few behind it. Sets *next to the post after it;
+ * start with 0. Returns false if there is none; *reading is then unchanged. */
 bool tl_sample_buffer_next(const tl_sample_buffer *buffer, tl_time until, uint64_t *next, tl_reading *reading);
 
 /* Reader: returns the newest reading with stamp ≤ instant. If all kept readings are later and older
@@ -79,15 +78,15 @@ bool tl_sample_buffer_at(const tl_sample_buffer *buffer, tl_time instant, tl_rea
 
 /* ---- The sample memory: the sample buffers of all signals of a configuration in one block.
  *
- * Purpose: plant I/O writes the block, the cycle reads it; between two processes it is shared
- *          memory (block.h). Its size and layout follow from the configuration alone, which both
- *          sides have. Nothing of the layout is read from the memory.
- * Memory: the caller's, zeroed initially, aligned to 8 bytes (better to a page, as a block is). The
- *         counts of all buffers come first, each on its own cache line, then the slots of one
- *         signal after the other.
+ * Purpose:  plant I/O writes the block, the cycle reads it; between two processes it is shared
+ *           memory (block.h). Its size and layout follow from the configuration alone, which both
+ *           sides have. Nothing of the layout is read from the memory.
+ * Memory:   the caller's, zeroed initially, aligned to 8 bytes (better to a page, as a block is).
+ *           The counts of all buffers come first, each on its own cache line, then the slots of one
+ *           signal after the other.
  * Look-ups: a further look-up of a signal uses the buffer of that signal. So twins with different
- * look-ups can read the same memory.
- * Thread: plain data; for the sample buffers see above.
+ *           look-ups can read the same memory.
+ * Thread:   plain data; for the sample buffers see above.
  */
 
 enum { TL_SAMPLE_BUFFERS_LEAST = 256, TL_SAMPLE_BUFFERS_MOST = 65536 }; /* readings of a signal */
