@@ -1,4 +1,4 @@
-/* Reads a configuration: the file, its fingerprint, its JSON, its sections; and finds the files it names. */
+/* Reads a configuration: file, hash, JSON and sections; resolves the names of its files. */
 #include "firmware/config/config.h"
 
 #include <errno.h>
@@ -19,7 +19,8 @@
 
 /* ---- the root's own keys ---- */
 
-/* A double cannot hold most decimal fractions: what is as near as rounding explains counts as whole. */
+/* A double cannot represent most decimal fractions exactly, so a difference of rounding size counts
+ * as whole. */
 static bool is_whole_nanoseconds(double seconds) {
     double nanoseconds = seconds * 1e9;
     return fabs(nanoseconds - round(nanoseconds)) <= 1e-6 + 1e-15 * nanoseconds;
@@ -79,7 +80,6 @@ static tl_status too_large(tl_report *report) {
     return TL_BAD_DATA;
 }
 
-/* Takes the memory and what is known before the text is understood. */
 static bool begin(const char *path, const char *text, size_t size, tl_config *config) {
     memset(config, 0, sizeof *config);
     tl_arena *arena = &config->arena;
@@ -121,7 +121,7 @@ tl_status tl_config_read_text(const char *path, const char *text, size_t size, t
 
 /* ---- the file ---- */
 
-/* The report knows the file's name. */
+/* The caller's report adds the file name. */
 static tl_status report_file(const char *path, tl_report *report) {
     if (errno == EFBIG) {
         return too_large(report);
@@ -149,7 +149,7 @@ void tl_config_free(tl_config *config) {
     memset(config, 0, sizeof *config);
 }
 
-/* ---- places ---- */
+/* ---- lines and paths ---- */
 
 size_t tl_config_line(const tl_config *config, const char *where) {
     if (config->tree == NULL || where[0] == '\0') {
@@ -159,7 +159,8 @@ size_t tl_config_line(const tl_config *config, const char *where) {
     return item != NULL ? tl_json_line(item) : 0;
 }
 
-/* folder/name, and whether it fits; "" where it does not, so that no other file is opened. */
+/* Writes folder/name. If it does not fit, returns false and writes "", so that no other file is
+ * opened. */
 static bool join(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
     bool here = folder_size == 0 || (folder_size == 1 && folder[0] == '.');
     bool slash = !here && folder[folder_size - 1] != '/';
@@ -183,7 +184,7 @@ bool tl_config_library_path(const tl_config *config, const char *library, char *
     return (size_t)snprintf(path, size, "%s", library) < size;
 }
 
-/* A candidate; replaces `path` only where it is a file. */
+/* Sets `path` only if the candidate is a regular file. */
 static bool is_file_in(const char *folder, size_t folder_size, const char *name, char *path, size_t size) {
     char candidate[4096];
     struct stat facts;
@@ -191,7 +192,8 @@ static bool is_file_in(const char *folder, size_t folder_size, const char *name,
            S_ISREG(facts.st_mode) && join(folder, folder_size, name, path, size);
 }
 
-/* In `folder`, seen from where the running program is: as the build leaves it, or as it is installed. False where the system does not say where. */
+/* Searches `folder`, relative to the running program: the build tree, or the installation. Returns
+ * false if the path of the program is unknown. */
 static bool is_beside_program(const char *folder, const char *fmu, char *path, size_t size) {
     char program[4096] = "";
     char whole[4096 + 32];
@@ -203,7 +205,7 @@ static bool is_beside_program(const char *folder, const char *fmu, char *path, s
 bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, size_t size) {
     bool is_absolute = fmu[0] == '/';
     const char *beside = is_absolute ? "" : config->directory;
-    (void)join(beside, strlen(beside), fmu, path, size); /* what stays if it is nowhere */
+    (void)join(beside, strlen(beside), fmu, path, size); /* result if the file is not found */
     bool is_found = is_file_in(beside, strlen(beside), fmu, path, size);
     if (is_found || is_absolute) {
         return is_found;
@@ -219,7 +221,7 @@ bool tl_config_fmu_path(const tl_config *config, const char *fmu, char *path, si
     return is_beside_program("../fmus", fmu, path, size) || is_beside_program("../lib/twinlock/fmus", fmu, path, size);
 }
 
-/* ---- What of a configuration a running twin can take anew. */
+/* ---- values that a running twin can change ---- */
 
 void tl_config_tuning(const tl_config *config, tl_tuning *tuning) {
     const tl_plan plan = {
@@ -275,7 +277,7 @@ bool tl_config_is_unconfined(const tl_config *config) {
     return is_unconfined;
 }
 
-/* ---- problems, told to a person ---- */
+/* ---- problems, logged for the user ---- */
 
 size_t tl_problems_take_line(const char **text) {
     static const char PREFIX[] = "line ";

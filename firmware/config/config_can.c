@@ -1,5 +1,5 @@
-/* `sources.NAME.can` and `plant.NAME.can`: a CAN interface, and where a signal stands in the frames of its bus; the row of
- * the driver board/can. */
+/* `sources.NAME.can` and `plant.NAME.can`: a CAN interface, and the position of a signal in the
+ * frames of its bus; the row of the driver board/can. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,7 +12,7 @@
 
 enum { EXPECTED = 160 };
 
-/* Frames wake the reader, at most so often: those that come faster are taken together. */
+/* Frames wake up the reader at most this often; faster frames are processed together. */
 #define PERIOD_S 0.0005
 
 /* ---- sources.NAME.can ---- */
@@ -32,7 +32,7 @@ static void read_source(tl_config_object *object, tl_config_source *source) {
 
 /* ---- plant.NAME.can ---- */
 
-/* A number, or hexadecimal text. */
+/* Accepts a number or a hexadecimal text. */
 static bool understand_id(const cJSON *item, double *id) {
     if (cJSON_IsNumber(item)) {
         *id = item->valuedouble;
@@ -70,7 +70,8 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
                                           .expected = "a length of a frame: 1 to 8, 12, 16, 20, 24, 32, 48 or 64",
                                           .example = "8"};
     bool given = tl_config_get(object, "bytes", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    double bytes = given ? TL_CAN_BYTES : 8; /* of a wrong length all bits are in the frame: one mistake, one problem */
+    double bytes =
+        given ? TL_CAN_BYTES : 8; /* if the length is invalid, all bits are accepted: one mistake, one problem */
     if (tl_config_get_number(object, "bytes", &rule, &bytes) && !tl_can_is_length((unsigned)bytes)) {
         tl_config_wrong(object, "bytes", NULL, rule.expected, rule.example);
         bytes = TL_CAN_BYTES;
@@ -82,7 +83,8 @@ static void read_frame(tl_config_object *object, tl_can_channel *channel) {
     }
 }
 
-/* Start, length and order. `length` is 0 where the file must say it. false: how many bits it has is not known. */
+/* Reads start, length and order. `length` 0: the file must give it. Returns false if the number of
+ * bits is unknown. */
 static bool read_field(tl_config_object *object, size_t most, size_t length, size_t bytes, tl_can_field *field) {
     static const char *const orders[] = {"intel", "motorola", NULL};
     static const tl_config_number start_rule = {
@@ -157,7 +159,7 @@ static void read_values(tl_config_object *object, int bits, tl_can_condition *co
     }
 }
 
-/* A multiplexor, and the one that it depends on itself, and so on. */
+/* Reads a multiplexor, then the one on which it depends, and so on. */
 static void read_multiplex(tl_config_object *outer, tl_can_channel *channel) {
     static const char *const example = "{\"start\": 0, \"length\": 4, \"value\": 3}";
     tl_config_object levels[TL_CAN_CONDITIONS];

@@ -1,4 +1,5 @@
-/* A change of the configuration: what differs, which right each key needs, and how it takes effect: see config_change.h. */
+/* Change of a configuration: finds the differences, their rights, and how they take effect: see
+ * config_change.h. */
 #include "firmware/config/config_change.h"
 
 #include <math.h>
@@ -31,7 +32,7 @@ static tl_status add(tl_allowed_names *allowed, tl_change_named kind, const char
 
 /* ---- a list ---- */
 
-/* "file NAME"; the name may have blanks within. */
+/* Parses "file NAME" or "library NAME"; the name may contain blanks. */
 static tl_status add_line(tl_allowed_names *allowed, const char *line, size_t length, unsigned number,
                           tl_error *error) {
     static const struct {
@@ -92,7 +93,7 @@ tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const ch
     return status != TL_OK ? status : c.status == TL_OK ? TL_OK : tl_fail(error, c.status, "%s", c.error.text);
 }
 
-/* ---- asking ---- */
+/* ---- queries ---- */
 
 bool tl_allowed_names_have(const tl_allowed_names *allowed, tl_change_named kind, const char *name) {
     for (size_t i = 0; i < allowed->count; i++) {
@@ -111,7 +112,7 @@ void tl_allowed_names_free(tl_allowed_names *allowed) {
     *allowed = (tl_allowed_names){.count = 0};
 }
 
-/* ---- The table of rules, and how a path finds its own. */
+/* ---- The table of rules, and the search of a rule for a path. */
 
 /* ---- values ---- */
 
@@ -120,7 +121,7 @@ static bool is_path(const cJSON *value) {
 }
 
 static void name(const cJSON *after, tl_change_named what, tl_change_needs *needs) {
-    needs->right = TL_RIGHT_COMMISSION; /* if it is gone */
+    needs->right = TL_RIGHT_COMMISSION; /* if the value is removed */
     needs->names = TL_NAMES_NOTHING;
     if (after != NULL) {
         needs->right = TL_RIGHT_BOX;
@@ -128,7 +129,7 @@ static void name(const cJSON *after, tl_change_named what, tl_change_needs *need
     }
 }
 
-/* A value of `set` that is a text may name a file, which the FMU may read then. */
+/* A text in `set` may be the name of a file, which the FMU could then read. */
 static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after)) {
@@ -138,7 +139,8 @@ static void judge_set(const cJSON *before, const cJSON *after, tl_change_needs *
     }
 }
 
-/* A name is looked up among the FMUs that are installed, and its hash says which file is meant; a path is any file. */
+/* A plain name is searched among the installed FMUs, and its hash identifies the file. A path could
+ * be any file. */
 static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     (void)before;
     if (is_path(after) || !tl_json_has_sibling(after, "sha256")) {
@@ -146,7 +148,7 @@ static void judge_fmu(const cJSON *before, const cJSON *after, tl_change_needs *
     }
 }
 
-/* What stands in place of a key that is left out, only a new twin finds in the FMU. */
+/* If the key is left out, the value comes from the FMU, and only a new twin reads it. */
 static void judge_given(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     if (before == NULL || after == NULL) {
         needs->kind = TL_CHANGE_NEW_TWIN;
@@ -160,7 +162,8 @@ static double number_of(const cJSON *value, double otherwise) {
     return cJSON_IsNumber(value) ? value->valuedouble : (double)NAN;
 }
 
-/* Whether an output is matched at all decides how far a horizon has to reach. */
+/* A weight of 0 removes an output from the match, which may change the necessary length of the
+ * horizon. */
 static void judge_weight(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = 1.0;
     if (!(number_of(before, usual) > 0.0 && number_of(after, usual) > 0.0)) {
@@ -168,7 +171,8 @@ static void judge_weight(const cJSON *before, const cJSON *after, tl_change_need
     }
 }
 
-/* From 1 tolerance on J is below 1 for the same differences as without it; a smaller one makes larger differences pass for within tolerance. */
+/* With a huber of at least 1 tolerance, J is below 1 for the same errors as without it. A smaller
+ * one would count larger errors as within tolerance. */
 static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double least = 1.0;
     (void)before;
@@ -177,7 +181,7 @@ static void judge_huber(const cJSON *before, const cJSON *after, tl_change_needs
     }
 }
 
-/* A twin has room for so many as it began with, and for as many as are usual. */
+/* A twin has memory for its initial number of evaluations, and at least for TL_TUNING_ROOM. */
 static void judge_evaluations(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     const double usual = TL_TUNING_ROOM;
     double most = fmax(usual, number_of(before, usual));
@@ -190,7 +194,7 @@ static bool has_sibling(const cJSON *before, const cJSON *after, const char *key
     return tl_json_has_sibling(before, key) || tl_json_has_sibling(after, key);
 }
 
-/* Which polls repeat a reading is decided where they are read: tl_config_repeats(). */
+/* io detects repeated polls with this value (tl_config_repeats()), so io must restart. */
 static void judge_polls(const cJSON *before, const cJSON *after, tl_change_needs *needs) {
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {
         if ((*row)->is_polled && has_sibling(before, after, (*row)->signal_key)) {
@@ -220,14 +224,15 @@ static void judge_stale(const cJSON *before, const cJSON *after, tl_change_needs
 #define RESTART TL_RULE_RETUNE
 #define RESTART_COMMISSIONED TL_RULE_COMMISSION
 
-/* An object that comes or goes as a whole needs what its own row says, and what those of all that is in it say. "**" decides a part
- * as a whole: what is added to it later follows. */
+/* An object that is added or removed as a whole needs what its own rule and the rules of all its
+ * parts require. A rule with "**" covers a whole part, including keys that are added to the format
+ * later. */
 const tl_change_rule tl_change_rules[] = {
-    /* what is about the whole */
+    /* the whole configuration */
     {"$schema", IN_PLACE, NULL},
     {"twinlock", RESTART, NULL},
-    {"name", RESTART, NULL},                /* titles and units are by it */
-    {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock is judged over steps */
+    {"name", RESTART, NULL},                /* summaries and the database contain it */
+    {"step_s", RESTART_COMMISSIONED, NULL}, /* the lock monitor counts steps */
     {"duration_s", RESTART_COMMISSIONED, NULL},
     /* FMUs */
     {"components", NEW_TWIN_COMMISSIONED, NULL},
@@ -245,16 +250,17 @@ const tl_change_rule tl_change_rules[] = {
     {"components.*.read[]", {TL_CHANGE_NEW_TWIN, TL_RIGHT_COMMISSION, TL_NAMES_FILE}, NULL},
     {"components.*.unconfined", NEW_TWIN_ON_THE_BOX, NULL},
     {"components.*.logging", NEW_TWIN, NULL},
-    /* where live signals come from: the process that reads them takes another one only with another run. The keys of each
-     * driver are in its own row. */
+    /* Sources of live signals: io opens other ones only in a new run. The rules for the keys of
+     * each driver are in its row.
+     */
     {"sources", RESTART_COMMISSIONED, NULL},
     {"sources.*", RESTART_COMMISSIONED, NULL},
-    /* signals: what is measured is what the twin is judged by */
+    /* Signals: a change of the measurements changes what the twin is matched with. */
     {"plant", RESTART_COMMISSIONED, NULL},
     {"plant.*", RESTART_COMMISSIONED, NULL},
     {"plant.*.type", RESTART_COMMISSIONED, NULL},
     {"plant.*.unit", NEW_TWIN, NULL},
-    {"plant.*.min", NEW_TWIN_COMMISSIONED, NULL}, /* what is out of range is not compared */
+    {"plant.*.min", NEW_TWIN_COMMISSIONED, NULL}, /* a value out of range is not compared */
     {"plant.*.max", NEW_TWIN_COMMISSIONED, NULL},
     {"plant.*.stale_s", NEW_TWIN_COMMISSIONED, judge_stale},
     {"plant.*.between", NEW_TWIN, NULL},
@@ -284,7 +290,7 @@ const tl_change_rule tl_change_rules[] = {
     {"synchronise.match.*.tolerance", IN_PLACE, judge_given},
     {"synchronise.match.*.weight", IN_PLACE, judge_weight},
     {"synchronise.match.*.huber", IN_PLACE, judge_huber},
-    {"synchronise.match.*.condition.**", NEW_TWIN_COMMISSIONED, NULL}, /* a filter decides what is measured */
+    {"synchronise.match.*.condition.**", NEW_TWIN_COMMISSIONED, NULL}, /* a filter changes the measurement */
     {"synchronise.epsilon", NEW_TWIN, NULL},
     {"synchronise.horizon.event.**", NEW_TWIN_COMMISSIONED, NULL},
     {"synchronise.horizon.**", NEW_TWIN, NULL},
@@ -313,7 +319,7 @@ const tl_change_rule tl_change_rules[] = {
 
 /* ---- looking up ---- */
 
-/* The next part of a pattern: "[]", or a key. */
+/* Length of the next part of a pattern: "[]", or a key. */
 static size_t part_length(const char *pattern) {
     return pattern[0] == '[' ? 2 : strcspn(pattern, ".[");
 }
@@ -352,7 +358,8 @@ const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth) {
     return rule;
 }
 
-/* A tuning tells numbers by the places of what they are of, a mail signals. */
+/* A tuning identifies values by the index of their variable, and the sample memory identifies
+ * signals by their index. */
 static tl_change_needs needs_of_order(const tl_change_rule *rule) {
     static const struct {
         const char *pattern;
@@ -385,12 +392,12 @@ tl_change_needs tl_change_needs_of(const tl_json_difference *difference) {
     return needs;
 }
 
-/* ---- The differences of two texts, each with what it needs. */
+/* ---- The differences of two texts, each with its requirements. */
 
 typedef struct collection {
     tl_config_change *change;
     const tl_allowed_names *allowed;
-    tl_config_edit edit; /* the last one: what is within it is still to come */
+    tl_config_edit edit; /* the last edit; differences within it may follow */
     bool has_edit;
 } collection;
 
@@ -403,7 +410,7 @@ static bool is_worse(tl_change_needs needs, tl_change_needs other) {
     return needs.kind != other.kind ? needs.kind > other.kind : needs.right > other.right;
 }
 
-/* The place of the last one that needs least. */
+/* Index of the last edit with the mildest requirements. */
 static size_t find_mildest(const tl_config_change *change) {
     size_t mildest = 0;
     for (size_t i = 1; i < change->listed; i++) {

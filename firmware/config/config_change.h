@@ -1,6 +1,8 @@
-/* A change of the configuration: what differs, which right each key needs, and how it takes effect.
+/* Change of a configuration: finds the differences, the right that each key requires, and how it
+ * takes effect.
  *
- * Thread:  one.
+ * Errors: as each function says; no problem is logged here.
+ * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_CONFIG_CHANGE_H
 #define TL_FIRMWARE_CONFIG_CONFIG_CHANGE_H
@@ -13,37 +15,41 @@
 #include "firmware/config/json_document.h"
 #include "master/base/status.h"
 
-/* ---- What a change of each key of a configuration needs: the table, and nothing else.
+/* ---- The table of rules: what a change of each key requires.
  *
- * Purpose: the one place in which it is decided what is changed in place, what takes a new twin or a new start, and who may do it. A test holds it
- *          against config/schema/twinlock-1.json, so that a new key has to be decided; until it is, a change of it is a restart and commissioning.
- * Patterns: keys from the root with dots between them; "*" is any key of an object of named entries, "[]" any element of an array, "**" at the end
- *          the part itself and whatever is below.
- * Thread:  pure functions.
+ * Purpose:  decides in one table whether a change is made in place, by a new twin or by a restart,
+ *           and who may make it. A test compares the table with config/schema/twinlock-1.json, so
+ *           that every new key gets a rule. A key without a rule requires a restart and the right
+ *           to commission.
+ * Patterns: keys from the root, separated by dots. "*" is any key of an object of named entries,
+ *           "[]" any element of an array, "**" at the end the part itself and all below.
+ * Thread:   pure functions.
  */
 
-/* What a value names that does not come by the network, unless it was named on the box before (config_change.h). */
+/* What a value names. A configuration from the network may use such a name only if it was named on
+ * the box before (see the allowed names below). */
 typedef enum tl_change_named {
     TL_NAMES_NOTHING,
-    TL_NAMES_FILE, /* or a FIFO, or a folder: to be read */
+    TL_NAMES_FILE, /* a file, FIFO or folder to be read */
     TL_NAMES_LIBRARY,
     TL_NAMES_FMU
 } tl_change_named;
 
 typedef struct tl_change_needs {
     tl_change_kind kind;
-    tl_change_right right; /* of what has a name: unless that is allowed; then TL_RIGHT_COMMISSION is enough */
-    tl_change_named names; /* of a rule: what the value, if it is there, names; so it comes from the box only */
+    tl_change_right right; /* of a value that names something: the right if the name is not allowed */
+    tl_change_named names; /* in a rule: what the value names, if there is one */
 } tl_change_needs;
 
 typedef struct tl_change_rule {
     const char *pattern;
     tl_change_needs needs;
-    /* Values that need more than the key does; NULL: none do. */
+    /* Raises the requirements for particular values; NULL: no value needs more. */
     void (*judge)(const cJSON *before, const cJSON *after, tl_change_needs *needs);
 } tl_change_rule;
 
-/* What keys of a driver need: a restart, and the right to retune or to commission; or the value names a file. */
+/* Requirements for keys of a driver: a restart, and the right to retune or to commission; or the
+ * value names a file. */
 #define TL_RULE_RETUNE                                                                                                 \
     { TL_CHANGE_RESTART, TL_RIGHT_RETUNE, TL_NAMES_NOTHING }
 #define TL_RULE_COMMISSION                                                                                             \
@@ -51,24 +57,31 @@ typedef struct tl_change_rule {
 #define TL_RULE_FILE                                                                                                   \
     { TL_CHANGE_RESTART, TL_RIGHT_COMMISSION, TL_NAMES_FILE }
 
-/* Of all keys but those of drivers, which have rules of their own (drivers.h). Each list is ended by a rule without a pattern; the first that
- * matches a path counts. */
+/* Rules of all keys except those of drivers, which have their own (drivers.h). A rule without a
+ * pattern ends each list. The first rule that matches a path applies. */
 extern const tl_change_rule tl_change_rules[];
 
-/* The one of a path; NULL: none, and a change there is the worst of all. */
+/* Returns the rule of a path. NULL: there is none; then a change needs a restart and the right to
+ * commission. */
 const tl_change_rule *tl_change_rule_of(const tl_json_step *way, size_t depth);
 
-/* What this difference by itself needs, without what is within it. Another order of keys is none, but of what is matched and adjusted, and of signals: a twin knows these by
- * their places. */
+/* Returns the requirements of this difference alone, without those within it. The order of keys is
+ * ignored, except for matched and adjusted variables and for signals, because a twin identifies
+ * these by their index. */
 tl_change_needs tl_change_needs_of(const tl_json_difference *difference);
 
-/* ---- Names of files and libraries that a configuration from the network may have.
+/* ---- Names of files and libraries that a configuration from the network may use.
  *
- * Purpose: a library is native code, and a file is read by whoever may read it. So of those a configuration that does not come from the box names only what somebody on
- *          the box has named before: the administrator in a list, the active configuration, the file on the box.
- * Compare: names are compared as they are written, byte for byte. So nothing is looked up, no link is followed, and no ".." leads anywhere else.
- * Kinds:   a file that may be read is no library that may be loaded: who may write the one would bring code by the other.
- * Owner:   the caller places it; zeroed it is empty. tl_allowed_names_free() frees what it holds.
+ * Purpose: a library is native code, and our processes may read more files than the sender. So a
+ *          configuration from the network may use only names that were named on the box before: in
+ *          the administrator's list, in the active configuration, or in the configuration file on
+ *          the box. An allowed name needs only TL_RIGHT_COMMISSION.
+ * Compare: names are compared byte for byte, as written. No path is resolved and no link followed;
+ *          ".." has no special meaning.
+ * Kinds:   permission to read a file does not include permission to load it as a library. Otherwise
+ *          a person who can write the file could inject code.
+ * Owner:   the caller owns the struct; zeroed it is empty. tl_allowed_names_free() frees its
+ *          contents.
  * Thread:  one thread.
  */
 
@@ -80,54 +93,61 @@ typedef struct tl_allowed_names {
     size_t count;
 } tl_allowed_names;
 
-/* Those of an administrator's list: lines "file NAME" or "library NAME"; empty ones, and those that begin with #, say nothing. Other than these it is wrong as a whole.
- * Errors: TL_BAD_DATA, with the line; TL_TRY_AGAIN. */
+/* Adds the names of an administrator's list: lines "file NAME" or "library NAME". Empty lines and
+ * lines that begin with # are ignored. Any other line makes the whole list invalid. Errors:
+ * TL_BAD_DATA, with the line; TL_TRY_AGAIN. */
 tl_status tl_allowed_names_add_list(tl_allowed_names *allowed, const char *text, tl_error *error);
 
-/* Those that a configuration has. Errors: TL_BAD_DATA for a text that is no JSON; TL_TRY_AGAIN. */
+/* Adds the names that a configuration uses. Errors: TL_BAD_DATA if the text is not JSON;
+ * TL_TRY_AGAIN. */
 tl_status tl_allowed_names_add_configuration(tl_allowed_names *allowed, const char *text, tl_error *error);
 
 bool tl_allowed_names_have(const tl_allowed_names *allowed, tl_change_named kind, const char *name);
 
 void tl_allowed_names_free(tl_allowed_names *allowed);
 
-/* ---- What the change from one configuration to another is, and what it needs.
+/* ---- The change from one configuration to another, and its requirements.
  *
- * Purpose: a configuration is changed in the way that the worst of its differences needs, by who may make all of them.
- * Order:   of keys counts as nothing, but in `match` and `adjust` (config_change.h).
- * Default: a key with its default value and a key left out are two different configurations; nothing is guessed.
+ * Purpose: the strictest of all differences decides how the configuration is changed, and which
+ *          right is needed.
+ * Order:   the order of keys is ignored, except in `match`, `adjust` and among signals (see
+ *          tl_change_needs_of()).
+ * Default: a key with its default value and a key left out are different.
  * Thread:  one thread; plain data.
  */
 
 enum { TL_CONFIG_EDITS = 64, TL_CONFIG_BARRED = 8, TL_CONFIG_EDIT_SHOWN = 64 };
 
-/* One difference. An object or array that came or went as a whole is one, with what everything in it needs. */
+/* One difference. An object or array that was added or removed as a whole is one difference; its
+ * requirements include those of all parts. */
 typedef struct tl_config_edit {
     char path[TL_JSON_PATH];
-    char before[TL_CONFIG_EDIT_SHOWN]; /* as JSON, cut; "": it was not there */
-    char after[TL_CONFIG_EDIT_SHOWN];  /* "": it is no more */
+    char before[TL_CONFIG_EDIT_SHOWN]; /* as JSON, cut; "": the key was absent */
+    char after[TL_CONFIG_EDIT_SHOWN];  /* as JSON, cut; "": the key was removed */
     tl_change_needs needs;
 } tl_config_edit;
 
-/* A value that only somebody on the box may give, within an edit or an edit itself. */
+/* A value that may only be given on the box: an edit, or a part of one. */
 typedef struct tl_config_barred {
     char path[TL_JSON_PATH];
     char found[TL_CONFIG_EDIT_SHOWN]; /* as JSON, cut */
     tl_change_named names;
-    bool is_installed; /* of an FMU: without its sha256, and else it would do */
+    bool is_installed; /* an installed FMU that would be allowed if its sha256 were given */
 } tl_config_barred;
 
 typedef struct tl_config_change {
-    tl_change_needs needs; /* of all of them: the worst kind, the higher right */
-    size_t count;          /* of edits, */
-    size_t listed;         /* of them listed: if there is no room for all, those that need most */
+    tl_change_needs needs; /* of all edits: the strictest kind, the highest right */
+    size_t count;          /* number of edits, */
+    size_t listed;         /* of which listed; if there are too many, those with the strictest requirements */
     tl_config_edit edits[TL_CONFIG_EDITS];
-    size_t barred; /* values; the first ones are listed */
+    size_t barred; /* number of values; the first ones are listed */
     tl_config_barred bar[TL_CONFIG_BARRED];
 } tl_config_change;
 
-/* `in_force` and `candidate` are texts of configurations that were read without a problem (config.h). `allowed`: names that take no right beyond commissioning.
- * Errors: TL_BAD_DATA for one that is no JSON after all; TL_TRY_AGAIN where memory is out. `change` is empty then. */
+/* Finds all differences. `in_force` (the active configuration) and `candidate` are texts that were
+ * read without a problem (config.h). `allowed`: names that need no right above commissioning.
+ * Errors: TL_BAD_DATA if a text is not JSON; TL_TRY_AGAIN if memory is out. `change` is empty then.
+ */
 tl_status tl_config_change_find(const char *in_force, size_t in_force_size, const char *candidate,
                                 size_t candidate_size, const tl_allowed_names *allowed, tl_config_change *change,
                                 tl_error *error);

@@ -4,7 +4,7 @@
 #include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
 
-/* Its path is as written. */
+/* The path is kept as written. */
 static void read_source(tl_config_object *object, tl_config_source *source) {
     tl_csv_settings *settings = source->settings;
     settings->path = "";
@@ -13,7 +13,7 @@ static void read_source(tl_config_object *object, tl_config_source *source) {
     (void)tl_config_get_text(object, "time_column", TL_CONFIG_OPTIONAL, "\"time\"", &settings->time_column);
 }
 
-/* The column is that of recordings, too. */
+/* Recordings use the same column. */
 static void read_signal(tl_config_object *object, const cJSON *named, tl_config_signal *signal) {
     const char **column = signal->channel;
     (void)named;

@@ -1,4 +1,5 @@
-/* `delays`: the chains by which signals reach the plant and the simulation, and what they amount to. */
+/* `delays`: reads the chains by which signals reach plant and simulation, and computes their
+ * delays. */
 
 #include <stdio.h>
 #include <string.h>
@@ -42,7 +43,7 @@ static void read_participants(tl_config_object *object, tl_config_need need, tl_
     }
 }
 
-/* The participant that an item names; NOBODY, and reported, where it names none. */
+/* Returns the participant that an item names, or NOBODY after it was reported. */
 static size_t find_participant(const tl_config_object *object, const cJSON *item, const char *path,
                                const tl_config_delays *delays) {
     char expected[EXPECTED];
@@ -60,7 +61,7 @@ static size_t find_participant(const tl_config_object *object, const cJSON *item
 
 /* ---- synchronous ---- */
 
-/* A participant joins the group of the array that begins at `first`. */
+/* Adds a participant to the group whose first participant is *first. */
 static void join_group(const tl_config_object *object, const cJSON *item, const char *path, size_t *first,
                        bool *grouped, tl_config_delays *delays) {
     size_t index = find_participant(object, item, path, delays);
@@ -108,7 +109,7 @@ static void read_synchronous(tl_config_object *object, tl_config_delays *delays)
 
 /* ---- chains ---- */
 
-/* The indices of a chain; false where one of them is wrong. */
+/* Reads the indices of a chain. Returns false if one is invalid. */
 static bool read_parts(const tl_config_object *object, const cJSON *array, const char *path,
                        const tl_config_delays *delays, tl_config_chain *chain) {
     const cJSON *item = NULL;
@@ -126,7 +127,7 @@ static bool read_parts(const tl_config_object *object, const cJSON *array, const
     return right;
 }
 
-/* One chain; false where something is wrong with it. */
+/* Reads one chain. Returns false if it is invalid. */
 static bool read_chain(tl_config_object *object, const char *key, const char *example, const tl_config_delays *delays,
                        tl_config_chain *chain) {
     char path[TL_JSON_PATH];
@@ -154,7 +155,8 @@ static bool read_chain(tl_config_object *object, const char *key, const char *ex
     return true;
 }
 
-/* `input` or `output`; true where it is there and right, and then its delay is known: by how much the simulation is later. */
+/* Reads `input` or `output`. Returns true if it is present and valid. Sets `delay`: by how much the
+ * simulation is later. */
 static bool read_pair(tl_config_object *object, const char *key, tl_config_delays *delays, tl_config_pair *pair) {
     static const char *const plant = "[\"bus\", \"plant\", \"bus\"]";
     static const char *const simulation = "[\"bus\", \"acquisition\", \"simulation\"]";
@@ -168,7 +170,7 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
     if (item == NULL) {
         return false;
     }
-    if (cJSON_IsNumber(item)) { /* the delay itself: a measured one, say */
+    if (cJSON_IsNumber(item)) { /* the delay itself, for example a measured one */
         bool is_right = tl_config_get_number(object, key, &seconds_rule, &seconds);
         pair->delay = tl_time_of_seconds(seconds);
         return is_right;
@@ -185,9 +187,9 @@ static bool read_pair(tl_config_object *object, const char *key, tl_config_delay
     return right;
 }
 
-/* ---- what they amount to ---- */
+/* ---- resulting shifts ---- */
 
-/* Samples are kept for so long. */
+/* Samples are only kept for this time. */
 static void check_near(const tl_config_object *object, const char *key, tl_time shift, tl_time wait, tl_time step) {
     char found[FOUND];
     char expected[EXPECTED];
@@ -202,12 +204,13 @@ static void check_near(const tl_config_object *object, const char *key, tl_time 
     tl_config_wrong(object, key, found, expected, NULL);
 }
 
-/* Eq. 4.15 counts from the command on, so Δo has Δi in it: where inputs are shifted, less is left for outputs. */
+/* Eq. 4.15 counts from the command, so Δo includes Δi. If inputs are shifted by Δi, outputs are
+ * shifted by less. */
 static void find_shifts(const tl_config_object *object, tl_time step, tl_config_delays *delays) {
     const tl_config_chain *last = &delays->output.plant;
     tl_time renewed = step;
     if (step <= 0) {
-        return; /* it is wrong, and that was said */
+        return; /* invalid; reported before */
     }
     if (delays->has_input) {
         check_near(object, "input", delays->input.delay, 0, step);
@@ -220,12 +223,12 @@ static void find_shifts(const tl_config_object *object, tl_time step, tl_config_
     check_near(object, "output", delays->shift, delays->wait, step);
 }
 
-/* The most that N, one more than the range in steps, lets be. */
+/* The largest range that TL_DELAY_LAGS permits: N is one more than the range in steps. */
 static tl_time longest_range(tl_time step) {
     return (TL_DELAY_LAGS - 1) * step;
 }
 
-/* `true`, or an object. */
+/* Reads `true` or an object. */
 static void read_measure(tl_config_object *object, tl_time step, tl_config_delays *delays) {
     static const char *const expected = "true or an object";
     static const char *const example = "{\"range_s\": 0.1}";

@@ -12,7 +12,7 @@ static void read_source(tl_config_object *object, tl_config_source *source) {
     (void)tl_config_get_text(object, "chip", TL_CONFIG_OPTIONAL, "\"gpiochip0\"", &settings->chip);
 }
 
-/* A line by its name, or by its offset on the chip of the source. */
+/* A line is given by its name, or by its offset on the chip of the source. */
 static void read_line(tl_config_object *object, const cJSON *source, tl_gpio_channel *channel) {
     static const tl_config_number rule = {.whole = true, .maximum = 65535, .example = "3"};
     double offset = 0;
@@ -42,7 +42,7 @@ static void read_bias(tl_config_object *object, tl_gpio_channel *channel) {
     }
 }
 
-/* Both NULL, or both the same text. */
+/* Returns true if both are NULL or equal. */
 static bool is_same(const char *a, const char *b) {
     return a == NULL || b == NULL ? a == b : strcmp(a, b) == 0;
 }
@@ -52,7 +52,7 @@ static const char *chip_of(const tl_config_source *source) {
     return settings->chip;
 }
 
-/* A line can be requested once. */
+/* The kernel allows only one request for a line. */
 static void check_once(const tl_config_object *object, const tl_config_signal *signal) {
     const tl_config *config = object->reader->config;
     const tl_config_source *source = &config->sources[signal->source];

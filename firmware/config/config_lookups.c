@@ -1,18 +1,20 @@
-/* Where each signal of the plant is looked up, where `delays` shift inputs and outputs by different times, or where what lies between two readings
- * waits for the next one (`between`; firmware/plant/plant_input.c says what it is).
+/* Look-ups: computes the instant at which each signal of the plant is looked up, from `delays`,
+ * `between` and `condition` (firmware/plant/plant_input.c does the look-up).
  *
- * Only in mode lag a step waits; in the others the last reading stands, whatever is asked for (`check` says so): a line that is drawn on beyond the
- * last one takes its noise along several times over.
- * The wait is a fixed one: `every_s` of the slowest such signal, for inputs and for outputs, and a macro step more for a mean over it. All of a kind
- * are looked up as far back, so that all of what belongs to an instant is in one sample.
- *
- * What is done to the readings of a signal before they are matched (`condition`; plant/conditioner.c) makes them come later, and that is waited for as well: the
- * half of a median's readings, every_s each, and the time constant of a low-pass, which is its lag. What a low-pass
- * gives lies between the readings' stamps, and therefore is looked up on the line, whatever is asked for.
- *
- * A sample has one value for each signal. One that feeds an input and is matched as well is looked up twice: it is there a second time,
- * behind the others, as NAME@match, which is no name that a user can give. Behind these, what is matched otherwise than as it was read is there once
- * more, as it came, if there is room: NAME@reading.
+ * Between:   only in mode lag a step can wait for the next reading. In the other modes the last
+ *            reading is used, whatever is configured (`check` reports this). Extrapolation from the
+ *            last readings would amplify their noise several times.
+ * Wait:      it is fixed: `every_s` of the slowest such signal, for inputs and for outputs
+ *            separately, plus one macro step for a mean. All inputs, and all outputs, are looked up
+ *            with the same wait, so that one sample contains all values of an instant.
+ * Condition: conditioning (plant/conditioner.c) delays the readings of a matched signal: half of
+ *            the median's readings, every_s each, and the time constant of a low-pass, which is its
+ *            lag. A step waits for this too, except in mode ahead. The low-pass is evaluated
+ *            between the readings' stamps, so it is always looked up on the line.
+ * Names:     a sample has one value per signal. If a signal feeds an input and is matched too, the
+ *            sample contains it a second time, after all others, as NAME@match; a user cannot
+ *            define such a name. A matched signal that is conditioned or on a line is included once
+ *            more, as it came, if there is room: NAME@reading.
  */
 #include "firmware/config/config_reader.h"
 #include "firmware/config/drivers.h"
@@ -41,7 +43,8 @@ static void note_input(tl_config *config, const char *reference) {
     }
 }
 
-/* Fills in what each signal is used for. It is looked up once for all matches: the first one that asks for a line, or for a condition, decides. */
+/* Records how each signal is used. All matches of a signal share one look-up: the first one with a
+ * line, or with a condition, decides. */
 static void note_uses(tl_config *config) {
     note_input(config, config->event.start.signal);
     for (size_t i = 0; i < config->connection_count; i++) {
@@ -59,9 +62,9 @@ static void note_uses(tl_config *config) {
     }
 }
 
-/* From one message of what is matched to the next, at most. */
+/* Returns the longest interval between two messages of the matched signals. */
 static tl_time longest_wait(const tl_config *config) {
-    static const tl_time unknown = 5; /* steps, if none of them says it */
+    static const tl_time unknown = 5; /* steps, if no signal gives every_s */
     tl_time longest = 0;
     for (size_t i = 0; i < config->signal_count; i++) {
         const tl_config_signal *signal = &config->signals[i];
@@ -80,7 +83,7 @@ uint32_t tl_config_free_twin_guard(const tl_config *config) {
     tl_time wait = longest_wait(config);
     tl_time memory = 0;
     for (size_t i = 0; i < config->match_count; i++) {
-        /* As good as forgotten after three time constants. */
+        /* After three time constants the filter has practically forgotten a value. */
         const tl_condition *condition = &config->conditions[i];
         tl_time own = (condition->median > 1 ? (tl_time)(condition->median - 1) * wait : 0) + 3 * condition->low_pass;
         memory = own > memory ? own : memory;
@@ -113,7 +116,7 @@ static void look_up_as_input(const tl_config *config, tl_config_signal *signal) 
     signal->next = false;
 }
 
-/* What it is between two readings, where it is matched. */
+/* How a matched signal is looked up between two readings. */
 static tl_between output_between(const tl_config *config, const tl_config_signal *signal) {
     bool is_smooth = config->measurements != TL_AHEAD && signal->matched_condition.low_pass > 0;
     return is_smooth ? TL_BETWEEN_LINE : config->measurements == TL_LAG ? signal->as_output : TL_BETWEEN_LAST;
@@ -127,17 +130,17 @@ static void look_up_as_output(const tl_config *config, tl_config_signal *signal)
     signal->condition = signal->matched_condition;
 }
 
-/* ---- what waits for a next reading ---- */
+/* ---- waiting for a next reading ---- */
 
-/* What stands at a path of the file. */
+/* Returns the object at a path of the file. */
 static tl_config_object object_at(const tl_config_object *root, const char *where) {
-    const char *path = where != NULL ? where : ""; /* if memory was out */
+    const char *path = where != NULL ? where : ""; /* memory was out when the path was copied */
     tl_config_object place = {.reader = root->reader, .json = tl_json_nearest(root->json, path)};
     (void)snprintf(place.path, sizeof place.path, "%s", path);
     return place;
 }
 
-/* What has to be where a signal is looked up between two readings; `place` asks for it. */
+/* Checks the requirements for a look-up between two readings, which `place` requests. */
 static void check_wait(const tl_config_object *root, const tl_config_object *place, const tl_config *config,
                        const tl_config_signal *signal) {
     static const char *const no_more = "at most 1000 times step_s";
@@ -168,7 +171,7 @@ static void check_input(const tl_config_object *root, const tl_config *config, c
     check_wait(root, &place, config, signal);
 }
 
-/* A reading is conditioned once, whoever is matched with it. */
+/* A reading is conditioned once for all its matches. */
 static bool is_same_condition(const tl_condition *one, const tl_condition *other) {
     return one->median == other->median && one->low_pass == other->low_pass && !(one->gate < other->gate) &&
            !(one->gate > other->gate);
@@ -192,7 +195,7 @@ tl_time tl_config_condition_lag(const tl_config *config, size_t match) {
     return lag_of(config, &config->signals[tl_config_signal_of(config, config->match[match].to)]);
 }
 
-/* What stands beside a "to", of the signal that it leads to. */
+/* Checks the condition beside a "to"; `signal` is the target. */
 static void check_condition(const tl_config_object *place, const tl_config *config, size_t index,
                             const tl_config_signal *signal) {
     const tl_condition *own = &config->conditions[index];
@@ -229,7 +232,7 @@ static tl_time longer(tl_time a, tl_time b) {
     return a > b ? a : b;
 }
 
-/* Of what is too long, which was told, there is none. */
+/* A look-up that is too long was reported before; then none is used. */
 static tl_delay_lookup place(tl_time shift, tl_time wait, tl_time step) {
     tl_time longest = (tl_time)2 * TL_CONFIG_LONGEST_SHIFT * step;
     bool is_wrong = step <= 0 || shift > longest || shift < -longest || wait > longest;
@@ -260,8 +263,9 @@ static void find_lookups(tl_config_object *root, tl_config *config) {
 
 /* ---- look-ups ---- */
 
-/* A further look-up of a signal, a copy of the one at `from`, behind the others: "plant.NAME@match" or such; `names`: of each match. NULL: memory is
- * out. */
+/* Adds a further look-up of a signal after all others, a copy of the one at `from`, with the name
+ * "plant.NAME" + suffix. Sets `names` of the matches of this signal. Returns NULL if memory is out.
+ */
 static tl_config_signal *add_look_up(tl_config_reader *reader, tl_config *config, size_t from, const char *suffix,
                                      const char **names) {
     tl_config_signal *signal = &config->signals[config->signal_count + config->second_count];
@@ -290,7 +294,7 @@ static void add_second(tl_config_reader *reader, tl_config *config, size_t first
     }
 }
 
-/* Of the look-up of a signal that is matched. */
+/* Adds NAME@reading for a matched look-up. */
 static void add_reading(tl_config_reader *reader, tl_config *config, size_t matched) {
     tl_config_signal *signal = add_look_up(reader, config, matched, TL_CONFIG_READING, config->reading_as);
     if (signal != NULL) {
@@ -303,7 +307,8 @@ static void add_reading(tl_config_reader *reader, tl_config *config, size_t matc
     }
 }
 
-/* What is matched as it was read needs none; and there may be no room for it. */
+/* A matched signal that is used as it came needs no NAME@reading. If there is no room, it is left
+ * out. */
 static void add_readings(tl_config_reader *reader, tl_config *config) {
     size_t count = config->signal_count + config->second_count;
     for (size_t i = 0; i < count; i++) {
@@ -344,7 +349,7 @@ void tl_config_place_lookups(tl_config_object *root, tl_config *config) {
         config->matched_as[i] = config->match[i].to;
     }
     if (config->matched_between == NULL || config->conditions == NULL ||
-        config->signal_count > TL_MAX_SIGNALS) { /* nothing, or too many: reported already */
+        config->signal_count > TL_MAX_SIGNALS) { /* absent, or too many signals: reported before */
         return;
     }
     note_uses(config);

@@ -27,7 +27,7 @@ static void read_tcp_source(tl_config_object *object, tl_config_source *source) 
     settings->port = (uint16_t)port;
 }
 
-/* As written. */
+/* The path is kept as written. */
 static const char *device_of(const tl_config_source *source) {
     const tl_modbus_settings *settings = source->settings;
     return settings->line.device;
@@ -91,7 +91,8 @@ static void read_rtu_source(tl_config_object *object, tl_config_source *source) 
 
 /* ---- plant.NAME.modbus ---- */
 
-/* 0, 255: the device itself, behind no gateway; 0 on a line is everybody, and nobody answers. */
+/* 0 and 255 address the device itself, without a gateway. On a serial line, 0 is a broadcast, and
+ * no device answers it. */
 static void read_unit_id(tl_config_object *object, const cJSON *source, tl_modbus_channel *channel) {
     static const char *const line[] = {"modbus_rtu", NULL};
     static const tl_config_number rule = {
@@ -129,7 +130,7 @@ static void read_table_and_type(tl_config_object *object, tl_modbus_channel *cha
     }
 }
 
-/* After the type: the last register must exist. */
+/* Called after the type is known, because the last register must exist. */
 static void read_address(tl_config_object *object, tl_modbus_channel *channel) {
     static const tl_config_number rule = {
         .need = TL_CONFIG_REQUIRED, .whole = true, .maximum = 65535, .example = "100"};
@@ -165,10 +166,11 @@ static void read_signal(tl_config_object *object, const cJSON *named, tl_config_
 
 /* ---- the rows ---- */
 
-/* Resolving a host name cannot be interrupted and has time limits of its own. */
+/* The resolution of a host name cannot be interrupted and has its own time limits. */
 static const tl_time RESOLVE = 60 * TL_SECOND;
 
-/* Time-outs of a poll between two readings: to connect, and for a request that the device refuses in three shapes. */
+/* Time-outs of a poll between two readings: one to connect, three for a request that the device
+ * rejects in three forms. */
 enum { WAITS = 4 };
 
 /* Bits of the longest request and its response on a serial line. */
@@ -189,7 +191,7 @@ static void reach_line(const tl_config_source *source, tl_source_reach *reach) {
     reach->wait = WAITS * (tl_time_of_seconds(settings->timeout_s) + LINE_BITS * TL_SECOND / settings->line.baud);
 }
 
-/* By TCP there is no path. */
+/* TCP: `path` is NULL. */
 static tl_status open_modbus(const tl_config_source *source, const char *path, const void *channels, size_t count,
                              tl_plant_io **io, tl_error *error) {
     tl_modbus_settings settings = *(const tl_modbus_settings *)source->settings;

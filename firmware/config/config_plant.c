@@ -1,4 +1,5 @@
-/* `sources` and `plant`: where the plant's values come from, and what they are. */
+/* `sources` and `plant`: reads the sources of the plant's values, and the properties of its
+ * signals. */
 
 #include <math.h>
 #include <stdio.h>
@@ -16,7 +17,7 @@ static const tl_config_map SIGNALS = {
 
 /* ---- sources ---- */
 
-/* Names all kinds, or those that the entry has. */
+/* Lists all kinds, or only those of the entry. */
 static void list_kinds(tl_config_object *entry, bool all, const char *before, char *text, size_t size) {
     size_t used = (size_t)snprintf(text, size, "%s", before);
     const char *comma = "";
@@ -29,7 +30,7 @@ static void list_kinds(tl_config_object *entry, bool all, const char *before, ch
 }
 
 static void read_of_kind(tl_config_object *entry, const tl_driver *row, tl_config_source *source) {
-    /* Devices need not be asked more often than a step can be short. */
+    /* The shortest period equals the shortest step. */
     static const tl_config_number period = {.minimum = 1e-5, .maximum = 3600, .example = "0.1"};
     tl_config_object object;
     void *settings = tl_config_take(entry->reader, 1, row->settings_bytes);
@@ -85,9 +86,10 @@ void tl_config_read_sources(tl_config_object *root, tl_config *config) {
     tl_config_each(&map, read_named_source, config);
 }
 
-/* ---- plant.NAME.KEY: where its live source has it ---- */
+/* ---- plant.NAME.KEY: the address of a signal in its live source ---- */
 
-/* The kinds of sources that such signals have, ended by NULL, and how they are called. */
+/* Lists the kinds of sources that such signals can have, ended by NULL, and a text with their
+ * names. */
 static void find_kinds(const tl_driver *row, const char *kinds[TL_MAX_DRIVERS + 1], char *what, size_t size) {
     size_t count = 0;
     size_t used = (size_t)snprintf(what, size, "the name of a ");
@@ -103,12 +105,14 @@ static void find_kinds(const tl_driver *row, const char *kinds[TL_MAX_DRIVERS + 
     }
 }
 
-/* Whether its settings were read, and by a row of the same signals: a source that is wrong may have several. */
+/* Returns true if a row with the same signal key has read the source. An invalid source may have
+ * several kinds. */
 static bool is_read_by(const tl_config_source *source, const tl_driver *row) {
     return source->driver != NULL && strcmp(source->driver->signal_key, row->signal_key) == 0;
 }
 
-/* Reads the name of a source, and finds its index. Returns the source in the file, or NULL where there is none. */
+/* Reads the name of a source and sets the signal's source index. Returns the source in the file, or
+ * NULL. */
 static const cJSON *read_source_name(tl_config_object *object, const tl_driver *row, tl_config_signal *signal) {
     const tl_config_need need = row->source_is_optional ? TL_CONFIG_OPTIONAL : TL_CONFIG_REQUIRED;
     const tl_config *config = object->reader->config;
@@ -119,7 +123,7 @@ static const cJSON *read_source_name(tl_config_object *object, const tl_driver *
     const cJSON *item = NULL;
     const cJSON *sources = cJSON_GetObjectItemCaseSensitive(object->reader->root, "sources");
     if (!tl_config_get_text(object, "source", need, "\"plc\"", &name) ||
-        (sources != NULL && !cJSON_IsObject(sources))) { /* reported where it stands */
+        (sources != NULL && !cJSON_IsObject(sources))) { /* reported with the section */
         return NULL;
     }
     cJSON_ArrayForEach(item, sources) {
@@ -141,7 +145,7 @@ static const cJSON *read_source_name(tl_config_object *object, const tl_driver *
     return NULL;
 }
 
-/* One live source at most: what a further one says is checked, and left. */
+/* A signal has at most one live source. A further one is validated and ignored. */
 static void read_channel(tl_config_object *entry, const tl_driver *row, tl_config_signal *signal) {
     tl_config_object object;
     tl_config_signal further = *signal;
@@ -198,7 +202,8 @@ static void read_limits(tl_config_object *entry, tl_config_signal *signal) {
     }
 }
 
-/* What it is between two readings. Whether it feeds an input, and what else has to be, is known later: config_lookups.c. */
+/* Reads `between` and every_s. config_lookups.c checks later whether the signal feeds an input, and
+ * what else is required. */
 static void read_between(tl_config_object *entry, tl_config_signal *signal) {
     static const char *const choices[] = {
         [TL_BETWEEN_LAST] = "last", [TL_BETWEEN_LINE] = "line", [TL_BETWEEN_MEAN] = "mean", NULL};
@@ -206,7 +211,7 @@ static void read_between(tl_config_object *entry, tl_config_signal *signal) {
     (void)tl_config_get_choice(entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
     signal->as_input = (tl_between)between;
     bool is_given = tl_config_get(entry, "every_s", TL_CONFIG_OPTIONAL, NULL, NULL) != NULL;
-    signal->every = is_given ? 1 : 0; /* what is wrong is not missing as well */
+    signal->every = is_given ? 1 : 0; /* an invalid value must not be reported as missing too */
     (void)tl_config_get_duration(entry, "every_s", TL_CONFIG_OPTIONAL, "0.04", &signal->every);
 }
 
@@ -222,7 +227,7 @@ static void read_signal(tl_config_object *entry, tl_config_signal *signal) {
     read_between(entry, signal);
     if (understood) {
         read_initial(entry, &signal->plan);
-    } else { /* its type is not known either */
+    } else { /* the type is invalid, so `initial` cannot be checked */
         (void)tl_config_get(entry, "initial", TL_CONFIG_OPTIONAL, NULL, NULL);
     }
     for (const tl_driver *const *row = tl_drivers; *row != NULL; row++) {

@@ -1,4 +1,4 @@
-/* Reads values of a configuration and reports its problems; private to this folder but for the problems: see config_reader.h. */
+/* Configuration reader: reads values and reports problems: see config_reader.h. */
 #include "firmware/config/config_reader.h"
 
 #include <assert.h>
@@ -70,7 +70,8 @@ static void report_reference(const tl_config_reader *reader, const char *path, s
     tl_config_problem(reader, path, line, found, expected, example);
 }
 
-/* That the name before or after the dot is in its section; else the nearest that is, or all of them, are expected. */
+/* Checks that the section has the name before or after the dot. Otherwise the problem proposes the
+ * nearest name, or all names. */
 static void check_known(const tl_config_reader *reader, const char *path, size_t line, const char *text, bool signal) {
     char name[NAME_CHARS + 1];
     char variable[TL_JSON_SHOWN];
@@ -83,7 +84,7 @@ static void check_known(const tl_config_reader *reader, const char *path, size_t
     if (!cJSON_IsObject(section) || cJSON_GetObjectItemCaseSensitive(section, name) != NULL) {
         return;
     }
-    /* Only as many keys are offered as a valid section has, so that a hostile file takes no longer. */
+    /* Compares with no more keys than a valid section has, to limit the time for a hostile file. */
     tl_nearest nearest = {.text = name};
     size_t left = TL_MAX_SIGNALS;
     for (const cJSON *entry = section->child; entry != NULL && left > 0; entry = entry->next, left--) {
@@ -100,7 +101,7 @@ static void check_known(const tl_config_reader *reader, const char *path, size_t
     report_reference(reader, path, line, text, what, example);
 }
 
-/* NAME.anything, plant.NAME */
+/* Form: NAME.anything, or plant.NAME. */
 static bool has_shape(const char *text, bool signal) {
     const char *dot = strchr(text, '.');
     return dot != NULL && is_name(text, (size_t)(dot - text)) && dot[1] != '\0' && tl_text_is_plain(dot) &&
@@ -132,7 +133,7 @@ void tl_config_check_reference_of(const tl_config_object *object, const char *ke
                               text, target);
 }
 
-/* ---- Typed access to cJSON items; every problem passes through tl_config_problem(). */
+/* ---- Typed access to cJSON items; tl_config_problem() reports every problem. */
 
 enum { EXPECTED_READER = 320 };
 
@@ -348,7 +349,7 @@ void tl_config_done(const tl_config_object *object) {
 
 /* ---- values ---- */
 
-/* "a whole number from 1 to 65535", "a number > 0, at most 1e+09", "a number". */
+/* Writes "a whole number from 1 to 65535", "a number > 0, at most 1e+09", "a number". */
 static void describe_range(const tl_config_number *rule, char *expected, size_t size) {
     char low[64] = "";
     char high[64] = "";
@@ -457,7 +458,7 @@ bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_n
         used += (size_t)snprintf(expected + used, sizeof expected - used, "%s\"%s\"", before, choices[i]);
     }
     (void)snprintf(quoted, sizeof quoted, "\"%s\"", choices[0]);
-    const char *example = choices[1] != NULL ? quoted : NULL; /* of one choice nobody needs an example */
+    const char *example = choices[1] != NULL ? quoted : NULL; /* a single choice needs no example */
     const cJSON *item = tl_config_get(object, key, need, expected, example);
     if (item == NULL) {
         return false;

@@ -1,6 +1,7 @@
-/* Reads the sections of a configuration and their values, and reports its problems; private to this folder.
+/* Configuration reader: reads sections and values of a configuration and reports problems; private
+ * to this folder.
  *
- * Thread:  one.
+ * Memory: the configuration's arena. Thread: one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_CONFIG_READER_H
 #define TL_FIRMWARE_CONFIG_CONFIG_READER_H
@@ -15,27 +16,30 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- Reads typed values out of a parsed configuration and says what is wrong with them.
+/* ---- Reads typed values from a parsed configuration and reports invalid ones.
  *
- * Purpose: so that each key of config/SPEC.md is one call that names its type, range, default and example.
- * Problems: all have one shape, "line 12: found "0.1" (text), expected a number > 0, for example 0.1", reported at
- *          the JSON path of the value. Reading goes on after a problem.
- * Defaults: a function that returns false left its target alone: set the default before the call.
- * Unknown keys: an object remembers which keys were asked for; tl_config_done() reports the others.
- * Owner:   texts point into the JSON tree, paths into the reader's arena.
+ * Purpose:      each key of config/SPEC.md is one call that names its type, range, default and
+ *               example.
+ * Problems:     all have one form, "line 12: found "0.1" (text), expected a number > 0, for example
+ *               0.1", reported at the JSON path of the value. Reading continues after a problem.
+ * Defaults:     a function that returns false does not change its target: set the default before
+ *               the call.
+ * Unknown keys: an object remembers the keys that were requested; tl_config_done() reports the
+ *               others.
+ * Owner:        texts point into the JSON tree, paths into the reader's arena.
  */
 
-/* The longest duration, in seconds. Any number > 0 is one; less than a nanosecond counts as one. */
+/* The longest duration, in seconds. Any number > 0 is allowed; less than 1 ns counts as 1 ns. */
 #define TL_CONFIG_LONGEST_S 1e9
 #define TL_CONFIG_DURATION "a number > 0 (at most 1e9)"
 
-/* A duration that passed the range check. */
+/* Converts a duration that passed the range check; s to ns. */
 static inline tl_time tl_config_duration(double seconds) {
     tl_time duration = tl_time_of_seconds(seconds);
     return duration > 0 ? duration : 1;
 }
 
-enum { TL_CONFIG_KEYS = 16 }; /* the most keys that one object of the format knows */
+enum { TL_CONFIG_KEYS = 16 }; /* most keys of one object of the format */
 
 struct tl_config; /* config.h */
 
@@ -43,14 +47,14 @@ typedef struct tl_config_reader {
     const cJSON *root;
     tl_arena *arena;
     tl_report *report;
-    const struct tl_config *config; /* what was read before */
-    bool out_of_memory;             /* reported once, by whoever owns the reader */
+    const struct tl_config *config; /* what was read so far */
+    bool out_of_memory;             /* the owner of the reader reports it once */
 } tl_config_reader;
 
 /* One object of the file. */
 typedef struct tl_config_object {
     tl_config_reader *reader;
-    const cJSON *json; /* NULL: not there, or of a wrong type; nothing in it is found, and nothing reported */
+    const cJSON *json; /* NULL: absent or of a wrong type; then nothing is found or reported in it */
     char path[TL_JSON_PATH];
     const char *known[TL_CONFIG_KEYS];
     size_t known_count;
@@ -64,10 +68,10 @@ typedef enum tl_config_need {
 
 typedef struct tl_config_number {
     tl_config_need need;
-    double minimum, maximum; /* ∓HUGE_VAL: none */
-    bool above, below;       /* minimum, maximum itself is excluded */
+    double minimum, maximum; /* ∓HUGE_VAL: no limit */
+    bool above, below;       /* excludes the minimum, the maximum */
     bool whole;
-    const char *expected; /* NULL: made from the above */
+    const char *expected; /* NULL: generated from the range */
     const char *example;
 } tl_config_number;
 
@@ -84,113 +88,120 @@ void tl_config_root(tl_config_reader *reader, tl_config_object *root);
 bool tl_config_member(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                       tl_config_object *member);
 
-/* An object of which every key is a name: go through it by tl_config_each(). Returns the number of entries. */
+/* Opens an object in which every key is a name, to be read with tl_config_each(). Returns the
+ * number of entries. */
 size_t tl_config_entries(tl_config_object *object, const char *key, const tl_config_map *rule, tl_config_object *map);
 
-/* The same, with zeroed memory for each entry, `size` bytes of the configuration; the number of entries goes to `count`.
- * NULL where memory is out: no entry is there then. */
+/* As tl_config_entries(), and allocates zeroed memory of `size` bytes for each entry. Sets *count.
+ * Returns NULL if memory is out; *count is 0 then. */
 void *tl_config_take_entries(tl_config_object *object, const char *key, const tl_config_map *rule, size_t size,
                              tl_config_object *map, size_t *count);
 
-/* Hands out its entries, one by one; `index` counts them. */
+/* Calls `read` for each entry; `index` counts them from 0. */
 void tl_config_each(const tl_config_object *map,
                     void (*read)(const tl_config_object *map, const cJSON *item, size_t index, void *context),
                     void *context);
 
-/* One entry of such an object (or a member found in another way) as an object of its own. */
+/* Opens one entry of such an object, or another member, as an object. */
 bool tl_config_entry(const tl_config_object *map, const cJSON *item, const char *example, tl_config_object *entry);
 
-/* Reports the keys nobody asked for, each with the nearest known one. */
+/* Reports all keys that were not requested, each with the nearest known key. */
 void tl_config_done(const tl_config_object *object);
 
-/* ---- values: true where the key is there and right ---- */
+/* ---- values: true if the key is present and valid ---- */
 
 bool tl_config_get_number(tl_config_object *object, const char *key, const tl_config_number *rule, double *value);
 bool tl_config_get_boolean(tl_config_object *object, const char *key, bool *value);
 
-/* A rule of whole numbers from 0 up that uint32_t has; and a duration > 0. */
+/* The first reads a whole number of type uint32_t, from 0; the second a duration > 0, in ns. */
 bool tl_config_get_count(tl_config_object *object, const char *key, const tl_config_number *rule, uint32_t *value);
 bool tl_config_get_duration(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                             tl_time *value);
 
-/* `scale`, 1 if it is not given and never 0, and `offset`. */
+/* Reads `scale` (default 1, never 0) and `offset` (default 0). */
 void tl_config_get_scale(tl_config_object *object, double *scale, double *offset);
 
-/* A text without control characters; not empty unless TL_CONFIG_MAY_BE_EMPTY. */
+/* Reads a text without control characters. It is not empty, unless `need` is
+ * TL_CONFIG_MAY_BE_EMPTY. */
 bool tl_config_get_text(tl_config_object *object, const char *key, tl_config_need need, const char *example,
                         const char **value);
 
-/* One of `choices`, which ends with NULL; the first is the example. */
+/* Reads one of `choices`, a list that ends with NULL; the first one is the example. */
 bool tl_config_get_choice(tl_config_object *object, const char *key, tl_config_need need, const char *const *choices,
                           size_t *index);
 
-/* Whatever stands there; NULL where nothing does (reported where it is required). */
+/* Returns the value of any type, or NULL if there is none (reported if it is required). */
 const cJSON *tl_config_get(tl_config_object *object, const char *key, tl_config_need need, const char *expected,
                            const char *example);
 
-/* An array, if it is there; NULL where it is not, or where something else stands (reported as not being `expected`). */
+/* Returns an array. Returns NULL if the key is absent or has another type (reported as not
+ * `expected`). */
 const cJSON *tl_config_get_array(tl_config_object *object, const char *key, const char *expected, const char *example);
 
 /* ---- problems ---- */
 
-/* The one shape. `example` NULL: none. */
+/* Reports a problem in the common form. `example` NULL: none. */
 void tl_config_problem(const tl_config_reader *reader, const char *path, size_t line, const char *found,
                        const char *expected, const char *example);
 
-/* At a key of an object; `found` NULL: what stands there. */
+/* Reports a problem at a key of an object. `found` NULL: the present value. */
 void tl_config_wrong(const tl_config_object *object, const char *key, const char *found, const char *expected,
                      const char *example);
 
-/* At an item. `found` NULL: the item in a few words, "0.1" (text), 5 (number), true, an array of 3. */
+/* Reports a problem at an item. `found` NULL: a short description of the item, as "0.1" (text), 5
+ * (number), true, an array of 3. */
 void tl_config_wrong_item(const tl_config_reader *reader, const cJSON *item, const char *path, const char *found,
                           const char *expected, const char *example);
 
 /* ---- memory ---- */
 
-/* Zeroed memory of the configuration; NULL is noted in the reader. */
+/* Allocates zeroed memory of the configuration. If memory is out, returns NULL and sets
+ * out_of_memory. */
 void *tl_config_take(tl_config_reader *reader, size_t count, size_t size);
 
-/* A path to keep; "" where memory is out. */
+/* Copies a path; "" if memory is out. */
 const char *tl_config_keep(tl_config_reader *reader, const char *path);
 
-/* ---- Names in a configuration: what they may look like, and what they refer to.
+/* ---- Names in a configuration: their form, and their targets.
  *
  * Names:      of components, signals and sources: [A-Za-z_][A-Za-z0-9_]*, at most 63 characters.
- * References: "component.variable" and "plant.signal". That the component or signal exists is checked here, so that
- *             it is reported with everything else; whether the variable exists, only the FMU can tell (twin.h).
+ * References: "component.variable" and "plant.signal". Whether the component or signal exists is
+ *             checked here, so that it is reported with all other problems. Only the FMU shows
+ *             later whether the variable exists (twin.h).
  */
 
-/* Reports the key of an entry where it is no name. */
+/* Reports the key of an entry if it is not a valid name. */
 void tl_config_check_name(const tl_config_object *map, const cJSON *entry, const char *example);
 
-/* Has the entry a member that is called as one of `kinds`, which end with NULL? */
+/* Returns true if the entry has a member with a key of `kinds`, which end with NULL. */
 bool tl_config_is_of_kind(const cJSON *entry, const char *const *kinds);
 
-/* "WHAT: one of a, b, c", the keys of a section; where `kinds` are given, of those entries that are of one. Just WHAT
- * where there are none; cut where it does not fit. */
+/* Writes "WHAT: one of a, b, c": the keys of a section, or with `kinds` the keys of its entries of
+ * these kinds. Only WHAT if there are none; cut if it does not fit. */
 void tl_config_list_names(const char *what, const cJSON *section, const char *const *kinds, char *text, size_t size);
 
-/* What a reference may lead to. */
+/* Allowed targets of a reference. */
 typedef enum tl_config_target {
     TL_CONFIG_VARIABLE = 1, /* component.variable */
     TL_CONFIG_SIGNAL = 2,   /* plant.signal */
     TL_CONFIG_EITHER = 3
 } tl_config_target;
 
-/* Reports `text`, which stands at `path`, where it does not lead to such a thing. Silent where the section it leads to
- * is missing or no object: that was reported already. */
+/* Reports the reference `text` at `path` if its target does not exist. Reports nothing if the
+ * section of the target is missing or not an object, because that was reported before. */
 void tl_config_check_reference(const tl_config_reader *reader, const char *path, size_t line, const char *text,
                                tl_config_target target);
 
-/* The same of the text of a key, or of a part of it. */
+/* As tl_config_check_reference(), for the text of a key, or a part of it. */
 void tl_config_check_reference_of(const tl_config_object *object, const char *key, const char *text,
                                   tl_config_target target);
 
-/* ---- The sections of a configuration: each function reads some keys of the root into the configuration.
+/* ---- The sections of a configuration: each function reads some keys of the root into the
+ * configuration.
  *
- * Purpose: for config.c, which calls them in this order; what a section needs of another has been read before it, or is looked up in the JSON
- *          tree.
- * Errors:  reported; what could not be read keeps its default.
+ * Purpose: config.c calls these functions. If a section needs another one, that one was read
+ *          before, or is searched in the JSON tree.
+ * Errors:  reported; a value that cannot be read keeps its default.
  */
 
 /* components, connect */
@@ -208,7 +219,7 @@ void tl_config_read_signals(tl_config_object *root, struct tl_config *config);
 /* delays */
 void tl_config_read_delays(tl_config_object *root, struct tl_config *config);
 
-/* Where they make each signal to be looked up: once all of the above is read. */
+/* Computes the look-up of each signal. Call it after all functions above. */
 void tl_config_place_lookups(tl_config_object *root, struct tl_config *config);
 
 /* recording, record, realtime, emulate */

@@ -22,7 +22,7 @@ tl_pairing tl_pairing_named(const char *name) {
     return TL_LAG;
 }
 
-/* "plant.signal", or "not plant.signal" for the instant at which it becomes false. */
+/* Reads "plant.signal", or "not plant.signal" for the instant at which it becomes false. */
 static void read_edge(tl_config_object *object, const char *key, const char *example, tl_plan_edge *edge) {
     static const char *const negation = "not ";
     const char *text = NULL;
@@ -65,7 +65,7 @@ static void read_horizon(tl_config_object *object, tl_config *config) {
     tl_config_done(&horizon);
 }
 
-/* ---- `compare` and `synchronise`: what the twin is held against, and how it is corrected. */
+/* ---- `compare` and `synchronise`: outputs that are compared, and how the twin is corrected. */
 
 static const tl_config_map MATCH = {.need = TL_CONFIG_REQUIRED,
                                     .least = 1,
@@ -80,14 +80,14 @@ static const tl_config_map ADJUST = {
 
 /* ---- match and compare ---- */
 
-/* An entry whose key is a variable. */
+/* Opens an entry whose key is a variable. */
 static void begin_variable(const tl_config_object *map, const cJSON *item, const char *example,
                            tl_config_object *entry) {
     (void)tl_config_entry(map, item, example, entry);
     tl_config_check_reference(map->reader, entry->path, tl_json_line(item), item->string, TL_CONFIG_VARIABLE);
 }
 
-/* `general` > 0: the tolerance of every match, which then may have none of its own. */
+/* `general` > 0: tolerance of all matches; then a match must not have its own. */
 static void read_tolerance(tl_config_object *entry, double general, tl_plan_match *match) {
     static const tl_config_number weight = {.maximum = HUGE_VAL, .example = "1"};
     tl_config_number tolerance = {.above = true, .maximum = HUGE_VAL, .example = "0.5"};
@@ -114,7 +114,8 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
         tl_config_wrong(&object, "median", NULL, median_rule.expected, median_rule.example);
     }
     (void)tl_config_get_duration(&object, "low_pass_s", TL_CONFIG_OPTIONAL, "0.05", &condition->low_pass);
-    if (step > 0 && condition->low_pass > TL_CONFIG_LONGEST_SHIFT * step) { /* a measurement waits so many steps */
+    if (step > 0 &&
+        condition->low_pass > TL_CONFIG_LONGEST_SHIFT * step) { /* a step waits this long for the measurement */
         (void)snprintf(expected, sizeof expected, "at most %d times step_s, which is %.15g s", TL_CONFIG_LONGEST_SHIFT,
                        tl_seconds(TL_CONFIG_LONGEST_SHIFT * step));
         tl_config_wrong(&object, "low_pass_s", NULL, expected, NULL);
@@ -123,11 +124,11 @@ static void read_condition(tl_config_object *entry, tl_time step, tl_condition *
     tl_config_done(&object);
 }
 
-/* What a list of matched or compared outputs is read into, and by. */
+/* Target and rules of a list of matched or compared outputs. */
 typedef struct match_list {
     tl_config *config;
     const char *example; /* of an entry */
-    bool weighted;       /* synchronise.match; else `compare`, where every weight is 0 */
+    bool weighted;       /* synchronise.match; else `compare`, with all weights 0 */
     double tolerance;    /* as in read_tolerance() */
 } match_list;
 
@@ -147,7 +148,7 @@ static void read_output(const tl_config_object *map, const cJSON *item, size_t i
     }
     (void)tl_config_get_choice(&entry, "between", TL_CONFIG_OPTIONAL, choices, &between);
     list->config->matched_between[index] = (tl_between)between;
-    if (list->weighted) { /* what only an output that is matched has */
+    if (list->weighted) { /* keys of matched outputs only */
         read_tolerance(&entry, list->tolerance, match);
         (void)tl_config_get_number(&entry, "huber", &huber, &match->huber);
         read_condition(&entry, list->config->step, &list->config->conditions[index]);
@@ -218,7 +219,8 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
     begin_variable(map, item, "{\"step\": 0.05}", &entry);
     *adjust = tl_plan_adjust_defaults(item->string, 0);
     adjust->where = tl_config_keep(map->reader, entry.path);
-    /* Whether the variable is a Boolean, which needs no step, only its FMU can tell: a step of 0 is one that was not given. */
+    /* Only the FMU shows later whether the variable is a Boolean, which needs no step. A step of 0
+     * means that none was given. */
     (void)tl_config_get_number(&entry, "step", &step, &adjust->step);
     read_nominal(&entry, adjust);
     read_bounds(&entry, adjust);
@@ -227,9 +229,9 @@ static void read_variable(const tl_config_object *map, const cJSON *item, size_t
     tl_config_done(&entry);
 }
 
-/* A match list whose weights are all 0 leaves nothing to optimise. */
+/* With all weights 0 there is nothing to optimise. */
 static void check_weights(const tl_config_object *object, const tl_config *config) {
-    bool any = config->match_count == 0; /* reported already */
+    bool any = config->match_count == 0; /* an empty list was reported before */
     for (size_t i = 0; i < config->match_count; i++) {
         any = any || config->match[i].weight > 0;
     }
@@ -239,8 +241,9 @@ static void check_weights(const tl_config_object *object, const tl_config *confi
     }
 }
 
-/* J = Σ weight·(y − ŷ)²/ε is J with a tolerance of √ε for every match. Returns that, 0 where there is no epsilon; where
- * it is wrong, something > 0, so that no tolerance is missed. */
+/* J = Σ weight·(y − ŷ)²/ε equals J with the tolerance √ε for every match. Returns √ε, or 0 without
+ * an epsilon. If epsilon is invalid, returns a value > 0, so that no tolerance is reported as
+ * missing. */
 static double read_epsilon(tl_config_object *object) {
     static const tl_config_number rule = {.above = true, .maximum = HUGE_VAL, .example = "0.01"};
     double epsilon = 1;
@@ -248,7 +251,7 @@ static double read_epsilon(tl_config_object *object) {
     return cJSON_GetObjectItemCaseSensitive(object->json, "epsilon") != NULL ? sqrt(epsilon) : 0;
 }
 
-/* The solver that an item means, by its name or by its number in the thesis; NULL: none. */
+/* Returns the solver with this name, or with this number of the thesis; NULL: none. */
 static const char *solver_of(const cJSON *item) {
     if (cJSON_IsString(item)) {
         return tl_twin_solver_named(item->valuestring);
@@ -258,7 +261,7 @@ static const char *solver_of(const cJSON *item) {
     return possible ? tl_twin_solver_numbered((int)number) : NULL;
 }
 
-/* NULL where none is given. */
+/* Returns NULL if no solver is given. */
 static const char *read_solver(tl_config_object *object, const char *key) {
     static const char *const example = "\"secant\"";
     char expected[256];

@@ -9,7 +9,8 @@
 #include "firmware/config/config.h"
 #include "firmware/config/config_reader.h"
 
-/* ---- `recording`, `record`, `realtime` and `emulate`: what the verbs do with a twin. */
+/* ---- `recording`, `record`, `realtime` and `emulate`: settings of the commands that use a twin.
+ */
 
 enum { BYTES_PER_MB = 1000000 };
 
@@ -64,7 +65,7 @@ void tl_config_read_realtime(tl_config_object *root, tl_config *config) {
 
 /* ---- emulate ---- */
 
-/* [min, max], seconds between two rows. */
+/* Reads [min, max]: seconds between two rows. */
 static void read_message(tl_config_object *object, tl_config *config) {
     static const char *const expected = "an array of two numbers > 0 (at most 1e9), the first not above the second";
     static const char *const example = "[0.005, 0.02]";
@@ -120,7 +121,7 @@ void tl_config_read_emulate(tl_config_object *root, tl_config *config) {
     }
 }
 
-/* ---- `components` and `connect`: what the twin is built from. */
+/* ---- `components` and `connect`: the parts of the twin. */
 
 enum { MOST_COMPONENTS = 62 };
 
@@ -131,7 +132,8 @@ static const tl_config_map COMPONENTS = {.need = TL_CONFIG_REQUIRED,
 
 /* ---- components ---- */
 
-/* JSON knows one kind of number: TL_REAL. The twin makes an Integer of it where the variable is one. */
+/* JSON has one kind of number, so the type is TL_REAL. The twin converts it if the variable is an
+ * Integer. */
 static void fill_value(const cJSON *item, tl_value *value) {
     if (cJSON_IsString(item)) {
         value->type = TL_STRING;
@@ -168,7 +170,7 @@ static void read_set(tl_config_object *entry, tl_config_component *component) {
     }
 }
 
-/* As sha256sum prints it. */
+/* In the form that sha256sum prints. */
 static void read_hash(tl_config_object *entry, tl_config_component *component) {
     static const char EXAMPLE[] = "\"9f86d081884c7d659a2feaa0c55ad015a3bf4f1b2b0b822cd15d6c15b0f00a08\"";
     const char *text = NULL;
@@ -183,13 +185,13 @@ static void read_hash(tl_config_object *entry, tl_config_component *component) {
 /* A key whose value is an array of names of files. */
 typedef struct names_key {
     const char *key;
-    const char *expected; /* of the array, */
+    const char *expected; /* by the array, */
     const char *example;
-    const char *one; /* and of an element */
+    const char *one; /* and by an element */
     const char *one_example;
 } names_key;
 
-/* All of them; how many there are. */
+/* Reads all names. Returns their number. */
 static size_t read_names(tl_config_object *entry, const names_key *key, tl_config_name **names) {
     const cJSON *array = tl_config_get_array(entry, key->key, key->expected, key->example);
     size_t count = (size_t)cJSON_GetArraySize(array);
@@ -220,7 +222,7 @@ static const names_key LIBRARIES = {"libraries", "an array of names of shared li
 static const names_key READS = {"read", "an array of names of files and folders", "[\"tables\"]",
                                 "the name of a file or folder", "\"tables/friction.csv\""};
 
-/* By which way its states are restored, and what of them is kept. */
+/* Reads the rollback method, and which states are kept. */
 static void read_states(tl_config_object *entry, tl_config_component *component) {
     static const char *const keeps[] = {[TL_KEEP_STATES] = "states", [TL_KEEP_OUTPUTS] = "outputs", NULL};
     static const char *const names[] = {"auto", "state", "memory", "replay", NULL};
@@ -269,7 +271,7 @@ void tl_config_read_components(tl_config_object *root, tl_config *config) {
 
 /* ---- connect ---- */
 
-/* One end of a connection; NULL where it is wrong. */
+/* Reads one end of a connection. Returns NULL if it is not a text. */
 static const char *read_end(const tl_config_reader *reader, const cJSON *item, const char *path,
                             tl_config_target target) {
     if (!cJSON_IsString(item)) {
@@ -295,7 +297,7 @@ static void read_connection(tl_config_reader *reader, const cJSON *item, const c
     connection->to = read_end(reader, item->child->next, end_path, TL_CONFIG_VARIABLE);
 }
 
-/* Connections by their target, then by their order in the file. */
+/* Orders connections by their target, then as in the file. */
 static int by_target(const void *left, const void *right) {
     const tl_plan_connection *a = *(tl_plan_connection *const *)left;
     const tl_plan_connection *b = *(tl_plan_connection *const *)right;
@@ -303,7 +305,7 @@ static int by_target(const void *left, const void *right) {
     return order != 0 ? order : (a > b) - (a < b);
 }
 
-/* Each input may be connected once. */
+/* Reports an input that is connected more than once. */
 static void check_targets(tl_config_reader *reader, const tl_config *config) {
     const tl_plan_connection **sorted = tl_config_take(reader, config->connection_count, sizeof *sorted);
     size_t count = 0;

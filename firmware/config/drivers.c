@@ -1,4 +1,4 @@
-/* One row for each kind of source: see drivers.h. */
+/* The table of plant I/O drivers: see drivers.h. */
 #include "firmware/config/drivers.h"
 
 #include <stdlib.h>
@@ -6,7 +6,8 @@
 
 extern const tl_driver tl_driver_csv, tl_driver_modbus_tcp, tl_driver_modbus_rtu, tl_driver_can, tl_driver_gpio;
 
-/* CSV is first: plant.NAME.csv may stand beside the live source that a later row reads. */
+/* CSV must be the first row, because plant.NAME.csv is allowed together with a live source of a
+ * later row. */
 const tl_driver *const tl_drivers[] = {
     &tl_driver_csv, &tl_driver_modbus_tcp, &tl_driver_modbus_rtu, &tl_driver_can, &tl_driver_gpio, NULL,
 };

@@ -1,8 +1,10 @@
 /* The table of plant I/O drivers: one row for each kind of source, `sources.NAME.KIND`.
  *
- * Purpose: all that the firmware knows of a driver: its keys, what a change of each needs, how it is opened, what its process
- *          may, and how it behaves. Everybody else walks the rows and names no driver.
- * New row: a driver has a folder in board/, a file config_DRIVER.c here with its row, and a line in drivers.c.
+ * Purpose: a row describes a driver completely: its keys, what a change of each key requires, how
+ *          to open it, the rights of its process, and its behaviour. All other code iterates over
+ *          the rows and names no driver.
+ * New row: a driver has a folder in board/, a file config_DRIVER.c here with its row, and a line in
+ *          drivers.c.
  * Owner:   constants. Thread: any.
  */
 #ifndef TL_FIRMWARE_CONFIG_DRIVERS_H
@@ -16,37 +18,41 @@ struct tl_change_rule;   /* config_change.h */
 struct tl_config_object; /* an object of the file (config_reader.h) */
 struct cJSON;
 
-/* What a source reaches. */
+/* Files, devices and connections that a source uses. */
 typedef struct tl_source_reach {
-    const char *read;  /* a file that it reads, relative to the configuration's folder; NULL: none */
-    const char *write; /* a device that it opens for reading and writing, likewise */
-    uint16_t port;     /* it connects to by TCP; 0: none */
-    bool names;        /* it looks up the name of a host */
-    tl_time wait;      /* a poll waits so long at most for its device without a reading; 0: for a period; ns */
+    const char *read;  /* file that it reads, relative to the configuration's folder; NULL: none */
+    const char *write; /* device that it opens for reading and writing, relative likewise; NULL: none */
+    uint16_t port;     /* TCP port that it connects to; 0: none */
+    bool names;        /* it resolves a host name */
+    tl_time wait;      /* ns; longest time that a poll waits for its device without a reading; 0: one period */
 } tl_source_reach;
 
 typedef struct tl_driver {
-    const char *name;       /* key of a source: sources.NAME.KIND */
-    const char *signal_key; /* key of a signal: plant.NAME.KEY; rows beside each other may share one */
-    const char *source_example, *signal_example; /* of these objects, in problems */
+    const char *name;                            /* key of a source: sources.NAME.KIND */
+    const char *signal_key;                      /* key of a signal: plant.NAME.KEY; consecutive rows may share one */
+    const char *source_example, *signal_example; /* examples of these objects for problem reports */
     bool source_is_optional;                     /* the signal's key `source` may be missing */
-    double period_s;                             /* of all its sources; 0: key `period_s`, by default step_s */
-    size_t settings_bytes, channel_bytes;        /* of tl_config_source.settings, tl_config_signal.channel; zeroed */
+    double period_s; /* fixed period of all its sources, s; 0: key `period_s`, default step_s */
+    size_t settings_bytes,
+        channel_bytes; /* size of tl_config_source.settings and tl_config_signal.channel; both zeroed */
 
-    /* Read `source->settings`. Keys `period_s` and `source` are read by the caller. */
+    /* Reads `source->settings`. The caller reads the keys `period_s` and `source`. */
     void (*read_source)(struct tl_config_object *object, tl_config_source *source);
-    /* Reads `signal->channel`; `named`: its source in the file, NULL: none. NULL: the row before reads it. */
+    /* Reads `signal->channel`. `named`: its source in the file, or NULL. NULL: the row before reads
+     * it. */
     void (*read_signal)(struct tl_config_object *object, const struct cJSON *named, tl_config_signal *signal);
-    const struct tl_change_rule *rules; /* of all keys, ended by one without a pattern */
+    const struct tl_change_rule *rules; /* rules of all its keys; a rule without a pattern ends the list */
 
-    bool is_polled;         /* a value may be read several times */
-    bool is_silent;         /* a sender that falls silent is noticed by the age of its values only */
-    const char *not_played; /* "of GPIO lines": `twinlock plant` says that it cannot play such signals; NULL: it can */
+    bool is_polled;         /* the driver is polled: it may read a value several times */
+    bool is_silent;         /* only the age of its values shows that a sender has stopped */
+    const char *not_played; /* "of GPIO lines": signals that `twinlock plant` cannot serve; NULL: it can */
 
     const tl_plant_io_driver *io;
     const tl_plant_access *access;
-    void (*reach)(const tl_config_source *source, tl_source_reach *reach); /* of a zeroed one; NULL: nothing */
-    /* `path`: of reach.read or reach.write, from the configuration's folder, or NULL. `channels`: `count` of them, copied. */
+    void (*reach)(const tl_config_source *source,
+                  tl_source_reach *reach); /* fills in a zeroed struct; NULL: the source uses nothing of this */
+    /* Opens the source. `path`: reach.read or reach.write, joined with the configuration's folder,
+     * or NULL. `channels`: `count` of them; they are copied. */
     tl_status (*open)(const tl_config_source *source, const char *path, const void *channels, size_t count,
                       tl_plant_io **io, tl_error *error);
 } tl_driver;
@@ -56,11 +62,11 @@ enum { TL_MAX_DRIVERS = 31 };
 /* Ended by NULL. */
 extern const tl_driver *const tl_drivers[];
 
-/* A row as one of a set: 1 << its place. */
+/* The bit of a row in a set of drivers: 1 << its index. */
 unsigned tl_driver_bit(const tl_driver *driver);
 
-/* The channels of `count` signals of a source of this driver, side by side, as tl_driver.open() takes them. Freed by the
- * caller; NULL: memory is out. */
+/* Copies the channels of `count` signals of a source of this driver into one array, for
+ * tl_driver.open(). The caller frees it. Returns NULL if memory is out. */
 void *tl_driver_gather(const tl_driver *driver, const tl_config *config, const size_t *signals, size_t count);
 
 #endif

@@ -1,4 +1,4 @@
-/* Two trees with sorted keys, walked side by side. */
+/* Compares two JSON trees with sorted keys in parallel. */
 #include "firmware/config/json_difference.h"
 
 #include <stdint.h>
@@ -12,7 +12,7 @@
 
 /* ---- the documents ---- */
 
-/* As cJSON links its items: the first one's `prev` is the last one. */
+/* cJSON's convention: `prev` of the first item is the last one. */
 static void link_again(cJSON *object, cJSON **items, size_t count) {
     for (size_t i = 0; i < count; i++) {
         items[i]->next = i + 1 < count ? items[i + 1] : NULL;
@@ -21,7 +21,7 @@ static void link_again(cJSON *object, cJSON **items, size_t count) {
     object->child = items[0];
 }
 
-/* `valueint`, the line, becomes the place in the text. */
+/* Replaces `valueint`, the line, by the position in the text. */
 static bool sort_all_keys(cJSON *root) {
     tl_json_walk walk = {.depth = 0};
     int place = 0;
@@ -34,7 +34,7 @@ static bool sort_all_keys(cJSON *root) {
         if (items != NULL) {
             link_again(item, items, count);
         } else if (cJSON_IsObject(item)) {
-            return false; /* memory is out */
+            return false; /* out of memory */
         }
         free((void *)items);
     }
@@ -65,7 +65,8 @@ static bool have_same_type(const cJSON *a, const cJSON *b) {
     return a != NULL && b != NULL && (a->type & 0xFF) == (b->type & 0xFF);
 }
 
-/* Without what is in an object or array. 0 and −0 are two numbers: an FMU may tell them apart. */
+/* Compares two values without the contents of objects and arrays. 0 and −0 differ, because an FMU
+ * may distinguish them. */
 static bool is_same(const cJSON *a, const cJSON *b) {
     return a == b || (have_same_type(a, b) &&
                       (!cJSON_IsNumber(a) || memcmp(&a->valuedouble, &b->valuedouble, sizeof a->valuedouble) == 0) &&
@@ -76,7 +77,7 @@ static bool have_same_key(const cJSON *a, const cJSON *b) {
     return a->string == NULL || b->string == NULL ? a->string == b->string : strcmp(a->string, b->string) == 0;
 }
 
-/* With all that is in them. */
+/* Compares two values with all contents. */
 static bool are_same(cJSON *a, cJSON *b) {
     tl_json_walk left = {.depth = 0};
     tl_json_walk right = {.depth = 0};
@@ -89,7 +90,7 @@ static bool are_same(cJSON *a, cJSON *b) {
     return same;
 }
 
-/* As cJSON links its items: see link_again(). */
+/* The first item is found by cJSON's convention: see link_again(). */
 bool tl_json_has_sibling(const cJSON *item, const char *key) {
     while (item != NULL && item->prev != NULL && item->prev->next != NULL) {
         item = item->prev;
@@ -100,24 +101,22 @@ bool tl_json_has_sibling(const cJSON *item, const char *key) {
     return item != NULL;
 }
 
-/* ---- the walk ---- */
+/* ---- iteration ---- */
 
-/* What is left of an object or array that is there on both sides, or of one that is there on one of them. */
+/* Unvisited items of one side: of a pair of objects or arrays, or of one without a counterpart. */
 typedef struct side {
-    cJSON *item; /* the next one */
+    cJSON *item; /* next item */
     size_t index;
-    size_t left; /* of an array; SIZE_MAX: the rest */
+    size_t left; /* items left of an array; SIZE_MAX: all */
 } side;
 
 typedef struct level {
     side before, after;
-    size_t depth; /* of the way to what is in it */
+    size_t depth; /* number of steps to the object or array */
     bool within;
 } level;
 
-enum {
-    LEVELS = TL_JSON_MAX_DEPTH + 2
-}; /* one for each depth, and one more if object and array stand against each other */
+enum { LEVELS = TL_JSON_MAX_DEPTH + 2 }; /* one for each depth, and one more if an object replaces an array */
 
 typedef struct comparison {
     level levels[LEVELS];
@@ -132,7 +131,7 @@ static side side_of(const cJSON *item) {
     return (side){item != NULL ? item->child : NULL, 0, SIZE_MAX};
 }
 
-/* The last one; how many there are from this side's item on goes to `left`. */
+/* Returns the last item, and counts the items from the present one in `left`. */
 static cJSON *find_last(side *s) {
     cJSON *last = s->item;
     s->left = last != NULL ? 1 : 0;
@@ -143,7 +142,7 @@ static cJSON *find_last(side *s) {
     return last;
 }
 
-/* Leaves out what is the same at the beginning and at the end of two arrays. */
+/* Skips equal elements at the start and at the end of two arrays. */
 static void trim(side *before, side *after) {
     while (before->item != NULL && after->item != NULL && are_same(before->item, after->item)) {
         *before = (side){before->item->next, before->index + 1, SIZE_MAX};
@@ -159,7 +158,7 @@ static void trim(side *before, side *after) {
     }
 }
 
-/* Places of a key that both objects have. */
+/* Positions of a key that both objects have. */
 typedef struct pair {
     int before, after;
 } pair;
@@ -170,7 +169,7 @@ static int by_place(const void *left, const void *right) {
     return (a->before > b->before) - (a->before < b->before);
 }
 
-/* Both are sorted by their keys. */
+/* Both objects are sorted by key. */
 static bool is_in_order(comparison *c, const cJSON *before, const cJSON *after) {
     pair *pairs = calloc((size_t)cJSON_GetArraySize(before) + 1, sizeof *pairs);
     bool in_order = true;
@@ -205,7 +204,7 @@ static void enter(comparison *c, const cJSON *before, const cJSON *after, size_t
     }
 }
 
-/* Two values that stand at the same place, one of them NULL if there is none. */
+/* Compares two values at the same path; one may be NULL. */
 static void look_at(comparison *c, const cJSON *before, const cJSON *after, size_t depth, bool within) {
     tl_json_difference difference = {c->way, depth, before, after, within, false};
     if (have_same_type(before, after) && is_container(before)) {
@@ -237,7 +236,7 @@ static cJSON *take(side *s) {
     return item;
 }
 
-/* What comes next in the innermost level; false: it is at its end. */
+/* Compares the next items of the innermost level. Returns false at its end. */
 static bool go_on(comparison *c) {
     level *l = &c->levels[c->count - 1];
     cJSON *a = first_of(&l->before);
@@ -283,7 +282,7 @@ void tl_json_show(const cJSON *item, char *text, size_t size) {
     char number[32] = "";
     char *printed = NULL;
     if (cJSON_IsNumber(item)) {
-        tl_show_exact(item->valuedouble, number, sizeof number); /* cJSON prints some with a digit too few */
+        tl_show_exact(item->valuedouble, number, sizeof number); /* cJSON sometimes prints one digit too few */
     } else if (item != NULL) {
         printed = cJSON_PrintUnformatted(item);
     }

@@ -1,4 +1,4 @@
-/* A JSON document: parsing with lines, paths to its values: see json_document.h. */
+/* JSON document: parsing with lines, paths of values: see json_document.h. */
 #include "firmware/config/json_document.h"
 
 #include <assert.h>
@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* ---- See json_document.h. */
+/* ---- iteration ---- */
 
 cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item) {
     if (item->child != NULL && walk->depth < TL_JSON_MAX_DEPTH) {
@@ -21,10 +21,10 @@ cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item) {
     return walk->depth > 0 ? item->next : NULL;
 }
 
-/* ---- See json_document.h. */
+/* ---- writing paths ---- */
 
 void tl_json_member_path(char *path, const char *parent, const char *key) {
-    char joined[TL_JSON_PATH + 1]; /* one more than fits, so that cutting is seen */
+    char joined[TL_JSON_PATH + 1]; /* one more than fits, to detect a cut */
     char shown[TL_JSON_PATH];
     tl_text_for_people(key, shown, sizeof shown);
     (void)snprintf(joined, sizeof joined, "%s%s%s", parent, parent[0] == '\0' ? "" : ".", shown);
@@ -48,7 +48,7 @@ void tl_json_way_path(char *path, const tl_json_step *way, size_t depth) {
     }
 }
 
-/* ---- cJSON's tree, walked in the order of the text. */
+/* ---- parsing and search ---- */
 
 /* ---- paths ---- */
 
@@ -56,14 +56,14 @@ size_t tl_json_line(const cJSON *item) {
     return (size_t)item->valueint;
 }
 
-/* The member whose key stands at the start of `path`; *length is its part of the path. */
+/* Returns the member whose key begins `path`; *length is the length of the key. */
 static const cJSON *member_at(const cJSON *object, const char *path, size_t *length) {
     const cJSON *best = NULL;
     const cJSON *child = NULL;
     cJSON_ArrayForEach(child, object) {
         size_t size = strlen(child->string);
         if ((best == NULL || size > *length) && strncmp(path, child->string, size) == 0 &&
-            strchr(".[", path[size]) != NULL) { /* the end of the path too */
+            strchr(".[", path[size]) != NULL) { /* also matches the end of the path */
             best = child;
             *length = size;
         }
@@ -104,7 +104,7 @@ const cJSON *tl_json_nearest(const cJSON *root, const char *path) {
     return item;
 }
 
-/* ---- keys that appear twice ---- */
+/* ---- duplicate keys ---- */
 
 static int by_key_then_place(const void *left, const void *right) {
     const cJSON *a = *(cJSON *const *)left;
@@ -134,7 +134,7 @@ static void report_duplicate(const cJSON *first, const cJSON *again, tl_report *
                   tl_json_line(again), key, tl_json_line(first));
 }
 
-/* False where memory is out. */
+/* Reports keys that appear twice. Returns false if memory is out. */
 static bool check_keys(const cJSON *object, tl_report *report) {
     size_t count = 0;
     size_t first = 0;

@@ -1,6 +1,6 @@
-/* A JSON document: parsing with lines, paths to its values.
+/* JSON document: parses a text with line numbers, and builds and finds paths of values.
  *
- * Thread:  one.
+ * Thread:        one thread.
  */
 #ifndef TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
 #define TL_FIRMWARE_CONFIG_JSON_DOCUMENT_H
@@ -12,65 +12,70 @@
 #include "master/base/arena.h"
 #include "master/base/status.h"
 
-/* ---- All items of a JSON document, one after the other, without recursion.
+/* ---- Iterates over all items of a JSON document without recursion.
  *
- * Purpose: each value is met after those around it, in the order of the children.
+ * Purpose: visits each value after the values that contain it, in the order of the children.
  * Thread:  one thread.
  */
 
-/* The items around the current one, outermost first; zeroed at the root. The depth was checked with the text. */
+/* The containers of the current item, outermost first; zeroed at the root. The parser has limited
+ * the depth. */
 typedef struct tl_json_walk {
     cJSON *around[TL_JSON_MAX_DEPTH];
     size_t depth;
 } tl_json_walk;
 
-/* The item after this one, NULL after the last below where the walk began. */
+/* Returns the next item, or NULL after the last item below the start. */
 cJSON *tl_json_walk_next(tl_json_walk *walk, cJSON *item);
 
-/* ---- Where in a JSON document something stands, for people.
+/* ---- Paths of values in a JSON document, for messages.
  *
- * Paths:   "plant.omega.stale_s", "connect[2][0]"; "" is the root. A key may hold dots ("motor.d").
- * Thread:  pure functions.
+ * Paths:  "plant.omega.stale_s", "connect[2][0]"; "" is the root. A key may contain dots
+ *         ("motor.d").
+ * Thread: pure functions.
  */
 
-/* Room for a path and for a key or text in a message; what is longer is cut, see tl_text_for_people(). */
+/* Size of a path, and of a key or text in a message. Longer ones are cut: see tl_text_for_people().
+ */
 enum { TL_JSON_PATH = 256, TL_JSON_SHOWN = 64 };
 
 /* One step down. */
 typedef struct tl_json_step {
-    const char *key; /* of a member; NULL: an element of an array */
-    size_t index;    /* of the element */
+    const char *key; /* key of a member; NULL: an element of an array */
+    size_t index;    /* index of the element */
 } tl_json_step;
 
-/* The path of a member of the object at `parent`, and of an element of the array at `parent`. `path` has TL_JSON_PATH
- * bytes and may be `parent` itself. */
+/* Write the path of a member of the object at `parent`, and of an element of the array at `parent`.
+ * `path` has TL_JSON_PATH bytes and may be `parent` itself. */
 void tl_json_member_path(char *path, const char *parent, const char *key);
 void tl_json_element_path(char *path, const char *parent, size_t index);
 
-/* The path of so many steps from the root. */
+/* Writes the path of `depth` steps from the root; `path` has TL_JSON_PATH bytes. */
 void tl_json_way_path(char *path, const tl_json_step *way, size_t depth);
 
-/* ---- A JSON document: a text that passed json.h, parsed by cJSON, with lines and paths.
+/* ---- A JSON document: a text that json.h accepts, parsed by cJSON, with lines and paths.
  *
- * Purpose: everything that is needed to say where in a file a value stands.
- * Lines:   each item's `valueint` holds its line from 1 in place of the truncated number, which nobody reads: numbers
- *          are in `valuedouble`.
- * Owner:   the caller, who frees the root by cJSON_Delete().
+ * Purpose: finds the position of a value in the file.
+ * Lines:   the `valueint` of each item holds its line (from 1) instead of the truncated number.
+ *          Numbers are read from `valuedouble`.
+ * Owner:   the caller frees the root with cJSON_Delete().
  */
 
-/* Parses the text. `scratch` is used during the call only.
- * Errors: TL_BAD_DATA for what json.h refuses, and TL_TRY_AGAIN: reported, *root is NULL. Keys that appear
- * twice in an object are all reported too, as TL_BAD_DATA, but *root is there, so that more can be said. */
+/* Parses the text. `scratch` is used only during the call.
+ * Errors: reported. TL_BAD_DATA if json.h rejects the text, or TL_TRY_AGAIN: then *root is NULL. If
+ *         an object has a key twice, all such keys are reported and TL_BAD_DATA is returned. *root
+ *         is set then, so that the caller can report further problems. */
 tl_status tl_json_parse(const char *text, size_t size, tl_arena *scratch, tl_report *report, cJSON **root);
 
-/* The members of an object by their keys, the same keys by `valueint`. The caller frees the array. NULL: not enough memory. */
+/* Returns the members of an object, sorted by key, equal keys by `valueint`. The caller frees the
+ * array. Returns NULL if memory is out. */
 cJSON **tl_json_sorted(const cJSON *object, size_t *count);
 
-/* The line of an item of a parsed document. */
+/* Returns the line of an item of a parsed document. */
 size_t tl_json_line(const cJSON *item);
 
-/* The item at a path, or the innermost one around it that exists; NULL where not even the first part exists. Where
- * several keys fit, the longest does. */
+/* Returns the item at a path, or the innermost existing item around it; NULL if not even the first
+ * part exists. If several keys match, the longest is used. */
 const cJSON *tl_json_nearest(const cJSON *root, const char *path);
 
 #endif

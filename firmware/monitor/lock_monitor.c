@@ -1,4 +1,4 @@
-/* The state of the lock, and what is tried if it is lost: see lock_monitor.h. */
+/* Lock monitor: see lock_monitor.h. */
 #include "firmware/monitor/lock_monitor.h"
 
 #include <math.h>
@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/* ---- bound stay ---- */
+/* ---- variable at a bound ---- */
 
 static const double MOST = 0.5;
 static const double LITTLE = 0.25;
@@ -28,7 +28,7 @@ static void judge(tl_bound_stay *stay) {
     }
 }
 
-/* Blocks without a step are empty. */
+/* Clears the counts of all blocks up to `block`. */
 static void go_on(tl_bound_stay *stay, int64_t block) {
     int64_t count = block - stay->block;
     for (int64_t i = 1; i <= count && i <= TL_BOUND_BLOCKS; i++) {
@@ -42,7 +42,7 @@ static void go_on(tl_bound_stay *stay, int64_t block) {
 void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there) {
     int64_t block = time / TL_BOUND_BLOCK;
     stay->turn = TL_BOUND_AS_BEFORE;
-    stay->block = stay->has_begun ? stay->block : block; /* the first one of a run that goes on may be any */
+    stay->block = stay->has_begun ? stay->block : block; /* a resumed run may start with any block */
     stay->has_begun = true;
     if (block > stay->block) {
         judge(stay);
@@ -52,14 +52,15 @@ void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there) {
     stay->there[stay->block % TL_BOUND_BLOCKS] += is_there ? 1 : 0;
 }
 
-/* ---- lock rescue ---- */
+/* ---- recovery of a lost twin ---- */
 
 void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_account *account) {
     *recovery = (tl_recovery){.pause = 0};
     tl_lock_monitor_init(&recovery->judge, config, account);
 }
 
-/* Once in lock for as long as it takes to learn what is usual, the twin is as good as any. */
+/* A twin that was in lock for TL_LOCK_LEARNS parts has recovered, so the pause starts again from
+ * its shortest. */
 static void forgive(tl_recovery *recovery, const tl_lock_tally *tally) {
     bool is_well = tally->state == TL_LOCK_LOCKED || tally->state == TL_LOCK_TRACKING;
     recovery->well = is_well ? recovery->well + 1 : 0;
@@ -87,14 +88,14 @@ bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_l
     return is_due;
 }
 
-/* ---- lock judge ---- */
+/* ---- lock monitor ---- */
 
-/* A limit at which a state is entered, and the one at which it is left. */
+/* Limit to enter a state, and limit to leave it. */
 typedef struct limit {
     double enter, leave;
 } limit;
 
-/* Shares of the window's steps. */
+/* Shares of the steps of the window. */
 static const limit FREE = {0.5, 0.25};
 static const limit OUTSIDE = {0.5, 0.25};
 static const limit FAR_OUTSIDE = {0.1, 0.05};
@@ -102,30 +103,32 @@ static const limit OUTSIDE_IN_CYCLE = {0.1, 0.05};
 static const limit BAD = {0.5, 0.1};
 static const limit AT_BOUND = {0.5, 0.25};
 
-/* Of the usual |Δu|; and how much of a first step of the search is no change, whatever is usual. */
+/* Multiples of the usual |Δu|; and the part of a first search step that never counts as a change.
+ */
 static const limit BEYOND_USUAL = {3.0, 2.0};
 static const double NEGLIGIBLE = 0.1;
 
-/* Tolerances. */
+/* In tolerances. */
 static const double FAR_AWAY = 10.0;
 
-/* The same, beyond which is no plant: a converter of 24 bits tells 2e7 levels, and a start from 0 may be as far from the plant as its range is wide. */
+/* In tolerances; no plant has such an error. A 24-bit converter resolves 2e7 levels, and a start
+ * from 0 may be off by the plant's whole range. */
 static const double RUNAWAY = 1e9;
 
-/* u is where it was if it is within so much of the way that it has been meanwhile. */
+/* u repeats its value if the difference is within this share of its range in between. */
 static const double SAME_PLACE = 0.1;
 static const double IN_CYCLE = 0.5;
 
-/* A share, and how much further the twin has jumped than the plant. */
+/* A share of steps, and how much further than the plant the twin must jump. */
 static const double ASTRAY = 0.25;
 static const double MUCH_MORE = 3.0;
-static const double FADING = 0.99; /* a step */
+static const double FADING = 0.99; /* decay per step */
 
-/* Parts are at least so long, and have at least so many steps. */
+/* Shortest duration, and fewest steps, of a part. */
 static const tl_time PART = TL_SECOND / 10;
 enum { PART_STEPS = 2, STROKES = 3, HUNDRED = 100 };
 
-/* The window as a whole. */
+/* The whole window. */
 typedef tl_lock_part window;
 
 static bool has_strokes(const tl_config *config) {
@@ -171,7 +174,7 @@ void tl_lock_monitor_retune(tl_lock_monitor *judge, const tl_tuning *tuning) {
     }
 }
 
-/* What was seen says nothing of what comes. What is usual stays. */
+/* After a reset the window says nothing about the following steps. The usual |Δu| stays. */
 static void forget(tl_lock_monitor *judge) {
     judge->tally.steps[judge->tally.state] += judge->pending + judge->part[judge->at].steps;
     judge->pending = 0;
@@ -182,13 +185,13 @@ static void forget(tl_lock_monitor *judge) {
     judge->astray = false;
 }
 
-/* ---- what is seen ---- */
+/* ---- collecting ---- */
 
 void tl_lock_monitor_sample(tl_lock_monitor *judge, const tl_sample *sample) {
     tl_lock_part *part = &judge->part[judge->at];
     part->samples++;
     for (size_t i = 0; i < judge->config->signal_count; i++) {
-        bool is_one = !judge->config->signals[i].is_reading; /* a look-up of it is matched */
+        bool is_one = !judge->config->signals[i].is_reading; /* another look-up of the signal counts already */
         part->bad[i] += is_one && sample->quality[i] != TL_GOOD ? 1 : 0;
     }
 }
@@ -201,13 +204,15 @@ static bool is_compared(const tl_lock_monitor *judge, const tl_record *record) {
     return compared && record->outcome != TL_FREE && record->outcome != TL_FREE_RUN;
 }
 
-/* No measurement beside the step itself, and yet by a horizon that has some: such a twin is not left to itself. */
+/* The step itself had no good measurement, but its horizon had some: such a twin does not run free.
+ */
 static bool is_searched(const tl_record *record) {
     return record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR ||
            (record->outcome == TL_NOMINAL && isfinite(record->objective));
 }
 
-/* How far a committed step is off, in tolerances: over all matched outputs, by their weights. */
+/* Error of a committed step in tolerances: the root of the weighted mean square of all matched
+ * outputs. */
 static double distance(const tl_lock_monitor *judge, const tl_record *record) {
     double sum = 0.0;
     double weights = 0.0;
@@ -219,10 +224,11 @@ static double distance(const tl_lock_monitor *judge, const tl_record *record) {
             weights += by.weight;
         }
     }
-    return sqrt(sum / fmax(weights, 1.0)); /* J itself, if weights make it less strict */
+    return sqrt(sum / fmax(weights, 1.0)); /* weights with a sum below 1 must not make it stricter than J */
 }
 
-/* How much larger J can be by the yardstick than by the configuration that the search used. Infinite: an output that counts has no weight in the search. */
+/* Largest factor of J with the monitor's tolerances, compared with those of the search. Infinite if
+ * an output that counts has no weight in the search. */
 static double larger_objective(const tl_lock_monitor *judge) {
     double most = 1.0;
     for (size_t i = 0; i < judge->config->match_count; i++) {
@@ -237,7 +243,7 @@ static double larger_objective(const tl_lock_monitor *judge) {
     return most;
 }
 
-/* A stroke is compared by its search, and within tolerance if that says so. */
+/* The error of a stroke is that of its search. It is within tolerance if the search ended so. */
 static double distance_of_stroke(const tl_lock_monitor *judge, const tl_record *record) {
     double larger = judge->tolerances == NULL ? 1.0 : larger_objective(judge);
     double size = sqrt(larger * record->objective);
@@ -246,16 +252,17 @@ static double distance_of_stroke(const tl_lock_monitor *judge, const tl_record *
     return within ? 0.0 : size < 1.0 ? 1.0 : size;
 }
 
-/* How far it is off. */
+/* Adds the error to the part, and returns it. */
 static double see_tolerance(const tl_lock_monitor *judge, const tl_record *record, tl_lock_part *part) {
     double away = has_strokes(judge->config) ? distance_of_stroke(judge, record) : distance(judge, record);
-    part->outside += away < 1.0 ? 0 : 1; /* not a number is as far as can be */
+    part->outside += away < 1.0 ? 0 : 1; /* NaN counts as outside */
     part->far += away < FAR_AWAY ? 0 : 1;
     part->worst = away <= part->worst ? part->worst : away;
     return away;
 }
 
-/* A search that ended with candidates, and had the time for them. At nominal there may be no J, since nothing was searched. */
+/* Returns true if the search evaluated candidates and did not time out. A step at nominal u may
+ * have no J, because nothing was searched. */
 static bool has_objective(const tl_record *record) {
     return record->stop != TL_STOP_TIME && (record->flags & TL_FLAG_WITHOUT_NOMINAL) == 0 &&
            (record->outcome == TL_FIRST_GUESS || record->outcome == TL_OPTIMISED || record->outcome == TL_BEST_SO_FAR);
@@ -269,7 +276,7 @@ static bool has_run_away(const tl_lock_monitor *judge, const tl_record *record, 
     return ran_away;
 }
 
-/* It would be further from nominal if it might. */
+/* At a bound, and further from nominal than a negligible distance. */
 static bool is_at_bound(const tl_account_adjust *adjust, double u, double nominal) {
     bool is_there = u <= adjust->lower || u >= adjust->upper;
     return is_there && fabs(u - nominal) > NEGLIGIBLE * adjust->step;
@@ -286,7 +293,7 @@ static void see_cycle(const tl_lock_monitor *judge, size_t v, uint32_t cycling[T
     double most = least;
     for (uint32_t period = 1; period <= TL_LOCK_PERIODS && period < judge->u_count; period++) {
         double then = judge->u[period][v];
-        double way = most - least; /* of the steps since */
+        double way = most - least; /* range of u in the steps in between */
         if (period > 1 && way >= judge->adjust[v].step && fabs(judge->u[0][v] - then) <= SAME_PLACE * way) {
             cycling[period]++;
         }
@@ -300,7 +307,8 @@ static void widen(tl_lock_range *range, double value, bool first) {
     range->most = first || value > range->most ? value : range->most;
 }
 
-/* A matched output that has gone far from one step to the next, and further than its measurement does. */
+/* Returns true if a matched output moved far in one step, and much further than its measurement
+ * moves. */
 static bool has_jumped(const tl_lock_monitor *judge, size_t i, const tl_record *record) {
     const struct tl_lock_measure by = measure(judge, i);
     double simulated = fabs(record->y[i] - judge->y[i]);
@@ -313,7 +321,8 @@ static void see_outputs(tl_lock_monitor *judge, const tl_record *record, tl_lock
     for (size_t i = 0; i < judge->config->match_count && judge->u_count != 0; i++) {
         double step = fabs(record->measured[i] - judge->measured[i]);
         double faded = FADING * judge->stride[i];
-        judge->stride[i] = step > faded ? step : faded; /* readings come in messages, and stand still in between */
+        judge->stride[i] =
+            step > faded ? step : faded; /* decays slowly, because readings do not change between two messages */
         jumped = has_jumped(judge, i, record) || jumped;
     }
     part->jumps += jumped ? 1 : 0;
@@ -374,7 +383,7 @@ static void add_window(const tl_lock_monitor *judge, window *all) {
     }
 }
 
-/* ---- judging ---- */
+/* ---- determining the state ---- */
 
 static double share(uint32_t count, uint32_t of) {
     return of == 0 ? 0.0 : (double)count / (double)of;
@@ -396,7 +405,7 @@ static const char *units(const tl_lock_monitor *judge) {
     return has_strokes(judge->config) ? "strokes" : "steps";
 }
 
-/* Appends to a cause. NULL: none is wanted. */
+/* Appends to a cause. Does nothing if `cause` is NULL. */
 static void write_cause(char *cause, const char *format, ...) TL_PRINTF(2, 3);
 
 static void write_cause(char *cause, const char *format, ...) {
@@ -409,7 +418,7 @@ static void write_cause(char *cause, const char *format, ...) {
     }
 }
 
-/* Each of these writes the cause if it is true. */
+/* The following functions write the cause if they return true. */
 static bool judge_free(const tl_lock_monitor *judge, const window *all, char *cause) {
     double free = share(count_compared(all) == 0 ? all->steps : all->free, all->steps);
     bool is_free = count_compared(all) == 0 || is_beyond(free, &FREE, is_in(judge, TL_LOCK_FREE));
@@ -420,7 +429,8 @@ static bool judge_free(const tl_lock_monitor *judge, const window *all, char *ca
     return is_free;
 }
 
-/* The first adjusted variable whose u is in a limit cycle, and its period; false: none is. */
+/* Finds the first adjusted variable whose u is in a limit cycle, and the period in steps. Returns
+ * false if there is none. */
 static bool find_cycle(const tl_lock_monitor *judge, const window *all, size_t *variable, int *period) {
     for (size_t v = 0; v < judge->config->adjust_count; v++) {
         for (int p = 2; p <= TL_LOCK_PERIODS; p++) {
@@ -434,7 +444,7 @@ static bool find_cycle(const tl_lock_monitor *judge, const window *all, size_t *
     return false;
 }
 
-/* Whoever has come back by himself is not sent back. */
+/* A twin that has returned to the plant in the newest part is not reset. */
 static bool is_still_astray(const tl_lock_part *newest) {
     uint32_t compared = count_compared(newest);
     return share(newest->far, compared) >= ASTRAY && share(newest->jumps, compared) >= ASTRAY;
@@ -543,7 +553,8 @@ static tl_lock_state judge_window(tl_lock_monitor *judge, const window *all, cha
 
 /* ---- over the run ---- */
 
-/* Only what a twin in lock does is usual; while u rests it does nothing. */
+/* Only a locked or tracking twin shows the usual correction. While u rests at nominal there is no
+ * correction. */
 static void learn(tl_lock_monitor *judge, const tl_lock_part *part) {
     if (part->rests != 0) {
         return;
@@ -558,7 +569,8 @@ static void learn(tl_lock_monitor *judge, const tl_lock_part *part) {
     }
 }
 
-/* Gives the window its state, and the steps since it was judged last theirs. True: it is another one than before. */
+/* Determines the state of the window and counts the steps since the last time in it. Returns true
+ * if the state has changed. */
 static bool judge_now(tl_lock_monitor *judge) {
     window all;
     tl_lock_state before = judge->tally.state;
@@ -566,7 +578,7 @@ static bool judge_now(tl_lock_monitor *judge) {
     add_window(judge, &all);
     tl_lock_state state = judge_window(judge, &all, NULL);
     bool changed = first || state != before;
-    if (changed) { /* only now is the sentence formatted: this is in the cycle's thread */
+    if (changed) { /* formatted only after a change, because this is the thread of the cycle */
         judge->change.cause[0] = '\0';
         judge->change.to = judge_window(judge, &all, judge->change.cause);
     }
@@ -583,7 +595,7 @@ static bool has_window(const tl_lock_monitor *judge) {
     return judge->parts >= (has_strokes(judge->config) ? (uint32_t)STROKES : (uint32_t)TL_LOCK_PARTS);
 }
 
-/* The part at hand is full: true if the state has changed with it. */
+/* Closes the full part. Returns true if the state has changed. */
 static bool close_part(tl_lock_monitor *judge) {
     const tl_lock_part *full = &judge->part[judge->at];
     judge->parts += judge->parts < TL_LOCK_PARTS ? 1 : 0;
@@ -599,7 +611,7 @@ static bool close_part(tl_lock_monitor *judge) {
     return changed;
 }
 
-/* A stroke whose search has ended; what is at nominal and was not searched is none. */
+/* Returns true for a stroke whose search has ended, but not for one at nominal without a search. */
 static bool is_stroke(const tl_record *record) {
     return record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP &&
            (record->outcome != TL_NOMINAL || isfinite(record->objective));

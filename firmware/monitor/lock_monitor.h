@@ -1,6 +1,7 @@
-/* The state of the lock, and what is tried if it is lost.
+/* Lock monitor: determines the lock state of a twin, and when a lost twin is reset.
  *
- * Thread:  one.
+ * Memory: plain data of the caller.
+ * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_MONITOR_LOCK_MONITOR_H
 #define TL_FIRMWARE_MONITOR_LOCK_MONITOR_H
@@ -13,11 +14,14 @@
 #include "master/base/simtime.h"
 #include "master/twin/account.h"
 
-/* ---- How long an adjusted variable has been at a bound: whether that was most of the last minute.
+/* ---- Detects an adjusted variable that was at a bound for most of the last minute.
  *
- * Purpose: a correction at its bound is as good as none, and may stay there for hours while the twin is within tolerance, or lost for another reason. So it is told
- *          by itself, beside the state of the lock.
- * Minute:  of plant time, in ten blocks; it is judged at the end of each, once ten have passed. Told when it is more than half of the steps, over at less than a quarter.
+ * Purpose: a correction at its bound has no further effect. This may last for hours while the twin
+ *          is within tolerance, or lost for another reason. So it is reported separately from the
+ *          lock state.
+ * Minute:  of plant time, in ten blocks of 6 s. The share is computed at the end of each block,
+ *          once ten have passed. It is reported if it exceeds half of the steps, and cleared if it
+ *          is less than a quarter.
  * Thread:  plain data; one thread at a time.
  */
 
@@ -27,153 +31,169 @@ enum { TL_BOUND_BLOCKS = 10 };
 
 typedef enum tl_bound_turn { TL_BOUND_AS_BEFORE, TL_BOUND_REACHED, TL_BOUND_LEFT } tl_bound_turn;
 
-/* Zeroed at first. */
+/* Zeroed initially. */
 typedef struct tl_bound_stay {
-    int64_t block;   /* that of the last step, */
-    uint32_t passed; /* and how many are over, TL_BOUND_BLOCKS at most */
+    int64_t block;   /* of the last step */
+    uint32_t passed; /* blocks since the start, at most TL_BOUND_BLOCKS */
     uint32_t steps[TL_BOUND_BLOCKS];
-    uint32_t there[TL_BOUND_BLOCKS]; /* of them, at a bound */
+    uint32_t there[TL_BOUND_BLOCKS]; /* of these steps: at a bound */
     bool has_begun;
     bool is_told;
-    tl_bound_turn turn; /* of the last step */
-    double share;       /* as judged last */
+    tl_bound_turn turn; /* set by the last step */
+    double share;       /* as computed last, 0 … 1 */
 } tl_bound_stay;
 
-/* A step at this time, ns; times do not go back. */
+/* Adds a step at `time`, ns; times must not decrease. */
 void tl_bound_stay_step(tl_bound_stay *stay, tl_time time, bool is_there);
 
-/* ---- The judge of the lock: whether the twin is where the plant is.
+/* ---- Lock monitor: decides whether the twin follows the plant.
  *
- * Purpose: one place that says of a run, live or replayed, whether its twin can be believed: from how many tolerances
- *          each committed step was off, from Δu, from bounds, from the plant's qualities, and from what was found of the FMUs' rollback. Nothing else is looked at, so that a replay says the same.
- * Window:  a step proves nothing, and neither do twenty in a row: a twin that is lost can be within tolerance at every second step. So shares
- *          of a window count, and how far off it is. The window is ten parts of 0.1 s each, or of two steps if they are longer; the
- *          state is judged at the end of each part. With an event horizon a step that counts is a stroke whose search has ended.
- * Runaway: one step is enough if an output is further from its measurement than any measurement can resolve, or is no finite number, or a search's J is none.
- * Astray:  in a quarter of the window and more the twin is ten tolerances off, and in as much of it has gone so far in a single step, which the
- *          plant has not. No plant that is sampled fast enough does that, and no model of it, unless it is unstable. One that is off and goes its steady way is
- *          not astray: to begin anew would not make it a better model, and would lose what it has been through.
- * Limits:  each state is left at another limit than it is entered at, so that a twin between two of them does not chatter.
- * Usual:   what Δu is on average while the twin is in lock, learned over TL_LOCK_LEARNS parts before it is held against, and slowly ever after.
- * Yardstick: tolerances and weights are the configuration's. A second judge can use those of another configuration.
- * Thread:  plain data; one thread at a time.
+ * Purpose:    the only code that assesses a run, live or replayed. Inputs: the error of each
+ *             committed step in tolerances, Δu, the bounds, the qualities of the plant's signals,
+ *             and inexact rollbacks of FMUs. A replay gives the same states, because there are no
+ *             other inputs.
+ * Window:     single steps prove nothing: a lost twin can be within tolerance at every second step.
+ *             So the state depends on shares of a window and on the size of the error. The window
+ *             has ten parts of 0.1 s, or of two steps if these are longer. The state is updated at
+ *             the end of each part. With an event horizon, the unit is a stroke whose search has
+ *             ended, and three strokes give the first state.
+ * Runaway:    a single step is enough: an output is 1e9 tolerances away from its measurement or not
+ *             finite, or the J of a search is not finite.
+ * Astray:     two conditions, each in at least a quarter of the window and of its newest part.
+ *             First, the twin is ten tolerances off. Second, an output has moved that far in one
+ *             step while the plant did not. An adequately sampled plant does not do that, and its
+ *             model only if it is unstable. A twin with a large steady error is not astray: a reset
+ *             would not improve the model and would lose its state.
+ * Limits:     each state has one limit to enter it and another to leave it, so that the state does
+ *             not oscillate between two states.
+ * Usual:      the average |Δu| of a locked twin. It is learned over TL_LOCK_LEARNS parts before it
+ *             is used, and is updated slowly afterwards.
+ * Tolerances: tolerances and weights are those of the configuration. A second monitor can use those
+ *             of another one.
+ * Thread:     plain data; one thread at a time.
  */
 
 enum {
-    TL_LOCK_PARTS = 10,            /* of a window */
-    TL_LOCK_LEARNS = 100,          /* parts in lock, before Δu is held against what is usual */
-    TL_SYNCHRONISER_MEMORY = 6000, /* parts over which the usual is an average, at most */
-    TL_LOCK_PERIODS = 8,           /* steps: the longest limit cycle that is looked for */
-    TL_LOCK_CAUSE = 200            /* bytes of a cause */
+    TL_LOCK_PARTS = 10,            /* per window */
+    TL_LOCK_LEARNS = 100,          /* parts in lock before Δu is compared with its usual size */
+    TL_SYNCHRONISER_MEMORY = 6000, /* longest average of the usual Δu, parts */
+    TL_LOCK_PERIODS = 8,           /* longest limit cycle that is searched, steps */
+    TL_LOCK_CAUSE = 200            /* bytes of a cause text */
 };
 
-/* From where to where something has been. */
+/* Range of a value. */
 typedef struct tl_lock_range {
     double least, most;
 } tl_lock_range;
 
-/* What a part of the window has seen. */
+/* Statistics of one part of the window. */
 typedef struct tl_lock_part {
     uint32_t steps;
-    uint32_t free; /* that were not compared: nothing is adjusted, or no matched signal was good */
-    uint32_t
-        between; /* nor these, since no matched signal was good at their own instant, but the horizon that they come from had some */
-    uint32_t outside; /* out of tolerance, */
-    uint32_t far;     /* and by ten tolerances or more */
-    uint32_t
-        jumps; /* in which an output has gone that far from the step before, and further than its measurement goes */
-    uint32_t ran_away;                /* in which an output, or J, was beyond all measure */
-    uint32_t rests;                   /* with u at nominal since a twin that is left alone is nearer to the plant */
-    uint32_t differed;                /* before which an FMU was found not to come back to where it was */
-    double worst;                     /* tolerances */
-    uint32_t samples;                 /* of the plant, */
-    uint32_t bad[TL_MAX_SIGNALS];     /* and those that were not good, by signal */
+    uint32_t free;     /* not compared: nothing is adjusted, or no matched signal was good */
+    uint32_t between;  /* not compared either: only the horizon had good measurements, but not the step itself */
+    uint32_t outside;  /* out of tolerance, */
+    uint32_t far;      /* of these: by ten tolerances or more */
+    uint32_t jumps;    /* an output moved ten tolerances in one step, and much further than its measurement */
+    uint32_t ran_away; /* an output or J ran away (see above) */
+    uint32_t rests;    /* u kept at nominal, because the free-running twin is nearer to the plant */
+    uint32_t differed; /* before these steps, the rollback of an FMU was found not to be exact */
+    double worst;      /* largest error, tolerances */
+    uint32_t samples;  /* samples of the plant, */
+    uint32_t bad[TL_MAX_SIGNALS];     /* of these: not good, by signal */
     uint32_t at_bound[TL_MAX_ADJUST]; /* steps with u at a bound */
-    uint32_t
-        cycling[TL_MAX_ADJUST]
-               [TL_LOCK_PERIODS + 1]; /* steps at which u was where it was that many steps ago, and elsewhere between */
+    uint32_t cycling[TL_MAX_ADJUST]
+                    [TL_LOCK_PERIODS +
+                     1]; /* steps at which u repeats its value of that many steps ago, and differed in between */
     double correction[TL_MAX_ADJUST]; /* sum of |Δu| */
     tl_lock_range u[TL_MAX_ADJUST];
 } tl_lock_part;
 
-/* A change of the state, to be told once. */
+/* A change of the state, reported once. */
 typedef struct tl_lock_change {
     tl_lock_state to;
-    char cause[TL_LOCK_CAUSE]; /* a sentence with the value and its limit */
+    char cause[TL_LOCK_CAUSE]; /* sentence with the value and its limit */
 } tl_lock_change;
 
-/* Fields are private, but for `tolerances`, `stay` and `astray`. */
+/* Fields are private, except `tolerances`, `stay` and `astray`. */
 typedef struct tl_lock_monitor {
     const tl_config *config;
     const tl_lock_tolerances
-        *tolerances; /* NULL: that of the configuration; may be set between two steps, and must stay */
-    tl_account_adjust adjust[TL_MAX_ADJUST]; /* kinds, steps and bounds of the adjusted variables */
+        *tolerances; /* NULL: those of the configuration; may be set between two steps; must outlive the monitor */
+    tl_account_adjust adjust[TL_MAX_ADJUST]; /* types, steps and bounds of the adjusted variables */
     uint32_t part_steps;
-    uint32_t parts; /* that are complete, TL_LOCK_PARTS at most */
-    uint32_t at;    /* index of the part at hand */
+    uint32_t parts; /* complete parts, at most TL_LOCK_PARTS */
+    uint32_t at;    /* index of the current part */
     tl_lock_part part[TL_LOCK_PARTS];
-    double u[TL_LOCK_PERIODS + 1][TL_MAX_ADJUST];   /* of the last steps, the newest first, */
+    double u[TL_LOCK_PERIODS + 1][TL_MAX_ADJUST];   /* of the last steps, the newest first */
     double y[TL_MAX_MATCH], measured[TL_MAX_MATCH]; /* of the last step */
-    double stride[TL_MAX_MATCH];                    /* the largest step of y_hat, fading */
-    uint32_t u_count;                               /* as far as there were some */
-    double usual[TL_MAX_ADJUST];                    /* |Δu| on average */
-    tl_bound_stay stay[TL_MAX_ADJUST];              /* of those that are numbers */
-    uint32_t learned;                               /* parts */
-    bool judged;                                    /* there is a state */
-    bool astray;                                    /* as judged last */
-    uint64_t pending;                               /* steps that are in no state yet */
+    double stride[TL_MAX_MATCH];                    /* largest step of the measured ŷ, decaying by 1 % a step */
+    uint32_t u_count;                               /* number of valid rows in u */
+    double usual[TL_MAX_ADJUST];                    /* average |Δu| */
+    tl_bound_stay stay[TL_MAX_ADJUST];              /* of the Real variables */
+    uint32_t learned;                               /* parts learned */
+    bool judged;                                    /* a state was determined */
+    bool astray;                                    /* as determined last */
+    uint64_t pending;                               /* steps that are not yet counted in a state */
     tl_lock_tally tally;
     tl_lock_change change;
 } tl_lock_monitor;
 
-/* What a state is judged over first. */
+/* What the first state needs. */
 typedef struct tl_lock_window {
-    uint32_t strokes; /* that have ended (event horizon); 0: steps */
-    tl_time time;     /* ns that they take; strokes: at most, and without what is between them */
+    uint32_t strokes; /* ended strokes (event horizon); 0: steps count */
+    tl_time time;     /* duration, ns; for strokes the longest, without the time between them */
 } tl_lock_window;
 
 tl_lock_window tl_lock_monitor_window(const tl_config *config);
 
-/* `account` tells kinds, steps and bounds of what is adjusted. Both must stay, but for the account. */
+/* Initialises the monitor. `account`: types, steps and bounds of the adjusted variables; they are
+ * copied. `config` must outlive the monitor. */
 void tl_lock_monitor_init(tl_lock_monitor *judge, const tl_config *config, const tl_account *account);
 
-/* The twin has taken another tuning, and so has the configuration (tl_config_retune()): from the next step on. What was seen of the window stays. */
+/* Call it after the twin and the configuration (tl_config_retune()) have taken another tuning. It
+ * applies from the next step on; the window stays. */
 void tl_lock_monitor_retune(tl_lock_monitor *judge, const tl_tuning *tuning);
 
-/* A sample as the twin was given it. */
+/* Adds a sample of the twin. */
 void tl_lock_monitor_sample(tl_lock_monitor *judge, const tl_sample *sample);
 
-/* A step of the run's own; what it has followed of an earlier one is passed over. One before which the FMUs began anew (TL_FLAG_RESET) begins a
- * window. The state has changed: how, until it changes again. Else NULL. */
+/* Adds a step of this run; steps followed from an earlier run are ignored. A step with
+ * TL_FLAG_RESET (the FMUs were reset before) starts a new window. Returns the change if the state
+ * has changed, valid until the next change; else NULL. */
 const tl_lock_change *tl_lock_monitor_step(tl_lock_monitor *judge, const tl_record *record);
 
-/* So far. A run that ended before its first window was full is judged by what there is of it; so is one in whose last steps an output ran away. */
+/* Returns the tally so far. If the run was shorter than a window, or an output ran away in the last
+ * steps, the state is determined from the steps that there are. */
 void tl_lock_monitor_get(const tl_lock_monitor *judge, tl_lock_tally *tally);
 
-/* ---- Bringing back a twin that is lost: when its FMUs shall begin anew.
+/* ---- Recovery of a lost twin: decides when its FMUs are reset.
  *
- * Purpose: a twin can get to where no correction leads back from; its FMUs then begin anew with their start values (tl_twin_reset()). That
- *          takes the judge's word that it is astray, and is not done for ever: each time it did not help the pause is twice as long.
- * Same:    it follows from records and samples alone, so that a replay does what the run did.
- * Thread:  plain data; that of the twin.
+ * Purpose: sometimes no correction leads a twin back to the plant. Its FMUs then restart with their
+ *          start values (tl_twin_reset()). This requires that the monitor reports it as astray. The
+ *          pause until the next reset doubles after each one, until the twin has been in lock for
+ *          TL_LOCK_LEARNS parts in a row.
+ * Same:    it depends only on records and samples, so that a replay resets at the same steps.
+ * Thread:  plain data; the thread of the twin.
  */
 
-/* Parts of the judge's window. */
+/* Shortest and longest pause, in parts of the window. */
 enum { TL_LOCK_PAUSE_FIRST = 20, TL_LOCK_PAUSE_LAST = 6000 };
 
 /* Fields are private. */
 typedef struct tl_recovery {
     tl_lock_monitor judge;
-    uint64_t windows; /* that were judged when it was looked at last */
-    uint32_t pause;   /* parts after a reset; 0: there was none that is not forgotten */
-    uint32_t passed;  /* since it */
-    uint32_t well;    /* parts in lock, one after the other */
+    uint64_t windows; /* windows at the last update */
+    uint32_t pause;   /* parts until the next reset is allowed; 0: no reset yet, or it is forgotten */
+    uint32_t passed;  /* parts since the last reset */
+    uint32_t well;    /* parts in lock in a row */
 } tl_recovery;
 
-/* As tl_lock_monitor_init(). With an event horizon a twin is never brought back: its steps are not compared. */
+/* As tl_lock_monitor_init(). With an event horizon a twin is never reset, because its steps are not
+ * compared. */
 void tl_recovery_init(tl_recovery *recovery, const tl_config *config, const tl_account *account);
 
-/* A step; its sample goes to the judge. True: the FMUs shall begin anew before the next one. *change as the judge says, or NULL. */
+/* Adds a step; its sample goes to the monitor. Returns true if the FMUs must be reset before the
+ * next step. Sets *change as tl_lock_monitor_step() returns it. */
 bool tl_recovery_step(tl_recovery *recovery, const tl_record *record, const tl_lock_change **change);
 
 #endif

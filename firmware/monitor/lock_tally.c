@@ -1,11 +1,11 @@
-/* The state of the lock: see lock_tally.h. */
+/* Lock states and the steps in each: see lock_tally.h. */
 #include "firmware/monitor/lock_tally.h"
 
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
 
-enum { ENOUGH = 10 }; /* steps: some may be within tolerance by chance */
+enum { ENOUGH = 10 }; /* steps; fewer may be within tolerance by chance */
 
 bool tl_lock_tolerances_is_sound(const tl_lock_tolerances *tolerances) {
     for (size_t i = 0; i < TL_MAX_MATCH; i++) {

@@ -1,22 +1,22 @@
-/* The noise of measured signals: an estimate, and a warning if it differs from what is configured: see noise.h. */
+/* Noise of measured signals: see noise.h. */
 #include "firmware/monitor/noise.h"
 
 #include <math.h>
 #include <string.h>
 
-/* ---- noise meter ---- */
+/* ---- noise estimate ---- */
 
 enum { AN_OCTAVE = 4, LOWEST = -64, REFRESH = 32, QUANTILES = 3 };
 
-/* Of |x| of a standard normal x. */
+/* Quantiles of |x| for a standard normal x. */
 static const struct { double share, size; } QUANTILE[QUANTILES] = {{0.5, 0.674490}, {0.6, 0.841621}, {0.7, 1.036433}};
 
-/* Those of a window are no further apart than a tl_time tells. */
+/* Largest interval between two readings, so that the span of a window fits into tl_time. */
 static const tl_time FARTHEST = INT64_MAX / TL_NOISE_WINDOW;
 
 static const double ACCURACY = 0.85;
-static const double ALIKE = 0.15; /* two orders, of very many readings; */
-static const double CHANCE = 2.0; /* over √count, what chance makes of it */
+static const double ALIKE = 0.15; /* two orders differ by less with very many readings, */
+static const double CHANCE = 2.0; /* plus this over √count, for chance */
 static const double TOLERANCES = 3.0;
 
 void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most) {
@@ -24,7 +24,7 @@ void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most) {
     meter->most = most;
 }
 
-/* ---- sizes ---- */
+/* ---- histogram ---- */
 
 static void forget_half(tl_noise_sizes *sizes) {
     sizes->none /= 2;
@@ -51,7 +51,7 @@ static void add_size(tl_noise_sizes *sizes, double size, uint32_t most) {
     }
 }
 
-/* Within a bin evenly, by the logarithm: it is a fifth wide. */
+/* Interpolates within a bin on the logarithmic scale; a bin is about a fifth wide. */
 static double quantile_of(const tl_noise_sizes *sizes, double share) {
     double rank = share * sizes->count;
     double before = sizes->none;
@@ -75,9 +75,10 @@ static double deviation_of(const tl_noise_sizes *sizes) {
     return sum / QUANTILES;
 }
 
-/* ---- distances ---- */
+/* ---- differences ---- */
 
-/* Of the one in the middle from the polynomial through the `half` before and after it, over what of white noise it has. */
+/* Difference of the middle reading from the polynomial through `half` readings on each side,
+ * divided by the factor for white noise. */
 static double distance_of(const tl_noise_point *middle, int half) {
     double sum = 0.0;
     double squares = 1.0;
@@ -171,7 +172,7 @@ bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool
     return true;
 }
 
-/* ---- what is told ---- */
+/* ---- results ---- */
 
 void tl_noise_meter_tell(const tl_noise_meter *meter, tl_noise_found *found) {
     for (int i = 0; i < TL_NOISE_ORDERS; i++) {
@@ -191,7 +192,8 @@ bool tl_noise_exceeds(const tl_noise_found *found, double tolerance) {
 
 /* ---- noise watch ---- */
 
-static const double REPEATED = 1.0 / 3.0; /* more: they are polls of one value, and tell nothing */
+static const double REPEATED =
+    1.0 / 3.0; /* above this share of repeated values, the signal is polled too often for an estimate */
 
 static size_t readings_of(const tl_config *config, size_t match) {
     if (!config->synchronise || !(config->match[match].weight > 0.0) || config->event.start.signal != NULL) {

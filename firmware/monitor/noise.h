@@ -1,6 +1,7 @@
-/* The noise of measured signals: an estimate, and a warning if it differs from what is configured.
+/* Noise of measured signals: estimates it, and warns if a tolerance is too small for it.
  *
- * Thread:  one.
+ * Memory: plain data of the caller.
+ * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_MONITOR_NOISE_H
 #define TL_FIRMWARE_MONITOR_NOISE_H
@@ -13,27 +14,37 @@
 #include "master/base/signal.h"
 #include "master/base/simtime.h"
 
-/* ---- How noisy the readings of a signal are, as told by these alone: no model, no truth.
+/* ---- Noise estimate of a signal from its readings alone, without a model.
  *
- * Idea:    each reading is held against the polynomial through its neighbours, by their own uneven stamps: 2, 4 and 6 of them. What is left of white noise has the noise's own
- *          standard deviation once it is divided by √(1 + Σ weights²), whatever the order; what is left of the plant's motion becomes less with each order. So the noise is what is
- *          left by 2, or what is left by more if that is less. If 4 and 6 do not agree, the plant moves too fast between two readings to tell: then it is told at most.
- * Robust:  of each order's distances three quantiles are taken (50, 60 and 70 %), so that a step of the plant, or a bad reading, here and there counts for nothing.
- * Outlier: a reading that is more than TL_NOISE_OUTLIER σ (by 2 neighbours, so with the plant's motion) off the median of the five around it, and as many times as far as these are
- *          from their median on the whole (Hampel's rule). It is left out of all windows after that. A step is none, since the median goes with it, nor is a sharp
- *          turn of the plant, since all five are far from their median there.
- * Unit:    of the signal; stamps in ns, of any clock. What is found includes what is wrong about the stamps: a speed that grows by 1 a second and is stamped 10 ms wrong is 0.01 off.
- * Cost:    constant: some 150 floating-point operations, three logarithms and, each 32nd time, a walk along two histograms; under a microsecond on a PC.
- * Memory:  its own, 6 KiB. Thread: plain data; one thread at a time.
+ * Method:  each reading is compared with the polynomial through its 2, 4 and 6 neighbours, at their
+ *          own uneven stamps. Divided by √(1 + Σ weights²), the difference has the standard
+ *          deviation of white noise, for every order. The share of the plant's motion decreases
+ *          with the order. So the estimate is that with 2 neighbours, or the larger one with 4 and
+ *          6 if that is smaller. If those with 4 and 6 differ, the plant moves too fast between two
+ *          readings, and the estimate is an upper limit.
+ * Robust:  each estimate is the mean of three quantiles (50, 60 and 70 %), so that single steps of
+ *          the plant or bad readings have no effect.
+ * Outlier: by Hampel's rule, with the median of the five readings around it. A reading is an
+ *          outlier if its distance from that median exceeds two limits. One is TL_NOISE_OUTLIER σ
+ *          (with 2 neighbours, so including the plant's motion), the other TL_NOISE_OUTLIER times
+ *          the median distance of the five. It is not used for the estimate. A step of the plant is
+ *          not an outlier because the median follows it. A sharp turn is not one because all five
+ *          readings are far from their median.
+ * Unit:    that of the signal; stamps in ns of any clock. Errors of the stamps count as noise: a
+ *          signal that grows by 1 a second, with stamps that are 10 ms wrong, has an error of 0.01.
+ * Bound:   constant time: about 150 floating-point operations, three logarithms and, for each 32nd
+ *          reading, a search in a histogram; less than 1 µs on a PC.
+ * Memory:  6 KiB in the struct.
+ * Thread:  plain data; one thread at a time.
  */
 
 enum {
-    TL_NOISE_ORDERS = 3,  /* by 2, 4 and 6 neighbours */
-    TL_NOISE_WINDOW = 7,  /* readings of the widest */
-    TL_NOISE_AROUND = 5,  /* readings by which an outlier is known, */
-    TL_NOISE_OUTLIER = 6, /* if it is off by more σ than that */
-    TL_NOISE_BINS = 512,  /* four an octave, from 2^−64 to 2^64 */
-    TL_NOISE_LEAST = 60   /* distances that are needed to tell anything */
+    TL_NOISE_ORDERS = 3,  /* with 2, 4 and 6 neighbours */
+    TL_NOISE_WINDOW = 7,  /* readings for the highest order */
+    TL_NOISE_AROUND = 5,  /* readings around a possible outlier */
+    TL_NOISE_OUTLIER = 6, /* limit for an outlier, σ */
+    TL_NOISE_BINS = 512,  /* four per octave, from 2^−64 to 2^64 */
+    TL_NOISE_LEAST = 60   /* differences that an estimate needs */
 };
 
 typedef struct tl_noise_point {
@@ -41,18 +52,18 @@ typedef struct tl_noise_point {
     double value;
 } tl_noise_point;
 
-/* Distances of one order, by size. */
+/* Histogram of the differences of one order. */
 typedef struct tl_noise_sizes {
-    uint32_t none; /* of no size, or below all bins */
+    uint32_t none; /* differences of 0, or below all bins */
     uint32_t count;
     uint32_t bins[TL_NOISE_BINS];
 } tl_noise_sizes;
 
 /* Fields are private. */
 typedef struct tl_noise_meter {
-    uint32_t most; /* distances, half of which are forgotten then; 0: none ever is */
-    bool is_known; /* the scales are given, and do not follow what comes */
-    double scale;  /* by which an outlier is known; 0: none yet */
+    uint32_t most; /* differences; then half of each bin is dropped; 0: nothing is dropped */
+    bool is_known; /* `scale` is given and does not follow the readings */
+    double scale;  /* σ for the outlier limit; 0: not known yet */
     tl_noise_point around[TL_NOISE_AROUND];
     uint32_t around_count;
     tl_noise_point window[TL_NOISE_WINDOW];
@@ -61,36 +72,46 @@ typedef struct tl_noise_meter {
     tl_noise_sizes sizes[TL_NOISE_ORDERS];
 } tl_noise_meter;
 
-/* What is known of the noise. */
+/* A noise estimate. */
 typedef struct tl_noise_found {
-    uint32_t count;                   /* distances */
-    double sigma;                     /* 0: each reading is where its neighbours say, to the last bit */
-    double by_order[TL_NOISE_ORDERS]; /* the same by 2, 4 and 6 neighbours */
-    bool is_enough;                   /* TL_NOISE_LEAST and more */
-    bool is_too_fast;                 /* the plant, between two readings: the noise is sigma at most */
+    uint32_t count;                   /* number of differences */
+    double sigma;                     /* standard deviation; 0: each reading equals the polynomial exactly */
+    double by_order[TL_NOISE_ORDERS]; /* standard deviation with 2, 4 and 6 neighbours */
+    bool is_enough;                   /* at least TL_NOISE_LEAST differences */
+    bool is_too_fast;                 /* the plant moves too fast between two readings: sigma is an upper limit */
 } tl_noise_found;
 
-/* `most` is what it goes by at last, if the noise may change: 0: all; else at least 2 · TL_NOISE_LEAST. */
+/* `most`: number of differences that the estimate remembers, at least 2 · TL_NOISE_LEAST; 0: all.
+ */
 void tl_noise_meter_init(tl_noise_meter *meter, uint32_t most);
 
-/* Outliers are known by these from now on, rather than by what comes: for who looks at a recording a second time. */
+/* From now on uses the outlier limit of this estimate instead of the readings'. For a second pass
+ * over a recording. */
 void tl_noise_meter_know(tl_noise_meter *meter, const tl_noise_found *found);
 
-/* The next good reading. One that is not later than the one before, or more than 40 years later, or no finite number, is passed over. True: the second last one before it was judged. */
+/* Adds the next good reading. Ignores it if its stamp is not later than the one before, or more
+ * than 40 years later, or if its value is not finite. Returns true if the reading two before this
+ * one was checked; then sets *is_outlier for it. */
 bool tl_noise_meter_put(tl_noise_meter *meter, tl_time stamp, double value, bool *is_outlier);
 
 void tl_noise_meter_tell(const tl_noise_meter *meter, tl_noise_found *found);
 
-/* Whether a tolerance is below three times the noise, for sure: 15 % is what the noise is known to. */
+/* Returns true if the tolerance is certainly below three times the noise. Certainly: by 15 %, the
+ * accuracy of the estimate. */
 bool tl_noise_exceeds(const tl_noise_found *found, double tolerance);
 
-/* ---- The noise of what is matched, while it is matched: whether a tolerance is below three times of it.
+/* ---- Noise of matched signals during a run: warns if a tolerance is below three times the noise.
  *
- * Purpose: a lock whose tolerance is within the noise follows the noise, and states behind its outputs may drift for hours. `check --recording` says so of a recording;
- *          this says so of the plant as it is, by the same meter (above), live and in replay by the same samples.
- * Readings: one a tick, as it came (NAME@reading if the signal is conditioned or on a line); rejected ones are not taken.
- * Judged:  at each 256th reading, by the last 2048 to 4096. Told when a tolerance is below for sure, over when it is not below at all.
- * Memory:  its own, 6 KiB for each match. Thread: plain data; one thread at a time.
+ * Purpose:  if the tolerance is below the noise, the twin follows the noise, and states that its
+ *           outputs do not show may drift for hours. `check --recording` reports this for a
+ *           recording. This code reports it for the running plant with the same estimate; live and
+ *           in replay from the same samples.
+ * Readings: one a tick, as it came (NAME@reading if the signal is conditioned or on a line),
+ *           without rejected ones.
+ * Period:   checked at each 256th reading, with the last 2048 to 4096. Reported if a tolerance is
+ *           certainly too small, cleared if it is at least three times the noise.
+ * Memory:   6 KiB for each match, in the struct.
+ * Thread:   plain data; one thread at a time.
  */
 
 enum { TL_NOISE_WATCH_EACH = 256, TL_NOISE_WATCH_MOST = 4096 };
@@ -100,16 +121,17 @@ typedef enum tl_noise_turn { TL_NOISE_AS_BEFORE, TL_NOISE_IS_LARGE, TL_NOISE_IS_
 /* Fields are private. */
 typedef struct tl_noise_watch {
     const tl_config *config;
-    size_t signal[TL_MAX_MATCH]; /* whose readings are taken; SIZE_MAX: none's */
+    size_t signal[TL_MAX_MATCH]; /* whose readings are used; SIZE_MAX: none */
     tl_time newest[TL_MAX_MATCH];
     bool is_told[TL_MAX_MATCH];
     tl_noise_meter meters[TL_MAX_MATCH];
 } tl_noise_watch;
 
-/* The configuration has its further look-ups in use; its tolerances may change later. */
+/* `config`: with its further look-ups in use (tl_config_use_lookups()); it must outlive the watch,
+ * and its tolerances may change. */
 void tl_noise_watch_init(tl_noise_watch *watch, const tl_config *config);
 
-/* A sample, for one match. `sigma`: the noise, if there is a turn. */
+/* Adds a sample for one match. Returns a change, and sets *sigma to the noise then. */
 tl_noise_turn tl_noise_watch_sample(tl_noise_watch *watch, const tl_sample *sample, size_t match, double *sigma);
 
 #endif

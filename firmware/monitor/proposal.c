@@ -1,4 +1,4 @@
-/* What a recording proposes for the configuration, and its page: see proposal.h. */
+/* Proposal: derives settings from a recording: see proposal.h. */
 #include "firmware/monitor/proposal.h"
 
 #include <inttypes.h>
@@ -12,18 +12,18 @@
 
 /* ---- proposal ---- */
 
-static const double AT_REST = 6.0;   /* of a plant that does nothing else: a lock could only follow the noise */
-static const double TOLERANCE = 3.0; /* σ at least, */
-static const double STAYS = 2.0;     /* and so many times that is left as it is */
-static const double HALF = 0.6;      /* of the mean square: less noise than that is worth a low-pass; */
-static const double NEARLY = 1.3;    /* so many times the best is nearly as good, */
-static const double NEARLY_NOTHING = 1.0 / 25; /* and so is a difference of so many σ² */
-static const double SHORTEST = 0.25;           /* time constants, of the readings' usual distance, */
-static const double LONGEST = 2.5;       /* up to this: what is longer flattens what the recording may not have shown */
-static const double GATE_OF_JUMP = 1.5;  /* times the furthest that the plant went between two readings, */
-static const double GATE_OF_NOISE = 8.0; /* and so many σ at least */
-static const double MOVES = 2.0;         /* times its noise: an input for which a step is worth waiting */
-static const double FEW_OUTLIERS = 2;    /* fewer are nothing to go by */
+static const double AT_REST = 6.0;   /* σ, if the plant is at rest: with less, the lock would only follow the noise */
+static const double TOLERANCE = 3.0; /* smallest tolerance, σ */
+static const double STAYS = 2.0;     /* a tolerance up to this many times the smallest is kept */
+static const double HALF = 0.6;      /* a low-pass must reduce the mean square error below this share */
+static const double NEARLY = 1.3;    /* up to this many times the best error is nearly as good, */
+static const double NEARLY_NOTHING = 1.0 / 25; /* plus this many σ² */
+static const double SHORTEST = 0.25;           /* shortest time constant, in intervals between readings */
+static const double LONGEST = 2.5;       /* longest one: it would flatten motion that the recording may not show */
+static const double GATE_OF_JUMP = 1.5;  /* times the largest motion of the plant between two readings */
+static const double GATE_OF_NOISE = 8.0; /* at least this many σ */
+static const double MOVES = 2.0;         /* times its noise: an input that moves more is worth a wait */
+static const double FEW_OUTLIERS = 2;    /* with fewer, no proposal */
 enum { MEDIAN = 5 };
 
 static void say(tl_proposal_reason *reason, const char *format, ...) TL_PRINTF(2, 3);
@@ -35,15 +35,15 @@ static void say(tl_proposal_reason *reason, const char *format, ...) {
     va_end(arguments);
 }
 
-/* To two digits, upwards. */
+/* Rounds up to two digits. */
 static double rounded_up(double value) {
     double unit = value > 0.0 ? pow(10.0, floor(log10(value)) - 1.0) : 1.0;
     return value > 0.0 ? ceil(value / unit - 1e-9) * unit : 0.0;
 }
 
-/* ---- message times ---- */
+/* ---- message intervals ---- */
 
-/* Whole steps, of what 99 % of all readings keep to. */
+/* Interval in whole steps that 99 % of the readings keep. */
 static tl_time every_of(const tl_config *config, const tl_survey_signal *signal) {
     tl_time steps = (signal->rare + config->step - 1) / config->step;
     return (steps > 0 ? steps : 1) * config->step;
@@ -53,7 +53,7 @@ static bool is_too_slow(const tl_config *config, const tl_survey_signal *signal)
     return every_of(config, signal) > TL_CONFIG_LONGEST_SHIFT * config->step;
 }
 
-/* Whether there is no such thing as a line between its readings; says why. */
+/* Returns true if there is no useful line between the readings; writes the reason. */
 static bool has_no_line(const tl_config *config, size_t index, const tl_survey_signal *signal,
                         tl_proposal_reason *reason) {
     const tl_plan_signal *plan = &config->signals[index].plan;
@@ -87,7 +87,7 @@ static void propose_between(const tl_config *config, const tl_survey_signal *sig
         tl_seconds(signal->median) / 2.0, tl_seconds(config->step));
 }
 
-/* 1, 1.5, 2, 3, 4, 5, 6, 8, 10 … ms: the next one after `value`. */
+/* Returns the next value of the series 1, 1.5, 2, 3, 4, 5, 6, 8, 10 … after `value`. */
 static tl_time next_constant(tl_time value) {
     static const double steps[] = {1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0};
     double decade = pow(10.0, floor(log10((double)value) + 1e-9));
@@ -99,7 +99,8 @@ static tl_time next_constant(tl_time value) {
     return value * 2;
 }
 
-/* The shortest time constant that is nearly as good as the best; 0: none halves the error. `*error`: what is left, mean square. */
+/* Returns the shortest time constant that is nearly as good as the best, in ns; 0 if none reduces
+ * the error enough. *error: the remaining mean square. */
 static tl_time find_low_pass(const tl_config *config, const tl_survey_signal *signal, double *error) {
     double sigma = signal->sigma;
     double square = sigma * sigma;
@@ -145,7 +146,7 @@ static void propose_low_pass(const tl_config *config, const tl_survey_signal *si
     }
 }
 
-/* A gate knows how fast the plant is; a median needs not to. */
+/* A gate needs a limit for the plant's motion; a median does not. */
 static void propose_rejection(const tl_config *config, const tl_survey_signal *signal, tl_proposal_match *match,
                               tl_proposal_reason *reason) {
     double gate = rounded_up(fmax(GATE_OF_JUMP * signal->jump, GATE_OF_NOISE * signal->sigma));
@@ -253,7 +254,7 @@ void tl_proposal_make(const tl_config *config, const tl_survey *survey, tl_propo
     }
 }
 
-/* ---- proposal page ---- */
+/* ---- output of the proposal ---- */
 
 enum { INDENT = 2, DEEPER = 4, TEXT = 640 };
 
@@ -273,7 +274,7 @@ static void print(FILE *file, int first, const char *format, ...) {
     tl_wrapped_print(file, text, first, first + INDENT);
 }
 
-/* How its readings come. */
+/* Prints the number and the intervals of the readings. */
 static void print_times(const char *name, const tl_survey_signal *signal, FILE *file) {
     char bad[64] = "";
     if (signal->bad > 0) {
@@ -468,7 +469,7 @@ tl_status tl_proposal_print_page(const tl_config *config, const char *recording,
     return status;
 }
 
-/* ---- for a program ---- */
+/* ---- JSON output ---- */
 
 static void add_signal(tl_json_writer *json, const char *name, const tl_survey_signal *signal) {
     bool is_told = signal->noise.is_enough && !signal->is_switched;

@@ -1,4 +1,4 @@
-/* A recording, measured: range, noise, delays and smoothing of its signals: see survey.h. */
+/* Survey: measures the signals of a recording: see survey.h. */
 #include "firmware/monitor/survey.h"
 
 #include <math.h>
@@ -9,19 +9,21 @@
 #include "firmware/plant/conditioner.h"
 #include "firmware/process/interrupt.h"
 
-/* ---- smoothing ---- */
+/* ---- error of a low-pass ---- */
 
 static tl_reading reading_of(const tl_noise_point *point) {
     return (tl_reading){.value = point->value, .stamp = point->stamp, .quality = TL_GOOD};
 }
 
-/* Where a low-pass that was at `smooth` at one reading is at `at`, of which the next reading is no earlier. */
+/* Value of a low-pass at `at`, from its value `smooth` at the reading `from`; the next reading `to`
+ * is not before `at`. */
 static double follow(tl_time low_pass, const tl_reading *from, double smooth, const tl_reading *to, tl_time at) {
     const tl_conditioned before = {.reading = *from, .smooth = smooth};
     return at > from->stamp ? tl_conditioner_between(low_pass, &before, to, at) : smooth;
 }
 
-/* Of a reading, in what is made of its instant: the answer to a line that is 1 there and 0 at its neighbours. */
+/* Weight of a reading in the result for its own instant: the response to a line that is 1 at it and
+ * 0 at its neighbours. */
 static double weight_of(const tl_noise_point *point, tl_time low_pass) {
     const tl_reading before = {.value = 0.0, .stamp = point[-1].stamp};
     const tl_reading own = {.value = 1.0, .stamp = point[0].stamp};
@@ -40,7 +42,7 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
     double differences = 0.0;
     double weights = 0.0;
     size_t terms = 0;
-    double smooth = count > 0 ? points[0].value : 0.0; /* at `next` − 1 */
+    double smooth = count > 0 ? points[0].value : 0.0; /* at reading `next` − 1 */
     size_t next = 1;
     for (size_t i = 1; i + 1 < count; i++) {
         tl_time at = points[i].stamp + low_pass;
@@ -65,15 +67,15 @@ double tl_smoothing_error(const tl_noise_point *points, size_t count, double sig
 
 /* ---- survey ---- */
 
-static const double POLLED = 1.0 / 3.0;       /* of the readings repeat the one before */
-static const double WHOLE = 0.05;             /* multiples are off by so little, */
-static const double MOST_STEPS = 1e6;         /* of so many at most, */
-static const double NEARLY_ALL = 0.99;        /* in so many cases */
-static const double COUNTED_NOISE = 0.288675; /* of a value that is rounded to multiples of 1: 1/√12 */
+static const double POLLED = 1.0 / 3.0;       /* share of repeated readings */
+static const double WHOLE = 0.05;             /* largest deviation from a multiple, */
+static const double MOST_STEPS = 1e6;         /* up to this many multiples, */
+static const double NEARLY_ALL = 0.99;        /* for this share of the differences */
+static const double COUNTED_NOISE = 0.288675; /* of a value rounded to multiples of 1: 1/√12 */
 static const double A_FEW_STEPS = 4.0;
-static const double AT_REST = 1.2; /* times its noise, the standard deviation of what moves by nothing else */
+static const double AT_REST = 1.2; /* standard deviation over noise, for a signal that does not move */
 
-/* What is heard. */
+/* Receives the readings of a recording. */
 typedef struct listener {
     const tl_config *config;
     tl_survey *survey;
@@ -109,7 +111,7 @@ static void hear(void *context, size_t signal, const tl_reading *reading) {
     }
 }
 
-/* ---- message times ---- */
+/* ---- message intervals ---- */
 
 static int compare(const void *one, const void *other) {
     const double a = *(const double *)one;
@@ -117,7 +119,7 @@ static int compare(const void *one, const void *other) {
     return a < b ? -1 : a > b ? 1 : 0;
 }
 
-/* Of the sorted. */
+/* Quantile of sorted values. */
 static double share_of(const double *sorted, size_t count, double share) {
     size_t place = (size_t)(share * (double)count);
     return sorted[place < count ? place : count - 1];
@@ -139,7 +141,7 @@ static void tell_times(tl_survey_signal *signal, double *room) {
 
 /* ---- values ---- */
 
-/* The least distance of two values, if all are multiples of it apart. */
+/* Returns the smallest difference of two values if all differences are multiples of it; else 0. */
 static double find_quantum(const double *sorted, size_t count, size_t *values) {
     double least = 0.0;
     size_t multiples = 0;
@@ -161,7 +163,7 @@ static bool repeats(const tl_noise_point *one, const tl_noise_point *before) {
     return !(one->value < before->value) && !(one->value > before->value);
 }
 
-/* Those that change only. */
+/* Keeps only the readings that change the value. */
 static void drop_repeats(tl_survey_signal *signal) {
     size_t kept = signal->kept_count > 0 ? 1 : 0;
     for (size_t i = 1; i < signal->kept_count; i++) {
@@ -172,7 +174,7 @@ static void drop_repeats(tl_survey_signal *signal) {
     signal->kept_count = kept;
 }
 
-/* The half of all changes that are larger; 0: there are none. */
+/* Returns the median of all changes; 0 if there are none. */
 static double usual_change(const tl_survey_signal *signal, double *room) {
     size_t count = 0;
     for (size_t i = 1; i < signal->kept_count; i++) {
@@ -185,7 +187,7 @@ static double usual_change(const tl_survey_signal *signal, double *room) {
     return count > 0 ? share_of(room, count, 0.5) : 0.0;
 }
 
-/* A value that is counted in large steps repeats as well, and is not polled too often for that. */
+/* A value with a coarse quantum repeats too, without being polled too often. */
 static void tell_values(tl_survey_signal *signal, double *room) {
     size_t values = 0;
     for (size_t i = 0; i < signal->kept_count; i++) {
@@ -207,7 +209,7 @@ static void tell_values(tl_survey_signal *signal, double *room) {
 
 /* ---- noise ---- */
 
-/* The second time: outliers are taken out, and how far they were is put into `room`. */
+/* Second pass: removes the outliers and puts their distances into `room`. */
 static void drop_outliers(tl_survey_signal *signal, tl_noise_meter *meter, double *room) {
     enum { BEHIND = TL_NOISE_AROUND / 2 };
     size_t count = signal->kept_count;
@@ -245,7 +247,7 @@ static void tell_moves(tl_survey_signal *signal) {
     signal->move = sqrt(fmax(0.0, mean - 2.0 * signal->sigma * signal->sigma));
 }
 
-/* About the first one, as values may be large. */
+/* Relative to the first value, because values may be large. */
 static bool is_at_rest(const tl_survey_signal *signal) {
     double sum = 0.0;
     double squares = 0.0;
@@ -276,7 +278,7 @@ static void tell_noise(tl_survey_signal *signal, tl_noise_meter *meter, double *
     signal->is_at_rest = is_at_rest(signal);
 }
 
-/* ---- all ---- */
+/* ---- survey of all signals ---- */
 
 static tl_status hear_all(tl_recording *recording, listener *self, tl_error *error) {
     tl_recording_tick tick;

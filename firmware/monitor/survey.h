@@ -1,6 +1,6 @@
-/* A recording, measured: range, noise, delays and smoothing of its signals.
+/* Survey: measures range, noise, message intervals and smoothing of the signals of a recording.
  *
- * Thread:  one.
+ * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_MONITOR_SURVEY_H
 #define TL_FIRMWARE_MONITOR_SURVEY_H
@@ -15,63 +15,69 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- How far a low-pass takes readings from what was true, as these tell themselves.
+/* ---- Error of readings after a low-pass, estimated from the readings alone.
  *
- * Idea:    Stein's estimate. What a low-pass makes of the reading of an instant differs from that reading by d; it is off what was true by
- *          E d² − σ² + 2 σ² w in the mean square, if w is the weight with which the reading is in it and the noise is white with deviation σ. So noise that is
- *          taken away and motion that is flattened are weighed without knowing the motion.
- * Purpose: done by the plant's own low-pass (plant/conditioner.h), looked up τ later, as it is when it is matched.
- * Thread:  pure.
+ * Source: Stein's unbiased risk estimate. The mean square error is E d² − σ² + 2 σ² w. d is the
+ *         difference between the low-pass and the reading of the same instant, and w the weight of
+ *         that reading in the result. σ is the standard deviation of the noise, which must be
+ *         white. The error includes both the remaining noise and the flattened motion, without
+ *         knowledge of the motion.
+ * Method: uses the low-pass of the plant input (plant/conditioner.h), looked up τ later, as for a
+ *         matched signal.
+ * Thread: pure functions.
  */
 
-/* The mean square error at the readings' own instants, through a low-pass of τ > 0 ns. Without one it is σ². Fewer than three readings: σ². */
+/* Mean square error at the readings' own instants after a low-pass of `low_pass` > 0 ns. Returns σ²
+ * if there are fewer than three readings. Without a low-pass the error would be σ². */
 double tl_smoothing_error(const tl_noise_point *points, size_t count, double sigma, tl_time low_pass);
 
-/* ---- A recording, looked through for what can be told of its signals without any FMU: noise, message times, bad readings.
+/* ---- Survey of a recording without any FMU: noise, message intervals, bad readings.
  *
- * Purpose: what a proposal (proposal.h) goes by. Readings are taken as they came (tl_recording_listen()), each once; good ones are those that are finite and
- *          within the signal's `min` and `max`.
- * Noise:   by diagnose/noise_meter.h, twice: what the first time says of the noise tells the outliers the second time.
+ * Purpose: input of a proposal (proposal.h). Each reading is used once, as it came
+ *          (tl_recording_listen()). A reading is good if it is finite and within the signal's `min`
+ *          and `max`.
+ * Noise:   estimated twice with monitor/noise.h: the first estimate gives the outlier limit of the
+ *          second one.
  * Bound:   the first TL_SURVEY_MOST readings of a signal.
- * Owner:   the survey owns its readings; tl_survey_free() frees all.
+ * Owner:   the survey owns its readings; tl_survey_free() frees them.
  * Thread:  one thread.
  */
 
 enum {
     TL_SURVEY_MOST = 200000,
     TL_SURVEY_LEAST =
-        TL_NOISE_LEAST + TL_NOISE_WINDOW + TL_NOISE_AROUND, /* good readings to tell anything of their noise */
-    TL_SURVEY_SWITCH = 3                                    /* a signal that has so many values or fewer is switched */
+        TL_NOISE_LEAST + TL_NOISE_WINDOW + TL_NOISE_AROUND, /* good readings that a noise estimate needs */
+    TL_SURVEY_SWITCH = 3                                    /* a signal with at most this many values is a switch */
 };
 
 typedef struct tl_survey_signal {
-    uint64_t good, bad; /* readings */
-    bool is_cut;        /* there were more */
+    uint64_t good, bad; /* number of readings */
+    bool is_cut;        /* there were more than TL_SURVEY_MOST */
     tl_time median, most, rare,
-        worst;        /* from one good reading to the next: in 50, 95, 99 and 100 % of all cases; 0: there are no two */
-    uint64_t repeats; /* good ones with the value of the one before */
-    bool is_switched; /* it has a few values only, or one */
-    bool is_polled;   /* it is read more often than it changes; the noise is that of the changes */
-    double quantum;   /* all values are multiples of this; 0: they are not, as far as one can see */
+        worst; /* interval between good readings that 50, 95, 99 and 100 % do not exceed, ns; 0: fewer than two */
+    uint64_t repeats; /* good readings that equal the one before */
+    bool is_switched; /* it has at most TL_SURVEY_SWITCH values */
+    bool is_polled;   /* it is read more often than it changes; its noise is that of the changes */
+    double quantum;   /* all values differ by multiples of this; 0: not found */
     uint64_t outliers;
-    double nearest; /* nine of ten outliers are further from the reading before them that is none; 0: there are none */
+    double nearest;       /* 90 % of the outliers are at least this far from the last other reading; 0: no outlier */
     tl_noise_found noise; /* without the outliers */
-    double sigma;         /* the noise: that, or what counting in multiples makes, if that is more */
-    double move,
-        jump; /* from one reading that is no outlier to the next: root mean square less the noise's, and the most */
-    bool is_at_rest;      /* all of it is within its noise */
-    tl_noise_point *kept; /* those that are no outliers; of one that is polled, the changes */
+    double sigma;         /* noise: of the estimate, or of the rounding to the quantum, whichever is larger */
+    double move, jump;    /* between successive readings without outliers: RMS minus the noise, and maximum */
+    bool is_at_rest;      /* the signal does not move by more than its noise */
+    tl_noise_point *kept; /* readings without outliers; if is_polled, only the changes */
     size_t kept_count;
 } tl_survey_signal;
 
 typedef struct tl_survey {
-    tl_time length; /* from the first good reading of any signal to the last */
-    size_t count;   /* the configuration's own signals */
+    tl_time length; /* from the first good reading of any signal to the last, ns */
+    size_t count;   /* number of the configuration's own signals */
     tl_survey_signal signals[TL_MAX_SIGNALS];
 } tl_survey;
 
-/* Reads the recording to its end, and closes it not. The survey was zeroed, and is to be freed even if this fails. Errors: those of tl_recording_next();
- * TL_TRY_AGAIN; TL_INTERRUPTED. */
+/* Reads the recording to its end; the caller closes it. The survey must be zeroed, and must be
+ * freed even after an error. Errors: those of tl_recording_next(); TL_TRY_AGAIN if memory is out;
+ * TL_INTERRUPTED. */
 tl_status tl_survey_take(tl_recording *recording, const tl_config *config, tl_survey *survey, tl_error *error);
 
 void tl_survey_free(tl_survey *survey);

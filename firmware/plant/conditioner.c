@@ -1,4 +1,4 @@
-/* The readings of one signal, conditioned: see conditioner.h. */
+/* Conditioner: see conditioner.h. */
 #include "firmware/plant/conditioner.h"
 
 #include <math.h>
@@ -9,16 +9,16 @@ void tl_conditioner_init(tl_conditioner *conditioner, const tl_condition *condit
     *conditioner = (tl_conditioner){.condition = *condition, .stale = stale, .is_empty = true, .newest = TL_TIME_NEVER};
 }
 
-/* ---- what comes out ---- */
+/* ---- outputs ---- */
 
-/* Readings on their way out. */
+/* Collects the outputs of one reading. */
 typedef struct outputs {
     tl_conditioner *conditioner;
     tl_conditioned *out;
     size_t count;
 } outputs;
 
-/* What is no newer than what has come out would be looked up in no order. */
+/* Look-ups need increasing stamps, so an output that is not newer is dropped. */
 static void let_out(outputs *to, const tl_conditioned *conditioned) {
     tl_time newest = to->conditioner->newest;
     if (newest == TL_TIME_NEVER || conditioned->reading.stamp > newest) {
@@ -29,7 +29,7 @@ static void let_out(outputs *to, const tl_conditioned *conditioned) {
 
 /* ---- the median ---- */
 
-/* Takes the slot that is written next out of the order; it is there, as the window is full. */
+/* Removes the slot that is written next from the order. It is in it, because the window is full. */
 static void forget_oldest(tl_conditioner *self, size_t slot) {
     size_t place = 0;
     while (self->order[place] != slot) {
@@ -48,7 +48,7 @@ static void put_in_order(tl_conditioner *self, size_t slot, size_t others) {
     self->order[place] = slot;
 }
 
-/* False: there is an even number of readings, which has no middle. */
+/* Returns false if the number of readings is even, because there is no middle one. */
 static bool find_median(tl_conditioner *self, const tl_reading *reading, tl_reading *middle) {
     size_t size = self->condition.median;
     if (size <= 1) {
@@ -71,7 +71,8 @@ static bool find_median(tl_conditioner *self, const tl_reading *reading, tl_read
 
 /* ---- the low-pass ---- */
 
-/* While x goes evenly from x0 to x1, y goes to x1 − r·a + (y0 − x0)·(1 − a) with a = 1 − exp(−Δt/τ), r = (x1 − x0)·τ/Δt. */
+/* For x linear from x0 to x1: y = x1 − r·a + (y0 − x0)·(1 − a), with a = 1 − exp(−Δt/τ), r = (x1 −
+ * x0)·τ/Δt. */
 static double follow(tl_time low_pass, const tl_conditioned *before, const tl_reading *after) {
     double stretch = (double)(after->stamp - before->reading.stamp) / (double)low_pass;
     double share = -expm1(-stretch);
@@ -116,14 +117,14 @@ static bool is_near(const tl_conditioner *self, const tl_reading *one, const tl_
     return self->condition.gate <= 0.0 || fabs(one->value - other->value) <= self->condition.gate;
 }
 
-/* Whether a reading is the third in a row that agree with each other. */
+/* Returns true if this is the third rejected reading in a row that agrees with the other two. */
 static bool is_new_level(const tl_conditioner *self, const tl_reading *reading) {
     const tl_reading *pending = self->pending;
     return self->pending_count == PENDING && is_near(self, &pending[0], &pending[1]) &&
            is_near(self, &pending[0], reading) && is_near(self, &pending[1], reading);
 }
 
-/* The last PENDING are kept. */
+/* Keeps the last PENDING readings. */
 static void keep_pending(tl_conditioner *self, const tl_reading *reading) {
     if (self->pending_count == PENDING) {
         self->pending[0] = self->pending[1];

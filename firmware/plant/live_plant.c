@@ -1,4 +1,4 @@
-/* The live plant: see live_plant.h. */
+/* Live plant: see live_plant.h. */
 #include "firmware/plant/live_plant.h"
 
 #include <limits.h>
@@ -13,7 +13,7 @@ struct tl_live_plant {
     tl_plant_source *sources;
     size_t source_count;
     tl_plant_readers *readers;
-    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* the readers' */
+    tl_sample_buffer buffers[TL_MAX_SIGNALS]; /* handles of the readers */
 };
 
 void tl_live_plant_set_limits(tl_plant_input *input, const tl_config *config) {
@@ -57,7 +57,7 @@ static tl_status open_driver(const tl_config *config, const tl_config_source *co
     return status;
 }
 
-/* Opens one configured source; one that no signal uses is left out. */
+/* Opens one configured source; skips it if no signal uses it. */
 static tl_status open_source(tl_live_plant *plant, const tl_config *config, size_t index, tl_heartbeats *beats,
                              tl_error *error) {
     const tl_config_source *configured = &config->sources[index];
@@ -85,7 +85,7 @@ static tl_status open_source(tl_live_plant *plant, const tl_config *config, size
     return status;
 }
 
-/* The keys by which a signal names a live source: "csv" with a "source", "modbus", … */
+/* Lists the keys that give a signal a live source: "csv" with a "source", "modbus", … */
 static void list_signal_keys(char *text, size_t size) {
     size_t used = 0;
     for (const tl_driver *const *row = tl_drivers; *row != NULL && used < size; row++) {
@@ -133,7 +133,7 @@ static tl_status open_all(tl_live_plant *plant, const tl_live_plant_settings *se
     for (size_t i = 0; i < config->source_count; i++) {
         tl_status status =
             is_of(config, i, settings->kinds) ? open_source(plant, config, i, settings->beats, error) : TL_OK;
-        if (status != TL_OK) { /* the readers do not own them yet */
+        if (status != TL_OK) { /* the readers do not own the sources yet */
             for (size_t k = 0; k < plant->source_count; k++) {
                 plant->sources[k].driver->close(plant->sources[k].io);
             }

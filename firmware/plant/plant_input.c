@@ -1,17 +1,24 @@
-/* Judges what the plant says: what it showed at an instant, and how far that can be trusted.
+/* Plant input: looks up the signals at an instant and determines their qualities.
  *
- * Alike:   a reading whose stamp is within TL_PLANT_ALIKE of an instant is one of that instant. A plant that is sampled in step with the twin would else
- *          lose a whole sample to a stamp that is some nanoseconds late, now and then: half of the error of a fast signal. Not at tick 0, which begins at a reading.
- * Between: the plant goes on between two messages, and whoever holds the last one matches what was true some messages' time ago on average half of that. So
- *          a signal may be looked up on the line between the reading before the instant and the one after it, by their own stamps. The one after is
- *          waited for: the sample of t looks back by `back`, which is at least as long as the next message may take, and the twin is led by as many ticks
- *          less (config_lookups.c). What comes out of it is the sample, and is recorded as that; so a replay takes what the run took.
- *          The last reading stands, as it does where nothing is asked for, and is judged by its own age: where the next one is not there by t; where one of
- *          the two is not good; and where they are further apart than what makes one stale, since nobody knows what was in between.
- * Conditioned: of a signal with a stream only what has come out of it is looked up, and that under its own stamps: a reading that was rejected is, for
- *          the line, as if it had never come.
- * Mean:    the same line, but what an input is held at for a macro step is its mean over that step: from t − back on, by trapezoids from reading to reading.
- *          An instant's value, held, would be half a step late; a mean is late by nothing, and takes the noise of all readings in the step along.
+ * Alike:       a reading within TL_PLANT_ALIKE of an instant belongs to it. If the plant is sampled
+ *              in step with the twin, a stamp that is a few nanoseconds late would otherwise delay
+ *              a value by a whole sample: half of the error of a fast signal. This does not apply
+ *              at tick 0, which starts at a reading.
+ * Between:     the plant moves between two messages, and the last one is half an interval old on
+ *              average. So a signal can be looked up on the line between the readings before and
+ *              after the instant, by their own stamps. To have the reading after it, the sample of
+ *              t looks back by `back`, which is at least the longest message interval. The twin
+ *              computes its steps later by the same number of ticks (config_lookups.c). The
+ *              interpolated value is recorded, so a replay uses the same one.
+ * Last:        the last reading is used instead, with its own age, in three cases: the next one has
+ *              not come by t; one of both is not good; or they are further apart than the stale
+ *              time.
+ * Conditioned: for a signal with a stream, only its outputs are looked up, by their own stamps. A
+ *              rejected reading does not exist for the line.
+ * Mean:        an input is constant during a macro step. Its value is the mean of the line over
+ *              that step, from t − back, by trapezoids between the readings. The value of an
+ *              instant would be late by half a step; a mean is not, and averages the noise of all
+ *              readings in the step.
  */
 #include "firmware/plant/plant_input.h"
 
@@ -23,29 +30,30 @@
 /* 2^31: integers of FMI 2.0 are below it. */
 #define INTEGER_LIMIT 2147483648.0
 
-/* ---- The readings of one signal, conditioned each once as it comes, and kept to be looked up.
+/* ---- Stream: the conditioned readings of one signal, kept for look-ups.
  *
- * Purpose: between the mailbox that a source posts into and the look-up of a sample. What has come by an instant is the same whenever that is asked,
- *          so a run that has missed ticks sees what it would have seen.
- * Again:   a reading with a stamp no later than the newest that was taken is that one again, and is passed over; one whose stamp is later than the
- *          instant waits for its time.
- * Trust:   none in the mailbox; so many readings are taken at once as it is deep. */
+ * Purpose: between the sample buffer of a source and the look-up of a sample. What is available at
+ *          an instant does not depend on the time of the call, so a run that missed ticks sees the
+ *          same values.
+ * Again:   a reading with a stamp not later than the newest one taken is a repetition and skipped.
+ *          A reading with a stamp later than the instant stays in the buffer.
+ * Trust:   the sample buffer is untrusted; at most its depth of readings are taken in one call.
+ */
 
 struct tl_reading_stream {
     tl_conditioner conditioner;
-    const tl_sample_buffer_slot *from; /* the mailbox that is read; NULL: none yet */
-    uint64_t next;                     /* its post */
-    tl_reading last;                   /* that was taken, as it came; its stamp is TL_TIME_NEVER if none was */
-    tl_reading
-        shown; /* the same; if any was rejected at this instant, the last of these, with the quality TL_OUTLIER */
-    bool has_rejected;            /* at this instant */
-    uint64_t count, smooth_count; /* of these: */
-    tl_sample_buffer out;         /* what has come out, to be looked up; */
-    tl_sample_buffer smooth;      /* and, under the same stamps, where the low-pass was: the same where there is none */
+    const tl_sample_buffer_slot *from; /* sample buffer that is read; NULL: none yet */
+    uint64_t next;                     /* its next post */
+    tl_reading last;                   /* last reading taken, as it came; stamp TL_TIME_NEVER: none */
+    tl_reading shown;  /* as `last`; if a reading was rejected at this instant, the last rejected one, as TL_OUTLIER */
+    bool has_rejected; /* at this instant */
+    uint64_t count, smooth_count; /* of the two buffers below */
+    tl_sample_buffer out;         /* outputs, for look-ups */
+    tl_sample_buffer smooth;      /* same stamps, with the value of the low-pass; equal to `out` without one */
     tl_sample_buffer_slot slots[];
 };
 
-/* For as many readings as a mailbox of that depth has, a power of two. NULL: there is not enough memory. */
+/* `depth`: that of the sample buffer, a power of two. Returns NULL if memory is out. */
 static tl_reading_stream *make_stream(const tl_condition *condition, tl_time stale, uint32_t depth) {
     tl_reading_stream *stream = calloc(1, sizeof *stream + 2 * (size_t)depth * sizeof stream->slots[0]);
     if (stream != NULL) {
@@ -58,7 +66,7 @@ static tl_reading_stream *make_stream(const tl_condition *condition, tl_time sta
     return stream;
 }
 
-/* The next reading of the mailbox with a stamp ≤ until; false: there is none yet. */
+/* Reads the next new reading of the buffer with a stamp ≤ until. Returns false if there is none. */
 static bool next_of_stream(tl_reading_stream *stream, const tl_sample_buffer *buffer, tl_time until,
                            tl_reading *reading) {
     if (stream->from != buffer->slots) {
@@ -72,7 +80,7 @@ static bool next_of_stream(tl_reading_stream *stream, const tl_sample_buffer *bu
     return any;
 }
 
-/* It, judged. */
+/* Adds a reading with its quality. */
 static void put_into_stream(tl_reading_stream *stream, const tl_reading *reading) {
     tl_conditioned out[TL_CONDITIONER_LEVEL];
     bool is_rejected = false;
@@ -133,7 +141,8 @@ static bool fits_type(double value, tl_type type) {
     return true;
 }
 
-/* Whether a stamp can be one of this plant's. What is between them may be more than a tl_time holds. */
+/* Returns true if a stamp is plausible. Unsigned, because the difference of any two stamps may not
+ * fit into tl_time. */
 static bool is_near(tl_time stamp, tl_time instant) {
     uint64_t apart = stamp < instant ? (uint64_t)instant - (uint64_t)stamp : (uint64_t)stamp - (uint64_t)instant;
     return apart <= TL_PLANT_FARTHEST;
@@ -143,7 +152,7 @@ static tl_quality worse(tl_quality a, tl_quality b) {
     return a > b ? a : b;
 }
 
-/* The quality of a reading at an instant; corrects the value of one that is no number. */
+/* Determines the quality of a reading at an instant. Sets a value that is not finite to 0. */
 static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_reading *reading) {
     tl_quality quality = reading->quality;
     if (!isfinite(reading->value) || quality >= TL_NOT_A_NUMBER) {
@@ -162,13 +171,13 @@ static tl_quality judge(const tl_plant_limits *limits, tl_time instant, tl_readi
 
 /* ---- between two readings ---- */
 
-/* A signal as it is looked up. */
+/* How one signal is looked up. */
 typedef struct view {
-    const tl_sample_buffer *buffer; /* what is looked up, but for a line: */
-    const tl_sample_buffer *lines;  /* its readings, */
-    tl_time low_pass;               /* and τ of what follows it; 0: nothing does */
+    const tl_sample_buffer *buffer; /* buffer for a look-up of readings; or with a low-pass, of its values */
+    const tl_sample_buffer *lines;  /* buffer for lines between readings */
+    tl_time low_pass;               /* τ of the low-pass along the line, ns; 0: none */
     const tl_plant_limits *limits;
-    tl_time until; /* what is later is not there yet */
+    tl_time until; /* later readings are not available yet */
 } view;
 
 static bool is_good(const view *self, const tl_reading *reading) {
@@ -176,7 +185,7 @@ static bool is_good(const view *self, const tl_reading *reading) {
     return judge(self->limits, own.stamp, &own) == TL_GOOD;
 }
 
-/* Whether there is a line from one to the other. */
+/* Returns true if there is a valid line between two readings. */
 static bool are_joined(const view *self, const tl_reading *before, const tl_reading *after) {
     if (after->stamp == TL_TIME_NEVER || !is_near(after->stamp, before->stamp) || after->stamp <= before->stamp) {
         return false;
@@ -185,7 +194,8 @@ static bool are_joined(const view *self, const tl_reading *before, const tl_read
     return is_close && is_good(self, before) && is_good(self, after) && isfinite(after->value - before->value);
 }
 
-/* What there is at an instant: a reading of it, a value between two, or the last one. False where there was none yet. */
+/* Looks up an instant: a reading at it, a value on the line, or the last reading. Returns false if
+ * there was none yet. */
 static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_reading after;
     if (!tl_sample_buffer_around(self->lines, at + alike, self->until, reading, &after) ||
@@ -200,7 +210,7 @@ static bool look_between(const view *self, tl_time at, tl_time alike, tl_reading
     return true;
 }
 
-/* The same where a low-pass follows the line: what it is τ later belongs to the instant. */
+/* As look_between(), with a low-pass along the line. Its value τ later belongs to the instant. */
 static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading *reading) {
     tl_time later = at + self->low_pass;
     tl_conditioned before;
@@ -221,10 +231,10 @@ static bool look_smooth(const view *self, tl_time at, tl_time alike, tl_reading 
     return true;
 }
 
-/* A bound for who floods the mail; what is behind so many readings is one line. */
+/* Limits the time if a source floods the buffer; the remaining span counts as one line. */
 enum { MOST_OF_A_SPAN = 256 };
 
-/* The integral from one instant to another, of what begins with `from`, which is good. */
+/* Integral from the good reading `from` to `end`. */
 static double integrate(const view *self, tl_reading from, tl_time end) {
     double sum = 0;
     tl_reading before;
@@ -243,7 +253,8 @@ static double integrate(const view *self, tl_reading from, tl_time end) {
     return sum + (double)(end - from.stamp) * 0.5 * (from.value + (any ? last.value : from.value));
 }
 
-/* Over the span that begins at an instant; where that begins with nothing good, what is there stands. */
+/* Mean over the span that starts at `at`. If there is no good value at its start, the value there
+ * is used. */
 static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, tl_reading *reading) {
     if (!look_between(self, at, 0, reading)) {
         return false;
@@ -257,16 +268,16 @@ static bool look_mean(const view *self, const tl_plant_look *look, tl_time at, t
     return true;
 }
 
-/* ---- a sample ---- */
+/* ---- samples ---- */
 
-/* Of an instant, or the last one before it, or the next one. */
+/* Looks up a reading at the instant, or the last one before, or the next one. */
 static bool look_last(const view *self, const tl_plant_look *look, tl_time at, tl_time alike, tl_reading *reading) {
     bool any = tl_sample_buffer_at(self->buffer, at + alike, reading);
     bool is_of_it = any && is_near(reading->stamp, at) && reading->stamp >= at - alike && reading->stamp <= at + alike;
     return is_of_it || (!look->next && any) || tl_sample_buffer_from(self->buffer, at, self->until, reading);
 }
 
-/* By `instant`, as the signal's look says. */
+/* Looks up a signal for the sample of `instant`. */
 static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
     const tl_plant_look *look = &input->looks[signal];
     const tl_reading_stream *stream = input->streams[signal];
@@ -290,7 +301,7 @@ static bool look_up(const tl_plant_input *input, size_t signal, tl_time instant,
     return look_last(&self, look, at, alike, reading);
 }
 
-/* What has come of a signal by `until`; a stamp that is nobody's is passed over. */
+/* Conditions all new readings of a signal up to `until`; skips implausible stamps. */
 static void condition(const tl_plant_input *input, size_t signal, tl_time until) {
     tl_reading_stream *stream = input->streams[signal];
     const tl_sample_buffer *buffer = &input->buffers[signal];
@@ -304,7 +315,7 @@ static void condition(const tl_plant_input *input, size_t signal, tl_time until)
     }
 }
 
-/* The newest reading of a signal as it came, and as it was judged. */
+/* Returns the newest reading of a signal as it came, with its quality. */
 static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_reading *reading) {
     const tl_reading_stream *stream = input->streams[signal];
     if (stream != NULL) {
@@ -318,7 +329,7 @@ static bool show(const tl_plant_input *input, size_t signal, tl_time until, tl_r
     return any;
 }
 
-/* One signal of a sample, judged. False: there is no reading of it. */
+/* Takes one signal of a sample with its quality. Returns false if there is no reading. */
 static bool take(const tl_plant_input *input, size_t signal, tl_time instant, tl_time alike, tl_reading *reading) {
     const tl_plant_look *look = &input->looks[signal];
     if (look->shows) {

@@ -1,11 +1,15 @@
-/* Plant input: from posted readings to one quality-flagged sample per tick.
+/* Plant input: makes one sample with qualities per tick from the posted readings.
  *
- * Purpose: the one place where a value of the plant is judged: finite, in range, fresh. Live sources
- *          (plant_reader.h) and recordings (recording.h) both post into its mailboxes, so replay judges as live does.
- * Conditioned: a signal's readings are, before anything is looked up among them, each once as it comes.
- * Between: two readings a signal is what its look says (plant_input.c).
- * Memory:  the mailboxes' is of whoever sets this up (sample_buffer.h); another process may write it, which is not trusted.
- * Thread:  one, the cycle's; readings are posted by one thread per signal (sample_buffer.h). Wait-free.
+ * Purpose:     the only code that checks a value of the plant: finite, in range, fresh. Live
+ *              sources (plant_reader.h) and recordings (recording.h) both post into its sample
+ *              buffers, so that a replay checks as a live run does.
+ * Conditioned: a signal with a condition is conditioned before the look-up, each reading once as it
+ *              comes.
+ * Between:     tl_plant_look decides the value between two readings (plant_input.c).
+ * Memory:      the caller owns that of the sample buffers (sample_buffer.h). Trust: another process
+ *              may write it; it is untrusted.
+ * Thread:      one, that of the cycle; readings are posted by one thread per signal
+ *              (sample_buffer.h). Wait-free.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_INPUT_H
 #define TL_FIRMWARE_PLANT_PLANT_INPUT_H
@@ -16,56 +20,64 @@
 #include "firmware/plant/sample_buffer.h"
 #include "master/base/signal.h"
 
-/* Where a signal is looked up in a sample of the instant t. */
+/* How a signal is looked up in a sample of the instant t.
+ * Next:  used if there is no reading at t − back. If true, the next reading is taken if it has come
+ *        by t, else the newest before. If false, the newest before is taken, or the next if there
+ *        is none yet.
+ * Shows: if true, the newest reading of signal `shown` is taken instead, as it came. If readings
+ *        were rejected since the last tick, the last rejected one is taken, as TL_OUTLIER. */
 typedef struct tl_plant_look {
-    tl_time back;       /* ≥ 0: at t − back, */
-    bool next;          /* and where no reading lies there: the next one that is there by t, else the newest before.
-                     Otherwise the newest at or before, and where there is none yet, the next */
-    tl_between between; /* what the signal is there, where no reading lies there and the next one is there by t */
-    tl_time span;       /* of a mean: from t − back on so long, > 0 */
-    bool
-        shows; /* instead: the newest reading of another signal, as it came; one that was rejected since the tick before goes before others, as TL_OUTLIER */
-    size_t shown; /* that signal */
+    tl_time back;       /* ns, ≥ 0: looked up at t − back */
+    bool next;          /* prefers the next reading */
+    tl_between between; /* value if there is no reading at that instant and the next one has come by t */
+    tl_time span;       /* of a mean: from t − back for this time, ns, > 0 */
+    bool shows;         /* shows another signal */
+    size_t shown;       /* index of that signal */
 } tl_plant_look;
 
-/* Readings no further than this from an instant are of it: 1 us. A clock that counts in other units, or is read a little later, is off by less. */
+/* Two instants that differ by at most this count as equal: 1 µs. It covers the rounding of other
+ * clocks and small delays in reading them. */
 #define TL_PLANT_ALIKE ((tl_time)1000)
 
 typedef struct tl_plant_limits {
     double minimum; /* −infinity: none */
     double maximum; /* +infinity: none */
-    tl_time stale;  /* ns after which a reading is stale; 0: never */
-    tl_type type;   /* an Integer or Boolean that is not one is out of range */
+    tl_time stale;  /* ns; older readings are stale; 0: never */
+    tl_type type;   /* a value that is not a valid Integer or Boolean is out of range */
 } tl_plant_limits;
 
-/* 73 years: the difference of two stamps of samples is a tl_time, whoever has made them. */
+/* Largest distance of a stamp from its sample: 73 years, so that the difference of any two stamps
+ * fits into tl_time. */
 #define TL_PLANT_FARTHEST (INT64_MAX / 4)
 
-/* The readings of one signal, conditioned each once as it comes. Of the cycle's thread. */
+/* The conditioned readings of one signal; used only by the thread of the cycle. */
 typedef struct tl_reading_stream tl_reading_stream;
 
-/* Set up by tl_live_plant_set_limits() and tl_sample_buffers_open(). */
+/* Set by tl_live_plant_set_limits() and tl_sample_buffers_open(). */
 typedef struct tl_plant_input {
     size_t count;
     tl_plant_limits limits[TL_MAX_SIGNALS];
     tl_plant_look looks[TL_MAX_SIGNALS];
     tl_condition conditions[TL_MAX_SIGNALS];
     tl_sample_buffer buffers[TL_MAX_SIGNALS];
-    tl_reading_stream *streams[TL_MAX_SIGNALS]; /* NULL: nothing is done to its readings */
+    tl_reading_stream *streams[TL_MAX_SIGNALS]; /* NULL: its readings are not conditioned */
 } tl_plant_input;
 
-/* Once limits, conditions and mailboxes are set. False: there is not enough memory; to be closed even then. */
+/* Allocates the streams. Call it after limits, conditions and sample buffers are set. Returns false
+ * if memory is out; call tl_plant_input_close() even then. */
 bool tl_plant_input_open(tl_plant_input *input);
 
-/* Frees what it has opened. A zeroed one is allowed. */
+/* Frees what tl_plant_input_open() allocated. A zeroed input is allowed. */
 void tl_plant_input_close(tl_plant_input *input);
 
-/* Every signal's newest reading is good, whatever its value. */
+/* Returns true if the newest reading of every signal is good, with any value. */
 bool tl_plant_input_is_complete(const tl_plant_input *input);
 
-/* The sample of `tick` at `instant`, both of the cycle. The value of a signal whose quality is not good is what
- * was read (0 where nothing or no number was). One that lies between two readings has the stamp of where it is looked up, a mean that of the middle of its span. Where several things are wrong with a value, the worst counts. How old one is
- * counts from where it is looked up. A stamp that is further from there than TL_PLANT_FARTHEST is nobody's: there was no reading. */
+/* Makes the sample of `tick` at `instant` (ns, clock of the cycle). If the quality is not good, the
+ * value is the one that was read, or 0 without a reading or number. An interpolated value has the
+ * stamp of its look-up, a mean that of the middle of its span. If several things are wrong, the
+ * worst quality is set. The age counts from the look-up. A stamp further than TL_PLANT_FARTHEST
+ * from it is invalid, and counts as no reading. */
 void tl_plant_input_take(const tl_plant_input *input, int64_t tick, tl_time instant, tl_sample *sample);
 
 #endif

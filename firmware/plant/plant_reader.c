@@ -1,4 +1,4 @@
-/* Threads that read sources, and what they make of readings: see plant_reader.h. */
+/* Plant readers: see plant_reader.h. */
 #include "firmware/plant/plant_reader.h"
 
 #include <errno.h>
@@ -26,10 +26,12 @@ bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_
 
 /* ---- One polling thread per plant source.
  *
- * Between polls a thread waits for the absolute instant of the next one on a condition variable, not in
- * clock_nanosleep(): both wake at the same instant, but this wait ends at once when the readers are stopped. */
+ * Between polls a thread waits on a condition variable until the absolute instant of the next poll.
+ * clock_nanosleep() would wake up at the same instant, but this wait ends at once when the readers
+ * are stopped.
+ */
 
-/* Drivers need little; the name resolver is the deepest. With mlockall() all of it is real memory. */
+/* Drivers need little; the host name resolver needs most. With mlockall() all of it is resident. */
 enum { STACK = 512 * 1024, NAME = 16 };
 
 typedef struct worker {
@@ -45,16 +47,16 @@ struct tl_plant_readers {
     void *context;
     pthread_mutex_t lock;
     pthread_cond_t stopped;
-    bool stop; /* under the lock */
+    bool stop; /* protected by the lock */
     const tl_plant_source *sources;
     size_t source_count;
-    size_t started;   /* threads */
+    size_t started;   /* number of threads */
     worker workers[]; /* one per source */
 };
 
 static void post(void *context, size_t channel, const tl_reading *reading) {
     worker *own = context;
-    tl_thread_heartbeat_beat(own->source->heartbeat); /* a poll of many requests may take long */
+    tl_thread_heartbeat_beat(own->source->heartbeat); /* a poll with many requests may take long */
     const tl_plant_source *source = own->source;
     if (channel < source->signal_count &&
         !tl_repeated_reading_is(&own->before[channel], source->repeats[channel], reading)) {
@@ -67,7 +69,7 @@ static void link_changed(void *context, bool up, const char *text) {
     own->readers->on_link(own->readers->context, own->source->name, up, text);
 }
 
-/* Waits until the instant. true where it is time to stop. */
+/* Waits until the instant. Returns true if the thread must stop. */
 static bool rest(tl_plant_readers *readers, tl_time instant) {
     struct timespec until = {.tv_sec = (time_t)(instant / TL_SECOND), .tv_nsec = (long)(instant % TL_SECOND)};
     int waited = 0;
@@ -80,7 +82,8 @@ static bool rest(tl_plant_readers *readers, tl_time instant) {
     return stop;
 }
 
-/* The driver can never go on: its last word, and no value of it is taken for a fresh one any more. */
+/* The driver has failed for good: reports its error, and posts TL_NO_LINK so that no old value
+ * counts as fresh. */
 static void give_up(worker *own, const tl_error *error) {
     tl_reading none = {.value = 0, .stamp = tl_clock_now(NULL), .quality = TL_NO_LINK};
     for (size_t i = 0; i < own->source->signal_count; i++) {
@@ -96,7 +99,8 @@ static void *run(void *context) {
     bool finished = false;
     char name[NAME];
     tl_time next = tl_clock_now(NULL);
-    /* By itself: another thread would have to write a file of /proc, which `run` has given up. */
+    /* The thread sets its own name. Another thread would have to write to /proc, to which `run` has
+     * no access any more. */
     (void)snprintf(name, sizeof name, "io %.12s", source->name);
     (void)pthread_setname_np(pthread_self(), name);
     tl_locale_use();
@@ -149,7 +153,7 @@ static tl_plant_readers *make(const tl_plant_source *sources, size_t count) {
         return NULL;
     }
     (void)pthread_condattr_setclock(&clock, CLOCK_MONOTONIC);
-    (void)pthread_mutex_init(&readers->lock, NULL); /* cannot fail on Linux, nor can the next */
+    (void)pthread_mutex_init(&readers->lock, NULL); /* this call and the next one cannot fail on Linux */
     (void)pthread_cond_init(&readers->stopped, &clock);
     (void)pthread_condattr_destroy(&clock);
     readers->sources = sources;

@@ -1,6 +1,6 @@
-/* Threads that read sources, and what they make of readings.
+/* Plant readers: threads that poll the sources, and the detection of repeated readings.
  *
- * Thread:  as each part says.
+ * Thread:        as each part says.
  */
 #ifndef TL_FIRMWARE_PLANT_PLANT_READER_H
 #define TL_FIRMWARE_PLANT_PLANT_READER_H
@@ -13,49 +13,58 @@
 #include "firmware/process/heartbeat.h"
 #include "master/base/signal.h"
 
-/* ---- A reading that a poll has found again.
+/* ---- Detects readings that a poll has read again.
  *
- * Purpose: a register is often read more often than its device writes it. Conditions, lines and figures count readings, so what was only read again must not count: a
- *          median of three would hold the same one three times.
- * Rule:    a good reading with the value of the one before, and so soon after it that none was due, is that one again. So is the second of two equal values in a row that
- *          a device has really written, which nobody can tell: a line to the next other value begins at the first of them.
- * Thread:  plain data; the source's.
+ * Purpose: a register is often polled more often than its device writes it. Conditions, lines and
+ *          statistics count readings, so repeated ones must not count: a median of three would
+ *          contain the same reading three times.
+ * Rule:    a good reading with the value of the one before is a repetition if it comes so soon that
+ *          no new one was due. If a device really writes the same value twice, the second one is
+ *          dropped too, because they cannot be distinguished. A line to the next different value
+ *          then starts at the first of them.
+ * Thread:  plain data; the thread of the source.
  */
 
-/* Of one channel. Private; zeroed: nothing was read. */
+/* State of one channel. Private; zeroed: nothing was read. */
 typedef struct tl_repeated_reading {
-    tl_reading last; /* that was a new one */
+    tl_reading last; /* last one that was not a repetition */
     bool has_last;
 } tl_repeated_reading;
 
-/* Whether it is the one before again. `within`: ns from that one on, in which no other is due; 0: each is a new one. */
+/* Returns true if the reading repeats the last new one. `within`: ns after that one in which no new
+ * one is due; 0: each reading is new. */
 bool tl_repeated_reading_is(tl_repeated_reading *self, tl_time within, const tl_reading *reading);
 
-/* ---- Plant readers: one thread per source that polls its driver and posts into the mailboxes of its signals.
+/* ---- Plant readers: one thread per source that polls its driver and posts into the sample buffers
+ * of its signals.
  *
- * Purpose: live plant I/O. One dead device stops neither the others nor start-up.
- * Events:  link changes go to `on_link` (from the source's own thread), as the driver says them. A driver that can
- *          never go on is told as a link that is down; its signals are posted as TL_NO_LINK once, and it ends.
- * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC); instants that a slow poll has missed are left out.
- * Thread:  start and stop from one thread; stop returns within 0.2 s (drivers are interrupted), but for a driver that
- *          just resolves a name. The threads take no signals and run under ordinary scheduling, whoever starts them.
+ * Purpose: live plant I/O. A dead device blocks neither the other devices nor the start-up.
+ * Events:  `on_link` reports link changes, from the thread of the source, with the driver's text.
+ *          If a driver fails for good, the link is reported as down, its signals are posted once as
+ *          TL_NO_LINK, and its thread ends.
+ * Clock:   a source is polled at start + i·period (CLOCK_MONOTONIC). Instants missed during a slow
+ *          poll are skipped.
+ * Owner:   the readers own the `io` of each source from the start.
+ * Thread:  start and stop from one thread. Stop returns within 0.2 s because drivers are
+ *          interrupted, unless a driver is resolving a host name. The threads block all signals and
+ *          use ordinary scheduling, independent of the caller.
  */
 
 typedef struct tl_plant_source {
     const char *name;                 /* as configured */
     const tl_plant_io_driver *driver; /* not owned */
-    tl_plant_io *io;                  /* owned by the reader from start on: closed by stop */
-    size_t signals[TL_MAX_SIGNALS];   /* channel → index of the signal's mailbox */
+    tl_plant_io *io;                  /* the readers own it from the start; stop closes it */
+    size_t signals[TL_MAX_SIGNALS];   /* channel → index of the signal's sample buffer */
     size_t signal_count;
     tl_time repeats[TL_MAX_SIGNALS]; /* channel → ns in which an equal value is no new reading */
     tl_time period;                  /* ns between polls, > 0 */
-    tl_thread_heartbeat *heartbeat;  /* of its thread, which beats at each poll and reading; NULL: nobody listens */
+    tl_thread_heartbeat *heartbeat;  /* of its thread, set at each poll and reading; NULL: none */
 } tl_plant_source;
 
 typedef struct tl_plant_readers tl_plant_readers;
 
-/* Starts one thread per source. `sources`, `buffers` and what they point to must outlive stop. On failure (TL_TRY_AGAIN)
- * everything is closed. */
+/* Starts one thread per source. `sources`, `buffers` and what they point to must outlive stop.
+ * Errors: TL_TRY_AGAIN; then every `io` is closed. */
 tl_status tl_plant_readers_start(const tl_plant_source *sources, size_t count, const tl_sample_buffer *buffers,
                                  void (*on_link)(void *context, const char *source, bool up, const char *text),
                                  void *context, tl_plant_readers **readers, tl_error *error);

@@ -1,4 +1,4 @@
-/* Recordings of a plant as CSV, tick by tick: see recording.h. */
+/* Recordings of a plant: see recording.h. */
 #include "firmware/plant/recording.h"
 
 #include <inttypes.h>
@@ -20,29 +20,28 @@
 struct tl_recording {
     char path[PATH_MAX]; /* for messages */
     const tl_config *config;
-    int64_t ticks;           /* in all */
-    int64_t next;            /* tick */
-    tl_recording_hear *hear; /* NULL: nobody does */
+    int64_t ticks;           /* number of ticks */
+    int64_t next;            /* next tick */
+    tl_recording_hear *hear; /* NULL: no listener */
     void *listener;
     tl_plant_input input;
-    void *sample_memory; /* memory of its mailboxes */
+    void *sample_memory; /* memory of its sample buffers */
     /* from CSV */
     tl_csv_reader *reader;
-    tl_time start;  /* of the first row; from a database: 0, unless stamps are by_recording */
-    tl_csv_row row; /* read, not yet posted */
+    tl_time start;  /* time of the first row; of a database: 0, unless by_recording */
+    tl_csv_row row; /* read, but not posted yet */
     bool row_waits;
     /* from a database */
     tl_history *history; /* NULL: from CSV */
     tl_history_ticks *walk;
-    bool same_configuration; /* repeat what the run skipped and had time for */
-    size_t recorded;         /* signals of the run that are the configuration's, further look-ups included */
-    size_t raw
-        [TL_MAX_SIGNALS]; /* which of the run's signals shows the readings of each of the configuration's as they came, as far as it knows */
-    bool by_recording; /* stamps, and so t_start, are those of the recording that the run replayed */
+    bool same_configuration;    /* repeat the run's missed ticks and time-outs */
+    size_t recorded;            /* signals of the run that the configuration has, including further look-ups */
+    size_t raw[TL_MAX_SIGNALS]; /* by signal: index of the run's signal with its readings as they came */
+    bool by_recording;          /* stamps, and t_start, are those of the recording that the run replayed */
     tl_recording_beginning beginning;
     tl_recording_tunings tunings;
-    bool anew;                      /* signals are looked up anew: */
-    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest */
+    bool anew;                      /* signals are looked up again: */
+    tl_time posted[TL_MAX_SIGNALS]; /* stamp of the newest posted reading */
 };
 
 static tl_status open_input(tl_recording *recording, tl_error *error) {
@@ -53,7 +52,7 @@ static tl_status open_input(tl_recording *recording, tl_error *error) {
                : tl_fail(error, TL_TRY_AGAIN, "%s: not enough memory", recording->path);
 }
 
-/* Of a signal of the configuration's own, its listener hears too. */
+/* The listener receives only signals of the configuration's own, not further look-ups. */
 static void post_reading(tl_recording *recording, size_t signal, const tl_reading *reading) {
     tl_sample_buffer_post(&recording->input.buffers[signal], reading);
     if (recording->hear != NULL && recording->config->signals[signal].of == signal) {
@@ -61,25 +60,27 @@ static void post_reading(tl_recording *recording, size_t signal, const tl_readin
     }
 }
 
-/* ---- The ticks of a run that was recorded into a database
+/* ---- Ticks of a run that was recorded in a database
  *
- * Purpose: a run of the file, as it was seen. Where the configuration is the very one of the run, ticks it missed
- *          are made up again, searches it had no time for end where they ended, and the tunings that it took are taken at their ticks, so that the
- *          same u come out.
- * Delays:  with another configuration that has delays, signals are looked up anew, by the stamps of the readings that the run
- *          saw: at most one a tick of each. So a run that was recorded without delays can be replayed with them.
- * Errors:  TL_BAD_DATA where the signals or the step are not the configuration's, the run's beginning is gone, or what it took
- *          cannot be followed.
+ * Purpose: delivers a run as it was. If the configuration is that of the run, a replay computes the
+ *          same u. It repeats the missed ticks, the time-outs of searches, and the tunings at their
+ *          ticks.
+ * Delays:  if another configuration looks signals up differently, they are looked up again, by the
+ *          stamps of the readings that the run saw: at most one per tick and signal. So a run that
+ *          was recorded without delays can be replayed with delays.
+ * Errors:  TL_BAD_DATA in three cases: the signals or the step are not those of the configuration;
+ *          the start of the run was removed; or a tuning of the run cannot be followed.
  */
 
-/* Whether a recorded signal is "plant.NAME" with this suffix. */
+/* Returns true if the recorded signal is "plant.NAME" with this suffix. */
 static bool is_same_signal(const char *recorded, const char *name, const char *suffix) {
     char own[TL_RECORDER_NAME + sizeof TL_CONFIG_READING];
     (void)snprintf(own, sizeof own, "plant.%s%s", name, suffix);
     return strcmp(recorded, own) == 0;
 }
 
-/* Of a signal that was conditioned, or lay on a line, the run has its readings beside. */
+/* For a signal that was conditioned or on a line, the run also recorded its readings as they came.
+ */
 static void find_readings(tl_recording *recording, const tl_recorder_signal *signals, size_t count) {
     const tl_config *config = recording->config;
     for (size_t i = 0; i < config->signal_count; i++) {
@@ -92,7 +93,8 @@ static void find_readings(tl_recording *recording, const tl_recorder_signal *sig
     }
 }
 
-/* All second look-ups must be there; or none of them, and then they are made of the first ones. */
+/* The run must have all further look-ups, or none is used and they are computed from the own
+ * signals. */
 static tl_status check_signals(tl_recording *recording, const tl_history_run *run, const tl_config *config,
                                tl_error *error) {
     const char *path = recording->path;
@@ -109,7 +111,7 @@ static tl_status check_signals(tl_recording *recording, const tl_history_run *ru
     }
     recording->recorded = all ? config->signal_count : own;
     find_readings(recording, signals, count);
-    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) { /* a second look-up, of a run with delays */
+    while (count > 0 && strchr(signals[count - 1].name, '@') != NULL) { /* a further look-up, of a run with delays */
         count--;
     }
     for (size_t i = 0; i < own; i++) {
@@ -135,7 +137,8 @@ static tl_status fail_beginning(const tl_recording *recording, const tl_history_
                    recording->path, run->run);
 }
 
-/* A checkpoint that its bytes do not fit to is as good as none. */
+/* Finds the checkpoint that the run started with. It must belong to the tick before the first one,
+ * and be undamaged. */
 static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *run, tl_error *error) {
     tl_recording_beginning *beginning = &recording->beginning;
     const tl_history_checkpoint *checkpoint = NULL;
@@ -155,7 +158,7 @@ static tl_status find_checkpoint(tl_recording *recording, const tl_history_run *
                          recording->path, run->run);
 }
 
-/* Where the twin has to stand before the first tick. */
+/* Determines the state of the twin before the first tick. */
 static tl_status find_beginning(tl_recording *recording, const tl_history_run *run, int64_t first, tl_error *error) {
     bool resumed = run->resumption.from != TL_RESUMED_NOT;
     if (run->removed_before > 0 || (first != 0 && !resumed)) {
@@ -174,8 +177,9 @@ static tl_status find_beginning(tl_recording *recording, const tl_history_run *r
 
 /* ---- tunings ---- */
 
-/* What a text says, for a twin that is built with `own`. More evaluations than that has room for were in force only in what the run followed of an
- * earlier one, where nothing was searched. */
+/* Parses a tuning for a twin built with `own`. It may contain more evaluations than this twin has
+ * memory for. That was only in use in steps followed from an earlier run, without a search, so the
+ * number is reduced. */
 static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning *tuning, tl_error *error) {
     tl_tuning built;
     tl_config_tuning(own, &built);
@@ -186,7 +190,7 @@ static tl_status parse_tuning(const char *text, const tl_config *own, tl_tuning 
     return status == TL_OK ? tl_tuning_fits(tuning, &built, error) : status;
 }
 
-/* One that was met before need not be read again. */
+/* Copies a tuning that was parsed before. */
 static bool copy_earlier(tl_recording *recording, size_t index) {
     tl_run_tuning *list = recording->tunings.list;
     for (size_t i = 0; i < index; i++) {
@@ -223,7 +227,7 @@ static tl_status take_tuning(tl_recording *recording, const tl_history_run *run,
     return status;
 }
 
-/* All of them, if they are to be followed; else how many there are. */
+/* Reads all tunings if they are to be followed; otherwise only counts them. */
 static tl_status find_tunings(tl_recording *recording, const tl_history_run *run, tl_error *error) {
     const tl_history_tuning *found = NULL;
     size_t count = 0;
@@ -273,7 +277,8 @@ static bool looks_back(const tl_config *config) {
     return any;
 }
 
-/* Whether the run may have seen signals at other instants than the configuration does. Its text tells, where it is there and still is a configuration. */
+/* Returns true if the run may have looked up signals at other instants than the configuration. The
+ * run's own configuration text decides, if it is available and still valid. */
 static bool sees_otherwise(tl_recording *recording, const tl_history_run *run) {
     const char *text = NULL;
     tl_config own;
@@ -332,7 +337,7 @@ static tl_status open_database(tl_recording *recording, const char *path, tl_err
     return status;
 }
 
-/* t_start of a replayed recording is its first row, and what is known at tick 0 is of that row, or older. */
+/* A replayed recording starts at its first row. All values at tick 0 are of that row, or older. */
 static void find_start(tl_recording *recording, const tl_sample *sample) {
     tl_time newest = TL_TIME_NEVER;
     for (size_t i = 0; i < recording->recorded; i++) {
@@ -341,11 +346,11 @@ static void find_start(tl_recording *recording, const tl_sample *sample) {
     recording->start = recording->by_recording && newest != TL_TIME_NEVER ? newest : 0;
 }
 
-/* Readings that are new since the tick before, under their own stamps. */
+/* Posts the readings that are new since the last tick, with their own stamps. */
 static void take_readings(tl_recording *recording, const tl_sample *seen) {
     for (size_t i = 0; i < recording->config->signal_count; i++) {
         size_t from = recording->raw[i];
-        bool is_rejected = seen->quality[from] == TL_OUTLIER; /* which is judged anew */
+        bool is_rejected = seen->quality[from] == TL_OUTLIER; /* the gate decides again */
         const tl_reading reading = {.value = seen->values[from],
                                     .stamp = seen->stamps[from],
                                     .quality = is_rejected ? TL_GOOD : (tl_quality)seen->quality[from]};
@@ -358,7 +363,8 @@ static void take_readings(tl_recording *recording, const tl_sample *seen) {
 }
 
 static tl_status next_from_database(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error) {
-    tl_history_tick read = {.has_step = false}; /* all of a tick crosses to the process with FMUs */
+    tl_history_tick read = {
+        .has_step = false}; /* initialise all, because the whole tick is copied to the process with the FMUs */
     tl_status status = tl_history_ticks_next(recording->walk, &read, end, error);
     if (status == TL_BAD_DATA) {
         tl_history_diagnose(recording->history, error);
@@ -380,10 +386,11 @@ static tl_status next_from_database(tl_recording *recording, tl_recording_tick *
     if (recording->anew || recording->hear != NULL) {
         take_readings(recording, &read.sample);
     }
-    if (recording->anew) { /* as the configuration looks them up */
+    if (recording->anew) { /* look up as the configuration requires */
         tl_plant_input_take(&recording->input, read.sample.tick, read.sample.instant, &tick->sample);
     }
-    /* What a run took over at a flip it had searched itself, in the shadow of the run before: only what it did not search is led along. */
+    /* After a handover, a run contains steps that it searched itself as a shadow of the run before.
+     * Only the other ones are followed. */
     tick->followed = recording->beginning.follows && read.sample.tick < recording->beginning.resumption.tick &&
                      (!read.has_step || read.step.outcome == TL_FOLLOWED);
     memcpy(tick->u, read.u, sizeof tick->u);
@@ -413,7 +420,7 @@ static tl_status open_reader(const char *path, const tl_config *config, tl_csv_r
     return tl_csv_open(&settings, reader, error);
 }
 
-/* A row is no further from the one before, and from the first one, than a replay can go. */
+/* Checks that a row is not too far from the one before and from the first one. */
 static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_time before, tl_time now,
                            tl_error *error) {
     if ((now - before) / step > TL_RECORDING_GAP) {
@@ -432,7 +439,8 @@ static tl_status check_gap(const char *path, tl_time step, tl_time first, tl_tim
     return TL_OK;
 }
 
-/* Reads the file once: every row is checked before the first is used, and its length is known. */
+/* Reads the whole file to validate every row before the first one is used, and to count the ticks.
+ */
 static tl_status survey(tl_recording *recording, const char *path, tl_error *error) {
     const tl_config *config = recording->config;
     tl_csv_reader *reader = NULL;
@@ -496,7 +504,7 @@ static tl_status next_from_csv(tl_recording *recording, tl_recording_tick *tick,
     return TL_OK;
 }
 
-/* ---- both ---- */
+/* ---- CSV and database ---- */
 
 static bool is_database(const char *path) {
     static const char magic[16] = "SQLite format 3";

@@ -1,6 +1,6 @@
-/* Recordings of a plant as CSV, tick by tick.
+/* Recordings of a plant, read tick by tick from CSV or from a database.
  *
- * Thread:  one.
+ * Thread: one thread.
  */
 #ifndef TL_FIRMWARE_PLANT_RECORDING_H
 #define TL_FIRMWARE_PLANT_RECORDING_H
@@ -14,84 +14,93 @@
 #include "master/base/signal.h"
 #include "master/base/status.h"
 
-/* ---- What a recording gives: a tick of the plant, and where its first one is.
+/* ---- A tick of a recording, and the start of a recording.
  *
- * Purpose: shared by recordings and by what reads them from a database.
+ * Purpose: shared by recordings and by the code that reads them from a database.
  * Thread:  plain data.
  */
 
 /* One tick of a recording. */
 typedef struct tl_recording_tick {
     tl_sample sample;
-    uint64_t executions;     /* if it was cut short: the executions that the run's search had time for, */
-    uint32_t evaluations;    /* and the evaluations, which may be none */
-    bool cut_short;          /* the run's search at this tick ran out of time, */
-    bool without_nominal;    /* before it evaluated nominal */
-    bool made_up;            /* the run missed this tick */
+    uint64_t executions;     /* if cut_short: executions that the run's search completed */
+    uint32_t evaluations;    /* if cut_short: its evaluations; may be 0 */
+    bool cut_short;          /* the run's search at this tick timed out, */
+    bool without_nominal;    /* before it evaluated nominal u */
+    bool made_up;            /* the run missed this tick and caught up */
     bool resets;             /* the FMUs were reset before its step */
-    bool followed;           /* it is one of the run that this one resumes, */
-    double u[TL_MAX_ADJUST]; /* which committed this */
+    bool followed;           /* the tick belongs to the earlier run that this one resumes; */
+    double u[TL_MAX_ADJUST]; /* the earlier run committed these values */
 } tl_recording_tick;
 
-/* A reading as it came, before anything was made of it: judged by nothing but its source. `signal` is one of the configuration's own. */
+/* Receives a reading as it came, before any conditioning; only its source has set the quality.
+ * `signal`: index of one of the configuration's own signals. */
 typedef void tl_recording_hear(void *context, size_t signal, const tl_reading *reading);
 
-/* What a run took of other configurations while it ran. Lives as long as the recording. */
+/* Tunings that a run took from other configurations. Valid as long as the recording. */
 typedef struct tl_recording_tunings {
-    size_t recorded; /* how many */
-    /* With the run's own configuration they are followed, in the order of their ticks; with another they are not, and there are none: */
+    size_t recorded; /* number in the recording */
+    /* The list is filled only if the run is replayed with its own configuration; in the order of
+     * their ticks. Otherwise it is empty: */
     tl_run_tuning *list;
-    tl_recorder_known *known; /* whose configurations these are */
-    size_t count;             /* of both */
+    tl_recorder_known *known; /* configurations of these tunings */
+    size_t count;             /* length of both lists */
 } tl_recording_tunings;
 
-/* More are not followed. */
+/* Most tunings of a run that can be followed. */
 enum { TL_RECORDING_TUNINGS = 4096 };
 
-/* Of a run that does not begin at tick 0 with the FMUs' start values. Lives as long as the recording. */
+/* Start of a run that does not start at tick 0 with the FMUs' start values. Valid as long as the
+ * recording. */
 typedef struct tl_recording_beginning {
-    int64_t run;                             /* of the database */
-    int64_t tick;                            /* its first */
-    bool follows;                            /* false: with another configuration its steps are made anew from there */
-    tl_resumption resumption;                /* how it went on with an earlier one, */
-    const char *fmus;                        /* with which FMUs (tl_twin_recorder_identify()), */
-    const tl_history_checkpoint *checkpoint; /* and from where; NULL: from start values */
+    int64_t run;              /* number in the database */
+    int64_t tick;             /* its first tick */
+    bool follows;             /* false: another configuration is used; its steps are computed again from this tick */
+    tl_resumption resumption; /* how the run resumed an earlier one, */
+    const char *fmus;         /* with which FMUs (tl_twin_recorder_identify()), */
+    const tl_history_checkpoint *checkpoint; /* and from which checkpoint; NULL: from start values */
 } tl_recording_beginning;
 
-/* ---- Recordings: the plant as it was, tick by tick; from a CSV file or from a database that `run` wrote.
+/* ---- Recordings: samples of the plant tick by tick, from a CSV file or a database that `run`
+ * wrote.
  *
- * Purpose: gives replay and the emulated plant their samples. From CSV: rows are posted into a plant input at their own
- *          time and a sample is taken at each tick, as live would; tick 0 is at the first row. From a database: the
- *          samples as they were seen, qualities included, and per tick what the run could spend on it, so that the
- *          same u come out.
+ * Purpose: delivers samples to replay and to the emulated plant. From CSV: each row is posted into
+ *          a plant input at its own time, and a sample is taken at each tick, as in a live run;
+ *          tick 0 is at the first row. From a database: the samples that the run saw, with
+ *          qualities, and the effort of each search, so that a replay computes the same u.
+ * Owner:   the recording owns all that it returns pointers to, until tl_recording_close().
  * Thread:  one thread.
  */
 
 typedef struct tl_recording tl_recording;
 
-/* A CSV recording has at most so many ticks, and between two rows at most so many: a time that is wrong, such as that of a clock
- * that was not yet set, would be replayed for days. */
+/* Most ticks of a CSV recording, and most ticks between two rows. A wrong time, as from a clock
+ * that was not yet set, would otherwise be replayed for days. */
 #define TL_RECORDING_TICKS ((int64_t)10000000000)
 #define TL_RECORDING_GAP ((int64_t)100000000)
 
-/* `path` is a CSV file, or a SQLite database (recognised by its first bytes), whose run `config->recording_run` is taken, or the last one. The database's
- * signal names, step and horizon must agree with the configuration's. A CSV file is checked completely here, the limits above too. */
+/* Opens a CSV file or a SQLite database (recognised by its first bytes). Of a database, run
+ * `config->recording_run` is used, or the last one if that is 0. The names and order of its signals
+ * and its step must agree with the configuration. A CSV file is checked completely, including the
+ * limits above. */
 tl_status tl_recording_open(const char *path, const tl_config *config, tl_recording **recording, tl_error *error);
 
-/* NULL: it begins at tick 0, as any twin does. */
+/* Returns NULL if the recording starts at tick 0 with start values. */
 const tl_recording_beginning *tl_recording_get_beginning(const tl_recording *recording);
 
-/* None in most. */
+/* Returns the tunings; most recordings have none. */
 tl_recording_tunings tl_recording_get_tunings(const tl_recording *recording);
 
-/* The next tick, from 0, or where it begins. *end where the recording does not reach the tick's instant. */
+/* Reads the next tick, starting with 0 or the first one. Sets *end if the recording ends before the
+ * tick's instant. */
 tl_status tl_recording_next(tl_recording *recording, tl_recording_tick *tick, bool *end, tl_error *error);
 
-/* Who hears each reading once, as ticks go by, until the recording is closed. A CSV file has all of them; a database one a tick, and of a signal that
- * fed an input on a line what lay on that. */
+/* Calls `hear` once for each reading, while ticks are read, until the recording is closed. A CSV
+ * file delivers all readings. A database delivers one a tick, and for a signal that fed an input on
+ * a line, the values on that line. */
 void tl_recording_listen(tl_recording *recording, tl_recording_hear *hear, void *context);
 
-/* Ticks the recording holds, for progress. */
+/* Number of ticks up to the end of the recording, for progress. */
 int64_t tl_recording_ticks(const tl_recording *recording);
 
 void tl_recording_close(tl_recording *recording);

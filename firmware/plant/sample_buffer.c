@@ -1,4 +1,4 @@
-/* Sample buffers: the last samples of each signal, in memory that the reader of the plant writes and the cycle reads: see sample_buffer.h. */
+/* Sample buffers: see sample_buffer.h. */
 #include "firmware/plant/sample_buffer.h"
 
 #include <stdlib.h>
@@ -6,22 +6,29 @@
 
 /* ---- A ring of versioned slots: a seqlock per reading.
  *
- * Post n goes to slot n mod depth. Its sequence is 2n+1 while it is written and 2n+2 when it stands, so
- * a reader that looks for post n knows whether a slot holds that one, is being overwritten, or holds a later one.
+ * Sequence: post n is written to slot n mod depth. Its sequence is 2n+1 during the write and 2n+2
+ *           afterwards. So a reader that looks for post n detects if the slot contains it, is being
+ *           overwritten, or contains a later post.
  *
- * Without fences (ThreadSanitizer does not know them): the writer's stores to the fields release, so they stay after
- * the odd sequence; the reader's loads of them acquire, so they stay before its second look at the sequence. A reader
- * that saw one new field therefore sees the odd sequence, or a later one.
+ * Ordering: without fences, because ThreadSanitizer does not support them. The writer's stores to
+ *           the fields are release stores, so they stay after the odd sequence. The reader's loads
+ *           are acquire loads, so they stay before its second load of the sequence. A reader that
+ *           saw one new field therefore sees the odd sequence, or a later one.
  *
- * A writer that dies leaves one slot odd, or one post that stands and is not counted. Neither is a post that a reader looks for.
+ * Death:    a writer that dies leaves a slot with an odd sequence, or a complete post that is not
+ *           counted. Readers look for neither.
  *
- * A hostile writer can put anything anywhere at any time. So a reader takes each word once, masks the number of a post to find its slot, and searches
- * between bounds of its own that come closer with each look, whatever it sees there. */
+ * Trust:    a hostile writer can change anything at any time. So a reader loads each value once and
+ *           masks the number of a post to find its slot. It searches between its own limits, which
+ *           get closer with each look, whatever it reads.
+ */
 
-/* Looks from the newest back, one by one, before a search takes longer steps: the cycle mostly wants one of these. */
+/* Posts that are checked one by one from the newest, before the search takes longer steps. The
+ * cycle mostly needs one of these. */
 enum { NEAR = 8 };
 
-/* Of a look-up. Each but the last one ends since the writer has gone around the whole ring between two looks. */
+/* Most repetitions of a look-up. It is repeated only if the writer has overwritten the whole ring
+ * in between. */
 enum { ATTEMPTS = 16 };
 
 static tl_sample_buffer_slot *slot_of(const tl_sample_buffer *buffer, uint64_t post) {
@@ -33,7 +40,7 @@ static uint64_t standing(uint64_t post) {
 }
 
 void tl_sample_buffer_post(const tl_sample_buffer *buffer, const tl_reading *reading) {
-    uint64_t post = __atomic_load_n(buffer->count, __ATOMIC_RELAXED); /* ours alone */
+    uint64_t post = __atomic_load_n(buffer->count, __ATOMIC_RELAXED); /* there is only one writer */
     tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t value = 0;
     memcpy(&value, &reading->value, sizeof value);
@@ -56,7 +63,7 @@ void tl_sample_buffer_mend(const tl_sample_buffer *buffer) {
     }
 }
 
-/* False if that post is not kept (any more). */
+/* Loads post `post`. Returns false if it is overwritten or incomplete. */
 static bool look(const tl_sample_buffer *buffer, uint64_t post, tl_reading *reading) {
     const tl_sample_buffer_slot *slot = slot_of(buffer, post);
     uint64_t before = __atomic_load_n(&slot->sequence, __ATOMIC_ACQUIRE);
@@ -77,13 +84,13 @@ static bool look(const tl_sample_buffer *buffer, uint64_t post, tl_reading *read
 typedef struct neighbours {
     bool has_before, has_after;
     tl_reading before; /* the newest with stamp ≤ instant */
-    tl_reading after;  /* the post behind it; if there is none before, the oldest that is kept */
-    uint64_t end;      /* number of `after`, or of posts */
-    uint64_t count;    /* of posts */
+    tl_reading after;  /* next post; if there is none before, the oldest one kept */
+    uint64_t end;      /* number of the post `after`, or of posts if there is none */
+    uint64_t count;    /* number of posts */
 } neighbours;
 
-/* A look goes to the post before `end` at first, then further and further back until it has gone too far, and then to the middle of what is
- * left. What is not kept any more has gone too far. */
+/* Checks NEAR posts before `end` one by one, then doubles the distance until it has gone too far,
+ * then bisects. A post that is overwritten counts as too far. */
 static void find(const tl_sample_buffer *buffer, uint64_t count, tl_time instant, neighbours *found) {
     uint64_t begin = count > buffer->depth ? count - buffer->depth : 0;
     uint64_t step = 1;
@@ -107,7 +114,7 @@ static void find(const tl_sample_buffer *buffer, uint64_t count, tl_time instant
     }
 }
 
-/* Of those with its stamp, the last one that was posted. */
+/* Of several posts with the stamp of `reading`, returns the last one. */
 static void find_last_equal(const tl_sample_buffer *buffer, uint64_t count, uint64_t post, tl_reading *reading) {
     tl_reading next;
     neighbours found;
@@ -117,7 +124,7 @@ static void find_last_equal(const tl_sample_buffer *buffer, uint64_t count, uint
     }
 }
 
-/* False: there is none. */
+/* Sets `after` to the result of tl_sample_buffer_from(). Returns false if there is none. */
 static bool choose(const tl_sample_buffer *buffer, tl_time from, tl_time until, neighbours *found) {
     bool next = found->has_after && found->after.stamp <= until;
     if (next && !(found->has_before && found->before.stamp == from)) {
@@ -128,7 +135,8 @@ static bool choose(const tl_sample_buffer *buffer, tl_time from, tl_time until, 
     return found->has_before || found->end > 0;
 }
 
-/* False: nothing was posted yet, or not even the newest was kept until we looked at it, again and again. */
+/* Returns false if nothing was posted, or if even the newest post was overwritten in all
+ * repetitions. */
 static bool find_any(const tl_sample_buffer *buffer, tl_time instant, neighbours *found) {
     *found = (neighbours){.has_before = false};
     for (int search = 0; search < ATTEMPTS && !found->has_before && !found->has_after; search++) {
@@ -182,17 +190,17 @@ bool tl_sample_buffer_at(const tl_sample_buffer *buffer, tl_time instant, tl_rea
     return tl_sample_buffer_from(buffer, instant, instant, reading);
 }
 
-/* ---- plant mail ---- */
+/* ---- sample memory ---- */
 
-/* A count has a cache line of its own, since the threads of different sources write them. */
+/* Each count has its own cache line, because threads of different sources write them. */
 enum { LINE = 64, COUNTS = TL_MAX_SIGNALS * LINE };
 
-/* Beside hang_s: to notice that the twin is gone, to end it, and to make a new one. */
+/* Time beside hang_s to notice the end of a twin, to terminate it and to start a new one. */
 static const tl_time RESTART = 10 * TL_SECOND;
 
 static const tl_time FINEST = TL_SECOND / 1000;
 
-/* Time between two readings of a signal; one without a live source has none, and gets what a plain source would. */
+/* Interval between two readings of a signal. Without a live source: the step. */
 static tl_time period_of(const tl_config *config, const tl_config_signal *signal) {
     tl_time period = config->step;
     if (signal->source < config->source_count) {
