@@ -101,7 +101,7 @@ void tl_options_print_help(const tl_option_table *table, size_t verb) {
 }
 
 /* ---- errors
- * -------------------------------------------------------------------------------------------------------
+ * -------------------------------------------------------------------------------------------------
  */
 
 tl_options_outcome tl_options_refuse(const tl_verb_row *verb, const char *format, ...) {
@@ -233,7 +233,7 @@ static tl_options_outcome check_together(const reading *self) {
 }
 
 /* ---- parsing
- * ------------------------------------------------------------------------------------------------------
+ * -------------------------------------------------------------------------------------------------
  */
 
 static void list_options(const reading *self, struct option list[TL_OPTIONS_MOST + 1]) {

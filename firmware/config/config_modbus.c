@@ -1,4 +1,5 @@
-/* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the driver board/modbus. */
+/* `sources.NAME.modbus_tcp`, `sources.NAME.modbus_rtu` and `plant.NAME.modbus`: the two rows of the
+ * driver board/modbus. */
 #include <arpa/inet.h>
 #include <stdio.h>
 #include <string.h>

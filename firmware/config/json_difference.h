@@ -35,7 +35,7 @@ typedef struct tl_json_difference {
 typedef struct tl_json_source {
     const char *text;
     size_t size;
-    const char *called; /* name in an error: "the configuration in force" */
+    const char *called; /* name in an error: "the configuration in use" */
 } tl_json_source;
 
 /* Calls `see` for each difference. All that it gets is valid only during the call.
