@@ -36,10 +36,9 @@ typedef struct tl_assembly {
     tl_plan_match *match;
     tl_plan_output *outputs; /* variables that `emulate` reads */
     tl_twin *twin;
-    bool
-        trusts_states; /* set by the caller before the build: an FMU whose own states are exact is rolled back by them, even if a memory copy may be faster */
-    tl_tuning tuning;  /* as configured */
-    tl_arena arena;    /* for all arrays above and for `files` */
+    bool trusts_states; /* set before the build: prefer the FMU's own states, if exact, even to a faster memory copy */
+    tl_tuning tuning;   /* as configured */
+    tl_arena arena;     /* for all arrays above and for `files` */
     tl_assembly_file *files; /* one per component; NULL: not opened yet */
 } tl_assembly;
 

@@ -33,8 +33,7 @@ typedef struct tl_checkpointer {
     int64_t interval; /* ticks */
     int64_t next;     /* tick after which the next checkpoint is due */
     tl_time cost;     /* ns, as measured last */
-    tl_time
-        least; /* ns, lowest measured cost. It counts once a checkpoint is late: one slow save must not prevent all later ones */
+    tl_time least;   /* ns, lowest measured; used once a checkpoint is late, so that one slow save does not block all */
     bool is_ready;   /* memory is allocated and the cost is known */
     bool only_marks; /* nothing can be saved: only the mark from which inputs are kept moves forward */
     bool is_off;     /* this run will never be resumed */

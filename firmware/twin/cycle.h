@@ -64,8 +64,8 @@ typedef struct tl_cycle_place {
     const tl_handover *stage; /* handover block; NULL: there are no handovers */
     uint32_t place;
     uint32_t handovers; /* number of the newest handover to ignore */
-    uint32_t *
-        handed_over; /* receives the number of the newest handover that this cycle has completed; required with a handover block */
+    uint32_t
+        *handed_over; /* receives the number of the newest handover completed here; required with a handover block */
     bool is_shadow;
     int64_t tick;    /* shadow only: the next tick of its twin */
     tl_time start;   /* shadow only: t_start of the run (CLOCK_MONOTONIC) */
@@ -140,8 +140,8 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
  */
 
 typedef struct tl_safe_hold_settings {
-    const tl_cycle_settings *
-        cycle; /* settings of the cycle that does not run; only configuration, plant, record queue, journal and heartbeats are used */
+    const tl_cycle_settings
+        *cycle; /* of the cycle that does not run: configuration, plant, record queue, journal, heartbeats */
     tl_thread_heartbeat *heartbeat; /* of this thread */
     tl_time time;                   /* until the supervisor retries the twin */
     unsigned missing;               /* starts in a row without a new process; 0: the twin failed */

@@ -212,8 +212,8 @@ bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *ou
 
 typedef enum tl_resume_outcome {
     TL_RESUME_FOLLOWED, /* the twin has reached the end of the run */
-    TL_RESUME_REFUSED, /* the checkpoint cannot be used. Nothing was recorded, and the twin is new again: try an older resume point */
-    TL_RESUME_FAILED /* as refused, but a run with some steps was begun: end it, and begin a new run */
+    TL_RESUME_REFUSED,  /* the checkpoint cannot be used; nothing was recorded, the twin is new: try an older one */
+    TL_RESUME_FAILED    /* as refused, but a run with some steps was begun: end it, and begin a new run */
 } tl_resume_outcome;
 
 typedef struct tl_resume_follow_settings {

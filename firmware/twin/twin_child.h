@@ -35,9 +35,9 @@ typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *
-        config; /* parsed from the job's text, in the twin's form: without delays, with look-ups; must exist until the work has ended */
-    FILE *page;               /* receives the printed page of a check; NULL: dropped */
+    const tl_config
+        *config; /* from the job's text, without delays, with look-ups; must exist until the work has ended */
+    FILE *page;  /* receives the printed page of a check; NULL: dropped */
     tl_twin_page *print_page; /* as in main() */
     tl_time call_limit;       /* ns, call timeout */
     uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */

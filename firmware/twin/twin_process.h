@@ -60,7 +60,7 @@ typedef struct tl_twin_process_settings {
     unsigned which;    /* 0 … 63, different for processes at the same time, so that each has its own user */
     const char *title; /* "twin [motor]" */
     int given
-        [TL_ROLE_DESCRIPTORS]; /* descriptors in addition to null, output, page, job and start socket (twin_role.h); -1: none */
+        [TL_ROLE_DESCRIPTORS]; /* in addition to null, output, page, job and start socket (twin_role.h); -1: none */
     const tl_fmu_calls *calls; /* in memory that the process writes; for the watch thread */
     tl_channel *channel;       /* its thread is notified if the process ends or is killed; NULL: none */
     FILE *page;                /* receives the printed page of a check; NULL: nothing is printed */

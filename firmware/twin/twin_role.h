@@ -55,8 +55,8 @@ typedef struct tl_twin_job {
     int64_t tick;                    /* first tick (tl_twin_begin_at()), or that of the checkpoint */
     const unsigned char *checkpoint; /* saved twin to start from (tl_twin_load()); NULL: none */
     size_t checkpoint_size;
-    const unsigned char *
-        tunings; /* array of tl_run_tuning in the order of their ticks, each applied at its tick; unaligned after tl_twin_job_read() */
+    const unsigned char
+        *tunings;        /* array of tl_run_tuning, in order of ticks, each applied at its tick; may be unaligned */
     size_t tunings_size; /* bytes */
     const char *path;    /* of the configuration, as given: relative names start at its folder */
     const char *text;    /* the configuration */
@@ -66,11 +66,9 @@ typedef struct tl_twin_job {
     bool plain;          /* save no executions */
     bool variables;      /* the page lists the variables */
     bool brief;          /* a check without the late verification */
-    bool
-        states_only; /* a check tests only if another process can use the FMUs' states (tl_twin_check.why); it reports nothing else */
-    bool
-        reads_back; /* the process has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
-    bool alone;                                     /* of two twins, only the first */
+    bool states_only;    /* only test if another process can use the FMUs' states (tl_twin_check.why) */
+    bool reads_back;     /* has a block for the read-back test: optional for TL_TASK_CHECK, always for TL_TASK_READ */
+    bool alone;          /* of two twins, only the first */
     unsigned char rollback[TL_RECORDER_COMPONENTS]; /* tl_rollback of each component; TL_ROLLBACK_NONE: as configured */
     bool unconfined;
     bool holds;                /* safe hold: no FMU is loaded */
@@ -146,7 +144,7 @@ typedef struct tl_twin_extra {
     tl_twin_pair_account pair; /* for a comparison of two twins */
     tl_twin_ways ways;         /* for a check and a trial of rollback methods */
     char error
-        [TL_ERROR_TEXT]; /* text for a failed BUILT, RESULT or ENDED message; also how two twins differ, or how a rollback is not exact */
+        [TL_ERROR_TEXT]; /* for a failed BUILT, RESULT or ENDED; also how twins differ or a rollback is not exact */
 } tl_twin_extra;
 
 /* In the block of the parent, beside its messages. */

@@ -89,11 +89,10 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
  */
 
 typedef struct tl_twin_way {
-    uint32_t rollback; /* tl_rollback in use */
-    uint32_t
-        is_given_again; /* 1: by its state, and then its inputs are set again, because the state does not contain them */
-    uint32_t is_measured; /* 1: the values below are measured */
-    int64_t save;         /* ns, median */
+    uint32_t rollback;       /* tl_rollback in use */
+    uint32_t is_given_again; /* 1: by its state, which does not contain its inputs: they are set again */
+    uint32_t is_measured;    /* 1: the values below are measured */
+    int64_t save;            /* ns, median */
     int64_t restore;
     uint64_t bytes; /* of a state; 0: unknown */
 } tl_twin_way;
