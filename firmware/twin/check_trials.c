@@ -6,7 +6,8 @@
 
 /* ---- one trial ---- */
 
-/* Starts a process with a task of its own. If it cannot be started, the outcome is TL_TRY_AGAIN. Errors: TL_INTERRUPTED. */
+/* Runs a task in a separate process. If that cannot be started, the outcome is TL_TRY_AGAIN.
+ * Errors: TL_INTERRUPTED. */
 static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_job *job, unsigned twins,
                           tl_twin_outcome *outcome, tl_error *error) {
     tl_twin_job task = *job;
@@ -46,7 +47,8 @@ static bool is_changed(const way_search *self, size_t component) {
     return self->job.rollback[component] != (unsigned char)TL_ROLLBACK_NONE;
 }
 
-/* The component that failed. If the process ended before it had the name: the only one that was changed, if it is one. */
+/* Returns the component that failed. If the process ended before it knew the name: the only
+ * component whose method was changed, if there is exactly one. */
 static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
     size_t only = NO_COMPONENT;
     size_t changed = 0;
@@ -60,7 +62,7 @@ static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried)
     return tried->has_ended && changed == 1 ? only : NO_COMPONENT;
 }
 
-/* No component can be blamed for the failure. */
+/* The failure cannot be attributed to a component. */
 static void give_up(const way_search *self, const char *why) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
@@ -72,7 +74,8 @@ static void give_up(const way_search *self, const char *why) {
 
 /* ---- the search ---- */
 
-/* Has the culprit try what `auto` finds. False: `auto` is what has failed. */
+/* Sets the component's method to `auto` for the next trial. Returns false if `auto` itself has
+ * failed. */
 static bool use_auto(way_search *self, size_t culprit) {
     bool is_new =
         self->settings->config->components[culprit].rollback != TL_ROLLBACK_AUTO && !is_changed(self, culprit);
@@ -136,7 +139,7 @@ static const struct {
 /* From this size on, sizes are written in MiB. */
 enum { LARGE = 10000 * 1024 };
 
-/* A state after which the inputs are set again has no key of its own: only "auto" finds this
+/* A state after which the set values are set again has no key of its own: only "auto" finds this
  * method. */
 static void tell_found(const tl_other_way *other, FILE *out) {
     const tl_twin_way *way = &other->way;

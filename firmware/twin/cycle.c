@@ -449,8 +449,7 @@ static tl_status compute_missed(tl_cycle *cycle, const tl_budget *budget) {
     return compute(cycle, cycle->next_tick, cycle->is_behind ? &own : NULL);
 }
 
-/* Executes all due ticks: missed ones first, as many as the budget permits, then the present one.
- */
+/* Executes all due ticks: missed ones first, as many as the budget permits, then the present. */
 static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
     tl_time start = cycle->start + tl_cycle_delay(cycle);
@@ -478,8 +477,8 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     return status;
 }
 
-/* Mode ahead: the measurement of the last step comes one period later. If the cycle was asked to
- *             stop, it does not wait for it. */
+/* Mode ahead: the measurement of the last step comes one period later. If the cycle must stop, it
+ *             does not wait for it. */
 static void finish(tl_cycle *cycle) {
     const tl_config *config = &cycle->settings.assembly->config;
     tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
@@ -612,7 +611,8 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
 
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
-    /* At nominal because of the resting flag, not because no correction was found. */
+    /* At nominal because the synchroniser chose so permanently, not because it found no correction.
+     */
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
     int length =
         snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));

@@ -1,6 +1,6 @@
 /* Cycle of a live run: reads the plant, steps the twin, applies tunings, and performs handovers.
  *
- * Thread:  the cycle's, unless a function says otherwise.
+ * Thread:  the cycle's, unless a function names another one.
  * Errors:  start and stop return them; during the run they are events.
  */
 #ifndef TL_FIRMWARE_TWIN_CYCLE_H
@@ -22,7 +22,7 @@
 /* ---- Real-time scheduling if it is permitted, else ordinary scheduling.
  *
  * Purpose: SCHED_FIFO for the cycle thread, and locked memory so that no page fault delays it. If
- *          one is not permitted, an event says so once, with the remedy, and the run continues.
+ *          one is not permitted, one event reports it with the remedy, and the run continues.
  */
 
 /* mlockall: locks the present mappings, and future ones if the limit permits it. */
@@ -119,7 +119,7 @@ bool tl_cycle_status_now(const tl_cycle *cycle, tl_cycle_status *status);
 
 /* Stops the cycle within at most one period, fills the summary, and frees the cycle. *has_run: a
  * run of this cycle is in the record queue and has not ended there. Returns the status of the
- * twin's last step; TL_OK if it was only asked to stop. */
+ * twin's last step, or TL_OK if the stop was requested. */
 tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_error *error);
 
 enum { TL_STATUS_LINE = 512 };

@@ -53,8 +53,7 @@ void tl_journal_listen(tl_journal *journal, tl_journal_listener *hear, void *con
 void tl_journal_event(tl_journal *journal, int64_t tick, tl_severity severity, const char *source, const char *format,
                       ...) TL_PRINTF(5, 6);
 
-/* True: events from now on are those of a shadow. They are only logged, as "shadow: …". Any thread.
- */
+/* True: events from now on are those of a shadow: only logged, as "shadow: …". Any thread. */
 void tl_journal_set_apart(tl_journal *journal, bool apart);
 bool tl_journal_is_apart(const tl_journal *journal);
 

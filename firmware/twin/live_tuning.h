@@ -65,7 +65,7 @@ uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *
 /* Invalidates the present tuning. The next one gets a number above `number`. */
 void tl_live_tuning_skip(tl_live_tuning *block, uint32_t number);
 
-/* Copies the twin's answer to tuning `number`. Returns false if there is none yet. */
+/* Copies the twin's answer to tuning `number`. Returns false if it has not answered yet. */
 bool tl_live_tuning_answered(const tl_live_tuning_answer *answer, uint32_t number, tl_live_tuning_answer *copy);
 
 /* ---- readers ---- */

@@ -41,8 +41,8 @@ typedef struct tl_replay_report {
 
 /* Creates the file (os.h), so that a path that cannot be written fails before the run. The report
  * must be zeroed. Each event of the journal becomes an event of the report. Configuration, account
- * and the name of the recording must outlive the report; the report must outlive the journal's
- * events. */
+ * and the name of the recording must outlive the report. After the report is closed, the journal
+ * must receive no event. */
 tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *config, const tl_account *account,
                                 const char *path, const char *recording, tl_journal *journal, tl_error *error);
 

@@ -25,9 +25,9 @@
 
 /* ---- Rule: when a run is resumed, for all sources.
  *
- * Rule:    resumes the newest run that computed a step. It must not have ended regularly or with an
- *          error, its last tick must be at most `record.resume_s` ago, and a part of its duration
- *          must remain.
+ * Rule:    resumes the newest run that computed a step of its own. It must not have ended regularly
+ *          or with an error. Its last tick must be at most `record.resume_s` ago, and a part of its
+ *          duration must remain.
  * Result:  false if the rule forbids it; then `why` is the text for an event.
  * Thread:  any: the functions are pure.
  */
@@ -223,8 +223,8 @@ typedef struct tl_resume_follow_settings {
     void *context; /* of tell */
 } tl_resume_follow_settings;
 
-/* Runs the twin to the end of the resume point and fills the summary; `resumption` in it says what
- * was done. If it is refused or fails, the summary is zeros.
+/* Runs the twin to the end of the resume point and fills the summary; its `resumption` describes
+ * the resume. If the resume point is refused or following fails, the summary is zeros.
  * Errors: TL_FMU_FATAL, or the error of building the twin again. */
 tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_resume *resume, tl_summary *summary,
                            tl_resume_outcome *outcome, tl_error *error);
@@ -257,7 +257,7 @@ tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_ass
 void tl_resume_queue_close(tl_resume_queue *left);
 
 /* Returns the newest resume point, then older ones, until something is enqueued. `resume` is valid
- * until the next call. Returns false if there is none (left); the reason was reported. NULL is
+ * until the next call. Returns false if no further one exists; the reason was reported. NULL is
  * allowed. */
 bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
 
@@ -265,11 +265,11 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
  *
  * Purpose: finds the newest run that can be resumed, if it had the same configuration and FMUs.
  *          Returns its newest checkpoint first, then older ones, at last its inputs alone. After a
- *          reboot the gap is computed from UTC. If there is none, a message says why a new run
- *          begins.
+ *          reboot the gap is computed from UTC. If no run can be resumed, a message gives the
+ *          reason.
  * Twin:    not needed: the settings contain its facts, so a process without FMUs can search.
  * Trust:   the database is untrusted (history.h).
- * Owner:   settings are copied; what they point to is not.
+ * Owner:   settings are copied; the objects that they point to are not.
  * Thread:  one at a time.
  */
 
@@ -292,8 +292,8 @@ tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *sett
 /* NULL is allowed. */
 void tl_resume_history_close(tl_resume_history *history);
 
-/* Returns the newest resume point, then older ones; valid until the next call. Returns NULL if
- * there is none (left); a reason worth reporting was reported. NULL is allowed. */
+/* Returns the newest resume point, then older ones; valid until the next call. Returns NULL if no
+ * further one exists; a reason worth reporting was reported. NULL is allowed. */
 const tl_resume *tl_resume_history_next(tl_resume_history *history);
 
 /* If the newest run is not resumed (for example: another configuration): the time of its last tick,

@@ -366,7 +366,7 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     return status;
 }
 
-/* Each request settles one component, initialised or not. If there are more, its memory is
+/* Each request completes one component, initialised or not. If there are more, its memory is
  * corrupted or the process is hostile. */
 static tl_status show(tl_twin_child *child, tl_error *error) {
     const size_t most = child->read_back.size == 0 ? 0 : 2 * (child->settings.config->component_count + 1);

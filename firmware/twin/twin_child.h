@@ -61,9 +61,9 @@ tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_ch
 /* Waits until the twin is built. If error->text is empty, the errors were logged. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). Meanwhile, if
- * its job has `reads_back`, starts processes with the same FMUs that load the states of this one.
- */
+/* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). If its job has
+ * `reads_back`, it meanwhile starts processes with the same FMUs, which load the states of this
+ * one. */
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error);
 
 /* The rollback methods of the components after a check, as far as the process reported them. */
@@ -72,8 +72,8 @@ void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);
 /* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);
 
-/* Reports the system calls of FMUs that were denied since the last call. They were logged already.
- */
+/* Reports the system calls of FMUs that were denied since the last call of this function. They are
+ * in the log already. */
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
 
 /* Enqueues a tick; at most TL_CHANNEL_DEPTH may be under way. `last`: it only completes the record
@@ -82,9 +82,9 @@ tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick
 
 void tl_twin_child_push(tl_twin_child *child);
 
-/* Takes the result of the oldest tick under way, which must be `tick`. If there is none yet, sleeps
- * until `wanted` results are there, or all that will come. *stopped: it was asked to stop and there
- * is no result.
+/* Takes the result of the oldest tick under way, which must be `tick`. If no result is there yet,
+ * sleeps until `wanted` results are there, or all that will come. *stopped: the process has stopped
+ * on request and there is no result.
  * Errors: that of the step, with the result filled; that with which the process announced its end;
  *         else TL_FMU_FAILED: the process has ended, and nothing is filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
@@ -149,9 +149,9 @@ tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed 
 /* The next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */
 const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed);
 
-/* Returns the next tick with its result; *end: there is none. An error comes from the recording,
- * from the step (then `fed` is filled, and may have a record), or from the process with the twin
- * (then it is not). After an error nothing follows. */
+/* Returns the next tick with its result; *end: no tick remains. An error comes from the recording,
+ * the step, or the process with the twin. If it comes from the step, `fed` is filled, and may have
+ * a record; else `fed` is not filled. After an error nothing follows. */
 tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error);
 
 /* Sends no further tick. Computed results can still be taken. */

@@ -344,8 +344,8 @@ static bool is_open_to_others(const char *folder) {
  * It stays root, without root's capabilities, if that user cannot reach the folder. The same
  * applies in a container whose root has only some user IDs, or may not change the owner of a
  * folder.
- * In safe hold there is no folder: nothing is unpacked or written, and safe hold must also work if
- * no folder can be made. */
+ * In safe hold there is no folder, because nothing is unpacked or written, and because safe hold
+ * must also work if no folder can be created. */
 static tl_status make_folder(tl_twin_process *process, tl_error *error) {
     const tl_twin_job *job = process->settings.job;
     const char *folder = getenv("TMPDIR");

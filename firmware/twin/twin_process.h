@@ -52,8 +52,8 @@ typedef struct tl_twin_fmus {
 
 typedef struct tl_twin_process tl_twin_process;
 
-/* `calls`, `channel`, `page`, `tasks` and `context` must exist until the process is closed, the
- * rest during the start. The caller keeps the descriptors. */
+/* `calls`, `channel`, `page`, `tasks` and `context` must exist until the process is closed, all
+ * else during the start. The caller keeps the descriptors. */
 typedef struct tl_twin_process_settings {
     const tl_twin_job *job; /* folder, file_bytes, memory and user are set here */
     tl_twin_fmus fmus;

@@ -121,8 +121,7 @@ int tl_twin_role_run(const tl_twin_role_tasks *tasks);
  *          other end). The blocks of a live twin are defined by the live run.
  */
 
-/* Descriptors of the FMU process. Every role has descriptors 0 to 2, the job and the start socket.
- */
+/* Descriptors of the FMU process. Every role has 0 to 2, the job and the start socket. */
 enum {
     TL_TWIN_OUTPUT = 1,        /* log and printed output: 1 and 2 */
     TL_TWIN_PAGE = 3,          /* the page of a check */

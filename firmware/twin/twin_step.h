@@ -61,7 +61,7 @@ typedef struct tl_twin_tunings {
     size_t taken;
 } tl_twin_tunings;
 
-/* Takes the next tuning that applies from this tick on. Returns false if there is none. */
+/* Takes the next tuning that applies from this tick on. Returns false if none remains. */
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
 
 /* Executes a tick without a clock: searched as configured; or as in the recording, if that tick was
@@ -97,7 +97,7 @@ typedef struct tl_twin_look_news {
  * neither waits nor logs. Errors: those of tl_twin_verify(). */
 tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error);
 
-/* Describes the newest finding of a run that has ended. Returns false if there is none. */
+/* Describes the newest finding of a run that has ended. Returns false if it had no finding. */
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
 
 #endif

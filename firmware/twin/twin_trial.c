@@ -101,8 +101,7 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
 
 /* ---- comparison ---- */
 
-/* Executes the next step. The first one takes as many ticks as a twin waits for its measurements.
- */
+/* Executes the next step. The first one takes as many ticks as a twin waits for measurements. */
 static tl_status step(walker *self, tl_error *error) {
     bool is_free = self->steps == 0 || self->assembly->config.event.start.signal != NULL;
     int64_t last = self->sample.tick + (int64_t)tl_twin_get_facts(self->assembly->twin).lead + 1;
@@ -297,7 +296,7 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     status = begin_ways(assembly, &tick, error);
     tl_twin_ways_note(assembly, ways);
     if (status != TL_OK) {
-        /* A failed step says nothing about the rollback. */
+        /* A failed step does not mean that a rollback failed. */
         if (ways->cannot_return != 0 && ways->component[0] == '\0') {
             tl_assembly_find_component(assembly, error->text, ways->component);
         }

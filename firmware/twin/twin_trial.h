@@ -16,11 +16,13 @@
 /* ---- Late verification: checks if the rollback of the FMUs is exact after many steps and with
  * moving inputs.
  *
- * Purpose: the proof before the first step tests FMUs at one point only, where some missing parts
- *          of their state have no effect. A check has time for more steps. It moves the adjusted
+ * Purpose: the proof before the first step tests FMUs at one point only. Some missing parts of
+ *          their state have no effect there. A check has time for more steps. It moves the adjusted
  *          variables up and down, or on and off, and verifies the rollback (tl_twin_look()) after
  *          as many steps as possible.
- * Not for: a twin that adjusts nothing, or has an event horizon: nothing is tested.
+ * Bound:   TL_FAR_STEPS steps and TL_FAR_LONGEST (0.5 s).
+ * Not for: a twin that adjusts nothing, has an event horizon, or has verification off: nothing is
+ *          tested.
  * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
  */
 
@@ -29,17 +31,16 @@ enum { TL_FAR_STEPS = 1000 };
 #define TL_FAR_LONGEST (TL_SECOND / 2)
 
 typedef struct tl_far_look {
-    int64_t first; /* its first tick */
-    int64_t
-        steps; /* number of steps; the test ends at the first finding that is not mended, or at a failure of an FMU */
+    int64_t first;          /* its first tick */
+    int64_t steps;          /* number of steps; ends at a finding that is not mended, or if an FMU fails */
     uint64_t times;         /* number of rollbacks and comparisons */
     tl_twin_look_news news; /* the last finding */
-    tl_status status;       /* TL_FMU_FAILED: because of its inputs; this says nothing about the rollback */
+    tl_status status;       /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
     tl_error error;
 } tl_far_look;
 
-/* Runs the test. `tick`: the next one of a twin that has begun and whose signals have no reading.
- */
+/* Runs the test. `tick`: the next one of a twin that has begun and whose signals have no readings
+ * yet. */
 void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look);
 
 /* ---- Comparison of two twins of one configuration in one process: do the same inputs give the
@@ -71,7 +72,7 @@ typedef struct tl_twin_pair_account {
 } tl_twin_pair_account;
 
 /* Compares the twins. `first` was built, `second` has a configuration. `alone`: only the first twin
- * runs. error->text says how they differ; "": they do not.
+ * runs. error->text describes their difference; "": they are equal.
  * Errors: TL_TRY_AGAIN. Any other, with a text or a logged cause: the second twin cannot be built,
  *         or cannot step. */
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
@@ -89,10 +90,11 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
  */
 
 typedef struct tl_twin_way {
-    uint32_t rollback;       /* tl_rollback in use */
-    uint32_t is_given_again; /* 1: by its state, which does not contain its inputs: they are set again */
-    uint32_t is_measured;    /* 1: the values below are measured */
-    int64_t save;            /* ns, median */
+    uint32_t rollback; /* tl_rollback in use */
+    uint32_t
+        is_given_again;   /* 1: by its state; the values set before are set again, because it does not contain them */
+    uint32_t is_measured; /* 1: the values below are measured */
+    int64_t save;         /* ns, median */
     int64_t restore;
     uint64_t bytes; /* of a state; 0: unknown */
 } tl_twin_way;
@@ -108,7 +110,7 @@ void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways);
 
 /* Builds the assembly and tests it. It must be opened, with the methods to test set in its
  * components. TL_OK: all rollbacks are exact; or, if ways->component is set, that of this component
- * is not, and error->text says how. Only the output of FMUs is logged.
+ * is not, and error->text describes how. Only the output of FMUs is logged.
  * Errors: the twin cannot be built or cannot begin; the component's name is set if it is known. */
 tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *error);
 

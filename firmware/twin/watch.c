@@ -174,7 +174,7 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
     return ENDED;
 }
 
-/* Texts around a name: at the beginning of a condition, and at its end, with the number of steps.
+/* Texts around a name, at the beginning of a condition and at its end (with the number of steps).
  */
 typedef struct trouble_words {
     const char *begun[2];

@@ -1,8 +1,8 @@
 /* Watch: turns samples and records into events for the operator.
  *
  * Purpose: reports changes, not states, so that a bad hour is two lines. Examples: a signal became
- *          bad or good, the twin runs free, the state of the lock has changed, a variable is not
- *          identifiable, a solver needed the fallback, a stroke changed u, ticks were missed.
+ *          bad or good, the twin runs free, the lock state changed. Others: a variable is not
+ *          identifiable, the fallback solver was used, a stroke changed u, ticks were missed.
  * Thread:  the one that steps the twin.
  * Memory:  all inside the struct.
  */
@@ -18,8 +18,7 @@
 #include "firmware/twin/journal.h"
 #include "master/twin/twin.h"
 
-/* An ongoing condition ends after this many searches in a row without it, and after TL_WATCH_REST.
- */
+/* A condition ends after this many searches in a row without it, and TL_WATCH_REST. */
 enum { TL_WATCH_STEPS = 20 };
 
 /* Least time since the last step with the condition before its end is reported: 60 s. */
