@@ -1,4 +1,4 @@
-/* An assembly: see assembly.h. */
+/* Assembly: see assembly.h. */
 #include "firmware/twin/assembly.h"
 
 #include <fcntl.h>
@@ -14,9 +14,9 @@
 #include "firmware/base/os.h"
 #include "firmware/fmu/fmu_binary.h"
 
-/* ---- before ---- */
+/* ---- opening files ---- */
 
-/* The end of a sentence that says that there is no file: what there is instead. Empty if that is nothing. */
+/* Writes the end of a message about a missing file: what exists instead; empty if nothing does. */
 static void tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) {
     struct stat about;
     if (stat(path, &about) != 0) {
@@ -30,7 +30,8 @@ static void tell_what_is_there(const char *path, char text[TL_OTHER_CASE_TEXT]) 
                                              : "a device");
 }
 
-/* An absolute path, since the current folder will be another one; a bare name is the loader's affair. NULL: it is too long. */
+/* Absolute path, because the process changes its current folder later. A bare name is left to the
+ * loader. NULL: the path is too long. */
 static char *find_library(tl_assembly *assembly, const char *name) {
     char path[PATH_MAX];
     char found[PATH_MAX];
@@ -41,7 +42,7 @@ static char *find_library(tl_assembly *assembly, const char *name) {
     return tl_arena_text(&assembly->arena, is_there ? found : path);
 }
 
-/* False: not enough memory. */
+/* Returns false if memory is out. */
 static bool open_file(tl_assembly *assembly, const tl_config_component *component, tl_assembly_file *file) {
     char path[PATH_MAX];
     file->descriptor = -1;
@@ -79,7 +80,8 @@ tl_status tl_assembly_open(tl_assembly *assembly, tl_error *error) {
 
 /* ---- building ---- */
 
-/* Python imports a name once: the second of two FMUs with modules of one name would silently run the first one's. */
+/* Python imports a module name only once: a second FMU with the same module name would silently run
+ * the code of the first. */
 static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *where) {
     for (const tl_fmu *other = assembly->fmus; other < fmu && fmu->module[0] != '\0'; other++) {
         if (strcmp(other->module, fmu->module) == 0) {
@@ -94,7 +96,9 @@ static bool check_module(tl_assembly *assembly, const tl_fmu *fmu, const char *w
     return true;
 }
 
-/* With variables of its own whoever else uses that file, but if it runs in Python: that has its modules once. NULL where reported. */
+/* Each component gets its own copy of the FMU's variables, even if several use one file. An FMU in
+ * Python is shared, because Python has its modules only once. Returns NULL if the error was
+ * reported. */
 static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *file,
                               const tl_config_component *configured) {
     const char *where = configured->where;
@@ -116,7 +120,7 @@ static const tl_fmu *load_fmu(tl_assembly *assembly, const tl_assembly_file *fil
     return check_module(assembly, fmu, where) ? fmu : NULL;
 }
 
-/* Who writes a configuration elsewhere says by this which of the installed FMUs is meant. */
+/* A configuration written on another machine names the intended FMU by its hash. */
 static bool is_meant(tl_assembly *assembly, const tl_config_component *configured, const tl_assembly_file *file) {
     char found[TL_SHA256_TEXT];
     if (configured->sha256 == NULL) {
@@ -161,7 +165,7 @@ static void load_component(tl_assembly *assembly, size_t index) {
     }
 }
 
-/* The variables of FMUs that `emulate` reads; returns how many. */
+/* Fills in the FMU variables that `emulate` reads; returns their number. */
 static size_t fill_outputs(tl_assembly *assembly) {
     size_t count = 0;
     for (size_t i = 0; i < assembly->config.emulated_count; i++) {
@@ -173,7 +177,7 @@ static size_t fill_outputs(tl_assembly *assembly) {
     return count;
 }
 
-/* The end of a stroke is an effect: it is looked up as what is matched. */
+/* The end of a stroke is an effect, so it is looked up like a matched output. */
 static tl_plan_event event_of(const tl_config *config) {
     tl_plan_event event = config->event;
     for (size_t i = 0; i < config->match_count && event.start.signal != NULL; i++) {
@@ -184,7 +188,7 @@ static tl_plan_event event_of(const tl_config *config) {
     return event;
 }
 
-/* With what FMUs have of their own. */
+/* Includes the memory that the FMUs allocate. */
 static size_t memory_used(void) {
     return tl_heap_used() + tl_fmu_used();
 }
@@ -235,7 +239,7 @@ static void fill_plan(tl_assembly *assembly) {
     };
     const tl_config_delays *delays = config->delays;
     if (delays != NULL && delays->measure) {
-        /* One lag more than what is used, so that a peak at the end of the range is one. */
+        /* One lag more than needed, so that a peak at the end of the range is detected as one. */
         assembly->plan.measure = (tl_plan_measure){
             .lags = (uint32_t)((delays->range + config->step - 1) / config->step) + 1,
             .range = delays->range,
@@ -252,7 +256,7 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
         tl_report_add(report, error.status, "", "%s", error.text);
         return report->worst;
     }
-    for (size_t i = 0; i < config->component_count; i++) { /* FMUs are opened only when all of these are there */
+    for (size_t i = 0; i < config->component_count; i++) { /* FMUs are opened only if all libraries load */
         for (size_t k = 0; k < config->components[i].library_count; k++) {
             const char *path = assembly->files[i].libraries[k];
             tl_status status = path != NULL ? tl_library_open(path, &error)
@@ -262,7 +266,7 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
             }
         }
     }
-    bool opened = report->count == 0; /* where a library is missing, each FMU that needs it would only say so again */
+    bool opened = report->count == 0; /* if a library is missing, each FMU that needs it would report the same again */
     for (size_t i = 0; i < config->component_count && opened; i++) {
         load_component(assembly, i);
     }
@@ -274,9 +278,9 @@ tl_status tl_assembly_build(tl_assembly *assembly) {
     return report->worst;
 }
 
-/* ---- quietly ---- */
+/* ---- quiet build ---- */
 
-/* The first one. */
+/* The first problem. */
 typedef struct problem {
     tl_error *error;
     char *component;
@@ -352,9 +356,9 @@ void tl_assembly_free(tl_assembly *assembly) {
     *assembly = (tl_assembly){0};
 }
 
-/* ---- places that FMUs may read ---- */
+/* ---- readable paths of the FMUs ---- */
 
-/* What exists, is not everything, and is there once. */
+/* Adds an existing path once, except "/". */
 static void add_place(tl_twin_places *places, const char *path) {
     char *found = places->count < TL_TWIN_PLACES ? realpath(path, NULL) : NULL;
     bool is_new = found != NULL && strcmp(found, "/") != 0;
@@ -368,7 +372,8 @@ static void add_place(tl_twin_places *places, const char *path) {
     }
 }
 
-/* The library itself, and beside it what comes with it (as Python's modules do), if that is a folder for libraries. */
+/* Adds the library. Also adds its folder if that is a folder for libraries, because the library may
+ * load others from there, as Python's modules do. */
 static void add_library(tl_twin_places *places, const char *path) {
     char copy[PATH_MAX];
     (void)snprintf(copy, sizeof copy, "%s", path);
@@ -401,7 +406,8 @@ static void add_component_places(tl_twin_places *places, const tl_assembly *asse
     }
 }
 
-/* What nobody means who writes a list of folders for libraries: all, a folder of all others such as "/home", a home, or what a home lies in. */
+/* Folders that a list of library folders should not contain: "/", a top folder such as "/home", a
+ * home, or a parent of a home. */
 static bool is_too_wide(const char *folder) {
     const char *home = getenv(TL_TWIN_PLACES_HOME);
     char *real_home = home != NULL && home[0] == '/' ? realpath(home, NULL) : NULL;
@@ -412,10 +418,11 @@ static bool is_too_wide(const char *folder) {
     return holds_home || strrchr(folder, '/') == folder;
 }
 
-/* What a folder in a variable stands for is added. True: those behind it are not looked at. */
+/* Adds the paths that belong to one folder of a variable. Returns true if the remaining folders are
+ * to be skipped. */
 typedef bool add_one(tl_twin_places *places, const char *folder);
 
-/* An absolute name, since the process has a current folder of its own. */
+/* Only absolute names, because the process has another current folder. */
 static bool add_folder(tl_twin_places *places, const char *folder) {
     char *found = folder[0] == '/' ? realpath(folder, NULL) : NULL;
     if (found != NULL && !is_too_wide(found)) {
@@ -425,7 +432,8 @@ static bool add_folder(tl_twin_places *places, const char *folder) {
     return false;
 }
 
-/* Of an installation of Python, or an environment, only what it loads: all else there may be anybody's, as in ~ for ~/bin/python3. */
+/* Adds only the parts of a Python installation or environment that Python loads. Its folder may
+ * contain other users' files, as ~ does for ~/bin/python3. */
 static bool add_installation(tl_twin_places *places, const char *prefix) {
     static const char *const parts[] = {"pyvenv.cfg", "lib", "lib64", "lib32"};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++) {
@@ -437,8 +445,9 @@ static bool add_installation(tl_twin_places *places, const char *prefix) {
     return false;
 }
 
-/* Python's packages are those of the python3 that is first in PATH: beside it those of an environment, and where it leads to those of the
- * installation that the environment was made from. */
+/* Python loads the packages of the python3 that comes first in PATH. Those of an environment are
+ * beside it; those of the installation from which the environment was made are beside the target of
+ * the link. */
 static bool add_python(tl_twin_places *places, const char *folder) {
     char path[PATH_MAX];
     bool fits = snprintf(path, sizeof path, "%s/python3", folder) < (int)sizeof path;
@@ -452,7 +461,7 @@ static bool add_python(tl_twin_places *places, const char *folder) {
     return true;
 }
 
-/* The folders in a variable, with colons between them. */
+/* Calls `add_each` for each folder of a variable, separated by colons. */
 static void add_variable(tl_twin_places *places, const char *name, add_one *add_each) {
     const char *list = getenv(name);
     char *copy = list != NULL ? strdup(list) : NULL;

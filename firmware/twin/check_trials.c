@@ -1,4 +1,4 @@
-/* What a check finds out by trying it: see check_trials.h. */
+/* Trials of `check`: see check_trials.h. */
 #include "firmware/twin/check_trials.h"
 
 #include <stdio.h>
@@ -6,7 +6,8 @@
 
 /* ---- one trial ---- */
 
-/* Starts a process with a task of its own. If it cannot be started, the outcome is TL_TRY_AGAIN. Errors: TL_INTERRUPTED. */
+/* Runs a task in a separate process. If that cannot be started, the outcome is TL_TRY_AGAIN.
+ * Errors: TL_INTERRUPTED. */
 static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_job *job, unsigned twins,
                           tl_twin_outcome *outcome, tl_error *error) {
     tl_twin_job task = *job;
@@ -28,13 +29,13 @@ static tl_status try_task(const tl_twin_child_settings *settings, const tl_twin_
     return status;
 }
 
-/* ---- other ways ---- */
+/* ---- other methods ---- */
 
 #define NO_COMPONENT SIZE_MAX
 
 typedef struct way_search {
     const tl_twin_child_settings *settings;
-    tl_twin_job job; /* with the ways that are tried */
+    tl_twin_job job; /* with the methods to test */
     tl_other_way *found;
 } way_search;
 
@@ -46,7 +47,8 @@ static bool is_changed(const way_search *self, size_t component) {
     return self->job.rollback[component] != (unsigned char)TL_ROLLBACK_NONE;
 }
 
-/* The component that failed. If the process ended before it had the name: the only one that was changed, if it is one. */
+/* Returns the component that failed. If the process ended before it knew the name: the only
+ * component whose method was changed, if there is exactly one. */
 static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried) {
     size_t only = NO_COMPONENT;
     size_t changed = 0;
@@ -60,7 +62,7 @@ static size_t find_culprit(const way_search *self, const tl_twin_outcome *tried)
     return tried->has_ended && changed == 1 ? only : NO_COMPONENT;
 }
 
-/* No component can be blamed for the failure. */
+/* The failure cannot be attributed to a component. */
 static void give_up(const way_search *self, const char *why) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
@@ -72,7 +74,8 @@ static void give_up(const way_search *self, const char *why) {
 
 /* ---- the search ---- */
 
-/* Has the culprit try what `auto` finds. False: `auto` is what has failed. */
+/* Sets the component's method to `auto` for the next trial. Returns false if `auto` itself has
+ * failed. */
 static bool use_auto(way_search *self, size_t culprit) {
     bool is_new =
         self->settings->config->components[culprit].rollback != TL_ROLLBACK_AUTO && !is_changed(self, culprit);
@@ -82,7 +85,7 @@ static bool use_auto(way_search *self, size_t culprit) {
     return is_new;
 }
 
-/* All components came back, by the methods of `tried`. */
+/* All rollbacks were exact with the methods of `tried`. */
 static void note_found(const way_search *self, const tl_twin_ways *tried) {
     for (size_t i = 0; i < count_of(self); i++) {
         if (is_changed(self, i)) {
@@ -123,7 +126,7 @@ tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twi
 
 /* ---- texts ---- */
 
-/* The value of the key "rollback", and how the method is named. */
+/* Value of the key "rollback", and description of the method. */
 static const struct {
     const char *key;
     const char *words;
@@ -133,10 +136,11 @@ static const struct {
     [TL_ROLLBACK_REPLAY] = {"replay", "by replay"},
 };
 
-/* From so many bytes on, sizes are in MiB. */
+/* From this size on, sizes are written in MiB. */
 enum { LARGE = 10000 * 1024 };
 
-/* A state that needs its values again has no name of its own: it is a method of "auto". */
+/* A state after which the set values are set again has no key of its own: only "auto" finds this
+ * method. */
 static void tell_found(const tl_other_way *other, FILE *out) {
     const tl_twin_way *way = &other->way;
     const char *key = way->is_given_again != 0 ? NULL : ways[way->rollback].key;
@@ -176,7 +180,7 @@ void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]) 
     (void)fclose(out);
 }
 
-/* ---- pairs ---- */
+/* ---- comparison ---- */
 
 static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl_twin_outcome *outcome,
                           tl_error *error) {
@@ -186,7 +190,7 @@ static tl_status try_pair(const tl_twin_child_settings *settings, bool alone, tl
     return try_task(settings, &job, 2, outcome, error);
 }
 
-/* Both twins have stepped, and differ. */
+/* Both twins have stepped and differ. */
 static tl_status tell_apart(const tl_twin_child_settings *settings, const tl_twin_outcome *pair,
                             tl_pair_verdict *verdict, tl_error *error) {
     tl_twin_outcome again;
@@ -217,7 +221,7 @@ tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_v
         verdict->kind = pair.pair.has_second != 0 ? TL_PAIR_ONE_PER_PROCESS : TL_PAIR_NOT_DETERMINISTIC;
         if (!pair.has_ended) {
             verdict->text[strcspn(verdict->text, ";")] =
-                '\0'; /* what follows is advice for a log that nobody has seen */
+                '\0'; /* the remaining text is advice about a log that was not printed */
         }
     } else if (pair.text[0] != '\0') {
         verdict->kind = TL_PAIR_UNKNOWN;

@@ -1,7 +1,9 @@
-/* What a check finds out by trying it: in processes of their own, so that whatever an FMU does there is a finding and no end.
+/* Trials of `check`: runs FMUs in separate processes, so that a crash of an FMU is a finding and
+ * does not end the check.
  *
- * Bounds:  of each call as in a check (twin_child.h).
+ * Bound:   the call timeout of a check applies to each FMU call (twin_child.h).
  * Thread:  one, as for twin_child.h.
+ * Errors:  TL_INTERRUPTED; all else is a result.
  */
 #ifndef TL_FIRMWARE_TWIN_CHECK_TRIALS_H
 #define TL_FIRMWARE_TWIN_CHECK_TRIALS_H
@@ -11,45 +13,52 @@
 #include "firmware/twin/twin_child.h"
 #include "firmware/twin/twin_trial.h"
 
-/* ---- Another rollback method for a component that does not come back by the configured one.
+/* ---- Another rollback method for a component whose rollback by the configured method is not
+ * exact.
  *
- * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries what `auto` finds.
+ * Purpose: for `check`. If the configuration names a method that is wrong for an FMU, tries the
+ *          method that `auto` finds.
  * Trials:  each is a check of all components (twin_trial.h). At most one per component.
  */
 
 typedef enum tl_other_way_kind {
-    TL_OTHER_WAY_NOT_SOUGHT, /* there is nothing to say of it */
-    TL_OTHER_WAY_UNKNOWN,    /* the trial failed: `text` says why */
+    TL_OTHER_WAY_NOT_SOUGHT, /* nothing to report */
+    TL_OTHER_WAY_UNKNOWN,    /* the trial failed; `text` gives the reason */
     TL_OTHER_WAY_NONE,       /* no method is exact */
     TL_OTHER_WAY_FOUND
 } tl_other_way_kind;
 
-/* Of one component. */
+/* Result for one component. */
 typedef struct tl_other_way {
     tl_other_way_kind kind;
-    tl_twin_way way;          /* FOUND */
-    uint32_t replay_steps;    /* the limit of a rollback by replay */
-    char text[TL_ERROR_TEXT]; /* UNKNOWN */
+    tl_twin_way way;          /* only for TL_OTHER_WAY_FOUND */
+    uint32_t replay_steps;    /* limit of a rollback by replay, in steps */
+    char text[TL_ERROR_TEXT]; /* only for TL_OTHER_WAY_UNKNOWN */
 } tl_other_way;
 
 enum { TL_OTHER_WAY_TEXT = TL_ERROR_TEXT + 400 };
 
-/* `checked`: the result of the check with the settings' configuration. Fills an entry for each component. Errors: TL_INTERRUPTED. */
+/* Fills one entry per component. `checked`: result of the check with the configuration of
+ * `settings`. Errors: TL_INTERRUPTED. */
 tl_status tl_other_way_find(const tl_twin_child_settings *settings, const tl_twin_ways *checked,
                             tl_other_way found[TL_RECORDER_COMPONENTS], tl_error *error);
 
-/* Writes a sentence that follows the component's name. Not for TL_OTHER_WAY_NOT_SOUGHT. */
+/* Writes a sentence that is printed after the component's name. Not for TL_OTHER_WAY_NOT_SOUGHT. */
 void tl_other_way_tell(const tl_other_way *other, char text[TL_OTHER_WAY_TEXT]);
 
-/* ---- What two twins of one configuration tell of its FMUs.
+/* ---- Comparison of two twins of one configuration: finds FMUs that are not deterministic or need
+ * a process of their own.
  *
- * Purpose: one process has both twins (twin_trial.h). If they differ, another one has the first again, alone: an FMU that differs from itself alone is *not deterministic*; one that
- *          does not, and differs beside another instance, is for *one per process*, whatever it declares. So is one whose second instance crashes, never returns or is refused.
- * Bounds:  of steps as twin_trial.h says.
+ * Purpose: one process runs both twins (twin_trial.h). If they differ, another process repeats the
+ *          first twin alone.
+ *          An FMU that differs from itself when alone is *not deterministic*.
+ *          An FMU that differs only beside another instance is *one per process*, whatever it
+ *          declares. So is an FMU whose second instance crashes, never returns or is rejected.
+ * Bound:   of steps: see twin_trial.h.
  */
 
 typedef enum tl_pair_kind {
-    TL_PAIR_UNKNOWN, /* the FMUs cannot step, or the machine cannot have two twins: `text` says so */
+    TL_PAIR_UNKNOWN, /* the FMUs cannot step, or the machine cannot run two twins; `text` gives the reason */
     TL_PAIR_SAME,
     TL_PAIR_NOT_DETERMINISTIC,
     TL_PAIR_ONE_PER_PROCESS
@@ -57,12 +66,12 @@ typedef enum tl_pair_kind {
 
 typedef struct tl_pair_verdict {
     tl_pair_kind kind;
-    uint32_t steps;               /* that were compared */
-    char component[TL_PAIR_NAME]; /* "": not known */
-    char text[TL_ERROR_TEXT];     /* what happens, if anything does */
+    uint32_t steps;               /* number of compared steps */
+    char component[TL_PAIR_NAME]; /* "": unknown */
+    char text[TL_ERROR_TEXT];     /* what went wrong; "": nothing */
 } tl_pair_verdict;
 
-/* `settings`: of a check, which has found no problem. Errors: TL_INTERRUPTED. */
+/* Runs the comparison. `settings`: of a check that has found no problem. Errors: TL_INTERRUPTED. */
 tl_status tl_pair_verdict_find(const tl_twin_child_settings *settings, tl_pair_verdict *verdict, tl_error *error);
 
 #endif

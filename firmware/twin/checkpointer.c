@@ -1,10 +1,10 @@
-/* The checkpointer: see checkpointer.h. */
+/* Checkpointer: see checkpointer.h. */
 #include "firmware/twin/checkpointer.h"
 
 #include "firmware/base/os.h"
 
 static const tl_time INTERVAL = 10 * TL_SECOND;
-enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without one that are told */ };
+enum { INTERVAL_MOST = 2000, LATE = 3 /* intervals without a checkpoint before it is reported */ };
 
 size_t tl_checkpointer_room(size_t size) {
     return 2 * size;
@@ -40,7 +40,7 @@ static void end(tl_checkpointer *self, const char *why) {
                      "no more are saved, and after a restart the inputs since the last one are run again: %s", why);
 }
 
-/* Into the outbox; what it took. False: nothing was saved. */
+/* Saves to the record queue and measures the cost. Returns false if nothing was saved. */
 static bool save(tl_checkpointer *self, size_t *size) {
     size_t capacity = 0;
     unsigned char *room = tl_record_queue_checkpoint_room(self->queue, &capacity);
@@ -67,7 +67,8 @@ void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size) {
     self->next = tick + self->interval;
 }
 
-/* The first one: takes room for twice as much, and is saved twice, since the first time is the longest. False: nothing is saved. */
+/* First save: allocates twice the present size, and saves twice, because the first save is the
+ *             slowest. Returns false if nothing was saved. */
 static bool save_first(tl_checkpointer *self, const tl_budget *budget, size_t *size) {
     tl_error error;
     if (tl_twin_save(self->twin, NULL, 0, size, &error) != TL_OK) {
@@ -93,7 +94,7 @@ static bool is_late(const tl_checkpointer *self, int64_t tick) {
     return tick > self->next + LATE * self->interval;
 }
 
-/* Whether what is left of the budget is expected to be enough. */
+/* Returns true if the remaining budget is expected to be enough. */
 static bool has_time(const tl_checkpointer *self, int64_t tick, const tl_budget *budget) {
     tl_time expected = is_late(self, tick) ? self->least : self->cost;
     return tl_clock_now(NULL) - budget->started + expected <= budget->time;

@@ -1,14 +1,19 @@
-/* The checkpointer: saves the running twin now and then, so that a restart has little to run again.
+/* Checkpointer: saves the running twin at intervals, so that a restarted twin has few ticks to
+ *               repeat.
  *
- * Purpose: after a tick, in the cycle's own thread, if the budget has time for it; the bytes go into the outbox, where a successor of this
- *          process finds them, and the recorder.
- *          Of FMUs whose saved states are of no use to another process nothing is saved.
- * When:    after the first tick, which also measures what it costs; from then on every 10 s of plant time, or 2000 ticks where
- *          that is less; and as soon as there is time after the FMUs have begun anew. If a checkpoint does not fit into the budget, or an
- *          FMU cannot be turned into bytes, an event says so, once; a restart then runs the newest inputs again, which the outbox
- *          keeps for that.
- * Shadow:  what it would take is found out while there is time; the first checkpoint is that with which its run begins.
- * Thread:  the cycle's. Memory: taken after the first tick.
+ * Purpose: saves after a tick, in the cycle's thread, if the budget has enough time. The bytes go
+ *          into the record queue, from which the next twin process and the recorder read them. If
+ *          another process cannot load the saved states of an FMU, nothing is saved.
+ * When:    after the first tick, which also measures the cost. Then every 10 s of plant time, or
+ *          every 2000 ticks if that is less. After a reset of the FMUs, as soon as there is time.
+ *          If a checkpoint does not fit into the budget, or an FMU cannot serialise its state, an
+ *          event reports it once. A restart then repeats the newest inputs, which the record queue
+ *          keeps for this purpose.
+ * Shadow:  a shadow measures the cost while there is time. Its first checkpoint is the one with
+ *          which its run begins.
+ * Thread:  the cycle's.
+ * Memory:  allocated after the first tick.
+ * Errors:  none are returned; a failure is an event.
  */
 #ifndef TL_FIRMWARE_TWIN_CHECKPOINTER_H
 #define TL_FIRMWARE_TWIN_CHECKPOINTER_H
@@ -26,38 +31,42 @@ typedef struct tl_checkpointer {
     tl_record_queue *queue;
     tl_journal *journal;
     int64_t interval; /* ticks */
-    int64_t next;     /* tick after which one is due */
-    tl_time cost;     /* ns, as measured last, */
-    tl_time
-        least; /* and at best, which is believed once one is late: that it took long once is no reason never to try again */
-    bool is_ready;   /* there is room, and its cost is known */
-    bool only_marks; /* nothing can be saved: what is kept of the inputs goes on */
-    bool is_off;     /* nobody goes on with this run */
+    int64_t next;     /* tick after which the next checkpoint is due */
+    tl_time cost;     /* ns, as measured last */
+    tl_time least;   /* ns, lowest measured; used once a checkpoint is late, so that one slow save does not block all */
+    bool is_ready;   /* memory is allocated and the cost is known */
+    bool only_marks; /* nothing can be saved: only the mark from which inputs are kept moves forward */
+    bool is_off;     /* this run will never be resumed */
     bool has_told;
 } tl_checkpointer;
 
-/* What is reserved for each checkpoint of a twin that takes so many bytes now: it may grow. */
+/* Bytes to reserve for each checkpoint of a twin that takes `size` bytes now. More than `size`,
+ * because it may grow. */
 size_t tl_checkpointer_room(size_t size);
 
-/* `readable`: false if states of these FMUs, as bytes, are of no use to another process. */
+/* `readable`: false if another process cannot load the serialised states of these FMUs. */
 void tl_checkpointer_init(tl_checkpointer *self, const tl_assembly *assembly, tl_record_queue *queue,
                           tl_journal *journal, bool readable);
 
-/* What was saved is of a twin that is no more, since its FMUs began anew: one is due after this tick. */
+/* Requests a checkpoint after this tick, because the FMUs were reset and the older ones are
+ * obsolete. */
 void tl_checkpointer_hurry(tl_checkpointer *self, int64_t tick);
 
-/* After a tick that was computed within `budget`; NULL: it was made up, and there is no time for anything else. */
+/* Saves if a checkpoint is due and there is time. Call it after each tick. `budget`: that of the
+ * tick; NULL: a missed tick was caught up, so there is no time to save. */
 void tl_checkpointer_after(tl_checkpointer *self, int64_t tick, const tl_budget *budget);
 
-/* ---- of a shadow, whose run begins in its middle ---- */
+/* ---- of a shadow, whose run begins after its first ticks ---- */
 
-/* After a tick that was computed within `budget`, NULL as above: what a checkpoint takes is found out, once. Nothing is put. */
+/* Measures once what a checkpoint costs, and enqueues nothing. Call it after a tick. `budget` as in
+ * tl_checkpointer_after(). */
 void tl_checkpointer_rehearse(tl_checkpointer *self, const tl_budget *budget);
 
-/* Saves the twin, if that is expected to take less than `left` ns. False: it did not, or the twin cannot be saved (now). */
+/* Saves the twin if that is expected to take less than `left` ns. Returns false if it was not
+ * saved: no time, or not possible at this tick. */
 bool tl_checkpointer_save(tl_checkpointer *self, tl_time left, size_t *size);
 
-/* What was saved last, which is the twin after this tick. The next one is due as after any. */
+/* Enqueues the bytes saved last as the twin after `tick`. The next checkpoint is due as usual. */
 void tl_checkpointer_put(tl_checkpointer *self, int64_t tick, size_t size);
 
 #endif

@@ -1,4 +1,5 @@
-/* The cycle of a live run: reads the plant, steps the twin, takes a tuning, changes twins: see cycle.h. */
+/* Cycle of a live run: reads the plant, steps the twin, applies tunings, and performs handovers:
+ * see cycle.h. */
 #include "firmware/twin/cycle.h"
 
 #include <errno.h>
@@ -21,49 +22,49 @@
 #include "firmware/twin/twin_step.h"
 #include "firmware/twin/watch.h"
 
-/* ---- the data of a cycle ---- */
+/* ---- state of a cycle ---- */
 
 struct tl_cycle {
     tl_cycle_settings settings;
     tl_thread_heartbeat *heartbeat;
     tl_time start;      /* t_0 */
-    int64_t next_tick;  /* not yet computed */
-    int64_t warm_up;    /* ticks at which no step is due yet, or none that counts */
-    int64_t first_step; /* that counts */
-    int64_t last_tick;  /* after it the duration is over */
+    int64_t next_tick;  /* not computed yet */
+    int64_t warm_up;    /* ticks before the first counted step */
+    int64_t first_step; /* the first counted step */
+    int64_t last_tick;  /* the duration ends after it */
     bool stop;
     bool is_shadow;
-    bool is_behind;      /* a shadow that has not been at the plant's ticks yet */
-    bool has_run;        /* a run has begun in the outbox, and has not ended */
-    struct {             /* that was announced: */
-        uint32_t number; /* of the newest that was seen */
-        bool is_ahead;   /* it is of this cycle's concern, and is still to come: */
-        int64_t tick;    /* from this tick on */
+    bool is_behind;      /* a shadow that has not caught up with the plant yet */
+    bool has_run;        /* a run was begun in the record queue and has not ended */
+    struct {             /* the newest announced handover: */
+        uint32_t number; /* its number */
+        bool is_ahead;   /* it concerns this cycle and is still to be done */
+        int64_t tick;    /* first tick after it */
     } handover;
-    tl_resumption resumption; /* how the run began that a flip brings */
-    uint64_t skipped;         /* ticks in all, */
-    bool has_skipped;         /* and the newest */
-    bool has_begun;           /* the twin has, and is silent no longer than a cycle may be */
+    tl_resumption resumption; /* how the run after the handover began */
+    uint64_t skipped;         /* number of skipped ticks */
+    bool has_skipped;         /* the newest tick was skipped */
+    bool has_begun;           /* the twin has begun: the normal heartbeat timeout applies */
     tl_summary summary;
     tl_watch watch;
     tl_recovery recovery;
     tl_lock_monitor
-        second; /* judges the same steps by the yardstick of the version that a probation may return to, if there is one */
-    tl_lock_tolerances tolerances; /* of it */
+        second; /* monitors the same steps with the tolerances of the version that a probation may roll back to */
+    tl_lock_tolerances tolerances; /* of `second` */
     tl_checkpointer checkpointer;
-    uint32_t tuned;       /* number of the tuning that was looked at last */
-    bool was_tuned;       /* what is in force is not what the twin was built with, but */
-    tl_run_tuning tuning; /* this: as taken last, */
-    bool has_tuning;      /* and not in the outbox yet */
+    uint32_t tuned;       /* number of the newest tuning that was read */
+    bool was_tuned;       /* the twin has another tuning than it was built with: */
+    tl_run_tuning tuning; /* the newest one */
+    bool has_tuning;      /* it is not in the record queue yet */
     tl_status status;
     tl_error error;
     tl_cycle_status shown;
-    tl_latest published; /* the same, for other threads */
+    tl_latest published; /* copy of `shown` for other threads */
 };
 
 /* ---- realtime ---- */
 
-/* The smallest there is. */
+/* smallest page size of all machines */
 enum { PAGE = 4096 };
 
 void tl_realtime_lock_memory(tl_journal *journal) {
@@ -83,7 +84,7 @@ void tl_realtime_tell_refused(tl_journal *journal) {
                      "CAP_SYS_NICE or raise LimitRTPRIO to permit it");
 }
 
-/* What the cycle calls does not fault for pages of its stack where memory is not locked. */
+/* Touches the stack in advance, so that the cycle does not fault if memory is not locked. */
 __attribute__((noinline)) static void touch_stack(void) {
     volatile char room[256 * 1024];
     for (size_t i = 0; i < sizeof room; i += PAGE) {
@@ -91,7 +92,7 @@ __attribute__((noinline)) static void touch_stack(void) {
     }
 }
 
-/* ---- another tuning ---- */
+/* ---- tuning ---- */
 
 static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     cycle->tuning = (tl_run_tuning){.tick = cycle->next_tick, .number = head->number, .values = head->tuning};
@@ -104,7 +105,7 @@ static void take_tuning(tl_cycle *cycle, const tl_live_tuning_head *head) {
     tl_watch_retune(&cycle->watch, cycle->next_tick, head->hash);
 }
 
-/* At the start of a tick, if there is another number than that which was looked at last. */
+/* At the start of a tick: applies a tuning with a new number. */
 static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
     const tl_live_tuning *block = cycle->settings.tuning;
     uint32_t number = block != NULL ? tl_live_tuning_number(block) : cycle->tuned;
@@ -116,7 +117,7 @@ static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
     tl_error error = {TL_OK, ""};
     tl_status status = tl_live_tuning_read(block, &head, &error);
     if (status == TL_TRY_AGAIN) {
-        return; /* at the next tick */
+        return; /* retry at the next tick */
     }
     cycle->tuned = head.number;
     status = status == TL_OK ? tl_assembly_retune(cycle->settings.assembly, &head.tuning, &error) : status;
@@ -131,7 +132,7 @@ static void tl_cycle_look_for_tuning(tl_cycle *cycle) {
                                status == TL_OK ? NULL : error.text);
 }
 
-/* At the start of a tick: by which yardstick the second judge judges. */
+/* At the start of a tick: sets the tolerances of the second lock monitor. */
 static void tl_cycle_look_for_tolerances(tl_cycle *cycle) {
     tl_lock_tolerances found;
     if (cycle->settings.tuning == NULL || !tl_latest_read(&cycle->settings.tuning->tolerances, &found, sizeof found)) {
@@ -147,25 +148,25 @@ static void tl_cycle_begin_judges(tl_cycle *cycle, const tl_account *account) {
     tl_cycle_look_for_tolerances(cycle);
 }
 
-/* ---- From one place to the other: what a cycle does at a flip. See cycle.h. */
+/* ---- handover: see cycle.h ---- */
 
 static bool is_due(const tl_cycle *cycle) {
     return cycle->handover.is_ahead && cycle->next_tick >= cycle->handover.tick;
 }
 
-/* At the tick of the flip each is what it will be. */
+/* At the handover tick each cycle already has its new role. */
 static tl_time tl_cycle_delay(const tl_cycle *cycle) {
     bool is_shadow_then = cycle->is_shadow != is_due(cycle);
     return is_shadow_then ? cycle->settings.assembly->config.step / 4 : 0;
 }
 
-/* It has done its part. */
+/* Publishes that this cycle has done its part. */
 static void say(tl_cycle *cycle) {
     cycle->handover.is_ahead = false;
     __atomic_store_n(cycle->settings.place.handed_over, cycle->handover.number, __ATOMIC_RELEASE);
 }
 
-/* At the start of a tick. */
+/* At the start of a tick: reads a new announcement. */
 static void tl_cycle_look_for_handover(tl_cycle *cycle) {
     const tl_cycle_place *place = &cycle->settings.place;
     uint32_t to = 0;
@@ -175,11 +176,11 @@ static void tl_cycle_look_for_handover(tl_cycle *cycle) {
     }
     cycle->handover.is_ahead = (to == place->place) == cycle->is_shadow;
     if (!cycle->handover.is_ahead) {
-        say(cycle); /* it is that already */
+        say(cycle); /* it has that role already */
     }
 }
 
-/* What it does from the next tick on is counted from 0. */
+/* Restarts the counts from 0 at the next tick. */
 static void count_anew(tl_cycle *cycle) {
     tl_twin_facts facts = tl_twin_get_facts(cycle->settings.assembly->twin);
     cycle->summary = (tl_summary){.resumption = cycle->resumption};
@@ -191,7 +192,8 @@ static void count_anew(tl_cycle *cycle) {
     memset(cycle->shown.match, 0, sizeof cycle->shown.match);
 }
 
-/* If the supervisor was stopped as it announced the flip, the two twins may have seen it at different ticks. */
+/* If the supervisor was stopped during the announcement, the two twins may have seen it at
+ * different ticks. */
 static void tell_late_handover(const tl_cycle *cycle) {
     if (cycle->next_tick > cycle->handover.tick) {
         tl_journal_event(cycle->settings.journal, cycle->next_tick, TL_EVENT_WARNING, "flip",
@@ -203,7 +205,8 @@ static void tell_late_handover(const tl_cycle *cycle) {
 
 /* ---- the shadow ---- */
 
-/* The twin forgets what is not saved, and so does who judges it: what follows is what a replay of the run does. `size` 0: nothing is saved. */
+/* Drops all that is not saved, in the twin and in the lock monitor, because a replay of the run has
+ * to start with the same state. `size` 0: nothing is saved. */
 static tl_status begin_run(tl_cycle *cycle, size_t size) {
     const tl_cycle_settings *settings = &cycle->settings;
     bool done = false;
@@ -216,7 +219,7 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
     tl_cycle_begin_judges(cycle, &start.account);
     cycle->resumption = (tl_resumption){
         .from = size != 0 ? TL_RESUMED_CHECKPOINT : TL_RESUMED_INPUTS,
-        .run = -1, /* the one before */
+        .run = -1, /* the run before */
         .tick = cycle->handover.tick > cycle->next_tick ? cycle->handover.tick : cycle->next_tick,
         .start = settings->place.start,
         .started = settings->place.started,
@@ -226,13 +229,13 @@ static tl_status begin_run(tl_cycle *cycle, size_t size) {
     if (size != 0) {
         tl_checkpointer_put(&cycle->checkpointer, cycle->next_tick - 1, size);
     }
-    cycle->has_tuning = cycle->was_tuned; /* what is in force goes into the run with its first sample */
+    cycle->has_tuning = cycle->was_tuned; /* the present tuning is recorded with the first sample of the run */
     cycle->tuning.tick = cycle->next_tick;
     cycle->has_run = true;
     return TL_OK;
 }
 
-/* At a tick with time to spare, or after the last one before the flip. */
+/* At a tick with enough time, or after the last one before the handover. */
 static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     tl_time step = cycle->settings.assembly->config.step;
     bool is_last = cycle->next_tick >= cycle->handover.tick;
@@ -242,7 +245,7 @@ static tl_status try_to_begin_run(tl_cycle *cycle, const tl_budget *budget) {
     return saved || is_last ? begin_run(cycle, saved ? size : 0) : TL_OK;
 }
 
-/* What is bad now is told again: whoever reads the run's events has not seen it. */
+/* Reports present problems again, because the new run's events do not contain them yet. */
 static void take_over(tl_cycle *cycle) {
     bool is_saved = cycle->resumption.from == TL_RESUMED_CHECKPOINT;
     cycle->is_shadow = false;
@@ -257,12 +260,12 @@ static void take_over(tl_cycle *cycle) {
     say(cycle);
 }
 
-/* ---- the run's ---- */
+/* ---- the live twin ---- */
 
 static void hand_over(tl_cycle *cycle) {
     tl_record_queue *queue = cycle->settings.queue;
     tell_late_handover(cycle);
-    if (!cycle->has_tuning) { /* what is in force, whoever took it, is kept for a run that may come */
+    if (!cycle->has_tuning) { /* keep the present tuning for a later run */
         cycle->tuning = *tl_record_queue_tuning(queue);
         cycle->was_tuned = strcmp(cycle->tuning.hash, queue->configured.hash) != 0;
     }
@@ -285,7 +288,8 @@ static tl_status tl_cycle_before_tick(tl_cycle *cycle) {
         return TL_OK;
     }
     if (!cycle->is_shadow) {
-        if (cycle->settings.assembly->config.measurements != TL_AHEAD) { /* there its last record is not complete */
+        if (cycle->settings.assembly->config.measurements !=
+            TL_AHEAD) { /* in mode ahead its last record is not complete yet */
             hand_over(cycle);
         }
         return TL_OK;
@@ -310,7 +314,7 @@ static tl_status tl_cycle_after_tick(tl_cycle *cycle, int64_t tick, const tl_bud
 
 /* ---- cycle ---- */
 
-/* What FMUs may take to begin, as at the start of a run. */
+/* Heartbeat timeout while the FMUs are initialised, as at the start of a run. */
 static const tl_time PATIENCE_WITH_BEGINNING = 120 * TL_SECOND;
 
 static bool is_stopped(const tl_cycle *cycle) {
@@ -343,7 +347,7 @@ static tl_time patience(const tl_config *config) {
 static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
     const tl_config *config = &cycle->settings.assembly->config;
     const tl_lock_change *change = NULL;
-    if (record->step >= cycle->first_step) { /* in mode ahead the record at its first tick is not of its own steps */
+    if (record->step >= cycle->first_step) { /* in mode ahead the first record belongs to a step before */
         tl_summary_add(&cycle->summary, config, record);
         cycle->shown.executions += record->executions;
         cycle->shown.used += record->used;
@@ -374,7 +378,7 @@ static void keep(tl_cycle *cycle, int64_t tick, const tl_record *record) {
 
 /* ---- ticks ---- */
 
-/* With what is in force from its tick on. */
+/* Records the sample with the tuning that applies from its tick on. */
 static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     if (!cycle->has_run) {
         return;
@@ -386,7 +390,7 @@ static void put_sample(tl_cycle *cycle, const tl_sample *sample) {
     (void)tl_record_queue_put_sample(cycle->settings.queue, sample);
 }
 
-/* One tick: searched within `budget`, or made up where that is NULL. */
+/* Executes one tick: searched within `budget`; NULL: caught up. */
 static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *budget) {
     tl_thread_heartbeat_beat(cycle->heartbeat);
     tl_sample sample;
@@ -399,14 +403,15 @@ static tl_status compute_tick(tl_cycle *cycle, int64_t tick, const tl_budget *bu
     tl_lock_monitor_sample(&cycle->recovery.judge, &sample);
     tl_lock_monitor_sample(&cycle->second, &sample);
     tl_summary_sample(&cycle->summary, &cycle->settings.assembly->config, &sample);
-    /* There the step before is complete only now, and comes before the sample. */
+    /* In mode ahead the record of the step before becomes complete now, and is enqueued before the
+     * sample. */
     bool ahead = cycle->settings.assembly->config.measurements == TL_AHEAD;
     if (!ahead) {
         put_sample(cycle, &sample);
     }
     tl_status status = budget == NULL ? tl_twin_make_up(twin, &sample, &record, &ready, &cycle->error)
                                       : tl_twin_step(twin, &sample, budget, &record, &ready, &cycle->error);
-    if (!cycle->has_begun) { /* in its first tick the twin begins, and its FMUs are proved */
+    if (!cycle->has_begun) { /* in its first tick the twin initialises and proves the FMUs */
         cycle->has_begun = true;
         tl_thread_heartbeat_set_timeout(cycle->heartbeat, patience(&cycle->settings.assembly->config));
     }
@@ -436,14 +441,15 @@ static tl_status compute(tl_cycle *cycle, int64_t tick, const tl_budget *budget)
     return status == TL_OK ? compute_tick(cycle, tick, budget) : status;
 }
 
-/* A missed tick is made up; but a shadow that comes to the plant's ticks searches on its way, so that it has found its lock once it is there. */
+/* A missed tick has no search. But a shadow that catches up with the plant does search, so that it
+ * is locked when it gets there. */
 static tl_status compute_missed(tl_cycle *cycle, const tl_budget *budget) {
     tl_budget own = *budget;
     own.started = tl_clock_now(NULL);
     return compute(cycle, cycle->next_tick, cycle->is_behind ? &own : NULL);
 }
 
-/* All that is due: missed ticks first, as many as the budget allows, then the present one. */
+/* Executes all due ticks: missed ones first, as many as the budget permits, then the present. */
 static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     tl_time period = cycle->settings.assembly->config.step;
     tl_time start = cycle->start + tl_cycle_delay(cycle);
@@ -454,13 +460,13 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     present = present < cycle->last_tick ? present : cycle->last_tick;
     while (status == TL_OK && cycle->next_tick < present) {
         if (cycle->next_tick != missed_from && tl_clock_now(NULL) - budget->started >= budget->time) {
-            break; /* the rest at the next tick */
+            break; /* continue at the next tick */
         }
         status = compute_missed(cycle, budget);
     }
     tl_watch_skipped(&cycle->watch, present, cycle->skipped - skipped_before, tl_time_of_step(start, period, present));
     if (status == TL_OK && cycle->next_tick == present) {
-        if (cycle->is_behind) { /* nothing is missed any more */
+        if (cycle->is_behind) { /* all missed ticks are done */
             cycle->is_behind = false;
             count_anew(cycle);
         }
@@ -471,7 +477,8 @@ static tl_status catch_up(tl_cycle *cycle, const tl_budget *budget) {
     return status;
 }
 
-/* Mode ahead: the last step's measurement is one period away. Asked to stop, nobody waits for it. */
+/* Mode ahead: the measurement of the last step comes one period later. If the cycle must stop, it
+ *             does not wait for it. */
 static void finish(tl_cycle *cycle) {
     const tl_config *config = &cycle->settings.assembly->config;
     tl_time instant = tl_time_of_step(cycle->start, config->step, cycle->next_tick);
@@ -495,9 +502,9 @@ static void finish(tl_cycle *cycle) {
     }
 }
 
-/* What is left until the next tick is for looking whether the FMUs still come back to where they were; some of it stays left. */
+/* Verifies the rollback of the FMUs in the time until the next tick, except for a reserve. */
 static tl_status look(tl_cycle *cycle) {
-    enum { STAYS_LEFT = 8 }; /* of a period, the part */
+    enum { STAYS_LEFT = 8 }; /* reserve: this fraction of a period */
     tl_time period = cycle->settings.assembly->config.step;
     tl_time next = tl_time_of_step(cycle->start, period, cycle->next_tick) + tl_cycle_delay(cycle);
     tl_twin_look_news news;
@@ -539,7 +546,7 @@ static void run(void *context) {
     tl_thread_heartbeat_stop(cycle->heartbeat);
 }
 
-/* Tick 0 is a period away, unless there were ticks before. */
+/* Tick 0 is one period from now, unless the run is resumed. */
 static void find_start(tl_cycle *cycle) {
     const tl_resumption *resumption = &cycle->settings.resumed.resumption;
     const tl_cycle_place *place = &cycle->settings.place;
@@ -576,9 +583,9 @@ tl_status tl_cycle_start(const tl_cycle_settings *settings, tl_cycle **cycle, tl
     find_start(started);
     if (settings->resumed.resumption.from == TL_RESUMED_NOT && started->has_run) {
         tl_twin_recorder_start(settings->queue, settings->assembly->twin, started->start);
-    } /* else it has begun with what it has followed */
-    started->tuned =
-        tl_record_queue_tuning(settings->queue)->number; /* what an attempt to go on has left is none of it */
+    } /* else it began when it followed the earlier run */
+    started->tuned = tl_record_queue_tuning(settings->queue)
+                         ->number; /* a failed resume may have left a tuning, which does not apply */
     tl_fmu_thread_begin(settings->thread, run, started);
     *cycle = started;
     return TL_OK;
@@ -604,7 +611,8 @@ tl_status tl_cycle_stop(tl_cycle *cycle, tl_summary *summary, bool *has_run, tl_
 
 void tl_status_line_write(const tl_config *config, const tl_cycle_status *status, char line[TL_STATUS_LINE]) {
     const tl_record *record = &status->record;
-    /* Nominal by a choice that lasts, and not because no correction was found. */
+    /* At nominal because the synchroniser chose so permanently, not because it found no correction.
+     */
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
     int length =
         snprintf(line, TL_STATUS_LINE, "%8.2f s", tl_seconds(tl_time_of_step(0, config->step, record->step + 1)));
@@ -631,12 +639,12 @@ void tl_status_line_write(const tl_config *config, const tl_cycle_status *status
 
 /* ---- safe hold ---- */
 
-/* How often the log repeats what is wrong, and how long the thread sleeps at most. */
+/* Intervals of log messages and status, and the longest sleep. */
 static const tl_time HOLD_REMIND = 600 * TL_SECOND;
 static const tl_time HOLD_SHOW = TL_SECOND;
 static const tl_time HOLD_LOOK = TL_SECOND / 20;
 
-/* Takes what is due up to now; returns the next tick. */
+/* Records all samples due until now; returns the next tick. */
 static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start, int64_t tick) {
     tl_time step = settings->cycle->assembly->config.step;
     tl_time now = tl_clock_now(NULL);
@@ -649,7 +657,7 @@ static int64_t hold_samples(const tl_safe_hold_settings *settings, tl_time start
     return tick;
 }
 
-/* `left`: until the next try. */
+/* `left`: time until the next retry. */
 static void describe_hold(const tl_safe_hold_settings *settings, tl_time left, char text[TL_HEARTBEAT_STATUS]) {
     const char *recorded = settings->records ? " and recorded" : "; nothing is recorded";
     long seconds = left > 0 ? (long)((left + TL_SECOND - 1) / TL_SECOND) : 0;

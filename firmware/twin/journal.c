@@ -1,4 +1,4 @@
-/* The journal: a bounded queue with a turn number per slot; see journal.h. */
+/* Journal: a bounded queue with a sequence number per entry; see journal.h. */
 #include "firmware/twin/journal.h"
 
 #include <stdarg.h>
@@ -28,7 +28,8 @@ bool tl_journal_is_apart(const tl_journal *journal) {
     return __atomic_load_n(&journal->apart, __ATOMIC_RELAXED);
 }
 
-/* A slot to write to, or NULL when all are taken. Slot i is free for the writer of number n when its turn is n. */
+/* Reserves an entry to write to; NULL if the queue is full. An entry is free for the writer of
+ * number n when its `turn` is n. */
 static tl_journal_entry *claim(tl_journal *journal, uint64_t *number) {
     *number = __atomic_load_n(&journal->head, __ATOMIC_RELAXED);
     for (;;) {

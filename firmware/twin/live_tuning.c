@@ -1,4 +1,4 @@
-/* The tuning block: see live_tuning.h. */
+/* Tuning block: see live_tuning.h. */
 #include "firmware/twin/live_tuning.h"
 
 #include <assert.h>
@@ -13,10 +13,10 @@
 
 enum { PAGE = 4096 };
 
-/* All of the head behind number and size, which share a word. */
+/* Offset of all fields after number and size, which share one 64-bit unit. */
 enum { BEHIND = offsetof(tl_live_tuning_head, hash) };
 
-/* ---- writing ---- */
+/* ---- writer ---- */
 
 uint32_t tl_live_tuning_write(tl_live_tuning *block, const tl_live_tuning_head *head, const char *text) {
     uint32_t writing = tl_live_tuning_number(block) | 1U;
@@ -53,7 +53,7 @@ void tl_live_tuning_answer_with(tl_live_tuning_answer *answer, uint32_t number, 
     __atomic_store_n(&answer->number, number, __ATOMIC_RELEASE);
 }
 
-/* ---- reading ---- */
+/* ---- readers ---- */
 
 static bool is_text(const char *text, size_t size) {
     char clean[TL_LIVE_TUNING_WHY];
@@ -66,7 +66,7 @@ static tl_status fail_changed(tl_error *error) {
     return tl_fail(error, TL_TRY_AGAIN, "a tuning is being written");
 }
 
-/* Of a copy. */
+/* Validates a private copy. */
 static tl_status check(const tl_live_tuning_head *head, tl_error *error) {
     if (head->hash[0] == '\0' || !tl_identity_is_sound(head->hash)) {
         return tl_fail(error, TL_BAD_DATA, "a tuning came with a digest that is none");

@@ -1,4 +1,4 @@
-/* The read-back: see read_back.h. */
+/* Read-back test: see read_back.h. */
 #include "firmware/twin/read_back.h"
 
 #include <stdint.h>
@@ -9,15 +9,15 @@
 
 typedef enum read_stage { STAGE_LEFT_OUT, STAGE_WANTED, STAGE_BEGUN, STAGE_DONE } read_stage;
 
-/* One component's in the block. */
+/* Result of one component in the block. */
 typedef struct read_answer {
     uint32_t stage;
-    tl_read_back_component found; /* if it is done */
+    tl_read_back_component found; /* valid when done */
 } read_answer;
 
-/* At the block's beginning; what was told lies behind it. */
+/* At the beginning of the block; the saved states follow. */
 typedef struct read_block {
-    uint64_t told; /* bytes */
+    uint64_t told; /* bytes of the saved states */
     read_answer of[TL_RECORDER_COMPONENTS];
 } read_block;
 
@@ -27,9 +27,9 @@ static unsigned char *bytes_of(read_block *block) {
     return (unsigned char *)block + sizeof *block;
 }
 
-/* ---- the process that reads ---- */
+/* ---- reader process ---- */
 
-/* `is_here`: of the control, in the process that has told. */
+/* `is_here`: the control test, in the process that saved the states. */
 static void judge(const tl_read_back *read, const char *name, bool is_here, tl_read_back_component *found) {
     char words[TL_ERROR_TEXT];
     *found = (tl_read_back_component){.finding = is_here ? TL_READ_BACK_UNKNOWN : TL_READ_BACK_IS_EXACT};
@@ -46,7 +46,7 @@ static void judge(const tl_read_back *read, const char *name, bool is_here, tl_r
     }
 }
 
-/* What is said lies there as soon as it is known: this process may end with the next call. */
+/* Publishes progress at once, because this process may end during the next call. */
 static void say(read_answer *kept, read_stage reached) {
     __atomic_store_n(&kept->stage, (uint32_t)reached, __ATOMIC_RELEASE);
 }
@@ -70,13 +70,13 @@ tl_status tl_read_back_answer(const tl_assembly *assembly, void *block, tl_error
     return TL_OK;
 }
 
-/* ---- the process that has told ---- */
+/* ---- process that saved ---- */
 
-/* What came of one that was wanted, of a process that has ended; true: it is settled. */
+/* Evaluates one component after the reader process has ended. Returns true if it is done. */
 static bool settle(read_answer *given, const tl_error *end, tl_read_back_component *found) {
     const read_stage reached = (read_stage)given->stage;
     if (reached == STAGE_DONE) {
-        *found = given->found; /* which the FMU of that process may have overwritten */
+        *found = given->found; /* untrusted: the FMU of that process may have overwritten it */
         found->text[sizeof found->text - 1] = '\0';
         if (found->finding != TL_READ_BACK_IS_EXACT && found->finding != TL_READ_BACK_IS_OTHER) {
             found->finding = TL_READ_BACK_IS_REFUSED;
@@ -91,7 +91,7 @@ static bool settle(read_answer *given, const tl_error *end, tl_read_back_compone
     return reached != STAGE_WANTED;
 }
 
-/* As many processes as it takes: each of them settles one at least, or is the last. */
+/* Starts as many processes as needed: each one completes at least one component, or is the last. */
 static void ask(const tl_read_back_host *host, tl_read_back_report *report) {
     read_block *block = host->block;
     bool goes_on = true;
@@ -111,7 +111,8 @@ static void ask(const tl_read_back_host *host, tl_read_back_report *report) {
     }
 }
 
-/* Of each component what could be said without another process; false: there is nothing for one to read. */
+/* Saves all components and sets the findings that need no other process. Returns false if there is
+ * nothing to load. */
 static bool tell(const tl_assembly *assembly, read_block *block, tl_read_back_report *report) {
     tl_read_back here[TL_RECORDER_COMPONENTS];
     tl_error error = {.text = "its bytes are too many for this"};

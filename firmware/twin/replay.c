@@ -1,4 +1,4 @@
-/* A replay of a recording, and its report: see replay.h. */
+/* Replay of a recording, and its report: see replay.h. */
 #include "firmware/twin/replay.h"
 
 #include <inttypes.h>
@@ -85,7 +85,7 @@ static void keep(const tl_replay *replay, int64_t tick, const tl_twin_result *re
     }
 }
 
-/* In real time: waits for the tick's instant and counts ticks that could not be met. */
+/* In real time: waits for the tick's instant and counts ticks that are late. */
 static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) {
     const tl_recording_tick *tick = replay->realtime ? tl_twin_feed_look(replay->feed) : NULL;
     if (tick != NULL) {
@@ -96,7 +96,8 @@ static void pace(const tl_replay *replay, tl_time started, tl_summary *summary) 
     }
 }
 
-/* What the run took at this tick, for all that are here: the twin has taken it. */
+/* The twin has applied the run's tunings of this tick already; updates configuration, lock monitor,
+ * watch and recorder here. */
 static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings *tunings) {
     tl_run_tuning tuning;
     while (tl_twin_tunings_next(tunings, tick, &tuning)) {
@@ -109,8 +110,8 @@ static void take_tunings(const tl_replay *replay, int64_t tick, tl_twin_tunings 
     }
 }
 
-/* What goes before a tick's step: its sample, and its events. `missed` counts the ticks that the run made up before one
- * that it met, where it told so. */
+/* Processes the sample and the events before a tick's step. `missed` counts the ticks that the run
+ * caught up before a regular one, if it has reported them. */
 static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, uint64_t *missed) {
     const tl_sample *sample = &tick->sample;
     if (tick->made_up) {
@@ -120,7 +121,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
         tl_watch_skipped(replay->watch, sample->tick, *missed, instant);
         *missed = 0;
     }
-    if (!tick->followed) { /* that was told by the run that it is of */
+    if (!tick->followed) { /* reported by the run that was resumed */
         tl_lock_monitor_sample(replay->judge, sample);
         tl_watch_sample(replay->watch, sample);
     }
@@ -129,7 +130,7 @@ static void take_sample(const tl_replay *replay, const tl_recording_tick *tick, 
     }
 }
 
-/* A last tick only completes the record before it: it is a sample of its own only if it did. */
+/* A last tick only completes the record before it. It counts as a sample only if it did so. */
 static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t *missed, tl_twin_tunings *tunings,
                       tl_summary *summary) {
     const tl_sample *sample = &fed->tick->sample;
@@ -147,7 +148,8 @@ static void keep_tick(const tl_replay *replay, const tl_twin_fed *fed, uint64_t 
     }
 }
 
-/* What was computed before the interruption was noticed is kept too: it is in the twin's account. */
+/* Steps that were computed before the interruption was noticed are counted: they are in the twin's
+ * account. */
 static tl_status look_for_interruption(const tl_replay *replay, const tl_summary *summary, tl_error *error) {
     if (tl_interrupt_requested() == NULL) {
         return TL_OK;

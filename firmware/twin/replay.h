@@ -1,6 +1,7 @@
-/* A replay of a recording, and its report.
+/* Replay of a recording, and its report.
  *
  * Thread:  one.
+ * Owner:   the caller owns all that the structs point to.
  */
 #ifndef TL_FIRMWARE_TWIN_REPLAY_H
 #define TL_FIRMWARE_TWIN_REPLAY_H
@@ -23,11 +24,11 @@
 
 /* ---- The report that `replay --report` writes.
  *
- * Purpose: tells html_report.h what a replay knows: its configuration, the twin's facts and ledger, the summary.
+ * Purpose: passes configuration, facts and ledger of the twin, and the summary to html_report.h.
  * Thread:  one thread.
  */
 
-/* Fields are private but for `page`. A zeroed one is none. */
+/* Fields are private except `page`. Zeroed: no report. */
 typedef struct tl_replay_report {
     tl_html_report *page; /* NULL: there is none */
     const tl_account *account;
@@ -38,42 +39,47 @@ typedef struct tl_replay_report {
     double tolerance[TL_MAX_MATCH];
 } tl_replay_report;
 
-/* Begins the file (os.h), so that a place that cannot be written is known before the run. The report is zeroed. Configuration, account and
- * the name of the recording must outlive it, and it what the journal is told, of which each event is one of the report. */
+/* Creates the file (os.h), so that a path that cannot be written fails before the run. The report
+ * must be zeroed. Each event of the journal becomes an event of the report. Configuration, account
+ * and the name of the recording must outlive the report. After the report is closed, the journal
+ * must receive no event. */
 tl_status tl_replay_report_open(tl_replay_report *report, const tl_config *config, const tl_account *account,
                                 const char *path, const char *recording, tl_journal *journal, tl_error *error);
 
-/* Writes the page, with the account as it stands now, and gives it its name. `ended`: why, in words. */
+/* Writes the page with the present account, and gives the file its final name. `ended`: why the run
+ * ended, in words. */
 tl_status tl_replay_report_keep(tl_replay_report *report, const tl_summary *summary, const char *ended,
                                 tl_error *error);
 
-/* Ends it; what was not kept is gone. */
+/* Closes the report. A file that was not kept is deleted. */
 void tl_replay_report_close(tl_replay_report *report);
 
-/* ---- A replay: a recording through the twin, as fast as it can or in real time.
+/* ---- Replay: feeds a recording to the twin, as fast as possible or in real time.
  *
- * Purpose: the loop of `twinlock replay`. Budgets in time are ignored, so that it is repeatable to the bit.
+ * Purpose: the loop of `twinlock replay`. Time budgets are ignored, so that the results repeat to
+ *          the bit.
  * Thread:  the caller's.
  */
 
 typedef struct tl_replay {
-    tl_config *config;         /* has the recording's tunings as they come into force */
+    tl_config *config;         /* receives the recording's tunings when they take effect */
     const tl_account *account; /* of the built twin */
     tl_recording *recording;
     tl_twin_feed *feed;    /* of this recording; with TL_TELLS_COUNTS if there is a recorder */
     tl_recorder *recorder; /* NULL: none */
-    tl_watch *watch;       /* tells events as a live run's does */
+    tl_watch *watch;       /* reports events as in a live run */
     tl_lock_monitor *judge;
     FILE *trajectory;     /* NULL: none */
     tl_html_report *page; /* NULL: none */
     bool realtime;
 } tl_replay;
 
-/* Whether the replay of a run that went on with another one can begin as that did.
- * Errors: TL_BAD_DATA if the FMUs, or this program, are not those of the run. */
+/* Checks whether the replay of a resumed run can begin as that run did. Errors: TL_BAD_DATA if the
+ * run had other FMUs or another version of this program. */
 tl_status tl_replay_check(const tl_config *config, const tl_recording_beginning *beginning, tl_error *error);
 
-/* Runs to the end, to the configured duration, or until interrupted (TL_INTERRUPTED; the summary holds what was done). */
+/* Runs to the end of the recording, to the configured duration, or until interrupted
+ * (TL_INTERRUPTED). The summary holds what was done. */
 tl_status tl_replay_run(const tl_replay *replay, tl_summary *summary, tl_error *error);
 
 #endif

@@ -1,4 +1,4 @@
-/* The beginning of a resumed twin: found in an earlier run, checked, followed: see resume.h. */
+/* Resume of an earlier run: see resume.h. */
 #include "firmware/twin/resume.h"
 
 #include <inttypes.h>
@@ -21,11 +21,11 @@ void tl_resume_say(tl_resume_tell *tell, void *context, tl_severity severity, co
     tell(context, severity, text);
 }
 
-/* ---- past rule ---- */
+/* ---- rule ---- */
 
 enum { NAME = 32 };
 
-/* "run 7", or "the run before". */
+/* Writes "run 7" or "the run before". */
 static const char *name_run(int64_t run, char text[NAME]) {
     if (run < 0) {
         (void)snprintf(text, NAME, "the run before");
@@ -35,7 +35,7 @@ static const char *name_run(int64_t run, char text[NAME]) {
     return text;
 }
 
-static const tl_time FOLLOW_TIME = TL_SECOND / 2; /* for as many ticks as are led along again */
+static const tl_time FOLLOW_TIME = TL_SECOND / 2; /* time allowed to follow ticks again */
 
 bool tl_resume_refuse(char why[TL_RESUME_WHY], const char *format, ...) {
     va_list arguments;
@@ -76,7 +76,7 @@ int64_t tl_resume_most_followed(tl_time execution, size_t components) {
 
 enum { FIRST_CAPACITY = 64 };
 
-/* What the first byte may be: a tick without u has no step. */
+/* Values of the first byte. A tick without u has no step. */
 enum { NO_STEP, HAS_STEP, HAS_RESET };
 
 /* ---- one tick ---- */
@@ -89,7 +89,7 @@ size_t tl_resume_tick_bytes(const tl_recorder_shape *shape) {
     return u_at(shape) + shape->adjust * sizeof(double);
 }
 
-/* A device may say any time: one that is too far away to count with stays at the border. */
+/* Devices can send any time stamp; out-of-range stamps are clamped. */
 static tl_time nearer(tl_time stamp) {
     tl_time most = stamp > TL_RESUME_FAR ? TL_RESUME_FAR : stamp;
     return stamp == TL_TIME_NEVER || most >= -TL_RESUME_FAR ? most : -TL_RESUME_FAR;
@@ -105,7 +105,7 @@ static void pack(const tl_recorder_shape *shape, const tl_sample *sample, unsign
     memset(u, 0, shape->adjust * sizeof(double));
 }
 
-/* As it is packed, and no further. */
+/* Unpacks without conversion. */
 static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, tl_resume_tick *tick) {
     tick->has_u = bytes[0] != NO_STEP;
     tick->resets = bytes[0] == HAS_RESET;
@@ -113,7 +113,7 @@ static void unpack(const tl_recorder_shape *shape, const unsigned char *bytes, t
     memcpy(tick->u, u, shape->adjust * sizeof(double));
 }
 
-/* Numbers are finite, times below TL_RESUME_FAR, qualities exist. */
+/* Checks that numbers are finite, times below TL_RESUME_FAR, and qualities valid. */
 static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *bytes) {
     tl_resume_tick tick;
     bool sound = bytes[0] <= HAS_RESET;
@@ -129,7 +129,7 @@ static bool is_sound_tick(const tl_recorder_shape *shape, const unsigned char *b
     return sound;
 }
 
-/* ---- a row of ticks ---- */
+/* ---- list of ticks ---- */
 
 static unsigned char *place_of(const tl_resume_ticks *ticks, size_t index) {
     return ticks->bytes + index * tl_resume_tick_bytes(&ticks->shape);
@@ -209,9 +209,9 @@ int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first) {
     return stepped ? ticks->first + (int64_t)at - 1 : first - 1;
 }
 
-/* ---- which signals ---- */
+/* ---- identity of the signals ---- */
 
-/* Name by name. */
+/* Adds one name to the hash. */
 static void add_name(char digest[TL_SHA256_TEXT], const char *prefix, const char *name) {
     char text[TL_SHA256_TEXT + 512];
     int length = snprintf(text, sizeof text, "%s %s%s", digest, prefix, name);
@@ -232,19 +232,20 @@ void tl_resume_identify(const tl_config *config, char digest[TL_SHA256_TEXT]) {
     }
 }
 
-/* ---- past ---- */
+/* ---- image ---- */
 
-/* Between who finds a past and who reads it FMUs may be loaded. */
+/* Longest time between finding and reading a resume point: FMUs may be loaded in between. */
 static const tl_time READING = 300 * TL_SECOND;
 
 /* UTC, ms: the years 0 to 9999. */
 #define FIRST_YEAR (INT64_C(-62167219200000))
 #define LAST_YEAR (INT64_C(253402300799999))
 
-/* An image: these, its size, the plain fields of the past, then the checkpoint, the tunings and the ticks. The last character changes with the layout. */
+/* Layout: magic, size of the image, plain fields, checkpoint, tunings, ticks. The last character of
+ *         the magic changes with the layout. */
 static const char MAGIC[8] = {'t', 'w', 'l', 'k', 'p', 's', 't', '7'};
 
-/* The checkpoint is aligned as malloc() aligns: an FMU may read it in place. */
+/* Aligns the checkpoint as malloc() does, because an FMU may read it in place. */
 enum { PLAIN_AT = sizeof MAGIC + sizeof(uint64_t), HEAD = (PLAIN_AT + TL_RESUME_PLAIN + 15) / 16 * 16 };
 
 size_t tl_resume_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings) {
@@ -260,14 +261,14 @@ size_t tl_resume_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t fi
     size_t from = 0;
     size_t to = 0;
     for (size_t i = 0; i < count; i++) {
-        from = tunings[i].tick <= first ? i : from; /* in force then */
+        from = tunings[i].tick <= first ? i : from; /* applies at `first` */
         to = tunings[i].tick <= last || i == from ? i + 1 : to;
     }
     memmove(tunings, tunings + from, (to - from) * sizeof *tunings);
     return to - from;
 }
 
-/* Returns where the next piece goes. */
+/* Copies one piece; returns the address of the next one. */
 static unsigned char *put(unsigned char *place, const void *piece, size_t size) {
     if (size != 0) {
         memcpy(place, piece, size);
@@ -295,7 +296,7 @@ static bool is_within(int64_t value, int64_t least, int64_t most) {
     return value >= least && value <= most;
 }
 
-/* Where the twin begins, and with what. */
+/* Validates the start of the twin: source, checkpoint and tunings must fit together. */
 static bool is_origin(const tl_resume *found) {
     bool is_of_samples = found->from == TL_RESUMED_NOT && found->tuning_count == 0 && found->last >= found->first;
     bool is_known =
@@ -353,7 +354,7 @@ static tl_status check_tunings(const tl_resume *resume, tl_error *error) {
     return TL_OK;
 }
 
-/* What is not in an image, or lies behind its head. */
+/* Sets the fields that are not in the image or are stored after its head. */
 static void complete(tl_resume *resume, const unsigned char *behind, tl_time now) {
     tl_time gap = now - tl_time_of_step(resume->start, resume->step, resume->last);
     resume->gap = gap < 0 ? 0 : gap;
@@ -366,7 +367,7 @@ static void complete(tl_resume *resume, const unsigned char *behind, tl_time now
     resume->ticks = resume->tunings + resume->tuning_count * sizeof(tl_run_tuning);
 }
 
-/* Zeroed if it is none. */
+/* On failure `resume` is zeroed. */
 static tl_status read_image(const void *image, size_t size, const tl_config *config, tl_time now, tl_resume *resume,
                             tl_error *error) {
     const unsigned char *bytes = image;
@@ -386,7 +387,7 @@ static tl_status read_image(const void *image, size_t size, const tl_config *con
     return status;
 }
 
-/* In mode ahead the last tick may be one later than what the gap was found by. */
+/* In mode ahead the last tick may be one later than the one from which the gap was computed. */
 tl_status tl_resume_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_resume *resume,
                          tl_error *error) {
     tl_status status = read_image(image, size, config, now, resume, error);
@@ -426,18 +427,18 @@ bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *ou
     return true;
 }
 
-/* ---- past follow ---- */
+/* ---- follow ---- */
 
 static const tl_time PATIENCE = 2 * TL_SECOND;
 
 typedef struct follower {
     const tl_resume_follow_settings *settings;
     const tl_resume *resume;
-    tl_time until;           /* CLOCK_MONOTONIC: nobody waits for room for longer */
-    char name[NAME];         /* of its run */
-    tl_twin_tunings tunings; /* that are still to be taken; */
-    bool has_tuning;         /* one was, and is not recorded yet: */
-    tl_run_tuning tuning;    /* this */
+    tl_time until;           /* CLOCK_MONOTONIC: end of waiting for room in the record queue */
+    char name[NAME];         /* of the earlier run */
+    tl_twin_tunings tunings; /* not applied yet */
+    bool has_tuning;         /* one was applied and is not recorded yet: */
+    tl_run_tuning tuning;    /* the newest one */
 } follower;
 
 static tl_status build_anew(const follower *self, tl_error *error) {
@@ -445,9 +446,9 @@ static tl_status build_anew(const follower *self, tl_error *error) {
     return status == TL_OK ? TL_OK : tl_fail(error, status, "the twin could not be built a second time");
 }
 
-/* ---- where it begins ---- */
+/* ---- start ---- */
 
-/* If a checkpoint cannot be loaded, the twin is a new one again. */
+/* If a checkpoint cannot be loaded, the twin is built again. */
 static tl_status begin(const follower *self, tl_resume_outcome *outcome, tl_error *error) {
     const tl_resume *resume = self->resume;
     tl_twin *twin = self->settings->assembly->twin;
@@ -466,9 +467,9 @@ static tl_status begin(const follower *self, tl_resume_outcome *outcome, tl_erro
     return build_anew(self, error);
 }
 
-/* ---- what is recorded ---- */
+/* ---- recording ---- */
 
-/* With the checkpoint that the run begins with. */
+/* Begins the run, with its checkpoint. */
 static void begin_run(const follower *self, const tl_resumption *resumption) {
     const tl_resume *resume = self->resume;
     tl_record_queue *queue = self->settings->queue;
@@ -476,8 +477,8 @@ static void begin_run(const follower *self, const tl_resumption *resumption) {
     size_t capacity = 0;
     tl_account_take(self->settings->assembly->twin, &start.account);
     if (!tl_record_queue_put_start(queue, &start)) {
-        (void)tl_record_queue_wait_for_room(queue,
-                                            self->until); /* for its room too: it goes in before the first sample */
+        (void)tl_record_queue_wait_for_room(
+            queue, self->until); /* the checkpoint needs room too, because it is enqueued before the first sample */
     }
     if (resume->checkpoint != NULL && tl_record_queue_reserve_checkpoint(queue, resume->checkpoint_size)) {
         memcpy(tl_record_queue_checkpoint_room(queue, &capacity), resume->checkpoint, resume->checkpoint_size);
@@ -496,12 +497,12 @@ static void put_tuning(follower *self) {
 static void put_sample(follower *self, const tl_sample *sample) {
     put_tuning(self);
     (void)tl_record_queue_wait_for_room(self->settings->queue, self->until);
-    (void)tl_record_queue_put_sample(self->settings->queue, sample); /* what is lost is counted there */
+    (void)tl_record_queue_put_sample(self->settings->queue, sample); /* the queue counts lost samples */
 }
 
-/* ---- what was in force ---- */
+/* ---- tunings ---- */
 
-/* Of the new run, at this tick; what it was begun with needs no saying, and has the number that it has now. */
+/* Marks the tuning to be recorded in the new run at this tick, unless the run began with it. */
 static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tick) {
     const tl_record_queue *queue = self->settings->queue;
     self->has_tuning = self->has_tuning || strcmp(tl_record_queue_tuning(queue)->hash, tuning->hash) != 0;
@@ -512,7 +513,8 @@ static void note_tuning(follower *self, const tl_run_tuning *tuning, int64_t tic
     }
 }
 
-/* Nothing is searched here, so that more evaluations than there is room for do no harm. */
+/* Limits a tuning with more evaluations than the twin has memory for. That has no effect, because
+ * nothing is searched here. */
 static void take_tunings(follower *self, int64_t tick) {
     tl_assembly *assembly = self->settings->assembly;
     tl_run_tuning tuning;
@@ -537,7 +539,8 @@ static tl_status follow_tick(follower *self, const tl_resume_tick *tick, tl_summ
     const tl_assembly *assembly = self->settings->assembly;
     tl_record record;
     bool ready = false;
-    bool ahead = assembly->config.measurements == TL_AHEAD; /* the step before comes before the sample */
+    bool ahead =
+        assembly->config.measurements == TL_AHEAD; /* in mode ahead the step before is enqueued before the sample */
     take_tunings(self, tick->sample.tick);
     tl_summary_sample(summary, &assembly->config, &tick->sample);
     if (!ahead) {
@@ -573,7 +576,8 @@ static void tell_all(const follower *self, tl_time took) {
                   tl_seconds(resume->gap), resume->gap / resume->step);
 }
 
-/* From where the twin stands now. A failure leaves a new twin, and a run that is of no use. */
+/* Follows the ticks from the present one on. After a failure the twin is built again, and the begun
+ * run must be ended. */
 static tl_status go_on(follower *self, tl_summary *summary, tl_resume_outcome *outcome, tl_error *error) {
     const tl_resume *resume = self->resume;
     tl_resume_tick tick;
@@ -589,7 +593,7 @@ static tl_status go_on(follower *self, tl_summary *summary, tl_resume_outcome *o
         status = follow_tick(self, &tick, summary, error);
     }
     if (status == TL_OK) {
-        take_tunings(self, resume->last + 1); /* where there was no tick to be followed */
+        take_tunings(self, resume->last + 1); /* if there was no tick to follow */
         put_tuning(self);
         tell_all(self, tl_clock_now(NULL) - begun);
         return TL_OK;

@@ -1,6 +1,8 @@
-/* The beginning of a resumed twin: found in an earlier run, checked, followed.
+/* Resume: finds an earlier run, validates it, and starts a new twin from where that run ended.
  *
- * Thread:  one.
+ * Memory:  a resume point refers to its image or to the memory of the function that returned it;
+ *          each section says which.
+ * Thread:  one, unless a section says otherwise.
  */
 #ifndef TL_FIRMWARE_TWIN_RESUME_H
 #define TL_FIRMWARE_TWIN_RESUME_H
@@ -21,265 +23,297 @@
 #include "master/base/simtime.h"
 #include "master/base/status.h"
 
-/* ---- The rule by which a run is gone on with, wherever it was found.
+/* ---- Rule: when a run is resumed, for all sources.
  *
- * Rule:    the newest run that got anywhere, if it did not end by itself or with an error, if its last tick is at most `record.resume_s` ago,
- *          and if there is anything left to do of its duration.
- * Result:  false, and why, in words for an event.
- * Thread:  pure.
+ * Rule:    resumes the newest run that computed a step of its own. It must not have ended regularly
+ *          or with an error. Its last tick must be at most `record.resume_s` ago, and a part of its
+ *          duration must remain.
+ * Result:  false if the rule forbids it; then `why` is the text for an event.
+ * Thread:  any: the functions are pure.
  */
 
 enum {
     TL_RESUME_WHY = 160,
-    TL_RESUME_FRUITLESS = 3 /* restarts in a row that got no further than the run they went on with, at most */
+    TL_RESUME_FRUITLESS = 3 /* most restarts in a row that get no further than the run they resumed */
 };
 
-/* Says why, and is false. */
+/* Writes the reason and returns false. */
 bool tl_resume_refuse(char why[TL_RESUME_WHY], const char *format, ...) TL_PRINTF(2, 3);
 
-/* Of a run that ended with `reason`; NULL: it did not. A run that came to its end, or failed, is not gone on with: it would come to the same
- * end. */
+/* `reason`: end reason of the run; NULL: the run did not end. Returns false if the run was complete
+ * or failed, because a resumed one would end in the same way. */
 bool tl_resume_was_interrupted(int64_t run, const char *reason, char why[TL_RESUME_WHY]);
 
-/* Whether its last tick, `gap` ns ago, was not too long ago, and the run, as it is asked for now, has anything left to do. */
+/* `gap`: ns since the last tick `last` of the run. Returns false if that is too long, or if nothing
+ * remains of the configured duration. */
 bool tl_resume_is_under_way(int64_t run, const tl_config *config, int64_t last, tl_time gap, uint32_t lead,
                             char why[TL_RESUME_WHY]);
 
-/* Ticks that can be followed in the time for it, if one execution takes so many ns and there are so many components; 0 ns: it is not known. */
+/* Number of ticks that can be followed in the time allowed for it. `execution`: ns of one
+ * execution; 0: unknown. */
 int64_t tl_resume_most_followed(tl_time execution, size_t components);
 
-/* ---- Ticks to be followed, packed one after the other: what the plant showed, and the u that was committed.
+/* ---- Ticks to be followed, packed one after the other: the samples of the plant and the committed
+ * u.
  *
- * Purpose: in an image, and for the maker of one. A tick of two signals takes a thirtieth of what a tl_resume_tick takes.
- * Format:  whether the tick has u, and whether the FMUs began anew before its step (a byte), the signals (recorder_entry.h) with stamps
- *          relative to t_start, u; private to program and machine. It may lie anywhere.
- * Trust:   tl_resume_read() checks packed bytes; tl_resume_tick_at() trusts them.
- * Owner:   the memory of a row is its own until tl_resume_ticks_free().
+ * Purpose: compact form in an image. A tick of two signals takes a thirtieth of a tl_resume_tick.
+ * Format:  one byte (does the tick have u, were the FMUs reset before its step), the signals
+ *          (recorder_entry.h) with stamps relative to t_start, and u. Private to program and
+ *          machine. No alignment is needed.
+ * Trust:   tl_resume_read() validates packed bytes; tl_resume_tick_at() trusts them.
+ * Owner:   a list owns its memory until tl_resume_ticks_free().
  */
 
-/* What a time in ns is nearer to 0 than: sums of two are in range. */
+/* Bound of a time in ns, so that the sum of two cannot overflow. */
 #define TL_RESUME_FAR (INT64_MAX / 4)
 
 typedef struct tl_resume_tick {
-    tl_sample sample;        /* signals that the shape does not have: no link */
+    tl_sample sample;        /* signals outside of the shape have no link */
     bool has_u;              /* false for the first ticks of a run */
-    bool resets;             /* before its step the FMUs began anew (TL_FLAG_RESET) */
-    double u[TL_MAX_ADJUST]; /* zeros if it has none */
+    bool resets;             /* the FMUs were reset before its step (TL_FLAG_RESET) */
+    double u[TL_MAX_ADJUST]; /* zeros if there is none */
 } tl_resume_tick;
 
 size_t tl_resume_tick_bytes(const tl_recorder_shape *shape);
 
-/* ---- a row of them, for who makes one ---- */
+/* ---- list of packed ticks, to write an image ---- */
 
-/* A zeroed row with its shape is empty. */
+/* Zeroed except for its shape: empty. */
 typedef struct tl_resume_ticks {
     tl_recorder_shape shape;
     int64_t first;
     size_t count;
     size_t capacity;
-    unsigned char *bytes; /* count · tl_resume_tick_bytes() of them are used */
+    unsigned char *bytes; /* count · tl_resume_tick_bytes() are used */
 } tl_resume_ticks;
 
-/* Forgets what is in it. The next one to be added is `first`. */
+/* Empties the list. The next tick to be added is `first`. */
 void tl_resume_ticks_begin(tl_resume_ticks *ticks, int64_t first);
 void tl_resume_ticks_free(tl_resume_ticks *ticks);
 
-/* The next tick, without u. False: memory is out. Stamps count from t_start. */
+/* Adds the next tick, without u. Stamps are relative to t_start. Returns false if memory is out. */
 bool tl_resume_ticks_add(tl_resume_ticks *ticks, const tl_sample *sample);
 
-/* Begins anew: the recorded ticks of a run from `from` on, up to a hole, at most `most` of them; u if the run has as many as the shape. Errors:
- * those of history.h. */
+/* Empties the list and reads the recorded ticks of a run from `from` on, up to a gap, at most
+ * `most`. Adds u if the run has as many adjusted variables as the shape. Errors: those of
+ * history.h. */
 tl_status tl_resume_ticks_read(tl_resume_ticks *ticks, tl_history *history, const tl_history_run *run, int64_t from,
                                int64_t most, tl_error *error);
 
-/* The u of a tick that was added, and whether the FMUs began anew before its step; of other ticks it is ignored. */
+/* Sets u of a tick in the list, and whether the FMUs were reset before its step. Other ticks are
+ * ignored. */
 void tl_resume_ticks_set_step(tl_resume_ticks *ticks, int64_t tick, const double *u, bool resets);
 
-/* The last one that can be followed from `first` on, which is one of them, or the next: the first few need no u, but from the first that has it each must.
- * first − 1: none can. */
+/* Returns the last tick that can be followed from `first` on. `first` is in the list, or is the
+ * next tick. The first few ticks need no u; after the first tick with u, each must have it. Returns
+ * first − 1 if no tick can be followed. */
 int64_t tl_resume_ticks_last(const tl_resume_ticks *ticks, int64_t first);
 
-/* ---- A past: what a new twin goes on from, as plain data in one piece of memory, whoever found it.
+/* ---- Resume point: all data from which a new twin resumes, as plain data in one block of memory.
  *
- * Purpose: a run that was ended by a kill, a crash, a restart or a reboot is gone on with: from a checkpoint, or from the FMUs' start values,
- *          the new twin is led along the samples and the u of that run. Who looks for them, in a database
- *          or in what a dead process has left, may be another process than the twin's.
- * Image:   a past as bytes without pointers, at most TL_RESUME_MOST of them: a head, the checkpoint, the tunings, the packed ticks. It is for the same program
- *          and machine only.
- * Samples: the image of a run that is under way, for a twin that begins beside it: ticks without u, with which nothing else comes (from = TL_RESUMED_NOT).
- * Trust:   tl_resume_read() believes nothing of an image, and checks all of it. What is checked may not change any more: an image that
- *          others can write is copied first, and they say when it is whole.
- * Owner:   a past points into its image, or to what its maker says.
- * Thread:  plain data.
+ * Purpose: resumes a run that was ended by a kill, a crash, a restart or a reboot. The new twin
+ *          starts from a checkpoint, or from the FMUs' start values, and follows the samples and
+ *          the u of that run. Another process than the twin's may search for these data, in a
+ *          database or in the record queue of a dead process.
+ * Image:   a resume point as bytes without pointers, at most TL_RESUME_MOST: head, checkpoint,
+ *          tunings, packed ticks. Valid only for the same program and machine.
+ * Samples: an image of the present run, for a twin that starts beside it, contains only ticks
+ *          without u (from = TL_RESUMED_NOT).
+ * Trust:   an image is untrusted; tl_resume_read() validates all of it. It must not change
+ *          afterwards. So an image in memory that others can write is copied first, once they have
+ *          reported that it is complete.
+ * Owner:   a resume point refers to its image, or to the memory that its source names.
+ * Thread:  any: plain data.
  */
 
 enum {
-    TL_RESUME_TICKS = 5000, /* to be followed at most; what records them takes some 0.1 ms each */
-    TL_RESUME_TUNINGS = 16, /* what was in force first, and the newest of what was taken since */
-    TL_RESUME_TEXT = 224    /* of what is told */
+    TL_RESUME_TICKS = 5000, /* most ticks to follow; the recorder needs about 0.1 ms for each */
+    TL_RESUME_TUNINGS = 16, /* the one that applied at first, and the newest later ones */
+    TL_RESUME_TEXT = 224    /* of a message */
 };
 
-/* Bytes of an image at most. */
+/* Largest size of an image, bytes. */
 #define TL_RESUME_MOST ((size_t)64 * 1024 * 1024)
 
-/* The run before in the same outbox, which has no number there. */
+/* Number of an earlier run in the same record queue, where runs have no numbers. */
 #define TL_RESUME_UNNUMBERED ((int64_t)-1)
 
 typedef struct tl_resume {
-    /* plain: in the image as it is here, without padding */
-    int64_t run;         /* that is gone on with */
-    int64_t first, last; /* ticks to be followed; none if last is first − 1 */
+    /* plain fields: stored in the image as here, without padding */
+    int64_t run;         /* run to resume */
+    int64_t first, last; /* ticks to follow; none if last is first − 1 */
     tl_time step;        /* T_S, ns */
-    tl_time start;       /* its t_start on CLOCK_MONOTONIC, */
-    int64_t started;     /* and UTC, ms */
+    tl_time start;       /* t_start of the run on CLOCK_MONOTONIC */
+    int64_t started;     /* and in UTC, ms */
     size_t checkpoint_size, tuning_count;
     tl_recorder_shape shape;
     tl_resumed_from from;         /* TL_RESUMED_NOT: samples only */
-    char signals[TL_SHA256_TEXT]; /* which the signals of the plant are: tl_resume_identify() */
-    /* not in the image, or behind its head */
-    tl_time gap;                     /* ns for which nobody ran, when the past was read */
-    tl_time age;                     /* ns, of the checkpoint when the run ended */
+    char signals[TL_SHA256_TEXT]; /* identity of the plant's signals: tl_resume_identify() */
+    /* not in the image, or after its head */
+    tl_time gap;                     /* ns without a running twin, when the resume point was read */
+    tl_time age;                     /* ns, age of the checkpoint at the end of the run */
     int64_t checkpoint_tick;         /* first − 1 */
     const unsigned char *checkpoint; /* NULL: none */
-    const unsigned char *
-        tunings; /* tl_run_tuning one behind the other, anywhere; in force at their ticks, or before the first of all */
+    const unsigned char
+        *tunings; /* array of tl_run_tuning, unaligned; each applies from its tick on, or from before the first tick */
     const unsigned char *ticks; /* packed */
 } tl_resume;
 
 /* Bytes of the plain fields. */
 enum { TL_RESUME_PLAIN = offsetof(tl_resume, signals) + TL_SHA256_TEXT };
 
-/* What is worth being said, as events of the source "resume". `text` lives during the call. */
+/* Receives messages, as events of the source "resume". `text` is valid during the call. */
 typedef void tl_resume_tell(void *context, tl_severity severity, const char *text);
 void tl_resume_say(tl_resume_tell *tell, void *context, tl_severity severity, const char *format, ...) TL_PRINTF(4, 5);
 
-/* The signals of the plant, by name, as a configuration has them, and as they are recorded. */
+/* Hash of the names of the plant's signals, from a configuration and from a recording. */
 void tl_resume_identify(const tl_config *config, char digest[TL_SHA256_TEXT]);
 void tl_resume_identify_recorded(const tl_recorder_signal *signals, size_t count, char digest[TL_SHA256_TEXT]);
 
-/* An image of so many ticks, a checkpoint of so many bytes, and so many tunings. */
+/* Size of an image with so many ticks and tunings, and a checkpoint of so many bytes. */
 size_t tl_resume_image_bytes(const tl_recorder_shape *shape, size_t ticks, size_t checkpoint, size_t tunings);
 
 size_t tl_resume_size(const tl_resume *resume);
 
-/* Of all that was taken in a run, in the order of their ticks, what matters from `first` to `last`: to the front. How many. */
+/* Selects the tunings of a run that matter for the ticks `first` to `last`, and moves them to the
+ * front. The array is in order of ticks. Returns their number. */
 size_t tl_resume_choose_tunings(tl_run_tuning *tunings, size_t count, int64_t first, int64_t last);
 
-/* The image, as large as that. Gap and age are not in it. */
+/* Writes the image, of tl_resume_size() bytes. It does not contain gap and age. */
 void tl_resume_write(const tl_resume *resume, void *image);
 
-/* `now` is CLOCK_MONOTONIC. `config` is one whose second look-ups are signals (tl_config_use_lookups()).
- * Errors: TL_BAD_DATA: it is no image, or not one of such a run that was under way just now. */
+/* Validates an image and fills `resume`. `now`: CLOCK_MONOTONIC. `config`: with second look-ups as
+ * signals (tl_config_use_lookups()).
+ * Errors: TL_BAD_DATA: no valid image, or not of a run that was running until just now. */
 tl_status tl_resume_read(const void *image, size_t size, const tl_config *config, tl_time now, tl_resume *resume,
                          tl_error *error);
 
-/* An image of samples of the run with this t_start and configuration. Errors: as above. */
+/* Reads an image of samples of the run with this t_start and configuration. Errors: as
+ * tl_resume_read(). */
 tl_status tl_resume_read_samples(const void *image, size_t size, const tl_config *config, tl_time start,
                                  tl_resume *resume, tl_error *error);
 
-/* One of the ticks first … last, its stamps and instant on CLOCK_MONOTONIC; false: it is none of them. */
+/* Unpacks one of the ticks first … last; stamps and instant are on CLOCK_MONOTONIC. Returns false
+ * if `tick` is outside of them. */
 bool tl_resume_tick_at(const tl_resume *resume, int64_t tick, tl_resume_tick *out);
 
-/* ---- Going on with a past: the new twin is brought to where an earlier run was ended.
+/* ---- Following: brings a new twin to the point at which an earlier run ended.
  *
- * Purpose: the twin loads the checkpoint, or begins with the FMUs' start values, and is led along the ticks of the past without a
- *          search; before the steps before which the FMUs of that run began anew, its own do too. The time in which nobody ran is missed ticks
- *          then, for the cycle to make up.
- * Own:     what is followed is recorded again, as the new run's, and so is the checkpoint: it then needs nothing of the earlier
- *          run, for its replay, or when it is itself ended before it has got any further.
- * Waiting: nobody is late while a twin goes on, so room in the outbox is waited for, for two seconds in all; what finds none after that is lost.
- * Thread:  that of the FMUs, before the cycle starts.
+ * Purpose: the twin loads the checkpoint, or starts with the FMUs' start values. It then executes
+ *          the ticks of the resume point without a search. The FMUs are reset at the same steps as
+ *          in that run. The time without a running twin counts as missed ticks, which the cycle
+ *          catches up.
+ * Record:  the followed ticks and the checkpoint are recorded again, as part of the new run. So the
+ *          new run needs nothing of the earlier one, neither for its replay nor for a later resume.
+ * Waiting: no tick is due meanwhile. So the twin waits for room in the record queue, for two
+ *          seconds in all; after that, entries without room are lost.
+ * Thread:  the FMU thread, before the cycle starts.
  */
 
 typedef enum tl_resume_outcome {
-    TL_RESUME_FOLLOWED, /* the twin is there */
-    TL_RESUME_REFUSED, /* its checkpoint is of no use. Nothing was recorded, and the twin is a new one again: try an older past */
-    TL_RESUME_FAILED /* the same, but a run was begun, and has got steps of the attempt: end it, and begin another, anew */
+    TL_RESUME_FOLLOWED, /* the twin has reached the end of the run */
+    TL_RESUME_REFUSED,  /* the checkpoint cannot be used; nothing was recorded, the twin is new: try an older one */
+    TL_RESUME_FAILED    /* as refused, but a run with some steps was begun: end it, and begin a new run */
 } tl_resume_outcome;
 
 typedef struct tl_resume_follow_settings {
-    tl_assembly *assembly;  /* its twin has not begun, and may be built anew */
-    tl_record_queue *queue; /* into which the new run goes */
+    tl_assembly *assembly;  /* its twin has not begun, and may be built again */
+    tl_record_queue *queue; /* receives the new run */
     tl_resume_tell *tell;
     void *context; /* of tell */
 } tl_resume_follow_settings;
 
-/* Leads the twin, and fills the summary, in which `resumption` says what was done; of what does not go well it is zeros.
- * Errors: TL_FMU_FATAL, or what building the twin anew has met. */
+/* Runs the twin to the end of the resume point and fills the summary; its `resumption` describes
+ * the resume. If the resume point is refused or following fails, the summary is zeros.
+ * Errors: TL_FMU_FATAL, or the error of building the twin again. */
 tl_status tl_resume_follow(const tl_resume_follow_settings *settings, const tl_resume *resume, tl_summary *summary,
                            tl_resume_outcome *outcome, tl_error *error);
 
-/* ---- Pasts out of an outbox: what a dead process has left for its successor.
+/* ---- Resume points from a record queue that a dead process has left.
  *
- * Purpose: the twin's outbox outlives it (record_queue.h). Its successor goes on from the newest checkpoint in it and the entries since, or from
- *          the older one; at last from the entries alone. That needs no file, and loses no tick that was computed.
- * When:    as the rule says. A run that was ended before it had got any further than that which it went on with is passed over, if
- *          what is left reaches back to the one before. It is the same boot, so t_start stands as it is. That configuration and FMUs are
- *          those of the predecessor is the affair of who starts both.
- * Trust:   none in what is left: whoever died may have written anything before. What comes of it is checked as any image.
- * Owner:   pasts are copies, so that the outbox may be written while one is followed. Looking for the next one must come before that.
- * Thread:  that of the outbox's writer.
+ * Purpose: the record queue of a twin survives its process (record_queue.h). The next process
+ *          resumes from the newest checkpoint in the queue and the entries since, else from the
+ *          older checkpoint, else from the entries alone. This needs no file and loses no computed
+ *          tick.
+ * When:    by the rule above. A run that ended before it got further than the run it had resumed is
+ *          skipped, if the queue still contains the earlier run. t_start is kept, because the
+ *          system has not rebooted. The caller ensures that both processes have the same
+ *          configuration and FMUs.
+ * Trust:   the content is untrusted, because a dying process may have written anything. It is
+ *          validated like any image.
+ * Owner:   resume points are copies, so the record queue may be written while one is followed. Call
+ *          next() for another one before that.
+ * Thread:  the writer of the record queue.
  */
 
 typedef struct tl_resume_queue tl_resume_queue;
 
-/* Both must outlive it. NULL: no run is left in it, nobody wants one (`record.resume_s` is 0), or memory is out. */
+/* Queue and assembly must outlive the object. Returns NULL if the queue contains no run, if
+ * `record.resume_s` is 0, or if memory is out. */
 tl_resume_queue *tl_resume_queue_open(const tl_record_queue *queue, const tl_assembly *assembly, tl_resume_tell *tell,
                                       void *context);
 
 /* NULL is allowed. */
 void tl_resume_queue_close(tl_resume_queue *left);
 
-/* The newest past, then ever older ones, as long as nothing was put into the outbox; `resume` lives until the next call. False: there is none
- * (any more), and why was told. NULL is allowed. */
+/* Returns the newest resume point, then older ones, until something is enqueued. `resume` is valid
+ * until the next call. Returns false if no further one exists; the reason was reported. NULL is
+ * allowed. */
 bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume);
 
-/* ---- Pasts out of a database: the box's memory.
+/* ---- Resume points from the database.
  *
- * Purpose: finds the newest run that can be gone on with, if it had the same configuration and FMUs, and from where: its
- *          newest checkpoint first, then older ones, at last its inputs without any. After a reboot UTC says how long ago it was. If there is
- *          none, what is told says why the twin begins anew.
- * Twin:    none: what must be known of it is given, so that a process without FMUs can look.
- * Trust:   none in the database (history.h).
- * Owner:   settings are copied, what they point to is not.
+ * Purpose: finds the newest run that can be resumed, if it had the same configuration and FMUs.
+ *          Returns its newest checkpoint first, then older ones, at last its inputs alone. After a
+ *          reboot the gap is computed from UTC. If no run can be resumed, a message gives the
+ *          reason.
+ * Twin:    not needed: the settings contain its facts, so a process without FMUs can search.
+ * Trust:   the database is untrusted (history.h).
+ * Owner:   settings are copied; the objects that they point to are not.
  * Thread:  one at a time.
  */
 
 typedef struct tl_resume_history tl_resume_history;
 
 typedef struct tl_resume_history_settings {
-    const tl_config *config; /* whose second look-ups are signals */
+    const tl_config *config; /* with second look-ups as signals */
     const char *path;        /* of the database */
-    const char *fmus;        /* which FMUs these are (tl_twin_recorder_identify()), */
-    const char *boot;        /* and which boot (tl_identity_boot()) */
+    const char *fmus;        /* identity of the FMUs (tl_twin_recorder_identify()) */
+    const char *boot;        /* identity of the boot (tl_identity_boot()) */
     size_t components;       /* of the twin, the plant included */
     tl_resume_tell *tell;
     void *context; /* of tell */
 } tl_resume_history_settings;
 
-/* Opens the database. NULL: it cannot be read, which was told and keeps no twin from running; or `record.resume_s` is 0. */
+/* Opens the database. Returns NULL if `record.resume_s` is 0, or if it cannot be read; that is
+ * reported, and the twin can start without it. */
 tl_resume_history *tl_resume_history_open(const tl_resume_history_settings *settings);
 
 /* NULL is allowed. */
 void tl_resume_history_close(tl_resume_history *history);
 
-/* The newest past, then ever older ones; it lives until the next call. NULL: there is none (any more), and if that is worth saying it
- * was told. NULL is allowed. */
+/* Returns the newest resume point, then older ones; valid until the next call. Returns NULL if no
+ * further one exists; a reason worth reporting was reported. NULL is allowed. */
 const tl_resume *tl_resume_history_next(tl_resume_history *history);
 
-/* If the newest run is not gone on with (another configuration, for example): when its last tick was, on the clock of now. 0: not known. NULL is allowed. */
+/* If the newest run is not resumed (for example: another configuration): the time of its last tick,
+ * on the present clock. 0: unknown. NULL is allowed. */
 tl_time tl_resume_history_ended(const tl_resume_history *history);
 
-/* ---- Recorded samples of the run that is under way, for a twin that begins beside it: a shadow has minutes behind it before it is compared.
+/* ---- Recorded samples of the present run, for a twin that starts beside it: a shadow has computed
+ * some minutes before it is compared.
  *
- * Run:     the newest one of this boot that is being written; of ticks before it begins, those of the run that it goes on with, which has the same t_start.
+ * Run:     the newest one of this boot that is still being recorded. Earlier ticks come from the
+ *          run that it resumed, which has the same t_start.
  */
 
-/* From where the newest are given, if nobody says from which tick on. */
+/* How far back the samples go if the caller names no tick: 60 s. */
 #define TL_RESUME_SAMPLES_BEFORE (60 * TL_SECOND)
 
-/* Into `image`, which has `room` bytes: samples from tick `from` on, up to a hole, for tl_resume_read_samples(); below 0: from a minute before the newest on. `boot` is
- * tl_identity_boot(). *size is 0 if there are none. Errors: those of history.h. */
+/* Writes an image of samples for tl_resume_read_samples() to `image`, which has `room` bytes: from
+ * tick `from` on, up to a gap. If `from` is negative, it starts one minute before the newest
+ * sample. `boot`: tl_identity_boot(). *size is 0 if there are no samples. Errors: those of
+ * history.h. */
 tl_status tl_resume_samples_find(const char *path, const char *boot, int64_t from, void *image, size_t room,
                                  size_t *size, tl_error *error);
 

@@ -1,4 +1,4 @@
-/* Pasts out of a database: see resume.h. */
+/* Resume points from the database: see resume.h. */
 #include "firmware/twin/resume.h"
 
 #include <inttypes.h>
@@ -11,38 +11,38 @@
 #include "firmware/base/text.h"
 
 enum {
-    CHECKPOINTS_MOST = 8,              /* that are looked at; a run keeps three */
-    CHECKPOINT_BYTES = 8 * 1024 * 1024 /* more are in no database that the recorder writes */
+    CHECKPOINTS_MOST = 8,              /* most that are tried; a run keeps three */
+    CHECKPOINT_BYTES = 8 * 1024 * 1024 /* the recorder writes no larger ones to a database */
 };
 
 static const tl_time CLOCKS_APART = 10 * TL_SECOND;
 
-/* How far the search has come. */
+/* Progress of the search. */
 typedef enum stage { FRESH, AT_CHECKPOINTS, AT_INPUTS, OVER } stage;
 
 struct tl_resume_history {
     tl_resume_history_settings settings;
     tl_history *history;
     stage stage;
-    const tl_history_run *run; /* gone on with */
+    const tl_history_run *run; /* the run to resume */
     int64_t last;              /* its last tick that has a step */
-    tl_time start;             /* its t_start on the clock of now */
-    tl_time gap;               /* since `last` */
-    tl_time ended;             /* of a run that is not gone on with: when its last tick was; 0: not known */
-    int64_t most;              /* ticks that can be followed */
-    int looked;                /* checkpoints looked at, */
-    int64_t before;            /* all of them of this tick or later */
+    tl_time start;             /* its t_start on the present clock */
+    tl_time gap;               /* ns since `last` */
+    tl_time ended;             /* last tick of a run that is not resumed; 0: unknown */
+    int64_t most;              /* most ticks that can be followed */
+    int looked;                /* number of checkpoints tried */
+    int64_t before;            /* all of them at this tick or later */
     tl_resume_ticks ticks;
-    const tl_history_tuning *taken; /* by the run */
+    const tl_history_tuning *taken; /* tunings applied by the run */
     size_t taken_count;
     tl_run_tuning tunings[TL_RESUME_TUNINGS];
     tl_resume found;
-    char why[TL_RESUME_WHY]; /* the twin begins anew; "": nothing worth saying */
+    char why[TL_RESUME_WHY]; /* why a new run begins; "": not worth reporting */
 };
 
-/* ---- which run ---- */
+/* ---- choice of the run ---- */
 
-/* The last tick whose step is there; −1: none. */
+/* The last tick whose step is recorded; −1: none. */
 static tl_status last_tick(tl_resume_history *self, const tl_history_run *run, int64_t *tick, tl_error *error) {
     int64_t step = -1;
     tl_status status = tl_history_last_step(self->history, run, &step, error);
@@ -55,7 +55,8 @@ static tl_status last_tick(tl_resume_history *self, const tl_history_run *run, i
     return status;
 }
 
-/* The newest run that got anywhere. One that was ended before it had a step of its own has nothing that the run before it has not. */
+/* Finds the newest run with a step of its own. A run that ended before that contains nothing that
+ * the run before it does not. */
 static tl_status find_run(tl_resume_history *self, tl_error *error) {
     const tl_history_run *runs = NULL;
     size_t count = 0;
@@ -92,10 +93,11 @@ static bool is_same(tl_resume_history *self) {
            tl_resume_refuse(self->why, "the FMUs are not those of run %" PRId64, run->run);
 }
 
-/* ---- when it was ---- */
+/* ---- time of its end ---- */
 
-/* For how long nobody ran. False: that cannot be told. After a reboot by UTC: t_start was kept to the ms, unless the clock was set while the run ran: then
- * the last commit counts, which was soon after the last tick. */
+/* Finds the time without a running twin. Returns false if it is unknown. After a reboot it is
+ * computed from UTC: t_start was stored to the ms. If the clock was set during the run, the last
+ * commit counts instead, because it came soon after the last tick. */
 static bool find_gap(tl_resume_history *self, tl_time now) {
     static const tl_time ms = TL_SECOND / 1000;
     const tl_history_run *run = self->run;
@@ -116,7 +118,7 @@ static bool find_gap(tl_resume_history *self, tl_time now) {
     return true;
 }
 
-/* Whether there is a run to go on with; if not, `why` may say why. */
+/* Checks if there is a run to resume; if not, `why` may contain the reason. */
 static tl_status find(tl_resume_history *self, bool *found, tl_error *error) {
     tl_status status = find_run(self, error);
     const tl_history_run *run = self->run;
@@ -145,14 +147,15 @@ static tl_status find(tl_resume_history *self, bool *found, tl_error *error) {
     return status;
 }
 
-/* The ticks from `from` on, up to a hole. Looks at no more than it takes to see that there are more than can be followed. */
+/* Reads the ticks from `from` on, up to a gap. Reads one more than can be followed, to detect that
+ * there are too many. */
 static tl_status survey(tl_resume_history *self, int64_t from, tl_error *error) {
     return tl_resume_ticks_read(&self->ticks, self->history, self->run, from, self->most + 1, error);
 }
 
-/* ---- what was in force ---- */
+/* ---- tunings ---- */
 
-/* A text that is no configuration any more is passed over: nothing is searched with it. */
+/* A text that is not a valid configuration any more is skipped: nothing is searched with it. */
 static bool read_tuning(tl_resume_history *self, const char *hash, int64_t tick, tl_run_tuning *tuning) {
     const char *text = NULL;
     tl_error error;
@@ -162,9 +165,9 @@ static bool read_tuning(tl_resume_history *self, const char *hash, int64_t tick,
            tl_config_tuning_of(self->settings.config, text, &tuning->values, &error) == TL_OK;
 }
 
-/* In force at `first`, and the newest that were taken up to `last`. */
+/* Reads the tuning that applied at `first`, and the newest later ones up to `last`. */
 static size_t read_tunings(tl_resume_history *self, int64_t first, int64_t last) {
-    size_t from = 0; /* of those after the one in force */
+    size_t from = 0; /* first tuning after that one */
     size_t to = 0;
     for (size_t i = 0; i < self->taken_count; i++) {
         from = self->taken[i].tick <= first ? i + 1 : from;
@@ -180,7 +183,7 @@ static size_t read_tunings(tl_resume_history *self, int64_t first, int64_t last)
     return count;
 }
 
-/* The past from the ticks that were looked at, up to `last`. */
+/* Makes the resume point from the ticks that were read, up to `last`. */
 static void take(tl_resume_history *self, tl_resumed_from from, int64_t last, const tl_history_checkpoint *checkpoint) {
     int64_t started = 0;
     size_t tunings = self->taken_count != 0 ? read_tunings(self, self->ticks.first, last) : 0;
@@ -203,7 +206,7 @@ static void take(tl_resume_history *self, tl_resumed_from from, int64_t last, co
     tl_resume_identify(self->settings.config, self->found.signals);
 }
 
-/* Why nobody can load it; NULL: that may be tried. */
+/* Returns why the checkpoint cannot be loaded; NULL: try it. */
 static const char *find_fault(const tl_history_checkpoint *checkpoint) {
     char format[TL_IDENTITY_TEXT];
     tl_identity_format(format);
@@ -218,7 +221,7 @@ static const char *find_fault(const tl_history_checkpoint *checkpoint) {
                                                  : NULL;
 }
 
-/* Where one checkpoint leads to. Of mode ahead that may be one tick more. */
+/* Checks how far the ticks after a checkpoint reach. In mode ahead that may be one tick more. */
 static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkpoint *checkpoint, bool *found,
                                 tl_error *error) {
     tl_status status = survey(self, checkpoint->tick + 1, error);
@@ -238,7 +241,7 @@ static tl_status try_checkpoint(tl_resume_history *self, const tl_history_checkp
     return TL_OK;
 }
 
-/* Without one: all of the run if there is time for it, else the newest of it. */
+/* Without a checkpoint: the whole run if there is time to follow it, else its newest ticks. */
 static tl_status find_inputs(tl_resume_history *self, bool *found, tl_error *error) {
     int64_t range[2] = {0};
     bool any = false;
@@ -257,7 +260,7 @@ static tl_status find_inputs(tl_resume_history *self, bool *found, tl_error *err
     return status;
 }
 
-/* ---- one after the other ---- */
+/* ---- iteration ---- */
 
 static tl_status search(tl_resume_history *self, bool *found, tl_error *error) {
     bool any = false;
@@ -338,13 +341,13 @@ void tl_resume_history_close(tl_resume_history *history) {
     }
 }
 
-/* ---- samples of the run that is under way ---- */
+/* ---- samples of the present run ---- */
 
-/* What is being looked through. */
+/* State of the search. */
 typedef struct sample_search {
     tl_history *history;
     const char *boot;
-    const tl_history_run *run; /* whose ticks are taken */
+    const tl_history_run *run; /* run whose ticks are read */
     tl_resume_ticks found;
 } sample_search;
 
@@ -352,7 +355,8 @@ static bool is_of_boot(const sample_search *self, const tl_history_run *run) {
     return strcmp(run->verb, "run") == 0 && run->has_start && strcmp(run->boot, self->boot) == 0;
 }
 
-/* The run before it, of which it has t_start, and so the signals: neither a handover nor a resumption changes them. */
+/* The run that this one continues, after a resume or a handover. It has the same t_start and the
+ * same signals, because neither a handover nor a resume changes them. */
 static const tl_history_run *find_parent(const sample_search *self) {
     const tl_history_run *run = self->run;
     const tl_history_run *parent = NULL;
@@ -363,7 +367,7 @@ static const tl_history_run *find_parent(const sample_search *self) {
                                                                                                             : NULL;
 }
 
-/* 0 and -1 if there are none. */
+/* 0 and −1 if there are no samples. */
 static tl_status range_of(const sample_search *self, int64_t range[2], tl_error *error) {
     bool any = false;
     range[0] = 0;
@@ -371,7 +375,7 @@ static tl_status range_of(const sample_search *self, int64_t range[2], tl_error 
     return tl_history_range(self->history, self->run, TL_HISTORY_SAMPLES, INT64_MIN, range, &any, error);
 }
 
-/* From which tick on, and of which run. */
+/* Chooses the first tick and its run. */
 static tl_status choose(sample_search *self, int64_t *from, tl_error *error) {
     int64_t range[2];
     tl_status status = range_of(self, range, error);
@@ -407,7 +411,7 @@ static size_t write_image(const sample_search *self, const tl_recorder_signal *s
     return tl_resume_size(&resume);
 }
 
-/* Of the newest run, if it is being written, as many as there is room for. */
+/* Fills the image from the newest run if it is still being recorded, up to `room` bytes. */
 static tl_status fill(sample_search *self, int64_t from, void *image, size_t room, size_t *size, tl_error *error) {
     const tl_history_run *runs = NULL;
     const tl_recorder_signal *signals = NULL;

@@ -1,7 +1,9 @@
-/* Pasts out of an outbox: see resume.h.
+/* Resume points from a record queue: see resume.h.
  *
- * The entries since a checkpoint are walked through once. They may be of several runs, since a successor that dies has begun one of its own:
- * each is a stretch, and the newest of them that got anywhere is gone on with. */
+ * The entries since a checkpoint are read once. They may belong to several runs, because each new
+ * process begins a run of its own. Each run is a stretch of entries. The newest stretch with a step
+ * of its own is resumed.
+ */
 #include "firmware/twin/resume.h"
 
 #include <math.h>
@@ -14,24 +16,25 @@
 enum {
     CHECKPOINTS = 2,
     FRUITLESS =
-        TL_RESUME_FRUITLESS - 1 /* the two places reach back no further than to two that put their checkpoint again */
+        TL_RESUME_FRUITLESS -
+        1 /* the two checkpoint slots reach back no further than two runs that enqueued the same checkpoint again */
 };
 
 static const char *const NO_MEMORY = "there is not enough memory for what the run before has left";
 
-/* What is left of one run. */
+/* Remaining entries of one run. */
 typedef struct stretch {
     bool is_there;
-    bool holds; /* there was no twin */
+    bool holds; /* safe hold: without a twin */
     tl_resumption beginning;
-    bool has_checkpoint; /* `left` of the walk, and no hole since */
+    bool has_checkpoint; /* that of `left`, and no gap since */
     bool has_hole;
-    bool has_begun;                           /* `ticks` say which tick is to come */
-    tl_resume_ticks ticks;                    /* since the last hole */
-    int64_t last;                             /* the last tick that has a step; −1: none */
-    tl_time used;                             /* ns, by searches, */
-    uint64_t executions;                      /* of so many executions */
-    tl_run_tuning tunings[TL_RESUME_TUNINGS]; /* in force first, and the newest that were taken since */
+    bool has_begun;                           /* `ticks` has its first tick */
+    tl_resume_ticks ticks;                    /* since the last gap */
+    int64_t last;                             /* last tick with a step; −1: none */
+    tl_time used;                             /* ns used by searches */
+    uint64_t executions;                      /* in so many executions */
+    tl_run_tuning tunings[TL_RESUME_TUNINGS]; /* the one that applied at first, and the newest later ones */
     size_t tuning_count;
     bool ended;
     char reason[TL_RECORDER_REASON];
@@ -44,12 +47,12 @@ struct tl_resume_queue {
     tl_resume_tell *tell;
     void *context; /* of tell */
     unsigned candidate;
-    bool was_given[CHECKPOINTS]; /* a checkpoint that was found already */
+    bool was_given[CHECKPOINTS]; /* checkpoints that were already returned */
     bool has_told;
     tl_record_queue_left left;
-    stretch newest; /* of the walk, so far, */
-    stretch chosen; /* and the newest that may be gone on with, */
-    int fruitless;  /* since which so many got nowhere */
+    stretch newest; /* the stretch that is being read */
+    stretch chosen; /* the newest one that can be resumed */
+    int fruitless;  /* number of later runs without a step of their own */
     bool is_out_of_memory;
     tl_recorder_entry entry;
     tl_resume found;
@@ -60,7 +63,7 @@ struct tl_resume_queue {
 /* ---- one stretch ---- */
 
 static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning, const tl_run_tuning *in_force) {
-    tl_resume_ticks ticks = self->newest.ticks; /* its memory is used again */
+    tl_resume_ticks ticks = self->newest.ticks; /* reuses its memory */
     ticks.shape = tl_recorder_shape_of(self->config);
     tl_resume_ticks_begin(&ticks, 0);
     self->newest = (stretch){.is_there = true, .beginning = *beginning, .last = -1, .ticks = ticks};
@@ -69,7 +72,8 @@ static void begin_stretch(tl_resume_queue *self, const tl_resumption *beginning,
     self->newest.tuning_count = in_force->hash[0] != '\0' ? 1 : 0;
 }
 
-/* One that was ended before it had a step of its own has nothing that the run before it has not. */
+/* A run that ended before it had a step of its own contains nothing that the run before it does
+ * not. */
 static bool got_anywhere(const stretch *run) {
     int64_t own = run->beginning.from == TL_RESUMED_NOT ? 0 : run->beginning.tick;
     return run->is_there && !run->holds && run->last >= own;
@@ -112,7 +116,8 @@ static void take_step(tl_resume_queue *self, const tl_record *record) {
     }
 }
 
-/* The same tick's twice, if a successor died in it. What is too many leaves the second oldest out. */
+/* The same tick can have two tunings, if a process died in it. If there are too many, the second
+ * oldest is dropped. */
 static void take_tuning(tl_resume_queue *self, const tl_run_tuning *tuning) {
     stretch *run = &self->newest;
     int64_t before = run->tuning_count != 0 ? run->tunings[run->tuning_count - 1].tick : 0;
@@ -126,7 +131,7 @@ static void take_tuning(tl_resume_queue *self, const tl_run_tuning *tuning) {
     run->tunings[run->tuning_count++] = *tuning;
 }
 
-/* ---- the walk ---- */
+/* ---- reading the entries ---- */
 
 static void choose_newest(tl_resume_queue *self) {
     stretch earlier = self->chosen;
@@ -134,7 +139,7 @@ static void choose_newest(tl_resume_queue *self) {
     self->newest = earlier;
 }
 
-/* The newest stretch is over. */
+/* Ends the newest stretch. */
 static void choose(tl_resume_queue *self) {
     if (got_anywhere(&self->newest)) {
         self->fruitless = 0;
@@ -167,7 +172,8 @@ static void take_entry(tl_resume_queue *self, const tl_recorder_entry *entry) {
     }
 }
 
-/* Where the walk begins: at a place, or, if there is none, with the first entry that ever was. */
+/* Starts at a checkpoint slot; or, if no checkpoint exists, at the first entry, if that was not
+ * overwritten. */
 static bool begin_walk(tl_resume_queue *self, unsigned which, uint64_t *position) {
     *position = 0;
     if (!tl_record_queue_checkpoint_left(self->queue, which, &self->left)) {
@@ -185,8 +191,8 @@ static bool begin_walk(tl_resume_queue *self, unsigned which, uint64_t *position
     return true;
 }
 
-/* All that is left since then. `any_run`: the newest run is chosen though it got nowhere, if there is no other. False: there is no
- * such place, or no memory. */
+/* Reads all entries since then. `any_run`: if no run has a step of its own, chooses the newest one.
+ * Returns false if there is no such checkpoint, or if memory is out. */
 static bool walk(tl_resume_queue *self, unsigned which, bool any_run) {
     uint64_t position = 0;
     self->chosen.is_there = false;
@@ -220,7 +226,7 @@ static int64_t most_followed(const tl_resume_queue *self, const stretch *run) {
     return tl_resume_most_followed(each < TL_SECOND ? each : TL_SECOND, self->facts.components);
 }
 
-/* ---- from where ---- */
+/* ---- making a resume point ---- */
 
 static void take(tl_resume_queue *self, stretch *run, tl_resumed_from from, int64_t first, int64_t last) {
     run->tuning_count = tl_resume_choose_tunings(run->tunings, run->tuning_count, first, last);
@@ -242,7 +248,7 @@ static void take(tl_resume_queue *self, stretch *run, tl_resumed_from from, int6
     tl_resume_identify(self->config, self->found.signals);
 }
 
-/* Of mode ahead it may lead one tick further. */
+/* In mode ahead the ticks may reach one tick further. */
 static bool take_checkpoint(tl_resume_queue *self, stretch *run) {
     int64_t last = tl_resume_ticks_last(&run->ticks, run->ticks.first);
     bool leads = run->has_checkpoint && last >= run->last && last - self->left.tick <= most_followed(self, run);
@@ -252,7 +258,7 @@ static bool take_checkpoint(tl_resume_queue *self, stretch *run) {
     return leads;
 }
 
-/* Without one: all that is left if there is time for it, else the newest of it. */
+/* Without a checkpoint: all entries if there is time to follow them, else the newest. */
 static bool take_inputs(tl_resume_queue *self, stretch *run) {
     int64_t most = most_followed(self, run);
     bool is_there = run->last - run->ticks.first < (int64_t)run->ticks.count;
@@ -265,9 +271,10 @@ static bool take_inputs(tl_resume_queue *self, stretch *run) {
     return true;
 }
 
-/* ---- one after the other ---- */
+/* ---- iteration ---- */
 
-/* What is tried: a place with its checkpoint, at first only for a run that got anywhere, then the entries alone. */
+/* Order of tries: each checkpoint slot, at first only for a run with a step of its own; then the
+ * entries alone. */
 typedef struct candidate {
     unsigned which;
     bool with_checkpoint;
@@ -278,7 +285,7 @@ static const candidate candidates[] = {{0, true, false}, {1, true, false}, {0, t
                                        {1, true, true},  {1, false, true}, {0, false, true}};
 enum { ATTEMPTS = sizeof candidates / sizeof candidates[0] };
 
-/* *over: whatever else is left, it is not gone on with. */
+/* *over: no resume point remains. */
 static bool try_next(tl_resume_queue *self, const candidate *now, bool *over) {
     if ((now->with_checkpoint && self->was_given[now->which]) || !walk(self, now->which, now->any_run)) {
         return false;
@@ -305,7 +312,7 @@ static void tell_why(const tl_resume_queue *self, const char *why) {
     tl_resume_say(self->tell, self->context, TL_EVENT_INFO, "begins anew: %.200s", why);
 }
 
-/* The image of what was found, and read as any other. */
+/* Writes the image and reads it back with the usual validation. */
 static bool make_image(tl_resume_queue *self, tl_resume *resume) {
     const tl_resume *found = &self->found;
     tl_error error = {TL_OK, ""};
@@ -342,7 +349,8 @@ bool tl_resume_queue_next(tl_resume_queue *left, tl_resume *resume) {
     return found;
 }
 
-/* Whether there is anything of a run with a twin: a checkpoint, or, from the first entry that ever was on, one that is not of a run that holds. */
+/* Returns true if the queue contains data of a run with a twin: a checkpoint, or, if the first
+ * entry was not overwritten, any run that is not in safe hold. */
 static bool is_anything_left(tl_resume_queue *self) {
     uint64_t position = 0;
     bool holds = false;

@@ -1,4 +1,4 @@
-/* The twin in a process of its own, from the other side: see twin_child.h. */
+/* Twin in a child process, seen from the parent: see twin_child.h. */
 #include "firmware/twin/twin_child.h"
 
 #include <signal.h>
@@ -14,11 +14,12 @@
 #include "firmware/twin/twin_process.h"
 #include "firmware/twin/twin_role.h"
 
-/* How long it sleeps at most before it looks whether the process is alive. */
+/* Longest sleep before the process is checked. */
 static const tl_time LOOK = TL_SECOND / 10;
 
-/* A tick with all its calls may take so many times what a call may; what is not a call of an FMU, such as to unpack one, TL_FMU_CALL_TIMEOUT_CALLS times. The
- * process says itself in which call it is, and may lie: what nobody can lie about is that nothing came. */
+/* Longest silence in multiples of the call timeout: for a tick with all its calls, and
+ * TL_FMU_CALL_TIMEOUT_CALLS for work outside of FMU calls, such as unpacking. The process itself
+ * reports in which call it is, so this may be false. Missing messages cannot be forged. */
 enum { TICK_CALLS = 100 };
 
 struct tl_twin_child {
@@ -26,30 +27,30 @@ struct tl_twin_child {
     tl_twin_role_tasks tasks;
     tl_channel_settings wire;
     tl_block blocks[TL_SIDES];
-    tl_block read_back; /* of one that shows something; */
-    unsigned readers;   /* that were started for it */
+    tl_block read_back; /* states shown to a reader process */
+    unsigned readers;   /* number of reader processes started */
     tl_channel channel;
     const tl_twin_extra *extra;
     tl_twin_orders *orders;
     tl_twin_process *process;
-    tl_time silence; /* for how long it has said nothing, */
-    tl_time idle;    /* and was in no call of an FMU meanwhile, as it says */
-    tl_time asked;   /* and knows that it is to end */
-    bool has_ended;  /* it has said its last word */
+    tl_time silence; /* since its last message */
+    tl_time idle;    /* of this time, outside of FMU calls, as the process reports */
+    tl_time asked;   /* of this time, after a request to end */
+    bool has_ended;  /* its final message has come */
     bool stopping;
     tl_status last_status;
     tl_error last_error;
-    int64_t least_step; /* that a record may be of */
+    int64_t least_step; /* lowest valid step of the next record */
     union {
         tl_twin_result result;
         tl_confine_facts facts;
         int32_t word;
-    } payload; /* of a message, copied */
+    } payload; /* copy of a message */
 };
 
 /* ---- how it ended ---- */
 
-/* What a process with FMUs has written is shown as it is only if it is text. It may be writing still. */
+/* Sanitises a text of the FMU process, which may still be writing it. */
 static void copy_text(char text[TL_ERROR_TEXT], const char *told) {
     memcpy(text, told, TL_ERROR_TEXT);
     tl_clean_field(text, TL_ERROR_TEXT);
@@ -69,7 +70,7 @@ bool tl_twin_child_was_killed_by_others(const tl_twin_child *child) {
     return tl_twin_process_role(child->process)->signal == SIGKILL && !tl_twin_process_was_killed(child->process, why);
 }
 
-/* It has ended, and should not have. */
+/* Describes an unexpected end. */
 static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
     const tl_role *role = tl_twin_process_role(child->process);
     char why[TL_TWIN_KILLED_TEXT];
@@ -94,7 +95,7 @@ static tl_status describe_end(const tl_twin_child *child, tl_error *error) {
                    place);
 }
 
-/* Ends it: it has said what nobody says. */
+/* Kills the process after a violation of the protocol. */
 static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *error) {
     char place[160];
     describe_place(child, place, sizeof place);
@@ -105,7 +106,7 @@ static tl_status end_liar(tl_twin_child *child, const char *what, tl_error *erro
 
 /* ---- messages ---- */
 
-/* Nobody interrupts it but us. */
+/* TL_INTERRUPTED is valid only if we have interrupted it. */
 static void take_word(tl_twin_child *child, tl_message type) {
     unsigned told = (unsigned)child->payload.word;
     bool is_possible = told < TL_INTERRUPTED || (told == TL_INTERRUPTED && tl_interrupt_requested() != NULL);
@@ -125,17 +126,19 @@ static bool has_patience(const tl_twin_child *child) {
     const tl_time call = child->settings.call_limit;
     const tl_time end = call > TL_FMU_CALL_TIMEOUT_END ? call : TL_FMU_CALL_TIMEOUT_END;
     return call == 0 || (child->idle / TL_FMU_CALL_TIMEOUT_CALLS < call && child->silence / TICK_CALLS < call &&
-                         child->asked < end); /* the limit may be years */
+                         child->asked < end); /* divided, not multiplied: the timeout may be years */
 }
 
-/* Sleeps until `wanted` messages are there, or for `longest`. False: the process has said nothing for so long that nothing will come any more; it is
- * to be killed. The watch thread looks at calls of FMUs, but whose memory is destroyed, or who lies, may have none. */
+/* Sleeps until `wanted` messages are there, or for `longest`. Returns false if the process has been
+ * silent for too long and must be killed. The watch thread checks FMU calls, but a process with
+ * corrupted memory, or a hostile one, may report no call. */
 static bool rest(tl_twin_child *child, unsigned wanted, tl_time longest) {
     tl_fmu_call call;
     tl_time begun = tl_clock_now(NULL);
     (void)tl_channel_wait(&child->channel, wanted, 0, begun + longest);
     tl_time passed = tl_clock_now(NULL) - begun;
-    passed = passed > TL_SECOND ? TL_SECOND : passed; /* who was stopped was not silent */
+    passed = passed > TL_SECOND ? TL_SECOND
+                                : passed; /* we may have been stopped meanwhile; that is no silence of the process */
     child->silence += passed;
     child->idle += tl_fmu_calls_look(&child->extra->calls, &call) ? 0 : passed;
     child->asked += tl_interrupt_requested() != NULL ? passed : 0;
@@ -151,7 +154,8 @@ static tl_status end_silent(tl_twin_child *child, tl_error *error) {
         tl_seconds(child->silence));
 }
 
-/* The next message, in child->payload; `allowed` has a bit for each that it can be. TL_OK, or TL_FMU_FAILED: the process is at its end. */
+/* Copies the next message to child->payload. `allowed`: bit set of valid types. TL_FMU_FAILED: the
+ * process has ended. */
 static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned allowed, tl_message *type,
                               tl_error *error) {
     for (;;) {
@@ -174,7 +178,7 @@ static tl_status next_message(tl_twin_child *child, unsigned wanted, unsigned al
         if (tl_interrupt_requested() != NULL) {
             tl_twin_child_stop(child);
         }
-        /* What it has sent before its end is taken first. */
+        /* Messages sent before its end are taken first. */
         if (tl_twin_child_is_gone(child)) {
             return describe_end(child, error);
         }
@@ -189,7 +193,7 @@ static tl_status expect(tl_twin_child *child, tl_message wanted, tl_error *error
     return next_message(child, 1, 1U << wanted, &type, error);
 }
 
-/* Until then no FMU is loaded: what the process ends with is what it means, and why was said on the log. */
+/* No FMU is loaded before this message. So the exit code is reliable, and the cause was logged. */
 static tl_status expect_ready(tl_twin_child *child, tl_error *error) {
     tl_status status = expect(child, TL_MESSAGE_READY, error);
     const tl_role *role = tl_twin_process_role(child->process);
@@ -226,7 +230,7 @@ static tl_status make_blocks(tl_twin_child *child, tl_error *error) {
 static tl_status start(tl_twin_child *child, tl_error *error) {
     const tl_twin_job *job = child->settings.job;
     bool is_for_states = child->settings.others != NULL || job->states_only;
-    /* What it would say a process with the same FMUs has said, or will. */
+    /* Processes with the same FMUs print the same; only one of them is logged. */
     bool is_silent = is_for_states || job->task == TL_TASK_PAIR || job->task == TL_TASK_WAYS;
     size_t twins = job->task == TL_TASK_PAIR ? 2 : 1;
     char title[TL_ROLE_TITLE];
@@ -267,7 +271,7 @@ static tl_status start(tl_twin_child *child, tl_error *error) {
     }
     if (status == TL_OK && !is_silent && job->unconfined) {
         tl_log(TL_LOG_WARNING, "unconfined: FMUs can do what this user can");
-    } else if (status == TL_OK && !is_silent) { /* what is not held is said once */
+    } else if (status == TL_OK && !is_silent) { /* missing confinement is logged once */
         char text[TL_CONFINE_TEXT];
         tl_confine_describe(&child->payload.facts, text);
         if (text[0] != '\0') {
@@ -316,7 +320,7 @@ tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_erro
     return take_account(child, &child->extra->built, account, error);
 }
 
-/* Waits for a last word; what is asked for before goes to `show`. */
+/* Waits for the final message; `show` handles requests before it. */
 static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_child *child, tl_error *error),
                             tl_error *error) {
     const unsigned allowed = 1U << TL_MESSAGE_ENDED | (show != NULL ? 1U << TL_MESSAGE_SHOWN : 0);
@@ -339,7 +343,7 @@ static tl_status expect_end(tl_twin_child *child, tl_status (*show)(tl_twin_chil
     return child->last_status;
 }
 
-/* ---- others that read what it shows ---- */
+/* ---- reader processes ---- */
 
 static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     tl_twin_job job = *child->settings.job;
@@ -353,15 +357,17 @@ static tl_status run_reader(const tl_twin_child *child, tl_error *error) {
     if (status == TL_OK && reader != NULL) {
         status = expect_end(reader, NULL, error);
     }
-    tl_twin_child_close(reader); /* killed: nobody waits for how it would free its FMUs */
+    tl_twin_child_close(reader); /* kills it, because freeing its FMUs is not worth waiting for */
     if (status != TL_OK && error->text[0] == '\0') {
-        return tl_fail(error, status,
-                       "its FMUs cannot be built a second time"); /* why was said where nobody hears it */
+        return tl_fail(
+            error, status,
+            "its FMUs cannot be built a second time"); /* the cause was not logged, because the process is silent */
     }
     return status;
 }
 
-/* Its memory is destroyed, or it is hostile, if it asks for more: each of them settles one component, of the initialised ones or the others. */
+/* Each request completes one component, initialised or not. If there are more, its memory is
+ * corrupted or the process is hostile. */
 static tl_status show(tl_twin_child *child, tl_error *error) {
     const size_t most = child->read_back.size == 0 ? 0 : 2 * (child->settings.config->component_count + 1);
     tl_error end = {.text = ""};
@@ -371,7 +377,7 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
     const int32_t word = (int32_t)run_reader(child, &end);
     begin_patience(child);
     if (child->stopping) {
-        return TL_OK; /* it was told */
+        return TL_OK; /* it was reported */
     }
     (void)snprintf(child->orders->error, sizeof child->orders->error, "%s", end.text);
     if (!tl_channel_offer(&child->channel, TL_MESSAGE_SEEN, &word)) {
@@ -382,7 +388,7 @@ static tl_status show(tl_twin_child *child, tl_error *error) {
 }
 
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error) {
-    static const uint64_t most = (uint64_t)1 << 50; /* bytes: no machine has as much */
+    static const uint64_t most = (uint64_t)1 << 50; /* bytes, more than any machine has */
     tl_status status = expect_end(child, show, error);
     *found = child->extra->check;
     tl_clean_field(found->why, sizeof found->why);
@@ -390,9 +396,10 @@ tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_err
     return status != TL_OK || is_sound ? status : end_liar(child, "what its check has found cannot be", error);
 }
 
-/* ---- a pair, and ways ---- */
+/* ---- comparison and trial ---- */
 
-/* As it was written; but if it has ended in a call, the FMU of that. Who has said its last word is in calls that end FMUs. */
+/* Uses the name that the process wrote; if it ended in a call, the name of that FMU. Not after its
+ * final message, because then the calls only free FMUs. */
 static void copy_component(const tl_twin_child *child, char component[TL_ASSEMBLY_NAME]) {
     tl_fmu_call call;
     tl_clean_field(component, TL_ASSEMBLY_NAME);
@@ -430,7 +437,7 @@ void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, vo
 
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error) {
     if (child->stopping) {
-        return TL_OK; /* it would be passed over */
+        return TL_OK; /* the tick would be ignored */
     }
     if (!tl_channel_offer(&child->channel, last ? TL_MESSAGE_FINISH : TL_MESSAGE_TICK, tick)) {
         return end_liar(child, child->channel.fault.text, error);
@@ -454,7 +461,8 @@ void tl_twin_child_stop(tl_twin_child *child) {
     }
 }
 
-/* It has said its last word. Unasked it does so only if it can go on no more; else a run would look shorter than it was to be. */
+/* The final message came. Unasked, it is valid only with an error; otherwise a run would end too
+ * early without notice. */
 static tl_status take_last_word(tl_twin_child *child, bool *stopped, tl_error *error) {
     *stopped = true;
     if (child->last_status != TL_OK && child->last_status != TL_INTERRUPTED && child->last_error.text[0] == '\0') {
@@ -499,7 +507,7 @@ tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted
 
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error) {
     if (tl_twin_child_is_gone(child)) {
-        return TL_OK; /* and it was told how */
+        return TL_OK; /* that was reported already */
     }
     tl_twin_child_stop(child);
     tl_status status = TL_OK;

@@ -1,13 +1,18 @@
-/* The twin in a process of its own, as seen by the one that started it.
+/* Twin in a child process, seen from the parent.
  *
- * Purpose: FMUs are strangers' programs. They run in a process that holds nothing but them: no file, no socket, no terminal (confine.h).
- *          This is the other end of it: it is started, built, given ticks, asked for results, and ended.
- * Trust:   whatever comes from there may be a lie. It is held against the protocol, copied before it is looked at, and shown without
- *          control characters; who breaks the protocol is killed.
- * Ends:    an end that was not announced is a failure, told with the FMU and the function that was being called. So are a call that lasts
- *          too long and a bound that is not kept (memory, threads, files); then the process is killed. What came before counts.
- * Threads: all functions are for one thread; another one, of ours, relays what the process prints, answers its refused system calls
- *          and looks at its bounds (twin_process.h).
+ * Purpose: FMUs are untrusted programs. They run in a process that has nothing else: no file, no
+ *          socket, no terminal (confine.h). This module starts that process, builds the twin, sends
+ *          ticks, receives results, and ends it.
+ * Trust:   all data from the process are untrusted. They are checked against the protocol, copied
+ *          before they are validated, and shown without control characters. A process that violates
+ *          the protocol is killed.
+ * Ends:    an unannounced end is a failure. It is reported with the FMU and the function that was
+ *          being called. So are a call timeout and an exceeded limit (memory, threads, files); then
+ *          the process is killed. Earlier results remain valid.
+ * Owner:   the caller owns a child until tl_twin_child_close().
+ * Thread:  one thread calls all functions. Another thread of ours relays the output of the process,
+ *          answers its denied system calls and checks its limits (twin_process.h).
+ * Errors:  TL_TRY_AGAIN if the system is out of resources; TL_FMU_FAILED if the process has failed.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_CHILD_H
 #define TL_FIRMWARE_TWIN_TWIN_CHILD_H
@@ -23,89 +28,100 @@
 #include "firmware/twin/twin_trial.h"
 #include "master/twin/account.h"
 
-/* The title of a process that only looks at states, in place of "twin": the same role. */
+/* Process title, in place of "twin", of a process that only loads states; the role is the same. */
 #define TL_TWIN_READER "states"
 
 typedef struct tl_twin_child tl_twin_child;
 
 typedef struct tl_twin_child_settings {
     const tl_twin_job *job;
-    const tl_config *
-        config; /* of the job's text, as its twin takes it: delays forgotten, look-ups in use. Needed until the work has ended */
-    FILE *page;               /* what a check prints goes here; NULL: nowhere */
+    const tl_config
+        *config; /* from the job's text, without delays, with look-ups; must exist until the work has ended */
+    FILE *page;  /* receives the printed page of a check; NULL: dropped */
     tl_twin_page *print_page; /* as in main() */
-    tl_time call_limit;       /* ns of one call of an FMU */
-    uint64_t memory_limit;    /* bytes that the process may take; 0: tl_confine_fair_memory() */
-    const tl_block *others;   /* what another one shows, which this one reads; NULL: it is none that reads */
+    tl_time call_limit;       /* ns, call timeout */
+    uint64_t memory_limit;    /* bytes that the process may use; 0: tl_confine_fair_memory() */
+    const tl_block *others;   /* states of another process, which this one loads; NULL: none */
 } tl_twin_child_settings;
 
-/* What became of a pair that was compared, or of ways that were tried. */
+/* Result of a comparison of two twins, or of a trial of rollback methods. */
 typedef struct tl_twin_outcome {
-    tl_twin_pair_account pair; /* as far as it came; texts are clean */
+    tl_twin_pair_account pair; /* as far as the process came; texts are sanitised */
     tl_twin_ways ways;
-    bool has_ended;           /* the process has, unannounced, or was killed: */
-    tl_status status;         /* of that, or of the second twin; TL_OK: it came to its end */
-    char text[TL_ERROR_TEXT]; /* how, or how both differ, or one does not come back; "": no fault was found */
+    bool has_ended;   /* the process ended unannounced, or was killed */
+    tl_status status; /* of the process or of the second twin; TL_OK: completed */
+    char text
+        [TL_ERROR_TEXT]; /* how it ended, how the twins differ, or how a rollback is not exact; "": no fault found */
 } tl_twin_outcome;
 
-/* Starts it, and returns when it is confined and about to load FMUs. What is not held of its confinement is said on the log. Errors:
- * TL_TRY_AGAIN. */
+/* Starts the process. Returns when it is confined and about to load FMUs. Logs missing parts of the
+ * confinement. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_child_start(const tl_twin_child_settings *settings, tl_twin_child **child, tl_error *error);
 
-/* Waits until the twin is built. What is wrong was said on the log if error->text is empty. */
+/* Waits until the twin is built. If error->text is empty, the errors were logged. */
 tl_status tl_twin_child_build(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* Waits until a check is done and its page printed; the same of its errors. Meanwhile, if its job says `reads_back`, starts other processes with the same FMUs
- * that read what it shows. */
+/* Waits until a check is done and its page printed. Errors as tl_twin_child_build(). If its job has
+ * `reads_back`, it meanwhile starts processes with the same FMUs, which load the states of this
+ * one. */
 tl_status tl_twin_child_check(tl_twin_child *child, tl_twin_check *found, tl_error *error);
 
-/* By which ways components are led back, of a check that has ended, as far as it says. */
+/* The rollback methods of the components after a check, as far as the process reported them. */
 void tl_twin_child_ways(const tl_twin_child *child, tl_twin_ways *ways);
 
-/* Waits until a pair is compared or ways are tried, or the process is at its end. Errors: TL_INTERRUPTED. */
+/* Waits until a comparison or a trial is done, or the process has ended. Errors: TL_INTERRUPTED. */
 tl_status tl_twin_child_finish(tl_twin_child *child, tl_twin_outcome *outcome, tl_error *error);
 
-/* Tells what FMUs were refused since this was called last. It was said on the log already. */
+/* Reports the system calls of FMUs that were denied since the last call of this function. They are
+ * in the log already. */
 void tl_twin_child_tell(tl_twin_child *child, tl_fmu_refusals_listener *hear, void *context);
 
-/* A tick; `last`: it only completes the record before. At most TL_CHANNEL_DEPTH may be under way. It is seen there when it is pushed. */
+/* Enqueues a tick; at most TL_CHANNEL_DEPTH may be under way. `last`: it only completes the record
+ * before. The process is notified by tl_twin_child_push(). */
 tl_status tl_twin_child_give(tl_twin_child *child, const tl_recording_tick *tick, bool last, tl_error *error);
 
 void tl_twin_child_push(tl_twin_child *child);
 
-/* The result of the oldest tick under way, which is this one. Sleeps, if there is none yet, until there are `wanted` of them, or as many as
- * there will be. *stopped: it was told to stop, and there is none. Errors: that of the step, with the result filled; that with
- * which it has ended by itself; else TL_FMU_FAILED: the process is at its end, and nothing is filled. */
+/* Takes the result of the oldest tick under way, which must be `tick`. If no result is there yet,
+ * sleeps until `wanted` results are there, or all that will come. *stopped: the process has stopped
+ * on request and there is no result.
+ * Errors: that of the step, with the result filled; that with which the process announced its end;
+ *         else TL_FMU_FAILED: the process has ended, and nothing is filled. */
 tl_status tl_twin_child_take(tl_twin_child *child, int64_t tick, unsigned wanted, tl_twin_result *result, bool *stopped,
                              tl_error *error);
 
-/* It shall compute nothing more: what is done can be taken, then take says that it has stopped. */
+/* Asks the process to compute nothing more. Finished results can still be taken; after them
+ * tl_twin_child_take() reports that it has stopped. */
 void tl_twin_child_stop(tl_twin_child *child);
 
-/* Ends the work, and gives the account as it then stands (NULL: not wanted). What was computed and not taken is passed over. */
+/* Ends the work and copies the final account (NULL: not wanted). Results that were not taken are
+ * dropped. */
 tl_status tl_twin_child_end(tl_twin_child *child, tl_account *account, tl_error *error);
 
-/* FMUs were refused something. */
+/* Returns true if a system call of an FMU was denied. */
 bool tl_twin_child_was_refused(const tl_twin_child *child);
 
-/* It is at its end, and was told how. */
+/* Returns true if the process has ended; how it ended was reported. */
 bool tl_twin_child_is_gone(const tl_twin_child *child);
 
-/* After that: it was ended by SIGKILL, and not by this process. The kernel does so if memory is short. */
+/* After that: returns true if another process ended it by SIGKILL, as the kernel does if memory is
+ *             short. */
 bool tl_twin_child_was_killed_by_others(const tl_twin_child *child);
 
-/* After that: waits until the FMUs are freed and the process has ended. Errors: TL_FMU_FAILED if it did not end as it should. */
+/* After tl_twin_child_end(): waits until the FMUs are freed and the process has ended. Errors:
+ * TL_FMU_FAILED if it did not end regularly. */
 tl_status tl_twin_child_wait(tl_twin_child *child, tl_error *error);
 
-/* Ends it if it is not at its end yet; removes what it has left. NULL is allowed. */
+/* Kills the process if it still runs, and removes its files. NULL is allowed. */
 void tl_twin_child_close(tl_twin_child *child);
 
-/* ---- The feed: a recording read ahead, tick by tick, into a twin, and its results in the same order.
+/* ---- Feed: reads a recording ahead, sends its ticks to a twin, and returns the results in order.
  *
- * Purpose: a twin in another process costs little only if neither side waits for the other at each tick. So ticks are given to it
- *          ahead of time, and results are taken as they come.
- * Ends:    where the recording does, at the configured duration, or when it is told to stop. In mode ahead a step is computed only if its
- *          measurement will come, so the last tick only completes the record before it.
+ * Purpose: a twin in another process is efficient only if neither side waits for the other at each
+ *          tick. So ticks are sent ahead, and results are taken as they come.
+ * Ends:    at the end of the recording, at the configured duration, or when asked to stop. In mode
+ *          ahead a step is computed only if its measurement will come, so the last tick only
+ *          completes the record before it.
  * Thread:  one.
  */
 
@@ -114,33 +130,34 @@ typedef struct tl_twin_feed tl_twin_feed;
 typedef struct tl_twin_feed_settings {
     const tl_config *config;
     const tl_account *account; /* of the built twin */
-    tl_recording *recording;   /* read by nobody else while it feeds */
+    tl_recording *recording;   /* not read by others meanwhile */
     tl_twin_child *child;      /* the twin */
-    bool plant;                /* every tick of the recording is a step, whatever the configuration says of an end */
-    bool paced;                /* a tick is given when it is wanted, and not before */
+    bool plant;                /* every tick of the recording is a step, even after the configured duration */
+    bool paced;                /* a tick is sent only when it is wanted, not ahead */
 } tl_twin_feed_settings;
 
-/* One tick and what came of it; valid until the next one. */
+/* A tick and its result; valid until the next one. */
 typedef struct tl_twin_fed {
     const tl_recording_tick *tick;
     const tl_twin_result *result;
-    bool last; /* no step was computed: its sample only completed the record before */
+    bool last; /* no step was computed: the sample only completed the record before */
 } tl_twin_fed;
 
 /* Settings are copied; what they point to must outlive the feed. Errors: TL_TRY_AGAIN. */
 tl_status tl_twin_feed_open(const tl_twin_feed_settings *settings, tl_twin_feed **feed, tl_error *error);
 
-/* The tick that will be given next, so that a paced feed can wait for its instant; NULL: there is none. */
+/* The next tick to be sent, so that a paced feed can wait for its instant. NULL: none. */
 const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed);
 
-/* The next tick with its result; *end: there is none. A status that is not TL_OK is that of the recording, of the step (`fed` is filled then too,
- * and may have a record), or of the process with the twin (it is not); nothing comes after it. */
+/* Returns the next tick with its result; *end: no tick remains. An error comes from the recording,
+ * the step, or the process with the twin. If it comes from the step, `fed` is filled, and may have
+ * a record; else `fed` is not filled. After an error nothing follows. */
 tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_error *error);
 
-/* No further tick is given; what has been computed still comes. */
+/* Sends no further tick. Computed results can still be taken. */
 void tl_twin_feed_stop(tl_twin_feed *feed);
 
-/* The tick after which nothing is computed any more. */
+/* The last tick for which something is computed. */
 int64_t tl_twin_feed_last_tick(const tl_config *config, const tl_account *account);
 
 /* NULL is allowed. */

@@ -1,12 +1,13 @@
-/* The feed: see twin_child.h. */
+/* Feed: see twin_child.h. */
 #include "firmware/twin/twin_child.h"
 
 #include <stdlib.h>
 
-/* Ticks that are under way at most; and places for them, for the one that was read besides, and for the one that was taken last. */
+/* Most ticks under way, and size of the ring. The ring also holds the tick that was read ahead and
+ * the one that was taken last. */
 enum { AHEAD = TL_CHANNEL_DEPTH, HALF = AHEAD / 2, PLACES = 2 * AHEAD };
 
-/* A tick that was read, and whether it is only the one after the last step. */
+/* A tick that was read. `last`: it only completes the last record. */
 typedef struct wanted {
     tl_recording_tick tick;
     bool last;
@@ -15,14 +16,14 @@ typedef struct wanted {
 struct tl_twin_feed {
     tl_twin_feed_settings settings;
     int64_t last_tick;
-    bool has_next; /* the place after those that are wanted holds a tick */
+    bool has_next; /* the ring entry after the wanted ticks holds a tick */
     bool begun;
-    bool ended; /* nothing more will be wanted */
+    bool ended; /* no further ticks */
     tl_status status;
-    tl_error error; /* of the recording; told when what was wanted before is through */
-    uint64_t read;  /* ticks wanted so far, */
-    uint64_t given; /* given to the twin, */
-    uint64_t taken; /* and back */
+    tl_error error; /* of the recording; returned after the earlier results */
+    uint64_t read;  /* ticks read so far */
+    uint64_t given; /* of these, sent to the twin */
+    uint64_t taken; /* and returned */
     tl_twin_result result;
     wanted ring[PLACES];
 };
@@ -56,14 +57,15 @@ void tl_twin_feed_stop(tl_twin_feed *feed) {
 
 /* ---- reading ---- */
 
-/* False: there is none, or it cannot be read. */
+/* Returns false at the end or after an error. */
 static bool read_tick(tl_twin_feed *feed, tl_recording_tick *tick) {
     bool end = false;
     feed->status = tl_recording_next(feed->settings.recording, tick, &end, &feed->error);
     return feed->status == TL_OK && !end;
 }
 
-/* One tick is read ahead, to where it will stand: in mode ahead a step is computed only if its measurement will come. */
+/* Reads one tick ahead into the ring: in mode ahead a step is computed only if its measurement will
+ * come. */
 static void want_next(tl_twin_feed *feed) {
     wanted *place = &feed->ring[feed->read % PLACES];
     if (!feed->begun) {
@@ -93,9 +95,10 @@ const tl_recording_tick *tl_twin_feed_look(tl_twin_feed *feed) {
     return feed->read != feed->given ? &feed->ring[feed->given % PLACES].tick : NULL;
 }
 
-/* ---- giving and taking ---- */
+/* ---- sending and taking ---- */
 
-/* As many ticks as the twin may be ahead; a ring that is half full is left alone, so that neither side wakes the other at each tick. */
+/* Sends as many ticks as may be under way. If the ring is more than half full it sends none, so
+ * that neither side wakes the other at each tick. */
 static tl_status give(tl_twin_feed *feed, tl_error *error) {
     uint64_t most = feed->settings.paced ? 1 : AHEAD;
     if (feed->given - feed->taken > HALF) {
@@ -119,7 +122,7 @@ tl_status tl_twin_feed_next(tl_twin_feed *feed, tl_twin_fed *fed, bool *end, tl_
     if (status != TL_OK) {
         return status;
     }
-    if (feed->taken == feed->given) { /* the recording's end, or what it could not be read for */
+    if (feed->taken == feed->given) { /* end of the recording, or its error */
         *end = true;
         if (feed->status != TL_OK) {
             *error = feed->error;

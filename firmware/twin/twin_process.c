@@ -1,4 +1,4 @@
-/* A process with FMUs: see twin_process.h. */
+/* FMU process, seen from its parent: see twin_process.h. */
 #include "firmware/twin/twin_process.h"
 
 #include <errno.h>
@@ -31,25 +31,27 @@ enum {
     FILES = TL_FMU_ENTRIES,
     PROCESSES = 1 << 22,
     LOOK_MS = 50,
-    STACK = 256 * 1024, /* the supervisor locks it */
-    ANSWERS = 64        /* refused calls between two looks at the process: who asks without end is not all there is */
+    STACK = 256 * 1024, /* small, because the supervisor locks its memory */
+    ANSWERS =
+        64 /* most denied calls to answer before the process is checked again, because it may send them without end */
 };
 
-/* Of what it prints. */
+/* Limits of its output. */
 enum {
     OUTPUT_PATIENCE = 2000,     /* ms */
-    OUTPUT_MOST = 32 << 20,     /* bytes at once, */
-    OUTPUT_RATE = 16 << 10,     /* and per second */
+    OUTPUT_MOST = 32 << 20,     /* bytes, burst */
+    OUTPUT_RATE = 16 << 10,     /* bytes per second after the burst */
     OUTPUT_PAGE_MOST = 64 << 20 /* bytes */
 };
 
-/* Descriptors of ours. Where there are two ends, the second one is the other process's. START: a socket by which it hands over the LISTENER, which
- * tells of refused calls; then, or when it closes its end, START is closed. STOP: the watch thread is to end. WAKE: there is something to say. */
+/* Our descriptors. If there are two ends, the second one belongs to the process. START: socket over
+ * which the process sends LISTENER, which reports denied calls. START is closed after that, or when
+ * the process closes its end. STOP: ends the watch thread. WAKE: there is something to log. */
 enum { OUTPUT, PAGE = OUTPUT + 2, START = PAGE + 2, NOTHING = START + 2, STOP, WAKE, LISTENER, ENDS };
 
 enum { LINES, PAGE_LINES, RELAYS };
 
-/* How much may be passed on still: of an FMU's lines, and of those with a level. */
+/* Remaining budget: for lines of an FMU, and for lines with a level. */
 enum { FMUS_LINES, OUR_LINES, KINDS };
 
 typedef struct budget {
@@ -60,31 +62,31 @@ typedef struct budget {
 struct tl_twin_process {
     tl_twin_process_settings settings;
     tl_private_folder folder;
-    uint32_t user; /* of its own; 0: ours */
+    uint32_t user; /* user ID of the process; 0: ours */
     tl_block job;
     tl_role role;
     tl_bounds bounds;
-    int ends[ENDS]; /* -1: none, or not any more */
+    int ends[ENDS]; /* -1: none, or closed */
     pthread_t speaker, watcher;
     bool has_speaker, has_watcher, speaker_stops;
-    /* the watcher's */
+    /* of the watch thread */
     tl_fmu_call_timeout patience;
-    tl_time pass_on_at; /* a signal that came; again, since an FMU may have swallowed it */
-    /* the speaker's, or in the relays' locks */
-    size_t spoken; /* refusals that it has said */
+    tl_time pass_on_at; /* when a received signal is forwarded; repeated, because an FMU may have swallowed it */
+    /* of the output thread, or under the locks of the relays */
+    size_t spoken; /* number of denied calls that were logged */
     tl_relay relays[RELAYS];
     bool ended[RELAYS];
     budget budgets[KINDS];
     bool said_too_much;
-    bool is_stuck; /* nobody reads our log */
+    bool is_stuck; /* our log is not read */
     bool page_is_too_long;
     uint64_t left_out;
     uint64_t page_bytes;
-    pthread_mutex_t lock;             /* of all below */
-    bool may_kill;                    /* its number is its own */
-    char killed[TL_TWIN_KILLED_TEXT]; /* why; "": not */
+    pthread_mutex_t lock;             /* protects all fields below */
+    bool may_kill;                    /* its process ID is valid */
+    char killed[TL_TWIN_KILLED_TEXT]; /* reason; "": not killed */
     tl_fmu_refusals refusals;
-    size_t told; /* of them */
+    size_t told; /* number of denied calls that were reported */
 };
 
 static void close_end(tl_twin_process *self, int end) {
@@ -105,7 +107,7 @@ static void nudge(const tl_twin_process *self) {
     }
 }
 
-/* ---- what it prints ---- */
+/* ---- output ---- */
 
 static bool may_pass(budget *has, size_t bytes) {
     tl_time now = tl_clock_now(NULL);
@@ -120,7 +122,7 @@ static bool may_pass(budget *has, size_t bytes) {
     return may;
 }
 
-/* A line without a level is an FMU's. */
+/* A line without a level comes from an FMU. */
 static void pass_output(void *context, const char *line) {
     tl_twin_process *self = context;
     const char *text = NULL;
@@ -164,7 +166,7 @@ static const char *next_refusal(tl_twin_process *self, size_t *told) {
     return said;
 }
 
-/* Who hears of it may wait for one who waits for our lock. */
+/* Without the lock: the listener may wait for a thread that waits for it. */
 static void say_refusals(tl_twin_process *self) {
     const char *said = NULL;
     while ((said = next_refusal(self, &self->spoken)) != NULL) {
@@ -177,7 +179,8 @@ static void say_refusals(tl_twin_process *self) {
     }
 }
 
-/* The thread that may wait for who reads our log. Ended pipes are left out of its wait: they would be ready for ever. */
+/* Only this thread may wait for the reader of our log. It does not poll closed pipes, because they
+ * are always ready. */
 static void *speak(void *context) {
     tl_twin_process *self = context;
     bool stop = false;
@@ -198,7 +201,7 @@ static void *speak(void *context) {
     return NULL;
 }
 
-/* ---- the watch thread: it waits for nobody ---- */
+/* ---- watch thread: never blocks ---- */
 
 static void kill_it(tl_twin_process *self, const char *why) {
     if (self->killed[0] == '\0' && self->may_kill) {
@@ -239,7 +242,7 @@ static void look_at_bounds(tl_twin_process *self) {
     }
 }
 
-/* Before it has a handler it would die of it. */
+/* Not before the process has its handlers, because a signal would kill it until then. */
 static void pass_signal_on(tl_twin_process *self) {
     int asked = tl_interrupt_signal();
     tl_time now = tl_clock_now(NULL);
@@ -249,7 +252,8 @@ static void pass_signal_on(tl_twin_process *self) {
     }
 }
 
-/* Who asks waits for it, so nothing else is done before. Others look at what was said before, with the lock. */
+/* The FMU waits for the answer, so it comes before all else. The lock is needed because other
+ * threads read the list. */
 static void answer_refusals(tl_twin_process *self) {
     tl_refusal refusal;
     bool is_new = false;
@@ -279,7 +283,7 @@ static void *watch(void *context) {
             return NULL;
         }
         if (watched[STARTS].revents != 0) {
-            char byte = 0; /* and the listener; none: the kernel has none, or nothing is refused */
+            char byte = 0; /* with the listener; none if the kernel lacks it, or if nothing is denied */
             (void)tl_packet_take(self->ends[START], &byte, sizeof byte, &self->ends[LISTENER]);
             close_end(self, START);
         }
@@ -301,9 +305,9 @@ static void *watch(void *context) {
     }
 }
 
-/* ---- what it may ---- */
+/* ---- limits ---- */
 
-/* See fmu_archive.h. */
+/* The limits are those of fmu_archive.h. */
 tl_twin_fmus tl_twin_fmus_of(const tl_config *config) {
     uint64_t sum = 0;
     for (size_t i = 0; i < config->component_count; i++) {
@@ -318,7 +322,7 @@ tl_twin_fmus tl_twin_fmus_of(const tl_config *config) {
     return (tl_twin_fmus){.count = config->component_count, .unpacked_bytes = sum};
 }
 
-/* Another user can go through all folders on the way to this one. */
+/* Returns true if another user can enter all parent folders. */
 static bool is_open_to_others(const char *folder) {
     char path[PATH_MAX];
     struct stat about;
@@ -334,10 +338,14 @@ static bool is_open_to_others(const char *folder) {
     return true;
 }
 
-/* Started as root, it gets a user that nobody else has: numbers that systemd leaves to nobody, and one process at a time for each that we have. Numbers
- * of processes are below PROCESSES. Where that user could not come to its folder, it stays root without root's capabilities; also if root of a container
- * has numbers of users only for some, and no right to give a folder away. If it holds, there is nothing to unpack and nobody who writes; and it is to be
- * there where no folder can be made. */
+/* If we are root, the process gets a user ID that is not used otherwise: from a range that systemd
+ * leaves free, plus our process ID, different for each of our simultaneous processes. Process IDs
+ * are below PROCESSES.
+ * It stays root, without root's capabilities, if that user cannot reach the folder. The same
+ * applies in a container whose root has only some user IDs, or may not change the owner of a
+ * folder.
+ * In safe hold there is no folder, because nothing is unpacked or written, and because safe hold
+ * must also work if no folder can be created. */
 static tl_status make_folder(tl_twin_process *process, tl_error *error) {
     const tl_twin_job *job = process->settings.job;
     const char *folder = getenv("TMPDIR");
@@ -359,14 +367,14 @@ static tl_status make_folder(tl_twin_process *process, tl_error *error) {
 
 enum { VARIABLE = PATH_MAX + 32 };
 
-/* What is added to the environment of the process. */
+/* Variables added to the environment of the process. */
 typedef struct surroundings {
     char texts[TL_ROLE_VARIABLES][VARIABLE];
     const char *variables[TL_ROLE_VARIABLES];
     size_t count;
 } surroundings;
 
-/* One that is too long is left out. */
+/* A text that is too long is omitted. */
 static void add_variable(surroundings *made, const char *name, const char *value, const char *end) {
     char *text = made->texts[made->count];
     if (snprintf(text, VARIABLE, "%s=%s%s", name, value, end) < VARIABLE) {
@@ -374,8 +382,9 @@ static void add_variable(surroundings *made, const char *name, const char *value
     }
 }
 
-/* Confined, its home is its own folder: libraries that look there for settings find none, and need no list of users. Python keeps
- * nothing that it has compiled: its folder is gone at the end, and where no Landlock holds it may rename no file. */
+/* In a confined process HOME is its own folder: libraries find no settings there and need no user
+ * database. Python writes no compiled files: the folder is deleted at the end, and without Landlock
+ * Python may not rename files. */
 static void surround(const tl_twin_process *process, surroundings *made) {
     const char *home = getenv("HOME");
     made->count = 0;
@@ -391,13 +400,13 @@ static void surround(const tl_twin_process *process, surroundings *made) {
     if (home != NULL) {
         add_variable(made, TL_TWIN_PLACES_HOME, home, "");
     }
-    if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* where a user's own packages lie */
+    if (home != NULL && home[0] == '/' && getenv("PYTHONUSERBASE") == NULL) { /* packages of the user */
         add_variable(made, "PYTHONUSERBASE", home, "/.local");
     }
 }
 
-/* What programs look for that is nobody's secret: languages, places of libraries and Python, numbers of threads, licences; and what tests and
- * emulators of whole programs need. */
+/* Inherited variables that are not secret: language, paths of libraries and Python, number of
+ * threads, licences, and variables for tests and emulators of whole programs. */
 static const char *const inherited[] = {"PATH",
                                         "LANG",
                                         "LANGUAGE",
@@ -430,7 +439,7 @@ static const char *const inherited[] = {"PATH",
                                         "QEMU_*",
                                         NULL};
 
-/* In place of an execution, where there is none. */
+/* Used instead of exec on a machine without it. */
 static int run_forked(const char *title, void *context) {
     const tl_twin_process *process = context;
     (void)title;
@@ -451,7 +460,7 @@ static tl_status open_ends(tl_twin_process *process, tl_error *error) {
         process->ended[i] = *end < 0;
         if (*end >= 0) {
             tl_relay_open(&process->relays[i], *end, passes[i], process);
-            *end = -1; /* it is the relay's */
+            *end = -1; /* now owned by the relay */
         }
     }
     return all ? TL_OK : tl_fail(error, TL_TRY_AGAIN, "no pipes for the process of the FMUs: %s", strerror(errno));
@@ -555,7 +564,7 @@ tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twi
     return TL_OK;
 }
 
-/* ---- watching ---- */
+/* ---- state ---- */
 
 const tl_role *tl_twin_process_role(const tl_twin_process *process) {
     return &process->role;
@@ -609,7 +618,7 @@ void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *he
     }
 }
 
-/* The watch thread first: what it has found last is said by the other. */
+/* The watch thread first, because the output thread logs its last finding. */
 static void stop_threads(tl_twin_process *process) {
     if (process->has_watcher) {
         signal_end(process, STOP);

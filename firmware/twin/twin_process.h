@@ -1,20 +1,29 @@
-/* A process with FMUs, from the side of the one that starts it.
+/* Process with FMUs, seen from its parent.
  *
- * Purpose: what each of them needs, whatever it computes: a private folder, a user of its own if we are root, surroundings, a job, pipes for what
- *          it prints, and two threads of ours. It is this program once more, in the role "twin" (twin_role.h).
- * Above:   twin_child.h puts a channel on it. A live twin has blocks, and a supervisor that watches it.
- * Watch:   one thread answers the system calls that were refused, and kills the process if a call of an FMU lasts too long or a bound of memory,
- *          threads or files is not kept. It waits for nobody, whatever FMUs do. What asks this program to end it passes on to the process, from
- *          when that has handlers on; a second time, the process is killed. Not if a supervisor does that.
- * Output:  the other thread passes on what the process prints, and says what it was refused, each once with FMU and function. It alone may wait for
- *          who reads our log, for 2 s at most; what is not taken until then is left out and counted.
- * Bounds:  of lines, and apart of those that say their level (our own, or so they say), 32 MiB are passed on and then 16 KiB per second; what exceeds is
- *          left out: that is said once, and how many lines it were when all ends. The page of a check has at most 64 MiB.
- * Marks:   a line of an FMU begins with "fmu: ", so that it is no line of ours. One that begins with "<3>" to "<7>" is taken for ours: both come from
- *          one process, so an FMU can forge that.
- * Waiting: for the process nothing waits but kill and close, until it is dead.
- * Death:   who reaps the process by other means than these calls lets it go before: tl_twin_process_let_go().
- * Thread:  one, the one that has started it; was_killed, was_refused and flush from any.
+ * Purpose: sets up all that an FMU process needs for any task: a private folder, a user of its own
+ *          if we are root, an environment, a job, pipes for its output, and two threads of ours.
+ *          The process runs this same program in the role "twin" (twin_role.h).
+ * Users:   twin_child.h adds a channel. A live twin has shared blocks, and a supervisor that
+ *          monitors it.
+ * Watch:   the watch thread answers the denied system calls. It kills the process after a call
+ *          timeout, or if a limit of memory, threads or files is exceeded. It never blocks,
+ *          whatever FMUs do. It forwards termination signals of this program to the process once
+ *          that has installed its handlers; a second signal kills it. It does not forward them if a
+ *          supervisor does that.
+ * Output:  the output thread forwards the output of the process, and logs each kind of denied
+ *          system call once, with FMU and function. Only this thread may wait for the reader of our
+ *          log, at most 2 s; later output is dropped and counted.
+ * Bound:   lines without a level: the first 32 MiB are forwarded, then 16 KiB per second. Lines
+ *          with a level (our own, or forged ones) have a separate limit of the same size. Further
+ *          lines are dropped; that is logged once, and their number at the end. The page of a check
+ *          has at most 64 MiB.
+ * Marks:   a line of an FMU gets the prefix "fmu: ". A line that begins with "<3>" to "<7>" is
+ *          taken for ours. An FMU can forge that, because both come from one process.
+ * Waiting: only kill and close wait for the death of the process.
+ * Death:   if other code reaps the process, the caller must first call tl_twin_process_let_go().
+ * Owner:   the caller owns the process until tl_twin_process_close().
+ * Thread:  the thread that started the process; was_killed, was_refused and flush from any.
+ * Errors:  only tl_twin_process_start() returns one.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_PROCESS_H
 #define TL_FIRMWARE_TWIN_TWIN_PROCESS_H
@@ -30,74 +39,75 @@
 #include "firmware/twin/twin_role.h"
 
 enum {
-    TL_TWIN_FOLDER_MIB = 256, /* that FMUs may write, beside what they are unpacked to */
-    TL_TWIN_THREADS =
-        1024, /* of an honest FMU: an interpreter has a handful, a numeric library one for each processor */
+    TL_TWIN_FOLDER_MIB = 256, /* MiB that FMUs may write, in addition to their unpacked files */
+    TL_TWIN_THREADS = 1024,   /* limit for FMUs: an interpreter has a handful, a numeric library one per processor */
     TL_TWIN_KILLED_TEXT = 512
 };
 
-/* The FMUs of a configuration, as far as their process is bounded by them. */
+/* Facts of a configuration's FMUs that define the limits of their process. */
 typedef struct tl_twin_fmus {
     size_t count;
-    uint64_t unpacked_bytes; /* that their archives may unpack to, together */
+    uint64_t unpacked_bytes; /* size of all unpacked archives together */
 } tl_twin_fmus;
 
 typedef struct tl_twin_process tl_twin_process;
 
-/* `calls`, `channel`, `page`, `tasks` and `context` must stay until the process is closed, the rest during the start. Descriptors stay the caller's. */
+/* `calls`, `channel`, `page`, `tasks` and `context` must exist until the process is closed, all
+ * else during the start. The caller keeps the descriptors. */
 typedef struct tl_twin_process_settings {
-    const tl_twin_job *job; /* folder, file_bytes, memory and user are filled in */
+    const tl_twin_job *job; /* folder, file_bytes, memory and user are set here */
     tl_twin_fmus fmus;
-    unsigned which;    /* 0 … 63, of those that we have at the same time: none has the user of another one */
+    unsigned which;    /* 0 … 63, different for processes at the same time, so that each has its own user */
     const char *title; /* "twin [motor]" */
     int given
-        [TL_ROLE_DESCRIPTORS]; /* what it gets beside nothing, output, page, job and start socket (twin_role.h); -1: nothing */
-    const tl_fmu_calls *calls; /* in memory that the process writes: for the watch thread */
-    tl_channel *channel;       /* whose thread is nudged if the process ends, or is killed; NULL: none */
-    FILE *page;                /* what a check prints goes here; NULL: nothing is printed */
-    bool
-        is_silent; /* what it prints is dropped, and what it was refused is not said: another one like it has said the same */
-    bool
-        passes_signals; /* the watch thread passes on what asks us to end, and kills the process if a call of an FMU lasts too long */
-    tl_time call_limit;              /* ns of such a call; 0: none */
-    uint64_t memory_limit;           /* bytes that the process may take; 0: tl_confine_fair_memory() */
+        [TL_ROLE_DESCRIPTORS]; /* in addition to null, output, page, job and start socket (twin_role.h); -1: none */
+    const tl_fmu_calls *calls; /* in memory that the process writes; for the watch thread */
+    tl_channel *channel;       /* its thread is notified if the process ends or is killed; NULL: none */
+    FILE *page;                /* receives the printed page of a check; NULL: nothing is printed */
+    bool is_silent;            /* drop its output and denied system calls, because another process reports the same */
+    bool passes_signals; /* the watch thread forwards termination signals, and kills the process after a call timeout */
+    tl_time call_limit;  /* ns, call timeout; 0: none */
+    uint64_t memory_limit;           /* bytes that the process may use; 0: tl_confine_fair_memory() */
     const tl_twin_role_tasks *tasks; /* for a machine without exec (role.h) */
     tl_fmu_refusals_listener
-        *hear;     /* told of each refusal that is said on the log, in the thread of the output; NULL: nobody */
+        *hear;     /* called by the output thread for each denied system call that is logged; NULL: none */
     void *context; /* of `hear` */
 } tl_twin_process_settings;
 
-/* Looks at the files; one that is not there has no bytes. */
+/* Reads the sizes of the FMU files; a missing file counts 0 bytes. */
 tl_twin_fmus tl_twin_fmus_of(const tl_config *config);
 
-/* Starts it, and does not wait for what it does. What it is confined by, it tells by other ways. Errors: TL_TRY_AGAIN; then nothing is left. */
+/* Starts the process and does not wait for its work. The process reports its confinement by other
+ * means. Errors: TL_TRY_AGAIN; then nothing remains. */
 tl_status tl_twin_process_start(const tl_twin_process_settings *settings, tl_twin_process **process, tl_error *error);
 
-/* Its number, 0 if it was reaped or let go; and how it has ended, if it has. */
+/* Its process ID (0 if it was reaped or let go) and, if it has ended, how. */
 const tl_role *tl_twin_process_role(const tl_twin_process *process);
 
-/* Looks without waiting. True: it has ended, and is reaped. */
+/* Reaps it without waiting. Returns true if it has ended and is reaped. */
 bool tl_twin_process_reap(tl_twin_process *process);
 
 /* Kills it if it has not ended, and reaps it. */
 void tl_twin_process_kill(tl_twin_process *process);
 
-/* It is dead, and somebody else reaps it after this: nothing is done to its number any more. Passes on what it has printed. */
+/* Call it for a dead process before other code reaps it: its process ID is not used any more.
+ * Forwards its remaining output. */
 void tl_twin_process_let_go(tl_twin_process *process);
 
-/* True: the watch thread has killed it, or is about to; `text` says why. */
+/* Returns true if the watch thread has killed it or is about to; `text` is the reason. */
 bool tl_twin_process_was_killed(tl_twin_process *process, char text[TL_TWIN_KILLED_TEXT]);
 
-/* It was refused something. */
+/* Returns true if a system call of it was denied. */
 bool tl_twin_process_was_refused(tl_twin_process *process);
 
-/* Tells what was refused and has not been told by this yet. */
+/* Reports denied system calls that this function has not reported yet. */
 void tl_twin_process_tell(tl_twin_process *process, tl_fmu_refusals_listener *hear, void *context);
 
-/* All that it has printed until now has been passed on. */
+/* Returns after all its output until now has been forwarded. */
 void tl_twin_process_flush(tl_twin_process *process);
 
-/* Kills it if it was neither reaped nor let go; ends the threads, and removes the folder. NULL is allowed. */
+/* Kills the process if it was neither reaped nor let go; ends the threads, and removes the folder.
+ * NULL is allowed. */
 void tl_twin_process_close(tl_twin_process *process);
 
 #endif

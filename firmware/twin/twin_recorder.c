@@ -1,4 +1,4 @@
-/* The recorder of a twin: see twin_recorder.h. */
+/* Recorder of a twin: see twin_recorder.h. */
 #include "firmware/twin/twin_recorder.h"
 
 #include <inttypes.h>
@@ -65,7 +65,8 @@ size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[
 
 void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start) {
     static const tl_time ms = TL_SECOND / 1000;
-    static tl_record_queue_start beginning; /* too large for a small stack; one thread begins runs */
+    static tl_record_queue_start
+        beginning; /* static, because it is too large for a small stack; only one thread begins runs */
     beginning = (tl_record_queue_start){
         .holds = twin == NULL,
         .resumption = {.start = start, .started = tl_utc_now() + (start - tl_clock_now(NULL)) / ms}};

@@ -1,7 +1,9 @@
-/* The recorder of a twin: opened by what the configuration and the account say, fed with its counts.
+/* Recorder of a twin: opened with the data of configuration and account, and fed with the twin's
+ * counts.
  *
  * Purpose: run and replay record the same, whether the twin is in this process or in another.
- * Thread:  that of the recorder's functions (recorder.h); the counts are taken in the twin's.
+ * Owner:   the caller closes the recorder that tl_twin_recorder_open() returns.
+ * Thread:  that of the recorder's functions (recorder.h); the counts are read in the twin's thread.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_RECORDER_H
 #define TL_FIRMWARE_TWIN_TWIN_RECORDER_H
@@ -12,40 +14,46 @@
 #include "firmware/store/recorder.h"
 #include "master/twin/account.h"
 
-/* What is known of a run before there is a twin: all that its beginning in an outbox does not say. */
+/* Data of a run that are known without a twin: all that the beginning of a run in a record queue
+ * does not contain. */
 typedef struct tl_twin_record {
-    tl_recorder_settings settings; /* whose texts are the configuration's, or here */
+    tl_recorder_settings settings; /* its texts belong to the configuration or to this struct */
     tl_recorder_names names;
     char fmus[TL_SHA256_TEXT];
     char boot[TL_IDENTITY_TEXT];
     char format[TL_IDENTITY_TEXT];
 } tl_twin_record;
 
-/* For a run that is recorded at `path`. The configuration and the record outlive the recorder. */
+/* Fills the record for a run that is recorded at `path`. The configuration and the record must
+ * outlive the recorder. */
 void tl_twin_recorder_describe(const tl_config *config, const char *path, tl_twin_record *record);
 
-/* With its signals and components, of a run that was described. Errors: those of tl_recorder_open(). */
+/* Opens the recorder of a described run, with its signals and components. Errors: those of
+ * tl_recorder_open(). */
 tl_status tl_twin_recorder_open(const tl_config *config, const tl_account *account, tl_twin_record *record,
                                 tl_recorder **recorder, tl_error *error);
 
-/* What the FMUs of this configuration are: tl_identity_files() of the components'. */
+/* Identity of the configuration's FMUs: tl_identity_files() of the components' files. */
 void tl_twin_recorder_identify(const tl_config *config, char text[TL_SHA256_TEXT]);
 
-/* The matched and the adjusted variables as recorder and report name them. Texts live as long as configuration and account. */
+/* Names of the matched and the adjusted variables for recorder and report. Texts live as long as
+ * configuration and account. */
 void tl_twin_recorder_signals(const tl_config *config, const tl_account *account,
                               tl_recorder_signal match[TL_MAX_MATCH], tl_recorder_signal adjust[TL_MAX_ADJUST]);
 
-/* The ledger as it stands, for tl_recorder_put_step(). In mode ahead that is one step further than the record. Returns how many
- * components there are. */
+/* Reads the present ledger, for tl_recorder_put_step(). In mode ahead it is one step ahead of the
+ * record. Returns the number of components. */
 size_t tl_twin_recorder_count(const tl_twin *twin, tl_recorder_component counts[TL_RECORDER_COMPONENTS]);
 
-/* Live: a run begins now, whose tick 0 is at `start` (CLOCK_MONOTONIC). NULL: without a twin. */
+/* Live run: begins a run in the record queue. `start`: instant of tick 0 (CLOCK_MONOTONIC). `twin`
+ *           NULL: without a twin. */
 void tl_twin_recorder_start(tl_record_queue *queue, const tl_twin *twin, tl_time start);
 
-/* Puts a step with the ledger as it stands. */
+/* Enqueues a step with the present ledger. */
 void tl_twin_recorder_put(tl_record_queue *queue, const tl_record *record, const tl_twin *twin);
 
-/* Tells of components that were executed more often than their ledger predicts, each in a sentence. For the end of a run. */
+/* At the end of a run: reports components that were executed more often than their ledger predicts,
+ * each in a sentence. */
 typedef void tl_twin_recorder_hear(void *context, const char *text);
 void tl_twin_recorder_check(const tl_account *account, tl_twin_recorder_hear *hear, void *context);
 

@@ -1,4 +1,4 @@
-/* The process with the FMUs: see twin_role.h. */
+/* FMU process: see twin_role.h. */
 #include "firmware/twin/twin_role.h"
 
 #include <stdlib.h>
@@ -20,10 +20,11 @@
 
 /* ---- the job ---- */
 
-/* In this order; the texts with the zero at their end. */
+/* Order of the pieces; texts include their NUL. */
 enum { PATH, TEXT, FOLDER, CHECKPOINT, TUNINGS, LIVE, PIECES };
 
-/* What lies in the block: this, then the pieces one behind the other. Pointers and sizes in `job` mean nothing there. */
+/* Content of the block: this, then the pieces one after the other. Pointers and sizes in `job` are
+ * not valid there. */
 typedef struct packed {
     tl_twin_job job;
     size_t sizes[PIECES];
@@ -81,39 +82,40 @@ tl_status tl_twin_job_read(const tl_block *block, tl_twin_job *job, tl_error *er
 
 /* ---- the role ---- */
 
-/* How long it sleeps at most before it looks whether a signal came. */
+/* Longest sleep before signals are checked. */
 static const tl_time LOOK = TL_SECOND / 4;
 
 enum { TOGETHER = 64 };
 
-/* All that this process has. */
+/* State of this process. */
 typedef struct role {
     const tl_twin_role_tasks *tasks;
     tl_block job_block;
     tl_block blocks[TL_SIDES];
-    tl_block read_back; /* if the job says so */
+    tl_block read_back; /* if the job requires it */
     tl_twin_job job;
     tl_channel_settings wire;
     tl_channel channel;
     tl_twin_extra *extra;
     const tl_twin_orders *orders;
     tl_assembly assembly;
-    tl_assembly second; /* of a pair */
+    tl_assembly second; /* of a comparison */
     tl_recovery recovery;
-    tl_twin_tunings tunings; /* that are still to be taken */
+    tl_twin_tunings tunings; /* not applied yet */
     union {
         tl_recording_tick tick;
         int32_t word;
     } received;
-    tl_twin_result result; /* of the tick that came last */
-    unsigned unpushed;     /* results since the other end was woken, if it slept */
-    bool over;             /* a step has failed: what is still asked for gets no answer */
+    tl_twin_result result; /* of the newest tick */
+    unsigned unpushed;     /* results since the parent was last notified */
+    bool over;             /* a step has failed: further requests are not answered */
 } role;
 
-/* ---- telling ---- */
+/* ---- sending ---- */
 
-/* Waits for room: the other end takes what there is, or is gone, and this process with it. A result is there at once, whatever
- * becomes of this process; the other end is woken for some together, or when this one has nothing to do. */
+/* Waits for room: the parent takes the messages, or it is dead and this process ends too. A result
+ * is visible at once, even if this process dies. The parent is notified once for several results,
+ * or when this process is idle. */
 static void send_message(role *self, tl_message type, const void *payload) {
     while (!tl_channel_offer(&self->channel, type, payload)) {
         if (tl_channel_wait(&self->channel, 0, 1, tl_clock_now(NULL) + LOOK) == TL_CHANNEL_BROKEN) {
@@ -129,14 +131,14 @@ static void send_message(role *self, tl_message type, const void *payload) {
     }
 }
 
-/* `error` has no text where it was said on the log. */
+/* `error` has no text if the error was logged. */
 static void send_word(role *self, tl_message type, tl_status status, const tl_error *error) {
     const int32_t word = (int32_t)status;
     (void)snprintf(self->extra->error, sizeof self->extra->error, "%s", error->text);
     send_message(self, type, &word);
 }
 
-/* The next message of the parent, in self->received. */
+/* Receives the next message of the parent into self->received. */
 static tl_status receive(role *self, tl_message *type, tl_error *error) {
     tl_channel_news news = tl_channel_take(&self->channel, type, &self->received);
     while (news != TL_CHANNEL_SOMETHING && news != TL_CHANNEL_BROKEN) {
@@ -149,7 +151,7 @@ static tl_status receive(role *self, tl_message *type, tl_error *error) {
 
 /* ---- start ---- */
 
-/* As the parent has it: the sizes of messages depend on it. */
+/* Must be parsed as in the parent, because the sizes of messages depend on it. */
 static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *error) {
     tl_problems *problems = &assembly->problems;
     tl_problems_init(problems, self->job.path);
@@ -163,7 +165,7 @@ static tl_status read_config(const role *self, tl_assembly *assembly, tl_error *
         assembly->config.saving.structure = false;
         assembly->config.saving.sequences = false;
     }
-    if (self->job.tells == TL_TELLS_OUTPUTS) { /* a plant has none */
+    if (self->job.tells == TL_TELLS_OUTPUTS) { /* an emulated plant has no delays */
         tl_config_forget_delays(&assembly->config);
     }
     tl_config_use_lookups(&assembly->config);
@@ -180,7 +182,8 @@ static tl_status read_job(role *self, tl_error *error) {
         status = tl_twin_job_read(&self->job_block, &self->job, error);
     }
     status = status == TL_OK ? read_config(self, &self->assembly, error) : status;
-    for (size_t i = 0; status == TL_OK && i < self->assembly.config.component_count; i++) { /* as is to be tried */
+    for (size_t i = 0; status == TL_OK && i < self->assembly.config.component_count;
+         i++) { /* rollback methods to test */
         const tl_rollback way = (tl_rollback)self->job.rollback[i];
         tl_config_component *component = &self->assembly.config.components[i];
         component->rollback = way != TL_ROLLBACK_NONE ? way : component->rollback;
@@ -217,8 +220,8 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     const tl_confine_settings settings = {
         .read = (const char *const *)places.path,
         .read_count = places.count,
-        .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL, /* for what is unpacked, or written */
-        .file_bytes = TL_FMU_ENTRY_BYTES, /* the parent looks at what they write together */
+        .folder = self->job.folder[0] != '\0' ? self->job.folder : NULL, /* for files that are unpacked or written */
+        .file_bytes = TL_FMU_ENTRY_BYTES, /* limit of one file; the parent limits their sum */
         .memory = self->job.memory,
         .user = self->job.user,
         .start_socket = TL_TWIN_START_SOCKET,
@@ -227,7 +230,7 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
     };
     tl_status status = tl_confine(&settings, facts, &listener, error);
     tl_twin_places_free(&places);
-    if (status == TL_OK && listener >= 0) { /* by it the parent hears of refused calls */
+    if (status == TL_OK && listener >= 0) { /* the parent needs it to see denied calls */
         const char byte = 0;
         (void)tl_packet_send(TL_TWIN_START_SOCKET, &byte, sizeof byte, listener);
         (void)close(listener);
@@ -236,10 +239,11 @@ static tl_status confine(const role *self, tl_confine_facts *facts, tl_error *er
 }
 
 static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
-    enum { NICE_0 = 20 }; /* as RLIMIT_NICE counts */
+    enum { NICE_0 = 20 }; /* offset in RLIMIT_NICE */
     tl_status status = read_job(self, error);
     if (status == TL_OK && self->job.task == TL_TASK_LIVE) {
-        /* As long as this is root, if it is. Priorities are the affair of who started it, who asks for the limits of this process. */
+        /* While the process may still be root. The parent sets the priorities and reads the limits
+         * of this process for that. */
         tl_process_limits_permit(RLIMIT_MEMLOCK, RLIM_INFINITY);
         tl_process_limits_permit(RLIMIT_RTPRIO, (rlim_t)self->assembly.config.realtime_priority);
         tl_process_limits_permit(RLIMIT_NICE, NICE_0);
@@ -255,14 +259,14 @@ static tl_status start(role *self, tl_confine_facts *facts, tl_error *error) {
     *facts = (tl_confine_facts){0};
     if (status == TL_OK && !self->job.unconfined) {
         tl_fmu_prepare();
-        tl_private_folder_leave(); /* what is confined removes no file, and our parent removes all of them */
+        tl_private_folder_leave(); /* a confined process deletes no files; the parent deletes the folder */
         status = confine(self, facts, error);
     }
     (void)close(TL_TWIN_START_SOCKET);
     return status;
 }
 
-/* ---- the work, in the thread of the FMUs ---- */
+/* ---- work, in the FMU thread ---- */
 
 static bool is_stopped(const role *self) {
     return __atomic_load_n(&self->orders->stop, __ATOMIC_RELAXED) != 0;
@@ -300,7 +304,7 @@ static void answer(role *self, bool last) {
     send_message(self, TL_MESSAGE_RESULT, &self->result);
 }
 
-/* Until it is told to end. */
+/* Computes steps until the parent ends the work. */
 static tl_status step_until_end(role *self, tl_error *error) {
     tl_message type = TL_MESSAGE_END;
     tl_status status = receive(self, &type, error);
@@ -311,7 +315,8 @@ static tl_status step_until_end(role *self, tl_error *error) {
     return status;
 }
 
-/* Another process is asked; returns when it has ended. Told to end meanwhile, this one goes on without. */
+/* Asks the parent for a reader process; returns when that has ended. If the work is to end
+ * meanwhile, continues without it. */
 static tl_status ask(void *context, tl_error *error) {
     role *self = context;
     tl_message type = TL_MESSAGE_END;
@@ -348,7 +353,8 @@ static tl_status check(role *self, tl_status built, tl_error *error) {
                                              "the page of the check was cut: an FMU has closed what it is printed to");
 }
 
-/* What the task asks for of an assembly that was built. That a pair differs, or that one does not come back, is no failure, and told in *error. */
+/* Performs the task with the built assembly. Twins that differ, or an inexact rollback, are no
+ * failure; *error describes them. */
 static tl_status perform(role *self, tl_error *error) {
     tl_status status = TL_OK;
     switch (self->job.task) {
@@ -358,7 +364,7 @@ static tl_status perform(role *self, tl_error *error) {
         status = tl_twin_pair_compare(&self->assembly, &self->second, self->job.alone, &self->extra->pair, error);
         tl_assembly_free(&self->second);
         return status;
-    case TL_TASK_WAYS: /* which builds it itself */
+    case TL_TASK_WAYS: /* builds it in the function */
         return tl_twin_ways_try(&self->assembly, &self->extra->ways, error);
     default:
         status = step_until_end(self, error);
@@ -372,7 +378,7 @@ static void work(void *context) {
     tl_error error = {TL_OK, ""};
     bool checks = self->job.task == TL_TASK_CHECK;
     bool tries = self->job.task == TL_TASK_WAYS;
-    if (checks || tries) { /* looks at all FMUs as often as it can (twin_trial.h) */
+    if (checks || tries) { /* verify as often as possible (twin_trial.h) */
         self->assembly.config.verify_every = self->assembly.config.verify_every != 0 ? 1 : 0;
     }
     tl_status status = tries ? TL_OK : tl_assembly_build(&self->assembly);
@@ -399,7 +405,7 @@ static void work(void *context) {
 }
 
 int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
-    static role self; /* one for the process */
+    static role self; /* the only one in the process */
     tl_confine_facts facts;
     tl_error error;
     self.tasks = tasks;
@@ -407,7 +413,7 @@ int tl_twin_role_run(const tl_twin_role_tasks *tasks) {
     tl_role_enter();
     tl_process_begin();
     tl_crash_install();
-    tl_interrupt_install(); /* before the parent passes signals on, which it does when it has what we hand over */
+    tl_interrupt_install(); /* before the parent forwards signals, which it does once it has the listener */
     tl_locale_use();
     tl_status status = start(&self, &facts, &error);
     if (status != TL_OK) {

@@ -1,4 +1,4 @@
-/* One tick of the assembled twin: step, verification, result: see twin_step.h. */
+/* Tick of an assembled twin: see twin_step.h. */
 #include "firmware/twin/twin_step.h"
 
 #include <math.h>
@@ -12,10 +12,11 @@
 #include "firmware/store/recorder_entry.h"
 #include "firmware/twin/twin_recorder.h"
 
-/* ---- twin step ---- */
+/* ---- step ---- */
 
-/* What takes system calls is looked after now and then, since a replayed tick may last less than a microsecond: more often than in a live run, where
- * it is once a tick. The clock is looked at now and then as well. */
+/* The guard's work needs system calls, and a replayed tick may take less than a microsecond. So the
+ * clock is read every 16 ticks, and the guard works at most every 1 ms. A live run does it at each
+ * tick. */
 enum { GUARD_TICKS = 16 };
 static const tl_time GUARD_INTERVAL = TL_SECOND / 1000;
 
@@ -32,7 +33,8 @@ bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *conf
                                    tl_packed_record_is_sound(&result->record, config->match_count)));
 }
 
-/* As configured, but without a clock; if time cut the run's search short, exactly what it had time for. A plant searches nothing. */
+/* Budget without a clock, as configured. If time cut the search of the run short, exactly the
+ * evaluations of that search. An emulated plant does not search. */
 static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tick, tl_twin_tells tells) {
     tl_budget budget = {.evaluations = tells == TL_TELLS_OUTPUTS ? 1 : config->budget_evaluations};
     if (tick->cut_short) {
@@ -44,7 +46,7 @@ static tl_budget budget_of(const tl_config *config, const tl_recording_tick *tic
     return budget;
 }
 
-/* As the run did: led along, made up, or searched. */
+/* Repeats the kind of step in the recording: followed, caught up, or searched. */
 static tl_status step(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                       tl_record *record, bool *ready, tl_error *error) {
     if (tick->followed) {
@@ -66,7 +68,7 @@ static void tell(const tl_assembly *assembly, tl_twin_tells tells, tl_twin_resul
 }
 
 static void look_after_host(const tl_recording_tick *tick) {
-    static tl_time looked; /* of the process, as what is looked after */
+    static tl_time looked; /* static, because the guard exists once per process */
     tl_time now = tick->sample.tick % GUARD_TICKS == 0 ? tl_clock_now(NULL) : looked;
     if (now - looked >= GUARD_INTERVAL) {
         looked = now;
@@ -84,7 +86,7 @@ bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning 
     return is_due;
 }
 
-/* Whether the FMUs still come back to where they were. */
+/* Verifies the rollback of the FMUs. */
 static tl_status look(const tl_assembly *assembly, tl_error *error) {
     tl_twin_look_news news;
     tl_status status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, error);
@@ -94,7 +96,7 @@ static tl_status look(const tl_assembly *assembly, tl_error *error) {
     return status;
 }
 
-/* Once a process: why it runs free from this step on. */
+/* Reports once per process why the twin runs free from this step on. */
 static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *result) {
     static bool told;
     if (told || result->ready == 0 || (result->record.flags & TL_FLAG_NO_ROLLBACK) == 0) {
@@ -118,9 +120,9 @@ static void tell_free_run(const tl_assembly *assembly, const tl_twin_result *res
 
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error) {
-    const tl_lock_change *change = NULL; /* the other end judges it again, and tells */
+    const tl_lock_change *change = NULL; /* not needed: the parent monitors the lock again, and reports changes */
     bool ready = false;
-    if (tick->resets) { /* as in the recording; that the rescue has wanted it at the tick before is known already */
+    if (tick->resets) { /* as recorded; the recovery at the tick before requested the same */
         tl_twin_reset(assembly->twin);
     }
     if (!tick->followed) {
@@ -128,7 +130,7 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
     }
     tl_status status = step(assembly, tick, tells, &result->record, &ready, error);
     if (ready && tl_recovery_step(recovery, &result->record, &change) &&
-        tells != TL_TELLS_OUTPUTS) { /* a plant is as it is */
+        tells != TL_TELLS_OUTPUTS) { /* an emulated plant is never reset */
         tl_twin_reset(assembly->twin);
     }
     status = status == TL_OK ? look(assembly, error) : status;
@@ -151,9 +153,9 @@ void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *
     tell(assembly, tells, result);
 }
 
-/* ---- twin verify ---- */
+/* ---- verification ---- */
 
-/* How far apart, as it is judged. */
+/* Writes the size of the difference, in tolerances if there is one. */
 static void write_size(const tl_account_finding *finding, char *text, size_t size) {
     const char *unit = finding->unit;
     bool has_unit = unit[0] != '\0' && strcmp(unit, "1") != 0;

@@ -1,6 +1,7 @@
-/* One tick of the assembled twin: step, verification, result.
+/* Tick of an assembled twin: step, verification, result.
  *
  * Thread:  the one that calls the FMUs.
+ * Memory:  plain data; nothing is allocated here.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_STEP_H
 #define TL_FIRMWARE_TWIN_TWIN_STEP_H
@@ -17,22 +18,23 @@
 #include "master/twin/account.h"
 #include "master/twin/twin.h"
 
-/* ---- One tick for the twin, and what comes of it: what crosses between the process with the FMUs and the one with everything else.
+/* ---- One tick and its result, as exchanged between the FMU process and its parent.
  *
- * Purpose: a replay and an emulated plant ask the same of a twin, wherever it is: to be led along, to make a tick up, to search.
- * Thread:  plain data; execute in the thread of the FMUs.
+ * Purpose: a replay and an emulated plant use a twin in the same way, in any process: a tick is
+ *          followed, caught up, or searched.
+ * Thread:  data: any. Execute: the FMU thread.
  */
 
-/* What is told of each step besides its record. */
+/* Content of a result, in addition to the record. */
 typedef enum tl_twin_tells {
     TL_TELLS_RECORDS, /* nothing */
     TL_TELLS_COUNTS,  /* the ledger, for the recorder */
-    TL_TELLS_OUTPUTS  /* what `emulate` reads, for a plant */
+    TL_TELLS_OUTPUTS  /* the variables that `emulate` reads, for a plant */
 } tl_twin_tells;
 
 #define TL_TWIN_NO_TICK INT64_MIN
 
-/* Of one tick. In mode ahead the record is that of the step before. */
+/* Result of one tick. In mode ahead it has the record of the step before. */
 typedef struct tl_twin_result {
     int64_t tick;
     int32_t status; /* tl_status of the step */
@@ -41,28 +43,31 @@ typedef struct tl_twin_result {
     union {
         tl_recorder_component counts[TL_RECORDER_COMPONENTS];
         double outputs[TL_MAX_SIGNALS];
-    } besides; /* as far as there are some */
+    } besides; /* only as many as exist */
 } tl_twin_result;
 
-/* Bytes of a result, of which the rest of `besides` is left out. */
+/* Size of a result in bytes; the unused part of `besides` is omitted. */
 size_t tl_twin_result_size(const tl_config *config, tl_twin_tells tells);
 
-/* Whether what another process says of this tick can be one: outcomes and qualities that exist, a step that is not before `least`, nor after the
- * tick. Numbers are not judged. */
+/* Validates a result of another process: outcomes and qualities must exist, and the step must not
+ * be before `least` or after the tick. Numbers are not checked. */
 bool tl_twin_result_is_sound(const tl_twin_result *result, const tl_config *config, int64_t tick, int64_t least);
 
-/* Tunings of a run that is repeated, tl_run_tuning one behind the other, anywhere; and how many of them were taken. Zeroed: none. */
+/* Tunings of a run that is repeated: an array of tl_run_tuning, unaligned, and how many of them
+ * were applied. Zeroed: none. */
 typedef struct tl_twin_tunings {
     const unsigned char *bytes;
     size_t count;
     size_t taken;
 } tl_twin_tunings;
 
-/* The next one that is in force from this tick on. False: there is none. */
+/* Takes the next tuning that applies from this tick on. Returns false if none remains. */
 bool tl_twin_tunings_next(tl_twin_tunings *tunings, int64_t tick, tl_run_tuning *tuning);
 
-/* The tick through the twin: searched as configured, without a clock; made up, followed, cut short, or after the FMUs began anew if it was so in
- * the recording. `recovery` sees it, and lets them begin anew as well, as a live run's does. Errors: those of tl_twin_step(), in the result too. */
+/* Executes a tick without a clock: searched as configured; or as in the recording, if that tick was
+ * caught up, followed, cut short, or came after a reset of the FMUs. `recovery` receives the
+ * result, and resets the FMUs as in a live run. Errors: those of tl_twin_step(), also in the
+ * result. */
 tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_recovery *recovery, tl_twin_result *result, tl_error *error);
 
@@ -70,27 +75,29 @@ tl_status tl_twin_execute(const tl_assembly *assembly, const tl_recording_tick *
 void tl_twin_execute_last(const tl_assembly *assembly, const tl_recording_tick *tick, tl_twin_tells tells,
                           tl_twin_result *result);
 
-/* ---- What is left of a tick is for looking whether the FMUs still come back to where they were; and what was found, as a sentence.
+/* ---- Verification in the remaining time of a tick: checks if the rollback of the FMUs is still
+ * exact, and describes a finding.
  *
- * Purpose: the live cycle and a replay ask the twin the same (tl_twin_verify()), and tell the same.
- * Thread:  that of the FMUs.
+ * Purpose: the live cycle and a replay call the same verification (tl_twin_verify()) and report the
+ *          same text.
+ * Thread:  the FMU thread.
  */
 
 enum { TL_TWIN_FINDING_TEXT = 400 };
 
-/* What was found. */
+/* Result of a verification. */
 typedef struct tl_twin_look_news {
-    bool found;  /* false: nothing, and the rest means nothing */
-    bool mended; /* it is no harm any more */
+    bool found;  /* false: no finding, and the other fields are undefined */
+    bool mended; /* the finding has no effect any more */
     char component[TL_ASSEMBLY_NAME];
     char text[TL_TWIN_FINDING_TEXT]; /* a sentence */
 } tl_twin_look_news;
 
-/* Between two ticks, until `until` on the monotonic clock; TL_TIME_NEVER: there is time enough. Does not wait, and logs nothing. Errors: those of
- * tl_twin_verify(). */
+/* Verifies between two ticks, until `until` on the monotonic clock; TL_TIME_NEVER: no limit. It
+ * neither waits nor logs. Errors: those of tl_twin_verify(). */
 tl_status tl_twin_look(tl_twin *twin, tl_time until, tl_twin_look_news *news, tl_error *error);
 
-/* The newest finding of a run that has ended. False: there is none. */
+/* Describes the newest finding of a run that has ended. Returns false if it had no finding. */
 bool tl_twin_look_at_account(const tl_account *account, tl_twin_look_news *news);
 
 #endif

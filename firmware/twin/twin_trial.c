@@ -1,4 +1,4 @@
-/* What `check` tries of a twin: see twin_trial.h. */
+/* Tests of a twin for `check`: see twin_trial.h. */
 #include "firmware/twin/twin_trial.h"
 
 #include <math.h>
@@ -15,24 +15,26 @@ static void name_component(char to[TL_ASSEMBLY_NAME], const char *component) {
 
 /* ---- steps ---- */
 
-/* Steps for which inputs stay: longer than a look at one component, so that a change of theirs falls now into one and now between two. */
+/* Number of steps with constant inputs. It is more than the verification of one component takes, so
+ * that inputs change sometimes within one and sometimes between two. */
 enum { STAY = 7 };
 
-/* A twin on its way. */
+/* A twin and its next tick. */
 typedef struct walker {
     const tl_assembly *assembly;
     tl_sample sample;
-    double nominal[TL_MAX_ADJUST]; /* of what is adjusted */
+    double nominal[TL_MAX_ADJUST]; /* of the adjusted variables */
     int64_t steps;
 } walker;
 
-/* Without any reading. */
+/* Starts without any reading. */
 static void begin(walker *self, const tl_assembly *assembly) {
     *self = (walker){.assembly = assembly};
     memset(self->sample.quality, TL_NO_LINK, assembly->config.signal_count);
 }
 
-/* Up and down by the first step of its search, each variable at another pace; what is Boolean, off and on. */
+/* Moves up and down by the first step of its search, or off and on if Boolean. Each variable has
+ * another period. */
 static double excited(const tl_twin_adjusted *adjusted, double nominal, int64_t step, size_t variable) {
     int64_t turn = step / (STAY + (int64_t)variable) % 3;
     if (!adjusted->is_real) {
@@ -42,7 +44,7 @@ static double excited(const tl_twin_adjusted *adjusted, double nominal, int64_t 
     return fmin(fmax(value, adjusted->lower), adjusted->upper);
 }
 
-/* A tick in which u is nominal, or moved. */
+/* Executes a tick with u at nominal, or moved. */
 static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *error) {
     const tl_budget budget = {.evaluations = 1, .time = INT64_MAX / 4};
     const tl_assembly *assembly = self->assembly;
@@ -62,9 +64,9 @@ static tl_status step_once(walker *self, bool is_free, bool *ready, tl_error *er
     return status;
 }
 
-/* ---- a far look ---- */
+/* ---- late verification ---- */
 
-/* True: there is more to be seen. */
+/* Returns true if the test can continue. */
 static bool look_once(const tl_assembly *assembly, tl_far_look *look) {
     tl_twin_look_news news = {.found = false};
     look->status = tl_twin_look(assembly->twin, TL_TIME_NEVER, &news, &look->error);
@@ -83,7 +85,7 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
     tl_time begun = tl_clock_now(NULL);
     begin(&walk, assembly);
     walk.sample.tick = tick;
-    look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, for lack of readings */
+    look->status = step_once(&walk, true, &ready, &look->error); /* u is nominal, because there are no readings */
     if (look->status == TL_OK && !ready) {
         look->status = tl_fail(&look->error, TL_FMU_FAILED, "no step was made");
     }
@@ -97,9 +99,9 @@ void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *lo
     look->times = tl_twin_get_facts(assembly->twin).verified;
 }
 
-/* ---- a pair ---- */
+/* ---- comparison ---- */
 
-/* The next one; the first ones take as many ticks as a twin waits for its measurements. */
+/* Executes the next step. The first one takes as many ticks as a twin waits for measurements. */
 static tl_status step(walker *self, tl_error *error) {
     bool is_free = self->steps == 0 || self->assembly->config.event.start.signal != NULL;
     int64_t last = self->sample.tick + (int64_t)tl_twin_get_facts(self->assembly->twin).lead + 1;
@@ -114,7 +116,7 @@ static tl_status step(walker *self, tl_error *error) {
 
 /* ---- values ---- */
 
-/* FNV-1a, of a value's bytes. */
+/* FNV-1a hash of a value's bytes. */
 static uint64_t mark_of(uint64_t mark, double value) {
     unsigned char bytes[sizeof value];
     memcpy(bytes, &value, sizeof value);
@@ -124,7 +126,7 @@ static uint64_t mark_of(uint64_t mark, double value) {
     return mark;
 }
 
-/* One for each of tl_twin_value_count(), 0 for those that no FMU gives. */
+/* Reads tl_twin_value_count() values; 0 for values that no FMU delivers. Returns their hash. */
 static uint64_t read_values(const tl_twin *twin, double *values) {
     uint64_t mark = 14695981039346656037U;
     for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
@@ -136,7 +138,7 @@ static uint64_t read_values(const tl_twin *twin, double *values) {
     return mark;
 }
 
-/* The first value that is another one. */
+/* Finds the first value that differs. */
 static bool find_difference(const tl_twin *twin, const double *first, const double *second, int64_t number,
                             tl_twin_pair_account *account, tl_error *error) {
     for (size_t i = 0; i < tl_twin_value_count(twin); i++) {
@@ -151,9 +153,10 @@ static bool find_difference(const tl_twin *twin, const double *first, const doub
     return false;
 }
 
-/* ---- both ---- */
+/* ---- both twins ---- */
 
-/* As many steps as there are in the time for it. An FMU may refuse one for a reason of its own, such as its end: then these are all. */
+/* Executes as many steps as there is time for. If an FMU rejects one, for example because it has
+ * reached its end, the comparison ends there. */
 static void lead_first(const tl_assembly *first, double *values, size_t width, tl_twin_pair_account *account) {
     tl_time begun = tl_clock_now(NULL);
     tl_error error;
@@ -167,7 +170,7 @@ static void lead_first(const tl_assembly *first, double *values, size_t width, t
     }
 }
 
-/* Behind the values of all steps there is room for those of one. */
+/* After the values of all steps there is room for those of one more. */
 static tl_status lead_second(const tl_assembly *second, double *values, size_t width, tl_twin_pair_account *account,
                              bool *differs, tl_error *error) {
     double *own = values + TL_PAIR_STEPS * width;
@@ -201,19 +204,20 @@ tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bo
             tl_assembly_find_component(second, error->text, account->component);
         }
     }
-    if (status == TL_OK && !differs) { /* what was mended on the way, such as a state that is wrong, is no difference */
+    if (status == TL_OK &&
+        !differs) { /* a finding that was mended meanwhile, such as a wrong state, is no difference */
         *error = (tl_error){TL_OK, ""};
     }
     free(values);
     return status;
 }
 
-/* ---- ways ---- */
+/* ---- rollback methods ---- */
 
-/* Steps before the far look, besides those of the proof. */
+/* Steps before the late verification, in addition to those of the proof. */
 enum { FIRST_STEPS = 10 };
 
-/* Of the timing of one component. */
+/* Limit for timing one component. */
 static const tl_time LONGEST = TL_SECOND / 10;
 
 static const tl_fmu *find_fmu(const tl_assembly *assembly, size_t component) {
@@ -240,7 +244,7 @@ void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways) {
     }
 }
 
-/* ---- ways that are tried ---- */
+/* ---- test of methods ---- */
 
 /* Without any reading, so that u is nominal. */
 static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error *error) {
@@ -256,7 +260,7 @@ static tl_status begin_ways(const tl_assembly *assembly, int64_t *tick, tl_error
     return status;
 }
 
-/* True: all came back there, too. */
+/* Returns true if all rollbacks were exact there too. */
 static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *ways, tl_error *error) {
     tl_far_look look;
     tl_far_look_take(assembly, tick, &look);
@@ -268,7 +272,7 @@ static bool look_far(const tl_assembly *assembly, int64_t tick, tl_twin_ways *wa
     return is_exact;
 }
 
-/* What replay takes depends on how far it has come. */
+/* Replay is not measured, because its time depends on the number of steps. */
 static void measure(const tl_assembly *assembly, size_t component, tl_twin_way *way) {
     tl_twin_timing timing;
     if (way->rollback == (uint32_t)TL_ROLLBACK_REPLAY) {
@@ -292,7 +296,7 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     status = begin_ways(assembly, &tick, error);
     tl_twin_ways_note(assembly, ways);
     if (status != TL_OK) {
-        /* That a step cannot be made says nothing about ways back. */
+        /* A failed step does not mean that a rollback failed. */
         if (ways->cannot_return != 0 && ways->component[0] == '\0') {
             tl_assembly_find_component(assembly, error->text, ways->component);
         }
@@ -302,7 +306,7 @@ tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *
     if (!look_far(assembly, tick, ways, error)) {
         return TL_OK;
     }
-    tl_twin_ways_note(assembly, ways); /* what was mended there is led back in another way */
+    tl_twin_ways_note(assembly, ways); /* again, because a mended component now has another method */
     for (size_t i = 0; i < assembly->config.component_count; i++) {
         measure(assembly, i, &ways->of[i]);
     }

@@ -1,6 +1,8 @@
-/* What `check` tries of a twin: a look far from the start, and in processes of its own a second twin beside it and other ways of leading components back.
+/* Tests of a twin for `check`: verification after many steps, and, in separate processes, a second
+ * twin beside it and other rollback methods.
  *
- * Thread:  that of the FMUs.
+ * Thread:  the FMU thread.
+ * Errors:  findings are results; an error means that the test could not be done.
  */
 #ifndef TL_FIRMWARE_TWIN_TWIN_TRIAL_H
 #define TL_FIRMWARE_TWIN_TWIN_TRIAL_H
@@ -11,12 +13,17 @@
 #include "firmware/twin/assembly.h"
 #include "firmware/twin/twin_step.h"
 
-/* ---- A look far from the start: whether the FMUs of a twin come back to where they were, after so many steps, and with inputs that move.
+/* ---- Late verification: checks if the rollback of the FMUs is exact after many steps and with
+ * moving inputs.
  *
- * Purpose: the proof before the first step sees FMUs at one place, and what some of them forget is of no weight there. A check has time to look further: it goes on with steps of which
- *          the adjusted variables go up and down, or on and off, and after as many of them as it can it asks whether the FMUs come back (tl_twin_look()).
- * Not:     for a twin that adjusts nothing, or has an event horizon: it looks at nothing.
- * Thread:  that of the FMUs. The twin is of no other use afterwards.
+ * Purpose: the proof before the first step tests FMUs at one point only. Some missing parts of
+ *          their state have no effect there. A check has time for more steps. It moves the adjusted
+ *          variables up and down, or on and off, and verifies the rollback (tl_twin_look()) after
+ *          as many steps as possible.
+ * Bound:   TL_FAR_STEPS steps and TL_FAR_LONGEST (0.5 s).
+ * Not for: a twin that adjusts nothing, has an event horizon, or has verification off: nothing is
+ *          tested.
+ * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
  */
 
 enum { TL_FAR_STEPS = 1000 };
@@ -24,72 +31,87 @@ enum { TL_FAR_STEPS = 1000 };
 #define TL_FAR_LONGEST (TL_SECOND / 2)
 
 typedef struct tl_far_look {
-    int64_t first;  /* the tick with which it began */
-    int64_t steps;  /* that it took; it ends with the first finding that is not mended, or with an FMU that fails: */
-    uint64_t times; /* FMUs were led back and compared */
+    int64_t first;          /* its first tick */
+    int64_t steps;          /* number of steps; ends at a finding that is not mended, or if an FMU fails */
+    uint64_t times;         /* number of rollbacks and comparisons */
     tl_twin_look_news news; /* the last finding */
-    tl_status status;       /* TL_FMU_FAILED: of what it was given, which says nothing about the rollback */
+    tl_status status;       /* TL_FMU_FAILED: because of its inputs, so the rollback is not tested further */
     tl_error error;
 } tl_far_look;
 
-/* `tick` is the next one of a twin that has begun, none of whose signals has a reading. */
+/* Runs the test. `tick`: the next one of a twin that has begun and whose signals have no readings
+ * yet. */
 void tl_far_look_take(const tl_assembly *assembly, int64_t tick, tl_far_look *look);
 
-/* ---- Two twins of one configuration in one process: whether the same inputs lead to the same values, and whether one is disturbed by the other.
+/* ---- Comparison of two twins of one configuration in one process: do the same inputs give the
+ * same values, or does one disturb the other?
  *
- * Purpose: for `check`, in a process of its own. The first twin makes some steps; then the second one is built beside it, with FMUs that have libraries of their own, as every
- *          component's are (own_copies.h), and makes the same steps. Each value that an FMU gives must be the same to the bit.
- * Inputs:  the plant's initial values; what is adjusted moves as in a far look, but with an event horizon, where it stays.
- * Account: in memory that another process reads while this one may crash, hang or lie.
- * Memory:  the values of the first twin, while both are compared.
- * Thread:  that of the FMUs.
+ * Purpose: for `check`, in a process of its own. The first twin computes some steps. Then the
+ *          second one is built beside it and computes the same steps. Its FMUs have their own
+ *          copies of the libraries, as every component has (own_copies.h). Every value of every FMU
+ *          must be equal to the bit.
+ * Inputs:  the plant's initial values. The adjusted variables move as in the late verification;
+ *          with an event horizon they are constant.
+ * Account: in memory that another process reads, because this one may crash, hang or write false
+ *          values.
+ * Memory:  the values of the first twin, during the comparison.
+ * Thread:  the FMU thread.
  */
 
 enum { TL_PAIR_STEPS = 100, TL_PAIR_LEAST = 10, TL_PAIR_NAME = TL_ASSEMBLY_NAME };
 
-/* The first twin begins no further step after that, if it has made TL_PAIR_LEAST; the second one makes as many. */
+/* The first twin starts no further step after this time (0.25 s), once it has made TL_PAIR_LEAST.
+ * The second twin makes as many. */
 #define TL_PAIR_LONGEST (TL_SECOND / 4)
 
 typedef struct tl_twin_pair_account {
     uint32_t steps;                /* of the first twin; 0: it cannot step with the plant's initial values */
-    uint64_t marks[TL_PAIR_STEPS]; /* of all values after each of them */
-    uint32_t has_second;           /* 1: the second one was begun */
-    char component[TL_PAIR_NAME];  /* the first that differs, or that fails; "": none */
+    uint64_t marks[TL_PAIR_STEPS]; /* hashes of all values after each step */
+    uint32_t has_second;           /* 1: the second twin was started */
+    char component[TL_PAIR_NAME];  /* first component that differs or fails; "": none */
 } tl_twin_pair_account;
 
-/* `first` was built, `second` has a configuration. With `alone` the second one is left out. If there is a difference error->text says which, else it is empty.
- * Errors: TL_TRY_AGAIN; any other, with a text or what was said on the log: there is no second twin, or it cannot step. */
+/* Compares the twins. `first` was built, `second` has a configuration. `alone`: only the first twin
+ * runs. error->text describes their difference; "": they are equal.
+ * Errors: TL_TRY_AGAIN. Any other, with a text or a logged cause: the second twin cannot be built,
+ *         or cannot step. */
 tl_status tl_twin_pair_compare(const tl_assembly *first, tl_assembly *second, bool alone, tl_twin_pair_account *account,
                                tl_error *error);
 
-/* ---- By which way each component of a twin is led back, and what that costs: as a process with FMUs tells it to the one that has started it.
+/* ---- Rollback methods of the components and their cost, as an FMU process reports them to its
+ * parent.
  *
- * Purpose: for `check`. Of a twin that it has looked at it notes the ways; and in a process of its own it tries others (check_trials.h): proof at the start and far look are those of
- *          a check, then it is measured what a save and a restore take.
- * Account: in memory that another process reads while this one may crash, hang or lie.
- * Thread:  that of the FMUs. The twin is of no other use afterwards.
+ * Purpose: for `check`. Notes the methods of a twin that was checked. In a process of its own it
+ *          tests other methods (check_trials.h): the same proof and late verification as in a
+ *          check, then it measures the time of a save and a restore.
+ * Account: in memory that another process reads, because this one may crash, hang or write false
+ *          values.
+ * Thread:  the FMU thread. Afterwards the twin can only be destroyed.
  */
 
 typedef struct tl_twin_way {
-    uint32_t rollback;       /* tl_rollback, as it is now */
-    uint32_t is_given_again; /* 1: by its state, and it is given again what it had been given */
-    uint32_t is_measured;    /* 1: what follows is */
-    int64_t save;            /* ns, median */
+    uint32_t rollback; /* tl_rollback in use */
+    uint32_t
+        is_given_again;   /* 1: by its state; the values set before are set again, because it does not contain them */
+    uint32_t is_measured; /* 1: the values below are measured */
+    int64_t save;         /* ns, median */
     int64_t restore;
-    uint64_t bytes; /* of a state; 0: not known */
+    uint64_t bytes; /* of a state; 0: unknown */
 } tl_twin_way;
 
 typedef struct tl_twin_ways {
-    uint32_t cannot_return;           /* 1: one of them does not come back to where it was, */
-    char component[TL_ASSEMBLY_NAME]; /* this one, or the one with which a trial has failed; "": not known, or none */
+    uint32_t cannot_return;           /* 1: the rollback of a component is not exact */
+    char component[TL_ASSEMBLY_NAME]; /* this component, or the one that made a trial fail; "": none or unknown */
     tl_twin_way of[TL_RECORDER_COMPONENTS];
 } tl_twin_ways;
 
-/* Of a twin that has begun. */
+/* Notes the methods of a twin that has begun. */
 void tl_twin_ways_note(const tl_assembly *assembly, tl_twin_ways *ways);
 
-/* Of an assembly that was opened, whose components have the ways that are to be tried: builds it, and begins. TL_OK: all of them come back; or, with ways->component, that one does not, and
- * error->text says how. Errors, with that name if it is known: it cannot be built, or not begin. Nothing is said on the log but what an FMU says. */
+/* Builds the assembly and tests it. It must be opened, with the methods to test set in its
+ * components. TL_OK: all rollbacks are exact; or, if ways->component is set, that of this component
+ * is not, and error->text describes how. Only the output of FMUs is logged.
+ * Errors: the twin cannot be built or cannot begin; the component's name is set if it is known. */
 tl_status tl_twin_ways_try(tl_assembly *assembly, tl_twin_ways *ways, tl_error *error);
 
 #endif

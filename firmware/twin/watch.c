@@ -1,11 +1,11 @@
-/* The watch: see watch.h. */
+/* Watch: see watch.h. */
 #include "firmware/twin/watch.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
 
-/* What a record is to a trouble. */
+/* Effect of a record on an ongoing condition. */
 typedef enum turn { NOTHING_NEW, BEGUN, ENDED } turn;
 
 void tl_watch_init(tl_watch *watch, const tl_config *config, tl_journal *journal) {
@@ -103,7 +103,7 @@ void tl_watch_sample(tl_watch *watch, const tl_sample *sample) {
     }
 }
 
-/* For good, unless the FMUs begin anew. */
+/* Permanent until the FMUs are reset. */
 static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool has_none = (record->flags & TL_FLAG_NO_ROLLBACK) != 0;
     if (has_none && !watch->no_way_back) {
@@ -119,7 +119,7 @@ static void watch_way_back(tl_watch *watch, int64_t tick, const tl_record *recor
     watch->no_way_back = has_none;
 }
 
-/* Of a step that was made up nobody knows. */
+/* A step that was caught up gives no information. */
 static void watch_rest(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool rests = (record->flags & TL_FLAG_RESTS) != 0;
     if (rests == watch->rests || record->outcome == TL_MADE_UP || record->outcome == TL_FREE_RUN) {
@@ -143,7 +143,7 @@ static void watch_free_run(tl_watch *watch, int64_t tick, const tl_record *recor
                               : "matched signals are good: synchronising again");
 }
 
-/* Of a step out of tolerance. A J that is not there had no time, or was beyond what a number can be. */
+/* Writes J of a step out of tolerance. J is missing if there was no time, or if it overflowed. */
 static void write_objective(const tl_record *record, char *text, size_t size) {
     if (isfinite(record->objective)) {
         (void)snprintf(text, size, "J = %.3g", record->objective);
@@ -154,8 +154,8 @@ static void write_objective(const tl_record *record, char *text, size_t size) {
     }
 }
 
-/* Only a search can show that a trouble is over, and one that was cut short shows nothing: it takes many of them, and some
- * time, so that what comes and goes is told once. */
+/* Only a search that was not cut short can show that a condition is over. Many searches and some
+ * time are required, so that an intermittent condition is reported once. */
 static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_record *record, bool has) {
     if (has) {
         bool told = trouble->told;
@@ -174,7 +174,8 @@ static turn follow(const tl_watch *watch, tl_watch_trouble *trouble, const tl_re
     return ENDED;
 }
 
-/* What is told around a name when a trouble begins, and, with how often it was there, when it is over. */
+/* Texts around a name, at the beginning of a condition and at its end (with the number of steps).
+ */
 typedef struct trouble_words {
     const char *begun[2];
     const char *over[2];
@@ -209,7 +210,7 @@ static bool has_moved(const tl_watch *watch, const tl_record *record) {
     return record->u[0] < watch->stroke_u || record->u[0] > watch->stroke_u;
 }
 
-/* The search of a stroke has ended. While strokes agree with the u in force there is nothing to tell. */
+/* The search of a stroke is complete. Reports nothing while strokes agree with the present u. */
 static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
     const char *name = watch->config->adjust[0].variable;
     bool out = record->outcome == TL_BEST_SO_FAR || record->outcome == TL_NOMINAL;
@@ -227,7 +228,7 @@ static void tell_stroke(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->out_of_tolerance = out;
 }
 
-/* The first of a row is told, and how many there were when one is searched again. */
+/* Reports the first one of a row, and their number after the next complete search. */
 static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool reset = (record->flags & TL_FLAG_RESET) != 0;
     if (watch->abandoned++ == 0) {
@@ -242,7 +243,7 @@ static void tell_abandoned(tl_watch *watch, int64_t tick, const tl_record *recor
     }
 }
 
-/* Event horizon: what became of a stroke. */
+/* Event horizon: reports the result of a stroke. */
 static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool ended = record->outcome != TL_HELD && record->outcome != TL_SEARCHING && record->outcome != TL_MADE_UP;
     bool abandoned = (record->flags & TL_FLAG_ABANDONED) != 0;
@@ -267,7 +268,7 @@ static void watch_stroke(tl_watch *watch, int64_t tick, const tl_record *record)
     }
 }
 
-/* What was measured for the first time, what has moved by more than a step, what is not sure any more. */
+/* Reports a first measured delay, a change of more than one step, and a loss of confidence. */
 static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) {
     tl_time input =
         watch->config->delays != NULL && watch->config->delays->has_input ? watch->config->delays->input.delay : 0;
@@ -295,7 +296,8 @@ static void watch_delay(tl_watch *watch, int64_t tick, const tl_record *record) 
     watch->delay = delay;
 }
 
-/* That the FMUs began anew, or that one does not come back. What was found then is an event of its own, which has no tick: a replay may find it at another one. */
+/* Reports a reset of the FMUs, and an inexact rollback. The finding itself is a separate event
+ * without a tick, because a replay may find it at another tick. */
 static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
     bool differed = (record->flags & TL_FLAG_DIFFERED) != 0;
     if ((record->flags & TL_FLAG_RESET) != 0) {
@@ -311,7 +313,7 @@ static void watch_fmus(tl_watch *watch, int64_t tick, const tl_record *record) {
 
 void tl_watch_record(tl_watch *watch, int64_t tick, const tl_record *record) {
     if (record->outcome == TL_FOLLOWED) {
-        return; /* told by the run that it is of */
+        return; /* reported by the run that was resumed */
     }
     watch_way_back(watch, tick, record);
     if (watch->config->event.start.signal != NULL) {
