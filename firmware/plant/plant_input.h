@@ -22,8 +22,8 @@
 
 /* How a signal is looked up in a sample of the instant t.
  * Next:  used if there is no reading at t − back. If true, the next reading is taken if it has come
- *        by t, else the newest before. If false, the newest before is taken, or the next if there
- *        is none yet.
+ *        by t, else the newest before. If false, the newest before is taken, or the next if
+ *        nothing came before.
  * Shows: if true, the newest reading of signal `shown` is taken instead, as it came. If readings
  *        were rejected since the last tick, the last rejected one is taken, as TL_OUTLIER. */
 typedef struct tl_plant_look {

@@ -91,6 +91,9 @@ BROKEN = [
     ("names", "master/base/b.c", "/* TO" + "DO: more */\n", "a leftover"),
     ("names", "master/base/b.c", "\tint x;\n", "a tab"),
     ("names", "master/base/b.c", "int x; \n", "spaces at the end"),
+    ("words", "master/base/b.c", "/* Nob" + "ody knows. */\n", "in a comment: write"),
+    ("words", "master/base/b.c", "/* A line" + " of words" * 12 + " */\n", "a comment of"),
+    ("words", "master/base/b.h", header("master/base/b.h", *["/* One" + " more word" * 20 + ". */"] * 9), "sentences are too long"),
     ("names", "master/base/b.c", "int x;", "one newline"),
     ("names", "master/base/b.c", "/* x = y + 1; */\n", "code in a comment"),
     ("names", "master/base/b.c", "#if 0\n#endif\n", "switched off"),
@@ -194,7 +197,7 @@ def run_symbols(floor, sources):
 
 def main():
     failures = 0
-    for check in ("layers", "type_names", "picture", "headers", "names", "docs"):
+    for check in ("layers", "type_names", "picture", "headers", "names", "words", "docs"):
         code, output = run(check, {})
         if code != 0:
             failures += 1
