@@ -1,7 +1,10 @@
 /* Verb that needs FMUs: see verb_job.h. */
 #include "firmware/cli/verb_job.h"
 
+#include <limits.h>
+
 #include "firmware/base/log.h"
+#include "firmware/base/os.h"
 #include "firmware/base/output.h"
 #include "firmware/cli/check_page.h"
 #include "firmware/process/interrupt.h"
@@ -23,6 +26,27 @@ tl_status tl_verb_job_read(tl_verb_job *job) {
         job->order.path = options->subject;
         job->order.text = job->config.text;
         job->order.unconfined = options->unconfined || tl_config_is_unconfined(&job->config);
+    }
+    return status;
+}
+
+static tl_status check_taken(const char *option, const char *path, const char *taken, tl_error *error) {
+    return path == NULL || taken == NULL || path == taken || !tl_new_file_is(path, taken)
+               ? TL_OK
+               : tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give it another name", option, path, taken);
+}
+
+tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, const char *path, const char *recording,
+                                   tl_error *error) {
+    const char *const taken[] = {job->options->subject, recording, job->options->database, job->options->trajectory};
+    tl_status status = TL_OK;
+    for (size_t i = 0; i < sizeof taken / sizeof taken[0] && status == TL_OK; i++) {
+        status = check_taken(option, path, taken[i], error);
+    }
+    for (size_t i = 0; i < job->config.component_count && status == TL_OK; i++) {
+        char fmu[PATH_MAX];
+        bool is_found = tl_config_fmu_path(&job->config, job->config.components[i].fmu, fmu, sizeof fmu);
+        status = is_found ? check_taken(option, path, fmu, error) : TL_OK;
     }
     return status;
 }

@@ -27,6 +27,12 @@ typedef struct tl_verb_job {
 /* Installs the signal handlers and reads the configuration. Problems are logged. */
 tl_status tl_verb_job_read(tl_verb_job *job);
 
+/* Rejects an output file of option `option` that this run also reads or writes: the configuration,
+ * an FMU, the recording, the database or the file of --csv. NULL: there is no such file. Errors:
+ * TL_BAD_USAGE. */
+tl_status tl_verb_job_check_output(const tl_verb_job *job, const char *option, const char *path, const char *recording,
+                                   tl_error *error);
+
 /* Starts the FMU process. `page`: stream for the page of a check, else NULL. Errors: TL_TRY_AGAIN,
  * with the reason in job->error. */
 tl_status tl_verb_job_start(tl_verb_job *job, FILE *page);

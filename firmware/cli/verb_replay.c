@@ -31,25 +31,6 @@ typedef struct replayer {
     char path[PATH_MAX]; /* of the recording */
 } replayer;
 
-/* Rejects an output file that is also read or written by this run, because opening it would
- * overwrite it. */
-static tl_status check_output(const char *option, const char *path, const char *const *taken, size_t count,
-                              tl_error *error) {
-    for (size_t i = 0; path != NULL && i < count; i++) {
-        if (taken[i] != NULL && tl_new_file_is(path, taken[i])) {
-            return tl_fail(error, TL_BAD_USAGE, "%s %s would overwrite %s: give it another name", option, path,
-                           taken[i]);
-        }
-    }
-    return TL_OK;
-}
-
-static tl_status check_outputs(const tl_options *options, const char *recording, tl_error *error) {
-    const char *const taken[] = {options->subject, recording, options->database, options->trajectory};
-    tl_status status = check_output("--csv", options->trajectory, taken, 3, error);
-    return status == TL_OK ? check_output("--report", options->report, taken, 4, error) : status;
-}
-
 static tl_status print_summary(const replayer *self, tl_error *error) {
     const tl_verb_job *job = self->job;
     if (job->options->json) {
@@ -209,7 +190,12 @@ static tl_status open_recording(replayer *self) {
     tl_verb_job *job = self->job;
     tl_error *error = &job->error;
     tl_status status = tl_options_find_recording(job->options, &job->config, self->path, error);
-    status = status == TL_OK ? check_outputs(job->options, self->path, error) : status;
+    if (status == TL_OK) {
+        status = tl_verb_job_check_output(job, "--csv", job->options->trajectory, self->path, error);
+    }
+    if (status == TL_OK) {
+        status = tl_verb_job_check_output(job, "--report", job->options->report, self->path, error);
+    }
     status = status == TL_OK ? tl_recording_open(self->path, &job->config, &self->recording, error) : status;
     if (status != TL_OK) {
         return status;

@@ -410,7 +410,8 @@ static void put_lock_tile(const tl_html_report *report, const tl_run_figures *fi
     const uint64_t *outcomes = figures->outcomes;
     uint64_t in = outcomes[TL_FIRST_GUESS] + outcomes[TL_OPTIMISED];
     bool strokes = outcomes[TL_HELD] > 0;
-    uint64_t all = strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded;
+    uint64_t all =
+        strokes ? in + outcomes[TL_BEST_SO_FAR] + outcomes[TL_NOMINAL] : report->recorded - outcomes[TL_FOLLOWED];
     begin_tile(file, strokes ? "Strokes within tolerance" : "Steps within tolerance");
     if (report->settings.adjust_count == 0) {
         (void)fputs("–</p><p class=\"sub\">not synchronised", file);

@@ -70,11 +70,11 @@ static void take_event(void *context, const tl_history_event *event) {
     course->is_known = true;
 }
 
-/* Counts the steps range[0] … range[1]. The tally stays empty if no event reports a state. Errors:
- * those of tl_history_events(). */
-static tl_status tl_show_lock(tl_history *history, const tl_history_run *run, const int64_t range[2],
+/* Counts the steps range[0] … range[1] from `own` on: earlier ones follow another run. The tally
+ * stays empty if no event reports a state. Errors: those of tl_history_events(). */
+static tl_status tl_show_lock(tl_history *history, const tl_history_run *run, const int64_t range[2], int64_t own,
                               tl_lock_tally *tally, tl_error *error) {
-    lock_course course = {.range = range, .lead = run->lead, .since = 0, .tally = tally};
+    lock_course course = {.range = range, .lead = run->lead, .since = own, .tally = tally};
     const tl_history_visitor visitor = {.context = &course, .event = take_event};
     memset(tally, 0, sizeof *tally);
     tl_status status = tl_history_events(history, run, "", -1, &visitor, error);
@@ -143,6 +143,7 @@ size_t tl_show_largest_change(const tl_show_summary *summary, size_t adjust) {
 static void take_step(void *context, const tl_history_step *step) {
     tl_show_summary *summary = context;
     tl_run_figures_add_step(&summary->figures, step, summary->period);
+    summary->own = step->outcome == TL_FOLLOWED ? step->step + 1 : summary->own;
 }
 
 static void take_output(void *context, const tl_history_output *output) {
@@ -215,5 +216,5 @@ tl_status tl_show_summarise(tl_history *history, const tl_history_run *run, int6
     };
     status = tl_history_rows(history, run, summary->range, &visitor, error);
     summary->figures.skipped = summary->figures.outcomes[TL_MADE_UP];
-    return status == TL_OK ? tl_show_lock(history, run, summary->range, &summary->lock, error) : status;
+    return status == TL_OK ? tl_show_lock(history, run, summary->range, summary->own, &summary->lock, error) : status;
 }

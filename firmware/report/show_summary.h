@@ -31,6 +31,7 @@ typedef struct tl_show_adjust {
 typedef struct tl_show_summary {
     bool any;         /* there are steps */
     int64_t range[2]; /* first and last step */
+    int64_t own;      /* first step that does not follow an earlier run; 0: all */
     size_t windows;   /* at most TL_SHOW_WINDOWS, and at most the number of steps */
     size_t points;
     const tl_recorder_signal *match, *adjust;

@@ -34,6 +34,7 @@ run_study() {
     done
     root=$(cd "$(dirname "${BASH_SOURCE[0]}")/../.." && pwd)
     cd "$root" || exit
+    script/bootstrap --quiet >&2
     script/build >&2
     exec .deps/venv/bin/python "script/studies/$name.py" "${arguments[@]}"
 }

@@ -94,6 +94,8 @@ def check_resumed(config, database, told, run_number, before, origin):
     met = [outcome for _, outcome in own if outcome != MADE_UP]
     locked = next(i for i in range(len(met)) if all(outcome in WITHIN for outcome in met[i:i + 20]))
     at_most(locked, LOCKED - 20, f"run {run_number}: steps until lock, of {len(met)}")
+    shown = json.loads(run_well(["show", database, "--run", str(run_number), "--json"]))["lock"]
+    expect(abs(shown["percent"] - told["lock"]["percent"]) <= 5, f"show tells {shown}, run told {told['lock']}")
     check_clock(database, run_number, before)
     check_database(database)
     return check_repeated(config, database, run_number)

@@ -533,7 +533,9 @@ def test_nothing_of_the_users_is_overwritten():
     folder = scratch()
     notes, recording = folder / "notes.txt", folder / "plant.csv"
     config = edited_config("motor/free.json")
-    kept = {notes: b"dear diary\n" * 100, recording: RECORDING.read_bytes(), config: config.read_bytes()}
+    fmu = config.parent / "motor.fmu"
+    kept = {notes: b"dear diary\n" * 100, recording: RECORDING.read_bytes(), config: config.read_bytes(),
+            fmu: (FMUS / "motor.fmu").read_bytes()}
     for path, content in kept.items():
         path.write_bytes(content)
     link = folder / "link.csv"
@@ -541,8 +543,9 @@ def test_nothing_of_the_users_is_overwritten():
     for args in (["replay", config, "--db", notes], ["show", notes]):
         expect_refused(args, BAD_DATA, "notes.txt", "not a twinlock database")
     expect_refused(["plant", config, "--record", recording], BAD_DATA, "plant.csv", "remove it")
-    for target in (recording, link, config):
-        expect_refused(["replay", config, "--recording", recording, "--csv", target], BAD_USAGE, target.name)
+    for target in (recording, link, config, fmu):
+        for option in ("--csv", "--report"):
+            expect_refused(["replay", config, "--recording", recording, option, target], BAD_USAGE, target.name)
     for path, content in kept.items():
         expect(path.read_bytes() == content, f"{path.name} was overwritten")
 
