@@ -33,7 +33,7 @@ def test_only_the_friction_is_wrong():
     at_most(match[X]["max"], 7e-4, "position: MAX, m")
 
 
-def test_synchroniser():
+def test_lock():
     result = replay_json("bench_cylinder/lock.json")
     at_most(result["match"][F]["mse"], 0.01, "force: MSE, N\u00b2")
     at_most(result["match"][F]["max"], 0.2, "force: MAX, N")

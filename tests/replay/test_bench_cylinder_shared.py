@@ -31,7 +31,7 @@ def test_free():
     within(math.sqrt(match("free")["cylinder.x"]["mse"]), 8e-4, 0.1, "position: root mean square error, m")
 
 
-def test_synchroniser():
+def test_lock():
     at_least(match("free")["cylinder.F"]["mse"] / match("lock")["cylinder.F"]["mse"], 5000, "force: MSE falls by")
 
 

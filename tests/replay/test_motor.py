@@ -54,7 +54,7 @@ def test_free():
     expect(result["outcomes"]["free"] == STEPS, f"outcomes: {result['outcomes']}")
 
 
-def test_synchroniser():
+def test_lock():
     result = replay_json(PLAIN_LOCK)
     check_sums(result)
     at_most(result["match"]["motor.omega"]["mse"], 0.05, "MSE, locked, (rad/s)\u00b2")

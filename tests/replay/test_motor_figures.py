@@ -41,7 +41,7 @@ def own_recordings():
     return [brakes.make_recording(PROGRAM, scratch(), seed) for seed in SEEDS]
 
 
-def test_synchroniser():
+def test_lock():
     recordings = own_recordings()
     expect(len({path.read_bytes() for path in recordings}) == len(SEEDS), "seeds make the same recording")
     for recording in recordings:

@@ -29,7 +29,7 @@ def test_free():
     expect(result["executions"] == wanted, f"executions: {result['executions']}")
 
 
-def test_synchroniser():
+def test_lock():
     check("lock", 1.01, 0.05)
 
 

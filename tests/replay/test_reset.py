@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
 """FMUs that begin anew in the middle of a run: a run in which they did is repeated to the bit, and FMUs that refuse cost nothing but a new
-instance. When they shall, test_synchroniser_state.py tries."""
+instance. When they shall, test_lock_state.py tries."""
 import os
 import shutil
 import sqlite3
