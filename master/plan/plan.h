@@ -170,7 +170,7 @@ typedef struct tl_plan_output {
     const char *variable; /* "component.variable" */
 } tl_plan_output;
 
-/* Pairing: which measurements a step uses (METHOD decision 4, see DESIGN.md "Time"). */
+/* Pairing: which measurements a step uses (docs/decisions/README.md, time and pairing). */
 typedef enum tl_pairing {
     TL_LAG,   /* step i → i+1 is computed at tick t_(i+T_P) with all its measurements */
     TL_AHEAD, /* step i → i+1 is computed at t_i; the newest measurement stands in for later ones */

@@ -5,7 +5,7 @@
  *          sample numbers of the plant, but neither caches nor outputs. It predicts that component
  *          k executes horizon step j if j < Γ_k, and if no earlier candidate agrees in everything
  *          that can have reached k by then. The number done is the same for any FMU whose outputs
- *          tell different inputs apart; see DESIGN.md, "Fewest executions".
+ *          tell different inputs apart; see docs/decisions/README.md, fewest executions.
  * Limits:  repeated executions of TL_KEEP_OUTPUTS and of a full cache are counted by the cache, not
  *          predicted here. A fixed pool holds the candidates; if it is too small, `incomplete` says
  *          that the prediction is too high.

@@ -1,6 +1,6 @@
 /* Objective: distance of the simulated from the measured outputs, in units of their tolerances.
  *
- * Purpose: J = Σ residuals² (eq. 4.3, DESIGN.md). A residual is √weight·(y − ŷ)/tolerance at one
+ * Purpose: J = Σ residuals² (eq. 4.3). A residual is √weight·(y − ŷ)/tolerance at one
  *          horizon sample, from the output's own T_D to T_P. Beyond `huber` tolerances it is
  *          √weight·√(2·huber·|d| − huber²) with the sign of d. A penalty is √factor·(u − û)/step or
  *          √factor·(u − u of the step before)/step. J < 1 means "within tolerance" at one sample. A

@@ -1,5 +1,5 @@
 /* Synchroniser: one synchronised step of guess, search and commit (algorithm 3 of the thesis, with
- *               the decisions of DESIGN.md).
+ *               the decisions in docs/decisions/README.md).
  *
  * Purpose: finds the u of step i within a budget and commits the step with it. The result is never
  *          worse than nominal, never later than the budget, and there always is one.

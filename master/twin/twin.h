@@ -1,8 +1,7 @@
 /* Twin: the public interface of the master. Live run, replay, shadow and tests use this same code.
  *
  * Purpose: takes a sample of the plant and a budget, returns a committed step and its record.
- * Method:  algorithm 3 of the thesis, with the decisions of DESIGN.md ("The method, as we decided
- *          it").
+ * Method:  algorithm 3 of the thesis, with the decisions in docs/decisions/README.md.
  * Ticks:   the sample of tick m is the plant at t_m. Tick 0 is t_start and initialises the FMUs.
  *            lag:   tick m ≥ T_P + D computes step i = m − T_P − D; its record is complete at once.
  *                   D is the delay of conditioned measurements, 0 without any.

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The picture of the house, drawn from the #includes: `picture.py ROOT [--write]`.
 
-docs/folders.svg shows the folders and the arrows between them; the table below it in DESIGN.md lists all arrows. Without
+docs/folders.svg shows the folders and the arrows between them; the table below it in docs/folders.md lists all arrows. Without
 --write both are held against the code; with it, they are drawn again. Folders stand in levels: each is above all that it
 includes. An arrow that others imply, A -> C beside A -> B -> C, is in the table only.
 """
@@ -12,7 +12,7 @@ import sys
 import tree
 from folders import FLOORS, FOLDERS
 
-DOCUMENT, PICTURE = "DESIGN.md", "docs/folders.svg"
+DOCUMENT, PICTURE = "docs/folders.md", "docs/folders.svg"
 BEGIN, END = "<!-- folders: made by tests/check/picture.py --write -->", "<!-- end of folders -->"
 INCLUDE = re.compile(r'^\s*#\s*include\s*"((?:' + "|".join(FLOORS) + r')/[^"]+)"', re.MULTILINE)
 

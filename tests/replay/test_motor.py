@@ -80,7 +80,7 @@ def test_the_slope_is_learned_at_the_first_step():
 
 
 def test_keys():
-    """The keys of DESIGN.md and their types."""
+    """The keys of the summary and their types."""
     result = replay_json(PLAIN_LOCK)
     for key in ("steps", "evaluations", "optimised_steps", "deadline_misses"):
         expect(isinstance(result[key], int), f"{key}: {result[key]!r}")
