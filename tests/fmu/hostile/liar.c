@@ -57,6 +57,7 @@ typedef struct account {
     volatile uint32_t begun;
     volatile uint32_t now;
     volatile uint32_t fmus;
+    volatile uint32_t asked;
     char names[NAMES][NAME];
 } account;
 
