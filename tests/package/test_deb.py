@@ -127,6 +127,9 @@ def test_documents():
     for part in ("/usr/share/common-licenses/Apache-2.0", "Dan Vanderkam", "Permission is hereby granted"):
         expect(part in copyright_, f"copyright has no \"{part}\"")
     expect("@" not in copyright_.replace("<maintainers@", ""), copyright_)
+    for name in ("install", "your-plant", "troubleshooting", "method", "retune", "security"):
+        same = (folder / "docs" / f"{name}.md").read_bytes() == (SOURCE / f"docs/{name}.md").read_bytes()
+        expect(same, f"{name}.md is not the one of the sources")
 
 
 def test_no_place_of_the_build_in_it():
