@@ -322,7 +322,7 @@ static void test_a_damaged_head(void) {
         {FIELD(shape.components), 9, "signals"},
         {FIELD(signals[0]), 0, "signals"},
         {16 + offsetof(tl_resume, signals) + 64, 1, 'x', "signals"}, /* the end of the text */
-        {FIELD(from), TL_RESUMED_NOT, "signals"}, /* which has no u */
+        {FIELD(from), TL_RESUMED_NOT, "signals"},                    /* which has no u */
         {FIELD(from), TL_RESUMED_START, "its head"},
         {FIELD(from), TL_RESUMED_INPUTS, "its head"},
         {FIELD(from), 4, "its head"},
