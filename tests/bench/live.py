@@ -134,13 +134,15 @@ def first_tick(database, spawned):
     return rows[0][0] - spawned
 
 
-def one_run(program, step_s, options, traced=False):
+def one_run(build, step_s, options, traced=False):
     with Device(OMEGA) as device:
         config = edited_config("motor/live.json", {
             "duration_s": None, "step_s": step_s, "synchronise": {"budget": {"time_s": 0.6 * step_s}},
             "sources": {"inverter": {"modbus_tcp": {"port": device.port}}}, "record": {"commit_s": 0.25},
             "realtime": {"lock_memory": not options.unlocked}})
         database, log = config.parent / "twin.db", config.parent / "log"
+        # A copy for each run: where a file lies in the page cache decides up to half of a cold step, with the same bytes.
+        program = shutil.copy(build / "bin" / "twinlock", scratch())
         command = [program, "run", config]
         command += ["--supervise", "--state", config.parent / "state"] if options.supervise else []
         with open(log, "wb") as file:
@@ -180,14 +182,14 @@ def print_row(what, unit, before, now):
 
 def compare(step_s, options):
     """Medians, and the median of the ratios of pairs, whose order takes turns."""
-    runs = ([], [])
+    builds, runs = (options.before, options.build), ([], [])
     for i in range(options.pairs):
         for which in ((0, 1), (1, 0))[i % 2]:
-            runs[which].append(one_run(options.programs[which], step_s, options))
+            runs[which].append(one_run(builds[which], step_s, options))
     print(f"{1e3 * step_s:g} ms, {options.pairs} pairs{'before':>30}{'now':>12}{'ratio':>8}{'more':>12}")
     for what, name, unit in ROWS:
         print_row(what, unit, *([getattr(run, name) for run in side] for side in runs))
-    traced = [[one_run(program, step_s, options, True).calls] for program in options.programs]  # apart: who is traced is slow
+    traced = [[one_run(build, step_s, options, True).calls] for build in builds]  # apart: who is traced is slow
     print_row("cycle's system calls, a tick", "", *traced)
 
 
@@ -201,12 +203,9 @@ def main():
     parser.add_argument("--unlocked", action="store_true", help="with lock_memory off: memory as it is without a permission to lock it")
     options = parser.parse_args()
     options.before, options.build = options.before.resolve(), options.build.resolve()
-    options.programs = []
     for build in options.before, options.build:
         if not os.access(build / "bin" / "twinlock", os.X_OK):
             sys.exit(f"live.py: there is no {build}/bin/twinlock: run script/build first")
-        # Copies, since a file that a linker has written lies otherwise in the page cache: a cold step of the same program took 1.4 times as long.
-        options.programs.append(Path(shutil.copy(build / "bin" / "twinlock", scratch())))
     for step_s in STEPS_S:
         compare(step_s, options)
 
