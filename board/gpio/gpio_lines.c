@@ -50,7 +50,7 @@ static void look_at_lines(search *own, tl_gpio_chip *chip, tl_gpio_place *place)
     unsigned begin = name == NULL ? own->channel->offset : 0;
     for (unsigned offset = begin; offset < own->lines; offset++) {
         place->offset = offset;
-        if (tl_gpio_chip_find_lines(chip, offset, &place->state) == 0 &&
+        if (tl_gpio_chip_read_line(chip, offset, &place->state) == 0 &&
             (name == NULL || strcmp(name, place->state.name) == 0)) {
             note(own, place);
         }

@@ -59,7 +59,7 @@ typedef struct tl_gpio_line_state {
 } tl_gpio_line_state;
 
 /* 0, or errno. */
-int tl_gpio_chip_find_lines(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state);
+int tl_gpio_chip_read_line(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state);
 
 void tl_gpio_chip_close(tl_gpio_chip *chip);
 

@@ -41,7 +41,7 @@ unsigned tl_gpio_chip_lines(const tl_gpio_chip *chip) {
     return gpiod_chip_num_lines(chip->chip);
 }
 
-int tl_gpio_chip_find_lines(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state) {
+int tl_gpio_chip_read_line(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state) {
     struct gpiod_line *line = gpiod_chip_get_line(chip->chip, offset);
     if (line == NULL) {
         return errno;

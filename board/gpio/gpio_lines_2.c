@@ -53,7 +53,7 @@ unsigned tl_gpio_chip_lines(const tl_gpio_chip *chip) {
     return (unsigned)gpiod_chip_info_get_num_lines(chip->info);
 }
 
-int tl_gpio_chip_find_lines(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state) {
+int tl_gpio_chip_read_line(tl_gpio_chip *chip, unsigned offset, tl_gpio_line_state *state) {
     struct gpiod_line_info *info = gpiod_chip_get_line_info(chip->chip, offset);
     if (info == NULL) {
         return errno;
