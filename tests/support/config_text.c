@@ -7,6 +7,8 @@
 
 #include <unity.h>
 
+#include "tests/support/message.h"
+
 char *tl_test_read_text(const char *path) {
     FILE *file = fopen(path, "rb");
     char *text = file != NULL ? calloc(1, TL_CONFIG_MAX_BYTES + 1) : NULL;
@@ -78,15 +80,16 @@ void tl_test_judge_file(const char *path, tl_test_verdict *verdict) {
 
 static void expect_problem(const char *base, const tl_test_change *change) {
     static tl_test_verdict verdict;
-    char expected[TL_ERROR_TEXT];
+    char begin[32];
     char *text = tl_test_replaced(base, change->old, change->new);
     TEST_ASSERT_NOT_NULL_MESSAGE(text, change->old);
     size_t line = tl_test_line_of(base, change->at != NULL ? change->at : change->old);
     TEST_ASSERT_NOT_EQUAL_size_t(0, line);
-    (void)snprintf(expected, sizeof expected, "line %zu: %s", line, change->text);
+    (void)snprintf(begin, sizeof begin, "line %zu: ", line);
     tl_test_judge_text(text, strlen(text), &verdict);
     free(text);
-    TEST_ASSERT_EQUAL_STRING_MESSAGE(expected, verdict.problems[0].text, change->new);
+    TEST_ASSERT_EQUAL_STRING_LEN_MESSAGE(begin, verdict.problems[0].text, strlen(begin), change->new);
+    TL_EXPECT_PARTS(change->parts, verdict.problems[0].text);
     TEST_ASSERT_EQUAL_STRING_MESSAGE(change->where, verdict.problems[0].where, change->new);
     TEST_ASSERT_EQUAL_STRING_MESSAGE("", verdict.problems[1].text, change->new);
     TEST_ASSERT_EQUAL_INT(TL_BAD_DATA, verdict.status);

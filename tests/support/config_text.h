@@ -46,7 +46,7 @@ typedef struct tl_test_change {
     const char *old;
     const char *new;
     const char *where;
-    const char *text; /* behind "line N: " */
+    const char *parts; /* of its message, see message.h; it begins with "line N: " */
     const char *at;
 } tl_test_change;
 

@@ -54,6 +54,22 @@ def expect(condition, text):
         raise Failure(text)
 
 
+def has_line(text, parts):
+    """True if one line of `text` has all parts, which "|" separates: "plant.level|18.55|0|5". A part matches whole words and
+    numbers only. Tests hold objects and values, and at most three words in a row, so that the wording can be improved."""
+    patterns = [re.compile((r"(?<!\w)(?<!\w\.)" if re.match(r"\w", part) else "") + re.escape(part)
+                           + (r"(?!\w)(?!\.\w)" if re.search(r"\w$", part) else "")) for part in parts.split("|")]
+    return any(all(pattern.search(line) for pattern in patterns) for line in text.splitlines())
+
+
+def expect_line(text, parts):
+    expect(has_line(text, parts), f"no line with {parts}:\n{text}")
+
+
+def expect_no_line(text, parts):
+    expect(not has_line(text, parts), f"a line with {parts}:\n{text}")
+
+
 def within(value, wanted, relative, what):
     """Prints the figure, and fails where it is further than `relative` from `wanted`."""
     print(f"    {what}: {value:.6g} (wanted {wanted:g} \u00b1 {100 * relative:g} %)")

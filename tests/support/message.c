@@ -1,0 +1,46 @@
+/* See message.h. */
+#include "tests/support/message.h"
+
+#include <ctype.h>
+#include <stddef.h>
+#include <string.h>
+
+static bool is_inside_word(char c) {
+    return isalnum((unsigned char)c) || c == '_';
+}
+
+/* A dot inside a number or a path belongs to it; one at the end of a sentence does not. */
+static bool continues(const char *end) {
+    return is_inside_word(end[0]) || (end[0] == '.' && is_inside_word(end[1]));
+}
+
+static bool follows(const char *message, const char *at) {
+    return at > message &&
+           (is_inside_word(at[-1]) || (at[-1] == '.' && at - message > 1 && is_inside_word(at[-2])) ||
+            (at[-1] == '-' && isdigit((unsigned char)at[0]) && (at - message < 2 || !is_inside_word(at[-2]))));
+}
+
+static bool has_part(const char *message, const char *part, size_t length) {
+    for (const char *at = message; (at = strchr(at, part[0])) != NULL; at++) {
+        bool begins = !is_inside_word(part[0]) || !follows(message, at);
+        if (begins && strncmp(at, part, length) == 0 &&
+            (!is_inside_word(part[length - 1]) || !continues(at + length))) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool tl_test_has_parts(const char *message, const char *parts) {
+    if (message == NULL || message[0] == '\0') {
+        return false;
+    }
+    while (parts[0] != '\0') {
+        size_t length = strcspn(parts, "|");
+        if (length == 0 || !has_part(message, parts, length)) {
+            return false;
+        }
+        parts += length + (parts[length] == '|' ? 1 : 0);
+    }
+    return true;
+}
